@@ -1,0 +1,1 @@
+"""What a real experiment could know: nominal kinematics and measurements only."""

@@ -1,0 +1,189 @@
+"""From standard parameters to base parameters, for any tree (eqs 4 to 6).
+
+With the stance foot as base, eq. 1 reads p_CoM = sum_f R_f(q) beta_f over the frames f, where
+beta_f = (m_f c_f + sum of the masses beyond f times the vector to the next joint) / M. Three
+columns a frame; a hinge leaves its axis alone, R_parent a = R_child a, so it merges two of
+them; and what stays vertical has no column in x and y. The rest is independent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from identification.kinematics import Tree, link_rotations, tree_of, walk
+from sim.errors import InputError
+from sim.model import Robot, load_model, sole_point
+
+AXES = "xyz"
+SUPPORTS = ("double", "right", "left")
+
+
+@dataclass(frozen=True)
+class BaseParameters:
+    """The base parameter set of a robot in one kind of support.
+
+    Attributes:
+        tree: kinematics.
+        base: frame number of the stance foot.
+        names: LINK.AXIS of the p parameters, numbered from 1 as in the paper.
+        groups: per parameter the frame columns that it unites, as text.
+        columns: per parameter its frame column 3 f + axis, (p,).
+        signs: +1, or -1 where the axis is reported reversed, (p,).
+        from_frames: frame parameters to base parameters, (p, 3 n_frames).
+        from_standard: standard parameters [m, m c_x, m c_y, m c_z] per link to base parameters
+            times the total mass, (p, 4 n_links).
+        joined: columns after the hinges' merging, before the vertical ones are dropped.
+    """
+
+    tree: Tree
+    base: int
+    names: tuple[str, ...]
+    groups: tuple[str, ...]
+    columns: np.ndarray
+    signs: np.ndarray
+    from_frames: np.ndarray
+    from_standard: np.ndarray
+    joined: int
+
+    def regressor(self, joint_angles: np.ndarray) -> np.ndarray:
+        """Base regressor R_b(q) of x_CoM and y_CoM (eq. 6), (m, 2, p) [-].
+
+        Args:
+            joint_angles: (m, n_joints) [rad].
+        """
+        rotations = link_rotations(self.tree, self.base, joint_angles)
+        frames, axes = np.divmod(self.columns, 3)
+        return rotations[:, frames, :2, axes].transpose(1, 2, 0) * self.signs
+
+    def values(self, standard: np.ndarray) -> np.ndarray:
+        """Base parameters of a robot with these standard parameters, (p,) [m].
+
+        Args:
+            standard: eq. 5 per link, (n_links, 4) [kg, kg m, kg m, kg m].
+        """
+        return self.from_standard @ standard.ravel() / standard[:, 0].sum()
+
+
+def standard_parameters(model: mujoco.MjModel) -> np.ndarray:
+    """Standard parameters of every link in MJCF order (eq. 5), (n_links, 4) [kg, kg m]."""
+    mass = model.body_mass[1:]
+    return np.column_stack([mass, mass[:, None] * model.body_ipos[1:]])
+
+
+def base_parameters(robot: Robot, model: mujoco.MjModel | None = None, support: str = "double") -> BaseParameters:
+    """Derive the base parameters structurally; no joint angle is looked at.
+
+    Args:
+        model: the robot alone; the robot's own file if None. Lengths come from it.
+        support: which feet carry the robot: "double", "right" or "left" (one stance foot).
+
+    Raises:
+        InputError: unknown foot or support, or a joint that is no hinge.
+    """
+    if support not in SUPPORTS:
+        raise InputError(f"support '{support}': expected one of {', '.join(SUPPORTS)}")
+    model = load_model(robot) if model is None else model
+    stance, swing = robot.feet if support != "left" else robot.feet[::-1]
+    flat = [stance] if support != "double" else [stance, swing]
+    tree = tree_of(model)
+    base_point = {foot: sole_point(model, foot) for foot in flat}
+    return _derive(tree, stance, flat, base_point[stance], tuple(robot.settings.get("z_down", ())))
+
+
+def _derive(
+    tree: Tree, stance: str, flat: list[str], base_point: np.ndarray, z_down: tuple[str, ...]
+) -> BaseParameters:
+    base, size = tree.frame(stance), 3 * len(tree.frames)
+    hinges = _hinge_relations(tree)
+    vertical = np.zeros((len(flat), size))
+    for row, foot in enumerate(flat):
+        vertical[row, 3 * tree.frame(foot) + 2] = 1.0
+    relations, eliminated = _eliminate(np.vstack([hinges, vertical]))
+    kept = [c for c in range(size) if c not in eliminated]
+    from_frames = np.eye(size)[kept]
+    from_frames[:, eliminated] -= relations[:, kept].T
+    from_standard = from_frames @ _frame_matrix(tree, base, base_point)
+    # Massless frames between the hinges of one body may carry nothing at all.
+    carries = np.abs(from_standard).max(axis=1) > 1e-12
+    rank_in_links = {frame: k for k, frame in enumerate(tree.frame_of_link)}
+    order = sorted(
+        np.flatnonzero(carries),
+        key=lambda i: (kept[i] % 3, rank_in_links.get(kept[i] // 3, kept[i] // 3)),
+    )
+    columns = np.array(kept)[order]
+    names = [f"{tree.frames[c // 3]}.{AXES[c % 3]}" for c in columns]
+    signs = np.array([-1.0 if c % 3 == 2 and tree.frames[c // 3] in z_down else 1.0 for c in columns])
+    return BaseParameters(
+        tree=tree,
+        base=base,
+        names=tuple(names),
+        groups=tuple(_group(tree, from_frames[i]) for i in order),
+        columns=columns,
+        signs=signs,
+        from_frames=signs[:, None] * from_frames[order],
+        from_standard=signs[:, None] * from_standard[order],
+        joined=size - len(_eliminate(hinges)[1]),
+    )
+
+
+def _hinge_relations(tree: Tree) -> np.ndarray:
+    """Rows n with W(q) n = 0 for all q, W = [R_1 ... R_F]: what a joint leaves alone."""
+    rows = []
+    for edge in tree.edges:
+        for axis in np.eye(3) if edge.axis is None else [edge.axis]:
+            row = np.zeros(3 * len(tree.frames))
+            row[3 * edge.parent : 3 * edge.parent + 3] = edge.placement @ axis
+            row[3 * edge.child : 3 * edge.child + 3] = -axis
+            rows.append(row)
+    return np.array(rows).reshape(-1, 3 * len(tree.frames))
+
+
+def _eliminate(relations: np.ndarray) -> tuple[np.ndarray, list[int]]:
+    """Solve the relations for their last columns, in a fixed order (no pivoting by size).
+
+    Returns reduced rows (k, size) with a one at its eliminated column and zeros at the others',
+    and those columns.
+    """
+    rows, eliminated, done = relations.copy(), [], 0
+    for column in reversed(range(rows.shape[1])):
+        candidates = np.flatnonzero(np.abs(rows[done:, column]) > 1e-9)
+        if done == len(rows) or len(candidates) == 0:
+            continue
+        pivot = done + candidates[0]
+        rows[[done, pivot]] = rows[[pivot, done]]
+        rows[done] /= rows[done, column]
+        others = np.arange(len(rows)) != done
+        rows[others] -= np.outer(rows[others, column], rows[done])
+        eliminated.append(column)
+        done += 1
+    return rows[:done], eliminated
+
+
+def _frame_matrix(tree: Tree, base: int, base_point: np.ndarray) -> np.ndarray:
+    """Standard parameters to M times the frame parameters beta, (3 n_frames, 4 n_links)."""
+    into = {base: (None, base_point)}
+    for step in walk(tree, base):
+        into[step.new] = (step, step.anchor_new)
+    matrix = np.zeros((3 * len(tree.frames), 4 * len(tree.links)))
+    for link, frame in enumerate(tree.frame_of_link):
+        rows = slice(3 * frame, 3 * frame + 3)
+        step, entry = into[frame]
+        matrix[rows, 4 * link + 1 : 4 * link + 4] = np.eye(3)
+        matrix[rows, 4 * link] = -entry
+        while step is not None:
+            before, entry = into[step.known]
+            matrix[3 * step.known : 3 * step.known + 3, 4 * link] = step.anchor_known - entry
+            step = before
+    return matrix
+
+
+def _group(tree: Tree, row: np.ndarray) -> str:
+    terms = []
+    for column in np.flatnonzero(np.abs(row) > 1e-9):
+        weight = row[column]
+        factor = "" if abs(weight - 1) < 1e-9 else "-" if abs(weight + 1) < 1e-9 else f"{weight:.4g} "
+        terms.append(f"{factor}{tree.frames[column // 3]}.{AXES[column % 3]}")
+    return " + ".join(terms)

@@ -1,0 +1,42 @@
+"""From eight cell forces to total force, centre of pressure and total mass (eq. 11)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.errors import InputError
+from sim.measurements import Measurements
+
+
+def cell_positions(measurements: Measurements) -> np.ndarray:
+    """The cells' positions in the base frame by the recorded plate poses, (m, 8, 2) [m]."""
+    yaw = measurements.plate_poses[:, :, 2]
+    rotation = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])  # (2, 2, m, plate)
+    turned = np.einsum("abmp,pcb->mpca", rotation, measurements.cells)
+    return (measurements.plate_poses[:, :, None, :2] + turned).reshape(len(measurements), 8, 2)
+
+
+def center_of_pressure(measurements: Measurements) -> np.ndarray:
+    """Centre of pressure in the base frame, eq. 11, (m, 2) [m].
+
+    Raises:
+        InputError: a posture whose cells carry no weight.
+    """
+    total = measurements.cell_forces.sum(axis=1)
+    if (total <= 0).any():
+        row = int(np.flatnonzero(total <= 0)[0])
+        raise InputError(f"measurements, row {row + 1}: cells sum to {total[row]:.2f} N, expected a weight")
+    moment = np.einsum("mc,mca->ma", measurements.cell_forces, cell_positions(measurements))
+    return moment / total[:, None]
+
+
+def load_shares(measurements: Measurements) -> np.ndarray:
+    """Measured share of the weight on the right and the left plate, (m, 2) [-]."""
+    plates = measurements.cell_forces.reshape(-1, 2, 4).sum(axis=2)
+    return plates / plates.sum(axis=1, keepdims=True)
+
+
+def total_mass(measurements: Measurements) -> tuple[float, float]:
+    """Total mass from the mean force, and its standard error over the postures [kg]."""
+    mass = measurements.cell_forces.sum(axis=1) / measurements.gravity
+    return float(mass.mean()), float(mass.std(ddof=1) / np.sqrt(len(mass)))

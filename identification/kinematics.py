@@ -1,0 +1,224 @@
+"""Link frames from joint angles, batched, with the stance foot as base.
+
+Closed form on purpose: MuJoCo generates the data, so it must not also explain them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from sim.errors import InputError
+from sim.model import look_up
+
+
+@dataclass(frozen=True)
+class Edge:
+    """A joint between two frames, as MJCF stores it: child = parent * placement * turn(axis, angle).
+
+    Attributes:
+        parent, child: frame numbers.
+        placement: fixed rotation, (3, 3).
+        axis: hinge axis in the child's frame, (3,); None for a rigid connection.
+        joint: column of the joint angle; -1 for a rigid connection.
+        zero: joint angle at which `turn` is the identity [rad].
+        anchor: a point on the axis, in the parent's and in the child's frame, (2, 3) [m].
+    """
+
+    parent: int
+    child: int
+    placement: np.ndarray
+    axis: np.ndarray | None
+    joint: int
+    zero: float
+    anchor: np.ndarray
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Kinematics of a tree of hinge joints, without any mass.
+
+    Attributes:
+        links: body names in MJCF order.
+        frame_of_link: frame number of each link; a body with several hinges has massless
+            frames between them.
+        frames: names of all frames.
+        edges: one per frame but the first.
+        joints: joint names, the columns of joint angles.
+        joint_range: limits, (n_joints, 2) [rad].
+    """
+
+    links: tuple[str, ...]
+    frame_of_link: tuple[int, ...]
+    frames: tuple[str, ...]
+    edges: tuple[Edge, ...]
+    joints: tuple[str, ...]
+    joint_range: np.ndarray
+
+    def frame(self, link: str) -> int:
+        """Frame number of a link.
+
+        Raises:
+            InputError: unknown link; lists the valid ones.
+        """
+        look_up("link", link, self.links, "kinematic tree")
+        return self.frame_of_link[self.links.index(link)]
+
+
+def tree_of(model: mujoco.MjModel) -> Tree:
+    """Read the kinematic tree of a model that holds one robot and nothing else.
+
+    Raises:
+        InputError: a joint that is neither a hinge nor the root's free joint, or several roots.
+    """
+    links, frame_of_link, frames, edges, joints, ranges = [], [], [], [], [], []
+    frame_of_body: dict[int, int] = {}
+    for body in range(1, model.nbody):
+        name, parent = model.body(body).name, int(model.body_parentid[body])
+        links.append(name)
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        hinges = [j for j in range(first, first + count) if _is_hinge(model, j, root=parent == 0)]
+        if parent == 0:
+            if frame_of_body or hinges:
+                raise InputError(f"body '{name}': expected one root body on a free joint")
+            frame_of_body[body] = len(frames)
+            frame_of_link.append(len(frames))
+            frames.append(name)
+            continue
+        placement, position = _rotation(model.body_quat[body]), model.body_pos[body]
+        at = frame_of_body[parent]
+        for k, joint in enumerate(hinges or [-1]):
+            turns = joint >= 0
+            pivot = model.jnt_pos[joint] if turns else np.zeros(3)
+            outer = position + placement @ pivot if k == 0 else pivot
+            edges.append(
+                Edge(
+                    parent=at,
+                    child=len(frames),
+                    placement=placement if k == 0 else np.eye(3),
+                    axis=model.jnt_axis[joint].copy() if turns else None,
+                    joint=len(joints) if turns else -1,
+                    zero=float(model.qpos0[model.jnt_qposadr[joint]]) if turns else 0.0,
+                    anchor=np.array([outer, pivot]),
+                )
+            )
+            at = len(frames)
+            last = k == max(len(hinges), 1) - 1
+            frames.append(name if last else f"{name}'{k + 1}")
+            if turns:
+                joints.append(model.joint(joint).name)
+                limited = model.jnt_limited[joint]
+                ranges.append(model.jnt_range[joint] if limited else [-np.inf, np.inf])
+        frame_of_body[body] = at
+        frame_of_link.append(at)
+    return Tree(
+        tuple(links),
+        tuple(frame_of_link),
+        tuple(frames),
+        tuple(edges),
+        tuple(joints),
+        np.array(ranges).reshape(-1, 2),
+    )
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step outward from the base: from a known frame over an edge to the next."""
+
+    known: int
+    new: int
+    edge: Edge
+    forward: bool
+
+    @property
+    def anchor_known(self) -> np.ndarray:
+        return self.edge.anchor[0 if self.forward else 1]
+
+    @property
+    def anchor_new(self) -> np.ndarray:
+        return self.edge.anchor[1 if self.forward else 0]
+
+
+def walk(tree: Tree, base: int) -> list[Step]:
+    """Steps that visit every frame from the base frame, nearest first."""
+    steps, seen, queue = [], {base}, [base]
+    while queue:
+        known = queue.pop(0)
+        for edge in tree.edges:
+            for new, forward in ((edge.child, True), (edge.parent, False)):
+                other = edge.parent if forward else edge.child
+                if other == known and new not in seen:
+                    steps.append(Step(known, new, edge, forward))
+                    seen.add(new)
+                    queue.append(new)
+    return steps
+
+
+def link_rotations(tree: Tree, base: int, joint_angles: np.ndarray) -> np.ndarray:
+    """Rotations of all frames in the base frame, (m, n_frames, 3, 3).
+
+    Args:
+        joint_angles: (m, n_joints) [rad].
+    """
+    joint_angles = np.atleast_2d(joint_angles)
+    rotations = np.empty((len(joint_angles), len(tree.frames), 3, 3))
+    rotations[:, base] = np.eye(3)
+    for step in walk(tree, base):
+        turn = _turn(step.edge, joint_angles)
+        rotations[:, step.new] = rotations[:, step.known] @ (
+            turn if step.forward else turn.transpose(0, 2, 1)
+        )
+    return rotations
+
+
+def frame_positions(tree: Tree, base: int, rotations: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Origins of all frames in the base frame, (m, n_frames, 3) [m].
+
+    Args:
+        rotations: of `link_rotations`.
+        origin: where the base link's own origin lies in the base frame, (3,) [m].
+    """
+    positions = np.empty(rotations.shape[:3])
+    positions[:, base] = origin
+    for step in walk(tree, base):
+        positions[:, step.new] = (
+            positions[:, step.known]
+            + rotations[:, step.known] @ step.anchor_known
+            - rotations[:, step.new] @ step.anchor_new
+        )
+    return positions
+
+
+def _turn(edge: Edge, joint_angles: np.ndarray) -> np.ndarray:
+    """placement * turn(axis, angle) by Rodrigues' formula, (m, 3, 3)."""
+    if edge.axis is None:
+        return np.broadcast_to(edge.placement, (len(joint_angles), 3, 3))
+    x, y, z = edge.axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    angle = (joint_angles[:, edge.joint] - edge.zero)[:, None, None]
+    return edge.placement @ (np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross))
+
+
+def _rotation(quaternion: np.ndarray) -> np.ndarray:
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _is_hinge(model: mujoco.MjModel, joint: int, root: bool) -> bool:
+    kind = mujoco.mjtJoint(int(model.jnt_type[joint]))
+    if kind == mujoco.mjtJoint.mjJNT_HINGE:
+        return True
+    if kind == mujoco.mjtJoint.mjJNT_FREE and root:
+        return False
+    raise InputError(
+        f"joint '{model.joint(joint).name}': found type {kind.name.removeprefix('mjJNT_').lower()}, "
+        "expected hinge (free at the root only)"
+    )

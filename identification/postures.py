@@ -1,0 +1,238 @@
+"""Random feasible postures (section IV, steps 1 to 5)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from identification.feasibility import (
+    boards_fit,
+    foot_clearance,
+    place_polygon,
+    predicted_cell_loads,
+    predicted_foot_loads,
+    stability_margin,
+    support_polygon,
+)
+from identification.inverse_kinematics import InverseKinematics
+from sim.errors import InputError
+from sim.measurements import PlateGeometry, PosturePlan, lay_boards
+from sim.model import Robot, joint_names, load_model, sha256, sole_corners
+
+ATTEMPTS = 3000  # without a single feasible posture: the ranges are taken to be impossible
+ATTEMPTS_HERE = 200  # for the next posture of a placement that has some: the placement is given up
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class PlanningRanges:
+    """Where postures are drawn from, and the margins they keep [m, rad, N].
+
+    Attributes:
+        swing_x, swing_y, swing_yaw: pose of the swing foot in the base frame.
+        torso_roll, torso_pitch, torso_yaw: orientation of the torso.
+        least_height: of the torso's origin (hip) over the soles.
+        stability_margin: d_s. foot_clearance: d_f.
+        sole_margin: of each foot's predicted CoP inside its own sole.
+        least_cell_load: on any cell, its share of the board included.
+        plate_gap: between the boards.
+    """
+
+    swing_x: Range
+    swing_y: Range
+    swing_yaw: Range
+    torso_roll: Range
+    torso_pitch: Range
+    torso_yaw: Range
+    least_height: float
+    stability_margin: float
+    foot_clearance: float
+    sole_margin: float
+    least_cell_load: float
+    plate_gap: float = 0.01
+
+
+def planning_ranges(robot: Robot) -> PlanningRanges:
+    """The robot description's [planning] table.
+
+    Raises:
+        InputError: a key is missing, unknown, or no number or range low <= high.
+    """
+    where = f"{robot.path}: [planning]"
+    table = dict(robot.settings.get("planning", {}))
+    for key in [key for key in table if key.endswith("_deg")]:
+        table[key.removesuffix("_deg")] = np.deg2rad(table.pop(key)).tolist()
+    fields = {f.name: f for f in dataclasses.fields(PlanningRanges)}
+    for key, value in table.items():
+        if key not in fields:
+            raise InputError(f"{where}: unknown key '{key}'; valid: {', '.join(fields)}")
+        numbers = value if isinstance(value, list) else [value]
+        is_range = fields[key].type == "Range"
+        if not all(isinstance(v, int | float) for v in numbers) or len(numbers) != 1 + is_range:
+            raise InputError(f"{where}: key '{key}': found {value!r}, expected {'[low, high]' if is_range else 'a number'}")
+        if numbers[0] > numbers[-1]:
+            raise InputError(f"{where}: key '{key}': found {value!r}, expected low <= high")
+    for name, f in fields.items():
+        if name not in table and f.default is dataclasses.MISSING:
+            raise InputError(f"{where}: key '{name}' is missing")
+    return PlanningRanges(**{k: tuple(v) if isinstance(v, list) else float(v) for k, v in table.items()})
+
+
+def random_postures(
+    robot: Robot,
+    plate: PlateGeometry,
+    placements: int,
+    per_placement: int,
+    seed: int,
+    ranges: PlanningRanges | None = None,
+    progress: Callable[[int], None] = lambda count: None,
+) -> PosturePlan:
+    """Draw feasible postures, `per_placement` on each of `placements` foot placements.
+
+    Args:
+        plate: the boards that have to carry the feet.
+        progress: called with the number of postures each time a placement is complete.
+
+    Raises:
+        InputError: the ranges admit nothing; says which constraints blocked, and how often.
+    """
+    model = load_model(robot)
+    search = _Search(robot, model, plate, ranges or planning_ranges(robot), np.random.default_rng(seed))
+    angles, poses = [], []
+    while len(angles) < placements * per_placement:
+        found = search.placement(per_placement)
+        progress(len(found))
+        angles += [q for q, _ in found]
+        poses += [pose for _, pose in found]
+    count = len(angles)
+    return PosturePlan(
+        joints=joint_names(model),
+        joint_angles=np.array(angles),
+        posture=np.arange(1, count + 1),
+        placement=np.repeat(np.arange(1, placements + 1), per_placement),
+        support=np.full(count, "double"),
+        swing_pose=np.array(poses),
+        robot={"model": robot.model.name, "sha256": sha256(robot.model)},
+        made={
+            "objective": "random",
+            "seed": seed,
+            "placements": placements,
+            "per_placement": per_placement,
+            "ranges": dataclasses.asdict(search.ranges),
+            "attempts": search.attempts,
+            "rejected": dict(search.rejected),
+        },
+    )
+
+
+class _Search:
+    """The random search's state: generator, solver and tally of what was rejected."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        model: mujoco.MjModel,
+        plate: PlateGeometry,
+        ranges: PlanningRanges,
+        rng: np.random.Generator,
+    ):
+        self.ranges, self.rng, self.plate, self.model = ranges, rng, plate, model
+        self.solver = InverseKinematics(robot, model)
+        self.corners = [sole_corners(model, foot)[:, :2] for foot in robot.feet]
+        names = joint_names(model)
+        self.limits = np.array([model.joint(name).range for name in names])
+        self.names = names
+        self.weight = float(model.body_subtreemass[0] * -model.opt.gravity[2])
+        self.guess = self._bent_knees()
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        standing = data.body(self.solver.torso).xpos[2]
+        highest = data.subtree_com[0, 2] - _lowest_sole(model, data, robot)
+        self.com_height = (highest - (standing - ranges.least_height), highest)
+        self.rejected: Counter[str] = Counter()
+        self.attempts = 0
+        self.found = 0
+
+    def placement(self, wanted: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Steps 1 to 5 for one placement: `wanted` pairs of joint angles and swing foot pose."""
+        while True:
+            pose = np.array([self._draw(r) for r in (self.ranges.swing_x, self.ranges.swing_y, self.ranges.swing_yaw)])
+            soles = np.array([self.corners[0], place_polygon(self.corners[1], pose)])
+            if not self._feet_feasible(soles):
+                continue
+            accepted, tries = [], 0
+            while len(accepted) < wanted:
+                angles = self._posture(pose, soles)
+                tries = 0 if angles is not None else tries + 1
+                if angles is not None:
+                    accepted.append((angles, pose))
+                elif not accepted or tries > ATTEMPTS_HERE:
+                    break  # step 4: back to step 1
+            if len(accepted) == wanted:
+                self.found += wanted
+                return accepted
+
+    def _feet_feasible(self, soles: np.ndarray) -> bool:
+        if foot_clearance(*soles) <= max(self.ranges.foot_clearance, 1e-9):
+            return self._reject("foot clearance")
+        self.boards = lay_boards(soles, self.plate.size, self.ranges.plate_gap)
+        if not boards_fit(soles, self.boards, self.plate):
+            return self._reject("boards do not carry the feet")
+        return True
+
+    def _posture(self, pose: np.ndarray, soles: np.ndarray) -> np.ndarray | None:
+        """One try of steps 3 and 4: joint angles, or None."""
+        r = self.ranges
+        polygon = support_polygon(soles)
+        com = self.rng.uniform(polygon.min(axis=0), polygon.max(axis=0))
+        height = self._draw(self.com_height)
+        rpy = np.array([self._draw(x) for x in (r.torso_roll, r.torso_pitch, r.torso_yaw)])
+        if stability_margin(com, polygon) < r.stability_margin:
+            return self._reject("stability margin") or None
+        share, cop = predicted_foot_loads(com, np.array([np.zeros(2), pose[:2]]))
+        if min(map(stability_margin, cop, map(support_polygon, soles))) < r.sole_margin:
+            return self._reject("a sole would lift") or None
+        if predicted_cell_loads(share, cop, self.boards, self.plate, self.weight).min() < r.least_cell_load:
+            return self._reject("a cell would unload") or None
+        angles = self.solver.solve(pose, np.array([*com, height]), rpy, self.guess)
+        if angles is None:
+            return self._reject("out of reach") or None
+        outside = (angles < self.limits[:, 0]) | (angles > self.limits[:, 1])
+        if outside.any():
+            return self._reject(f"joint limit {self.names[int(outside.argmax())]}") or None
+        if self.solver.height(self.solver.torso) < r.least_height:
+            return self._reject("least height") or None
+        self.attempts += 1
+        return angles
+
+    def _draw(self, interval: Range) -> float:
+        return float(self.rng.uniform(*interval))
+
+    def _reject(self, reason: str) -> bool:
+        self.attempts += 1
+        self.rejected[reason] += 1
+        if self.found == 0 and self.attempts >= ATTEMPTS:
+            tally = ", ".join(f"{name} ({count})" for name, count in self.rejected.most_common(4))
+            raise InputError(
+                f"planning ranges admit no posture: {self.attempts} tries, none feasible; blocked by {tally}"
+            )
+        return False
+
+    def _bent_knees(self) -> np.ndarray:
+        """The keyframe `stand`, or the model's zero pose where there is none."""
+        keys = [self.model.key(i).name for i in range(self.model.nkey)]
+        return self.model.key("stand").qpos.copy() if "stand" in keys else self.model.qpos0.copy()
+
+
+def _lowest_sole(model: mujoco.MjModel, data: mujoco.MjData, robot: Robot) -> float:
+    return min(
+        float((data.body(foot).xpos + data.body(foot).xmat.reshape(3, 3) @ corner)[2])
+        for foot in robot.feet
+        for corner in sole_corners(model, foot)
+    )

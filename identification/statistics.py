@@ -1,0 +1,50 @@
+"""How far an estimate can be trusted (eqs 12, 13 and 15)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+WELL_IDENTIFIED = 15.0  # % relative standard error (Khalil and Dombre 2004, as in the paper)
+
+
+def standard_errors(covariance: np.ndarray) -> np.ndarray:
+    """Roots of the diagonal, (p,)."""
+    return np.sqrt(np.diag(covariance))
+
+
+def relative_standard_errors(value: np.ndarray, standard_error: np.ndarray) -> np.ndarray:
+    """Eq. 13, (p,) [%]."""
+    with np.errstate(divide="ignore"):
+        return 100 * standard_error / np.abs(value)
+
+
+def correlations(covariance: np.ndarray) -> np.ndarray:
+    """Eq. 15, (p, p)."""
+    scale = standard_errors(covariance)
+    return covariance / np.outer(scale, scale)
+
+
+def high_correlations(
+    covariance: np.ndarray, numbers: np.ndarray, level: float
+) -> list[tuple[int, int, float]]:
+    """Pairs (a, b, rho) with |rho| above a level, a < b in the paper's numbers."""
+    rho = correlations(covariance)
+    pairs = np.argwhere(np.triu(np.abs(rho) > level, k=1))
+    return [(int(numbers[a]), int(numbers[b]), float(rho[a, b])) for a, b in pairs]
+
+
+@dataclass(frozen=True)
+class ResidualNorms:
+    """Distance between measured and estimated CoP over the postures [m] (eq. 12, Fig. 4)."""
+
+    mean: float
+    sd: float
+    max: float
+
+
+def residual_norms(residual: np.ndarray) -> ResidualNorms:
+    """Statistics of the residual's norm per posture; residual as in eq. 12, (2m,) [m]."""
+    norms = np.linalg.norm(residual.reshape(-1, 2), axis=1)
+    return ResidualNorms(float(norms.mean()), float(norms.std(ddof=1)), float(norms.max()))

@@ -1,0 +1,1 @@
+"""The virtual laboratory: the only place where the truth lives."""

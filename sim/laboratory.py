@@ -1,0 +1,203 @@
+"""The whole experiment: every placement of a plan, held, measured, written down."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import joblib
+import numpy as np
+
+from sim.errors import InputError
+from sim.hold import Held, Stand
+from sim.measurements import Measurements, PlateGeometry, PosturePlan, SensorSheet, lay_boards
+from sim.model import PLATES, Robot, load_model, load_spec, sha256, sole_corners
+from sim.plates import plate_geometry
+from sim.rig import Rig
+from sim.sensors import averaged_sd, read_cells, read_encoders
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One try at one posture, with the truth of it; `held` is the reason as text if it was dropped."""
+
+    posture: int
+    placement: int
+    repeat: bool
+    held: Held | str
+    reading: dict[str, np.ndarray]
+    plates: np.ndarray
+    true_plates: np.ndarray
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What the laboratory hands over, and, kept apart from it, what really happened.
+
+    Attributes:
+        measurements: the data contract.
+        attempts: every try in order, the truth included.
+        true_mass: of the robot on the plates [kg].
+    """
+
+    measurements: Measurements
+    attempts: tuple[Attempt, ...]
+    true_mass: float
+
+    @property
+    def dropped(self) -> list[tuple[int, str]]:
+        """Posture number and reason of every first try that was dropped."""
+        return [(a.posture, a.held) for a in self.attempts if isinstance(a.held, str) and not a.repeat]
+
+    @property
+    def held(self) -> list[Attempt]:
+        """The tries behind the rows of the measurements, in the same order."""
+        return [a for a in self.attempts if isinstance(a.held, Held)]
+
+
+def run_experiment(
+    rig: Rig,
+    plan: PosturePlan,
+    seed: int,
+    workers: int = 1,
+    progress: Callable[[int], None] = lambda count: None,
+) -> Experiment:
+    """Simulate the plan in the full dynamics.
+
+    Every placement has its own random stream, so the result does not depend on `workers`.
+
+    Args:
+        progress: called with the number of tries each time a placement is done.
+
+    Raises:
+        InputError: a support other than double, or no posture that could be used.
+    """
+    if (other := plan.support != "double").any():
+        raise InputError(
+            f"plan, posture {plan.posture[other.argmax()]}: found support '{plan.support[other.argmax()]}', "
+            "expected 'double' (the only one that the laboratory stands on so far)"
+        )
+    placements = list(dict.fromkeys(plan.placement.tolist()))
+    streams = np.random.SeedSequence(seed).spawn(len(placements) + 1)
+    shared = np.random.default_rng(streams[-1])
+    repeats = _repeats(plan, rig.protocol.repeats, shared)
+    jobs = (
+        joblib.delayed(run_placement)(rig, plan, placement, repeats, stream)
+        for placement, stream in zip(placements, streams, strict=False)
+    )
+    attempts: list[Attempt] = []
+    for done in joblib.Parallel(n_jobs=workers, return_as="generator")(jobs):
+        attempts += done
+        progress(len(done))
+    stand = Stand(rig, np.zeros((2, 3)))
+    mass = float(stand.model.body_subtreemass[stand.torso])
+    return Experiment(_measurements(rig, plan, attempts, mass, shared), tuple(attempts), mass)
+
+
+def run_placement(
+    rig: Rig, plan: PosturePlan, placement: int, repeats: frozenset[int], stream: np.random.SeedSequence
+) -> list[Attempt]:
+    """Set up one placement and go through its postures, then through its repeats."""
+    rng = np.random.default_rng(stream)
+    rows = np.flatnonzero(plan.placement == placement)
+    order = [(row, False) for row in rows] + [(row, True) for row in rows if int(plan.posture[row]) in repeats]
+    boards = lay_boards(_soles(rig.robot, plan.swing_pose[rows[0]]), _plate(rig).size, rig.protocol.plate_gap)
+    stand = Stand(rig, boards + rig.protocol.plate_sd * rng.standard_normal((2, 3)))
+    error = np.array([rig.sensors.mark_sd, rig.sensors.placement_sd]) * rng.standard_normal((2, 3))
+    attempts: list[Attempt] = []
+    before, recorded = None, np.zeros((2, 3))
+    samples = round(rig.protocol.window * rig.sensors.sample_rate)
+    for row, repeat in order:
+        planned = plan.joint_angles[row]
+        command = planned + rig.controller.command_sd * rng.standard_normal(len(planned))
+        if before is None:
+            stand.put_down(command)
+            if not attempts:
+                recorded = stand.plates_in_base() + error
+        else:
+            stand.move(before, planned, command)
+        held = stand.hold(planned)
+        true_plates = stand.plates_in_base()
+        before = None if isinstance(held, str) else planned
+        reading = _read(rig, held, samples, rng) if isinstance(held, Held) else {}
+        attempts.append(
+            Attempt(int(plan.posture[row]), placement, repeat, held, reading, recorded, true_plates)
+        )
+    return attempts
+
+
+def _read(rig: Rig, held: Held, samples: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    angles, angles_sd, motor = read_encoders(rig.sensors, held.joint_angles, samples, rng)
+    forces, forces_sd = read_cells(rig.sensors, held.cell_forces, samples, rng)
+    return {"q": angles, "q_std": angles_sd, "motor": motor, "cell": forces, "cell_std": forces_sd}
+
+
+def _measurements(
+    rig: Rig, plan: PosturePlan, attempts: list[Attempt], mass: float, rng: np.random.Generator
+) -> Measurements:
+    p, s = rig.protocol, rig.sensors
+    clock, starts = 0.0, []
+    for before, attempt in zip([None, *attempts], attempts, strict=False):
+        fresh = before is None or before.placement != attempt.placement
+        clock += p.placement_time if fresh else p.move_time
+        starts.append(clock + p.rest_time + p.hold_time - p.window)
+        clock += p.rest_time + p.hold_time
+    used = [(a, t) for a, t in zip(attempts, starts, strict=True) if isinstance(a.held, Held)]
+    if not used:
+        reasons = sorted({str(a.held) for a in attempts})
+        raise InputError(f"none of {len(attempts)} postures could be measured: {'; '.join(reasons)}")
+    plates = [plate_geometry(load_spec(rig.robot.scene), plate) for plate in PLATES]
+    samples = round(p.window * s.sample_rate)
+
+    def stack(key: str) -> np.ndarray:
+        return np.array([a.reading[key] for a, _ in used])
+
+    return Measurements(
+        joints=plan.joints,
+        posture=np.array([a.posture for a, _ in used]),
+        placement=np.array([a.placement for a, _ in used]),
+        support=np.full(len(used), "double"),
+        time=np.array([t for _, t in used]),
+        window=np.full(len(used), p.window),
+        samples=np.full(len(used), samples),
+        joint_angles=stack("q"),
+        joint_angles_sd=stack("q_std"),
+        command=np.array([a.held.commanded for a, _ in used if isinstance(a.held, Held)]),
+        motor=stack("motor"),
+        cell_forces=stack("cell"),
+        cell_forces_sd=stack("cell_std"),
+        plate_poses=np.array([a.plates for a, _ in used]),
+        cells=np.array([plate.cells for plate in plates]),
+        top_height=np.array([plate.top_height for plate in plates]),
+        weighed_mass=(mass + s.weighed_mass_sd * rng.standard_normal(), s.weighed_mass_sd),
+        gravity=float(-load_model(rig.robot).opt.gravity[2]),
+        sensors=SensorSheet(
+            encoder_sd=averaged_sd(s.encoder_repeatability, s.encoder_noise, s.encoder_resolution, samples),
+            encoder_resolution=s.encoder_resolution,
+            cell_sd=averaged_sd(s.cell_repeatability, s.cell_noise, s.cell_resolution, samples),
+            cell_resolution=s.cell_resolution,
+            placement_sd=s.placement_sd,
+        ),
+        robot={
+            "model": rig.robot.model.name,
+            "sha256": sha256(rig.robot.model),
+            "stance_foot": rig.robot.stance_foot,
+            "swing_foot": rig.robot.swing_foot,
+        },
+    )
+
+
+def _plate(rig: Rig) -> PlateGeometry:
+    return plate_geometry(load_spec(rig.robot.scene), "right")
+
+
+def _soles(robot: Robot, swing_pose: np.ndarray) -> np.ndarray:
+    model = load_model(robot)
+    right, left = (sole_corners(model, foot)[:, :2] for foot in robot.feet)
+    c, s = np.cos(swing_pose[2]), np.sin(swing_pose[2])
+    return np.array([right, left @ np.array([[c, s], [-s, c]]) + swing_pose[:2]])
+
+
+def _repeats(plan: PosturePlan, count: int, rng: np.random.Generator) -> frozenset[int]:
+    chosen = rng.choice(plan.posture, size=min(count, len(plan)), replace=False)
+    return frozenset(int(number) for number in chosen)

@@ -1,0 +1,18 @@
+"""The data contract between a laboratory, simulated or real, and the identification."""
+
+from sim.measurements.boards import PlateGeometry, lay_boards
+from sim.measurements.data import Measurements, PosturePlan, SensorSheet
+from sim.measurements.measurement_folder import read_measurements, write_measurements
+from sim.measurements.plan_folder import read_plan, write_plan
+
+__all__ = [
+    "Measurements",
+    "PlateGeometry",
+    "PosturePlan",
+    "SensorSheet",
+    "lay_boards",
+    "read_measurements",
+    "read_plan",
+    "write_measurements",
+    "write_plan",
+]

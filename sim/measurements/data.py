@@ -1,0 +1,96 @@
+"""Posture plans and measurements as plain arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class PosturePlan:
+    """Postures to measure, in order; a placement's postures stand together.
+
+    Attributes:
+        joints: joint names, the columns of `joint_angles`.
+        joint_angles: (m, n_joints) [rad].
+        posture, placement: numbers, (m,).
+        support: "double", "right" or "left" per posture, (m,).
+        swing_pose: pose of the swing foot in the base frame, (m, 3) [m, m, rad].
+        robot: the MJCF file that the plan was made for, {"model", "sha256"}.
+        made: how the plan was made (objective, seed, ranges, margins, software).
+    """
+
+    joints: tuple[str, ...]
+    joint_angles: np.ndarray
+    posture: np.ndarray
+    placement: np.ndarray
+    support: np.ndarray
+    swing_pose: np.ndarray
+    robot: dict[str, str]
+    made: dict[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.posture)
+
+
+@dataclass(frozen=True)
+class SensorSheet:
+    """What the data sheets say of a posture's averaged reading (s.d. between postures); None: unknown."""
+
+    encoder_sd: float | None = None
+    encoder_resolution: float | None = None
+    cell_sd: float | None = None
+    cell_resolution: float | None = None
+    placement_sd: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """What was measured, one row per held posture. It holds nothing of a simulation's truth.
+
+    Attributes:
+        joints: joint names.
+        posture, placement: numbers, (m,); a repeated posture repeats its number.
+        support: "double", "right" or "left", (m,).
+        time: start of the averaged window since the experiment began, (m,) [s].
+        window: its length, (m,) [s].
+        samples: its sample count, (m,).
+        joint_angles, joint_angles_sd: mean and s.d. over the window, (m, n_joints) [rad].
+        command: commanded angles, (m, n_joints) [rad], or None.
+        motor: motor encoders over gear ratio, (m, n_joints) [rad], or None.
+        cell_forces, cell_forces_sd: in the order of `CELLS`, (m, 8) [N].
+        plate_poses: recorded poses of the right and left plate in the base frame, (m, 2, 3)
+            [m, m, rad].
+        cells: the cells' positions in their plate's frame, (2, 4, 2) [m].
+        top_height: of the plates, (2,) [m].
+        weighed_mass: value and s.d. [kg], or None.
+        gravity: [m/s2].
+        sensors: data-sheet figures.
+        robot: {"model", "sha256", "stance_foot", "swing_foot"} of the nominal robot.
+    """
+
+    joints: tuple[str, ...]
+    posture: np.ndarray
+    placement: np.ndarray
+    support: np.ndarray
+    time: np.ndarray
+    window: np.ndarray
+    samples: np.ndarray
+    joint_angles: np.ndarray
+    joint_angles_sd: np.ndarray
+    command: np.ndarray | None
+    motor: np.ndarray | None
+    cell_forces: np.ndarray
+    cell_forces_sd: np.ndarray
+    plate_poses: np.ndarray
+    cells: np.ndarray
+    top_height: np.ndarray
+    weighed_mass: tuple[float, float] | None
+    gravity: float
+    sensors: SensorSheet
+    robot: dict[str, str]
+
+    def __len__(self) -> int:
+        return len(self.posture)

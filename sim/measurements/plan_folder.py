@@ -1,0 +1,122 @@
+"""The plan folder: plan.json beside postures.parquet (or .csv)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+from sim.errors import InputError
+from sim.measurements.data import PosturePlan
+from sim.measurements.measurement_folder import SUPPORTS, check_hash, validation_message
+from sim.measurements.tables import Table, find_table, new_folder, read_json, software, write_json, write_table
+from sim.model import Robot, joint_names, sha256
+
+
+class PlanRobot(BaseModel):
+    model: str
+    sha256: str
+
+
+class PlanManifest(BaseModel):
+    """plan.json, as the contract lists it."""
+
+    format: Literal["tulip-plan"]
+    version: Literal[1]
+    robot: PlanRobot
+    made: dict[str, Any]
+    software: dict[str, str] | None
+    tables: dict[str, str]
+
+
+def write_plan(folder: Path, plan: PosturePlan) -> None:
+    """Write a plan folder; it appears whole or not at all.
+
+    Raises:
+        InputError: the folder exists or cannot be written.
+    """
+    columns = {"posture": plan.posture, "placement": plan.placement, "support": plan.support}
+    columns |= {f"q.{joint}": plan.joint_angles[:, k] for k, joint in enumerate(plan.joints)}
+    columns |= {f"swing.{axis}": plan.swing_pose[:, k] for k, axis in enumerate(("x", "y", "yaw"))}
+    with new_folder(folder) as working:
+        paths = write_table(working, "postures", columns)
+        write_json(
+            working / "plan.json",
+            {
+                "format": "tulip-plan",
+                "version": 1,
+                "robot": plan.robot,
+                "made": plan.made,
+                "software": software(),
+                "tables": {path.name: sha256(path) for path in paths.values()},
+            },
+        )
+
+
+def read_plan(folder: Path, robot: Robot, model: mujoco.MjModel) -> PosturePlan:
+    """Read and check a plan folder for a robot.
+
+    Raises:
+        InputError: the folder breaks the contract, was made for another model, or leaves a
+            joint's range.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such plan folder")
+    where = folder / "plan.json"
+    try:
+        manifest = PlanManifest.model_validate(read_json(where))
+    except ValidationError as error:
+        raise InputError(f"{where}: {validation_message(error)}") from None
+    check_model(where, manifest.robot.sha256, robot)
+    path = find_table(folder, "postures")
+    check_hash(path, manifest.tables)
+    table = Table(path)
+    joints = joint_names(model)
+    plan = PosturePlan(
+        joints=joints,
+        joint_angles=table.matrix("q", joints),
+        posture=table.integers("posture"),
+        placement=table.integers("placement"),
+        support=table.texts("support", SUPPORTS),
+        swing_pose=table.matrix("swing", ("x", "y", "yaw")),
+        robot=manifest.robot.model_dump(),
+        made=manifest.made,
+    )
+    check_limits(path, plan, model)
+    if len(np.unique(plan.posture)) < len(plan):
+        raise InputError(f"{path}: column 'posture': found repeated numbers, expected each once in a plan")
+    return plan
+
+
+def check_model(where: Path, expected: str, robot: Robot) -> None:
+    """Refuse data that was made with another nominal model.
+
+    Raises:
+        InputError: hash mismatch.
+    """
+    if (found := sha256(robot.model)) != expected:
+        raise InputError(
+            f"{where}: hash mismatch of the robot's model: {robot.model.name} has sha256 {found[:12]}..., "
+            f"expected {expected[:12]}..."
+        )
+
+
+def check_limits(path: Path, plan: PosturePlan, model: mujoco.MjModel) -> None:
+    """Refuse a plan that leaves a joint's range by more than a rounding error.
+
+    Raises:
+        InputError: names row, joint, angle and range.
+    """
+    for k, joint in enumerate(plan.joints):
+        low, high = model.joint(joint).range
+        angles = plan.joint_angles[:, k]
+        if model.joint(joint).limited[0] and ((angles < low - 1e-9) | (angles > high + 1e-9)).any():
+            row = int(np.flatnonzero((angles < low - 1e-9) | (angles > high + 1e-9))[0])
+            raise InputError(
+                f"{path}: column 'q.{joint}', row {row + 1}: found {angles[row]:.4f} rad, "
+                f"expected within [{low:.4f}, {high:.4f}]"
+            )

@@ -1,0 +1,147 @@
+"""Load a robot: its description (TOML) and its MJCF models, edited by name through MjSpec."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from sim.errors import InputError, listed, look_up
+
+ASSETS = Path(__file__).resolve().parent.parent / "assets"
+TULIP = ASSETS / "tulip_mjcf" / "tulip.toml"
+
+CORNERS = ("front_left", "front_right", "rear_right", "rear_left")
+PLATES = ("right", "left")
+CELLS = tuple(f"{plate}.{corner}" for plate in PLATES for corner in CORNERS)
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot's files and the few facts that MJCF cannot say.
+
+    Attributes:
+        path: the description (TOML).
+        model: MJCF of the robot alone.
+        scene: MJCF of the robot on two plates.
+        stance_foot, swing_foot: body names; the plate under the stance foot is the right one.
+        settings: the whole description.
+    """
+
+    path: Path
+    model: Path
+    scene: Path
+    stance_foot: str
+    swing_foot: str
+    settings: dict[str, Any] = field(repr=False)
+
+    @property
+    def feet(self) -> tuple[str, str]:
+        """Stance and swing foot, in the order of `PLATES`."""
+        return self.stance_foot, self.swing_foot
+
+
+def load_robot(path: Path = TULIP) -> Robot:
+    """Read a robot description.
+
+    Raises:
+        InputError: the file is missing, is not TOML, or lacks a key.
+    """
+    path = Path(path)
+    try:
+        settings = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot read the robot description ({error.strerror})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a TOML file ({error})") from None
+    for key in ("model", "scene", "stance_foot", "swing_foot"):
+        if not isinstance(settings.get(key), str):
+            found = repr(settings[key]) if key in settings else "nothing"
+            raise InputError(f"{path}: key '{key}': found {found}, expected a text")
+    folder = path.parent
+    return Robot(
+        path,
+        folder / settings["model"],
+        folder / settings["scene"],
+        settings["stance_foot"],
+        settings["swing_foot"],
+        settings,
+    )
+
+
+def load_spec(path: Path) -> mujoco.MjSpec:
+    """Parse an MJCF file.
+
+    Raises:
+        InputError: the file is missing or is no MJCF.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such MJCF file")
+    try:
+        return mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise InputError(f"{path}: broken MJCF: {_one_line(error)}") from None
+
+
+def compile_spec(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
+    """Compile, with the compiler's complaint as the message of an `InputError`."""
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise InputError(f"{where}: broken MJCF: {_one_line(error)}") from None
+
+
+def load_model(robot: Robot) -> mujoco.MjModel:
+    """Compile the robot alone and check that it names the two feet.
+
+    Raises:
+        InputError: broken MJCF, an unknown foot, a foot without its four sole corners.
+    """
+    model = compile_spec(load_spec(robot.model), str(robot.model))
+    bodies = [model.body(i).name for i in range(1, model.nbody)]
+    for foot in robot.feet:
+        look_up("foot", foot, bodies, str(robot.model))
+        sole_corners(model, foot)
+    return model
+
+
+def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:
+    """The robot's hinge joints in the model's order."""
+    return tuple(
+        model.joint(i).name for i in range(model.njnt) if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE
+    )
+
+
+def sole_corners(model: mujoco.MjModel, foot: str) -> np.ndarray:
+    """Corners of a foot's sole in the foot's frame, (4, 3) [m], in the order of `CORNERS`.
+
+    Raises:
+        InputError: a geom FOOT_CORNER is missing.
+    """
+    geoms = [model.geom(i).name for i in range(model.ngeom)]
+    wanted = [f"{foot}_{corner}" for corner in CORNERS]
+    if missing := [name for name in wanted if name not in geoms]:
+        raise InputError(f"foot '{foot}' lacks the sole corners (geoms) {listed(missing)}")
+    corners = np.array([model.geom(name).pos for name in wanted])
+    corners[:, 2] -= [model.geom(name).size[0] for name in wanted]
+    return corners
+
+
+def sole_point(model: mujoco.MjModel, foot: str) -> np.ndarray:
+    """The point of the sole below the foot's origin (its ankle), in the foot's frame, (3,) [m]."""
+    return np.array([0.0, 0.0, sole_corners(model, foot)[:, 2].mean()])
+
+
+def sha256(path: Path) -> str:
+    """Hash of a file's bytes, in hexadecimal."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

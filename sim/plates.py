@@ -1,0 +1,58 @@
+"""The two force plates: where they stand, and reading their cells from MuJoCo."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from sim.errors import InputError
+from sim.measurements.boards import PlateGeometry
+from sim.model import CORNERS, PLATES
+
+
+def plate_geometry(spec: mujoco.MjSpec, plate: str) -> PlateGeometry:
+    """Read a plate's geometry from the scene.
+
+    Raises:
+        InputError: the scene has no such plate.
+    """
+    body = spec.body(f"{plate}_plate")
+    if body is None:
+        raise InputError(f"scene '{spec.modelname}': no body '{plate}_plate'")
+    top = spec.geom(f"{plate}_plate_top")
+    return PlateGeometry(
+        cells=np.array([spec.site(f"{plate}_plate_{corner}").pos[:2] for corner in CORNERS]),
+        size=2 * np.array(top.size[:2]),
+        top_height=float(top.pos[2] + top.size[2]),
+        mass=float(body.mass),
+    )
+
+
+def place_plates(spec: mujoco.MjSpec, poses: np.ndarray) -> None:
+    """Put both plates at their poses in the base frame, (2, 3) [m, m, rad]."""
+    for plate, (x, y, yaw) in zip(PLATES, poses, strict=True):
+        frame = spec.frame(f"{plate}_plate_place")
+        frame.pos = [x, y, frame.pos[2]]
+        frame.quat = [np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]
+
+
+def cell_names() -> list[str]:
+    """Names of the eight cells' sites and sensors in the scene, in the order of `CELLS`."""
+    return [f"{plate}_plate_{corner}" for plate in PLATES for corner in CORNERS]
+
+
+def cell_addresses(model: mujoco.MjModel) -> np.ndarray:
+    """Addresses of the eight cells in `sensordata`, in the order of `CELLS`, (8,)."""
+    return np.array([model.sensor(name).adr[0] for name in cell_names()])
+
+
+def tare(model: mujoco.MjModel) -> np.ndarray:
+    """What the eight cells read under the empty plates, (8,) [N].
+
+    Simulated with the robot a hundred metres up, from where it cannot land meanwhile.
+    """
+    data = mujoco.MjData(model)
+    free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)[0]
+    data.qpos[model.jnt_qposadr[free] + 2] += 100.0
+    mujoco.mj_step(model, data, round(1.0 / model.opt.timestep))
+    return data.sensordata[cell_addresses(model)].copy()

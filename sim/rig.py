@@ -1,0 +1,82 @@
+"""Rig: robot, controller, sensors and protocol together are one virtual laboratory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import mujoco
+
+from sim.control import Controller
+from sim.errors import look_up
+from sim.model import Robot, load_robot
+from sim.sensors import PRESETS, Sensors
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """How a placement is measured.
+
+    Attributes:
+        move_time: time to move from one posture to the next, feet clamped [s].
+        rest_time: time to come to rest before the clamps are released [s].
+        hold_time: how long a posture is held [s]; the averaged window is its end.
+        window: length of the averaged window [s].
+        placement_time: time to lift the robot and set up the next placement [s].
+        speed_gate: a control period is calm when every joint and the torso move slower than
+            this [rad/s, m/s] ...
+        force_gate: ... and the cells' sum is this close to the robot's weight [N].
+        calm_time: settled after being calm for this long without a break [s].
+        gated: average over the calm time and stop, since nothing changes any more; else hold
+            to the end and average over the window.
+        slip_limit: a foot that moved further than this off its mark slipped [m].
+        tilt_limit: the torso tips when it leans this much more than planned [rad].
+        lift_limit: a sole corner or a cell further than this off its ground is lifted [m].
+        plate_sd: how far from the intended pose a plate comes to lie (1 s.d.) [m, m, rad].
+        plate_gap: gap left between the two boards' long edges [m].
+        repeats: how many postures are measured twice.
+    """
+
+    move_time: float = 2.0
+    rest_time: float = 1.0
+    hold_time: float = 60.0
+    window: float = 30.0
+    placement_time: float = 120.0
+    speed_gate: float = 1e-4
+    force_gate: float = 1e-3
+    calm_time: float = 0.5
+    gated: bool = True
+    slip_limit: float = 1e-4
+    tilt_limit: float = 0.2
+    lift_limit: float = 2e-5
+    plate_sd: tuple[float, float, float] = (0.003, 0.003, 0.005)
+    plate_gap: float = 0.01
+    repeats: int = 10
+
+
+@dataclass(frozen=True)
+class Rig:
+    """One virtual laboratory.
+
+    Attributes:
+        robot: the nominal robot's files.
+        sensors, controller, protocol: see there.
+        edit: changes the scene before it is compiled, so that the true robot or the physics
+            differ from the nominal model; it edits by name.
+    """
+
+    robot: Robot = field(default_factory=load_robot)
+    sensors: Sensors = field(default_factory=Sensors)
+    controller: Controller = Controller()
+    protocol: Protocol = Protocol()
+    edit: Callable[[mujoco.MjSpec], None] | None = None
+
+
+def preset_rig(name: str, robot: Robot | None = None) -> Rig:
+    """The default laboratory with a sensor preset.
+
+    Raises:
+        InputError: unknown preset.
+    """
+    look_up("preset", name, PRESETS, "--preset")
+    return Rig(robot=robot or load_robot(), sensors=PRESETS[name])

@@ -1,0 +1,132 @@
+"""Encoders and load cells: what they read of a held posture, sample by sample."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sim.model import CELLS
+
+Pose = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """Data-sheet figures of the laboratory's sensors, all zero-mean.
+
+    "repeatability" is drawn once per posture and does not average out; "noise" is drawn per
+    sample and does; resolution rounds every sample.
+
+    Attributes:
+        encoder_repeatability, encoder_noise, encoder_resolution: joint-side encoders [rad].
+        motor_repeatability, motor_noise, motor_resolution: motor encoders over gear ratio [rad].
+        cell_repeatability, cell_noise, cell_resolution: load cells [N].
+        sample_rate: of every channel [Hz].
+        placement_sd: error of the recorded pose of the left plate, common to a placement's
+            postures [m, m, rad].
+        mark_sd: the same of the right plate, whose foot stands on a mark [m, m, rad].
+        weighed_mass_sd: of the scale that weighs the whole robot [kg].
+        cell_gain: true gain of single cells by name, 1 where not named.
+    """
+
+    encoder_repeatability: float = 0.0
+    encoder_noise: float = 0.0
+    encoder_resolution: float = 0.0
+    motor_repeatability: float = 0.0
+    motor_noise: float = 0.0
+    motor_resolution: float = 0.0
+    cell_repeatability: float = 0.0
+    cell_noise: float = 0.0
+    cell_resolution: float = 0.0
+    sample_rate: float = 100.0
+    placement_sd: Pose = (0.0, 0.0, 0.0)
+    mark_sd: Pose = (0.0, 0.0, 0.0)
+    weighed_mass_sd: float = 0.0
+    cell_gain: dict[str, float] = field(default_factory=dict)
+
+
+# Each preset is a set of variance components and holds no systematic effect.
+PRESETS: dict[str, Sensors] = {
+    "ideal": Sensors(),
+    # Research-grade plates and a placement jig: CoP residual below 0.5 mm per axis.
+    "force-plate": Sensors(
+        encoder_repeatability=1e-4,
+        encoder_noise=1e-4,
+        encoder_resolution=2 * np.pi / 2**16,
+        motor_repeatability=1e-4,
+        motor_noise=1e-4,
+        motor_resolution=2 * np.pi / 2000 / 111,
+        cell_repeatability=0.1,
+        cell_noise=0.3,
+        cell_resolution=0.01,
+        placement_sd=(0.0004, 0.0004, 0.001),
+        mark_sd=(0.0001, 0.0001, 0.0005),
+        weighed_mass_sd=0.005,
+    ),
+    # Wii balance boards: CoP residual sigma of 4.16 mm per axis, as in the paper.
+    "wii": Sensors(
+        encoder_repeatability=4e-4,
+        encoder_noise=2e-4,
+        encoder_resolution=2 * np.pi / 2**13,
+        motor_repeatability=4e-4,
+        motor_noise=2e-4,
+        motor_resolution=2 * np.pi / 2000 / 111,
+        cell_repeatability=1.3,
+        cell_noise=1.5,
+        cell_resolution=0.1,
+        placement_sd=(0.0035, 0.0035, 0.01),
+        mark_sd=(0.001, 0.001, 0.005),
+        weighed_mass_sd=0.02,
+    ),
+}
+
+
+def sample(
+    truth: np.ndarray,
+    repeatability: float,
+    noise: float,
+    resolution: float,
+    samples: int,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and s.d. of `samples` readings of constant quantities, both (n,)."""
+    offset = truth + repeatability * rng.standard_normal(truth.shape)
+    readings = offset + noise * rng.standard_normal((samples, *truth.shape))
+    if resolution > 0:
+        readings = np.round(readings / resolution) * resolution
+    return readings.mean(axis=0), readings.std(axis=0)
+
+
+def read_encoders(
+    sensors: Sensors, angles: np.ndarray, samples: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Joint encoders' mean and s.d. and the motor encoders' mean over a window, each (n,) [rad].
+
+    The drives are rigid: both encoders see the same angle.
+    """
+    mean, sd = sample(
+        angles, sensors.encoder_repeatability, sensors.encoder_noise, sensors.encoder_resolution, samples, rng
+    )
+    motor, _ = sample(
+        angles, sensors.motor_repeatability, sensors.motor_noise, sensors.motor_resolution, samples, rng
+    )
+    return mean, sd, motor
+
+
+def read_cells(
+    sensors: Sensors, forces: np.ndarray, samples: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """The cells' mean and s.d. over a window, each (8,) [N]."""
+    gain = np.array([sensors.cell_gain.get(cell, 1.0) for cell in CELLS])
+    return sample(
+        gain * forces, sensors.cell_repeatability, sensors.cell_noise, sensors.cell_resolution, samples, rng
+    )
+
+
+def averaged_sd(repeatability: float, noise: float, resolution: float, samples: int) -> float:
+    """S.d. of a posture's averaged reading: what the data sheet promises for the mean.
+
+    Rounding counts in full (resolution squared over 12), since a still signal does not dither it.
+    """
+    return float(np.sqrt(repeatability**2 + noise**2 / samples + resolution**2 / 12))
