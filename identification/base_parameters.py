@@ -58,6 +58,22 @@ class BaseParameters:
         frames, axes = np.divmod(self.columns, 3)
         return rotations[:, frames, :2, axes].transpose(1, 2, 0) * self.signs
 
+    def members(self, index: int) -> list[int]:
+        """Frames whose columns the index-th parameter unites, in MJCF order."""
+        return sorted({int(c) // 3 for c in np.flatnonzero(np.abs(self.from_frames[index]) > 1e-9)})
+
+    def grouping(self, index: int) -> str:
+        """M times the index-th parameter in standard parameters: which are grouped, with which lengths [m]."""
+        terms = []
+        for link, name in enumerate(self.tree.links):
+            for k, quantity in enumerate(("m", "mx", "my", "mz")):
+                weight = self.from_standard[index, 4 * link + k]
+                if abs(weight) > 1e-12:
+                    factor = "" if abs(abs(weight) - 1) < 1e-12 else f"{abs(weight):.6g} "
+                    terms.append(("-" if weight < 0 else "+", f"{factor}{quantity}[{name}]"))
+        text = " ".join(f"{sign} {term}" for sign, term in terms)
+        return text.removeprefix("+ ")
+
     def values(self, standard: np.ndarray) -> np.ndarray:
         """Base parameters of a robot with these standard parameters, (p,) [m].
 

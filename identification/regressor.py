@@ -59,15 +59,20 @@ def stacked_regressor(parameters: BaseParameters, joint_angles: np.ndarray) -> n
     return parameters.regressor(joint_angles).reshape(-1, len(parameters.names))
 
 
-def regression(parameters: BaseParameters, measurements: Measurements, robot: Robot) -> Regression:
+def regression(
+    parameters: BaseParameters, measurements: Measurements, robot: Robot, source: str = "measurements"
+) -> Regression:
     """Stack measured joint angles and centres of pressure.
+
+    Args:
+        source: where the measurements came from, for error messages.
 
     Raises:
         InputError: another model than the measurements were made with, other joints or feet,
             another support, or fewer data points than parameters.
     """
-    where = "manifest.json"
-    check_model(robot.model.with_name(where), measurements.robot["sha256"], robot)
+    where = f"{source}: manifest.json"
+    check_model(where, measurements.robot["sha256"], robot)
     for key, expected in (("stance_foot", robot.stance_foot), ("swing_foot", robot.swing_foot)):
         if measurements.robot[key] != expected:
             raise InputError(
@@ -81,13 +86,13 @@ def regression(parameters: BaseParameters, measurements: Measurements, robot: Ro
     if (other := measurements.support != "double").any():
         row = int(np.flatnonzero(other)[0])
         raise InputError(
-            f"postures, column 'support', row {row + 1}: found '{measurements.support[row]}', "
+            f"{source}: postures, column 'support', row {row + 1}: found '{measurements.support[row]}', "
             "expected 'double' (the only support that can be identified so far)"
         )
     rows, columns = 2 * len(measurements), len(parameters.names)
     if rows <= columns:
         raise InputError(
-            f"found {len(measurements)} postures ({rows} data points), expected at least "
+            f"{source}: found {len(measurements)} postures ({rows} data points), expected at least "
             f"{columns // 2 + 1} for {columns} base parameters"
         )
     return Regression(

@@ -92,7 +92,7 @@ def read_plan(folder: Path, robot: Robot, model: mujoco.MjModel) -> PosturePlan:
     return plan
 
 
-def check_model(where: Path, expected: str, robot: Robot) -> None:
+def check_model(where: Path | str, expected: str, robot: Robot) -> None:
     """Refuse data that was made with another nominal model.
 
     Raises:

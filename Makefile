@@ -1,0 +1,43 @@
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: setup validate test lint bench study-contact pictures constraints clean
+
+validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
+	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
+
+setup: $(VENV)/.done  ## the environment alone, once
+
+$(VENV)/.done: constraints.txt pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "Python 3.11 or later is needed, found $$($(PYTHON) --version)"; exit 2; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
+	  { echo "Python's venv module is missing; on Debian: apt-get install python3-venv"; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r constraints.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+test: setup  ## the tests (under 8 minutes on two cores)
+	$(BIN)/python -m pytest -q
+
+lint: setup
+	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/pyrefly check
+
+bench: setup  ## ratios of times, in one run
+	$(BIN)/python -m pytest -q tests/benchmarks -o addopts= --benchmark-only
+
+study-contact: setup  ## docs/contact-study.md's table: contact and gate settings against accuracy
+	$(BIN)/python tools/study_contact.py
+
+pictures: setup  ## the README's picture (needs libosmesa6)
+	MUJOCO_GL=osmesa $(BIN)/python tools/pictures.py
+
+constraints: setup  ## pin the dependencies anew
+	$(BIN)/python -m pip install --quiet uv
+	$(BIN)/uv pip compile pyproject.toml --extra dev --universal --generate-hashes --no-header \
+	  --python-version 3.11 -o constraints.txt
+
+clean:
+	rm -rf $(VENV) build *.egg-info

@@ -1,0 +1,1 @@
+"""Wires laboratory and identification together; nothing imports it."""

@@ -1,0 +1,355 @@
+"""The command line: one function a command; bad input ends in one line and exit code 2."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from experiments.run_folder import refuse_existing, write_run
+from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED, Scenario, truth_document
+from experiments.tables import correlation_lines, parameter_table, print_experiment, print_validation
+from experiments.validate import HIGH_CORRELATION, identify, model_document, report_document, validate
+from identification.base_parameters import base_parameters, standard_parameters
+from identification.estimators import solve_least_squares
+from identification.postures import random_postures
+from identification.regressor import stacked_regressor
+from identification.statistics import high_correlations
+from sim.errors import InputError
+from sim.laboratory import run_experiment
+from sim.measurements import PosturePlan, read_measurements, read_plan, write_measurements, write_plan
+from sim.measurements.tables import write_json
+from sim.model import TULIP, load_model, load_robot, load_spec
+from sim.plates import plate_geometry
+from sim.rig import preset_rig
+
+Preset = Literal["wii", "force-plate", "ideal"]
+Plan = Annotated[Path | None, tyro.conf.Positional]
+RobotFile = Annotated[Path, tyro.conf.arg(name="robot", help="robot description (TOML)")]
+Json = Annotated[bool, tyro.conf.arg(name="json", help="one JSON document on stdout instead of tables")]
+Seed = Annotated[int, tyro.conf.arg(help="seed of everything random")]
+Workers = Annotated[int, tyro.conf.arg(help="processes; results do not depend on it")]
+
+ERR = Console(stderr=True)
+
+
+def default_workers() -> int:
+    return max(1, os.cpu_count() or 1)
+
+
+def validate_command(
+    plan: Plan = None,
+    /,
+    *,
+    out: Path,
+    preset: Preset = "wii",
+    seed: Seed = DEFAULT_SEED,
+    workers: Workers = default_workers(),
+    robot: RobotFile = TULIP,
+    as_json: Json = False,
+) -> int:
+    """Simulate a plan, identify the robot, compare with the truth and give a verdict.
+
+    Exit code 0: every check passed; 1: a check failed; 2: could not run.
+    Example: tulip validate --out runs/first
+    """
+    refuse_existing(out)
+    scenario = _scenario(plan, preset, seed, robot)
+    with _progress("holding postures", _tries(scenario)) as advance:
+        result = validate(scenario, workers, advance)
+    write_run(out, result)
+    document = report_document(result)
+    if as_json:
+        _print_json(document)
+    else:
+        print_validation(_console(), result, document)
+    ERR.print(f"Run folder: {out}")
+    return 0 if result.verdict == "pass" else 1
+
+
+def simulate_command(
+    plan: Plan = None,
+    /,
+    *,
+    out: Path,
+    preset: Preset = "wii",
+    seed: Seed = DEFAULT_SEED,
+    truth: Path | None = None,
+    workers: Workers = default_workers(),
+    robot: RobotFile = TULIP,
+    as_json: Json = False,
+) -> int:
+    """Simulate the experiment and write a measurement folder, without the truth.
+
+    --truth FILE writes what really happened, elsewhere.
+    Example: tulip simulate --out data/first --preset force-plate --truth first-truth.json
+    """
+    refuse_existing(out)
+    if truth is not None and truth.exists():
+        raise InputError(f"{truth}: exists already; give the name of a new file")
+    if truth is not None and truth.resolve().is_relative_to(out.resolve()):
+        raise InputError(f"{truth}: lies inside the measurement folder, which must not hold the truth")
+    scenario = _scenario(plan, preset, seed, robot)
+    with _progress("holding postures", _tries(scenario)) as advance:
+        experiment = run_experiment(scenario.rig, scenario.plan, seed, workers, advance)
+    write_measurements(out, experiment.measurements)
+    if truth is not None:
+        write_json(truth, truth_document(scenario, experiment))
+    if as_json:
+        _print_json(
+            {
+                "measurements": str(out),
+                "postures_planned": len(scenario.plan),
+                "rows": len(experiment.measurements),
+                "dropped": [{"posture": p, "reason": r} for p, r in experiment.dropped],
+            }
+        )
+    else:
+        print_experiment(_console(), experiment, len(scenario.plan), {})
+    ERR.print(f"Measurement folder: {out}")
+    return 0
+
+
+def identify_command(
+    folder: Annotated[Path, tyro.conf.Positional], /, *, robot: RobotFile = TULIP, as_json: Json = False
+) -> int:
+    """Identify the robot from a measurement folder: base parameters and what they are worth.
+
+    Example: tulip identify data/first
+    """
+    described = load_robot(robot)
+    measurements = read_measurements(folder)
+    found = identify(measurements, described, str(folder))
+    document = {
+        "postures": len(measurements),
+        "placements": len(np.unique(measurements.placement)),
+        "condition_number": found.full.condition_number,
+        "total_mass": {"estimate": found.mass[0], "standard_error": found.mass[1]},
+        "full": model_document(found.full, None),
+        "simplified": model_document(found.simplified, None),
+    }
+    if as_json:
+        _print_json(document)
+        return 0
+    console = _console()
+    for model, title in (("full", "Full model [mm]"), ("simplified", "Simplified model [mm]")):
+        console.print(parameter_table(title, document[model], found.parameters, described, model))
+        norms = document[model]["residual_mm"]
+        console.print(
+            f"Residual norm: mean {norms['mean']:.2f}, s.d. {norms['sd']:.2f}, max {norms['max']:.2f} mm; "
+            f"condition number {document[model]['condition_number']:.0f}"
+        )
+        pairs = document[model]["correlations"]
+        for line in correlation_lines(pairs, found.parameters, measurements.joint_angles):
+            console.print(f"  {line}")
+    console.print(f"Total mass {found.mass[0]:.3f} +- {found.mass[1]:.3f} kg")
+    return 0
+
+
+def postures_command(
+    plan: Plan = None,
+    /,
+    *,
+    random: bool = False,
+    out: Path | None = None,
+    placements: int = 10,
+    per_placement: int = 5,
+    seed: Seed = DEFAULT_SEED,
+    robot: RobotFile = TULIP,
+    as_json: Json = False,
+) -> int:
+    """Draw random feasible postures (--random --out PLAN), or describe a plan.
+
+    Example: tulip postures --random --placements 10 --per-placement 5 --seed 7 --out plans/seven
+    """
+    described = load_robot(robot)
+    if random:
+        made = _draw(described, placements, per_placement, seed, plan, out)
+    else:
+        if out is not None:
+            raise InputError("--out: found without --random, expected both or neither")
+        made = read_plan(plan or DEFAULT_PLAN, described, load_model(described))
+    parameters = base_parameters(described)
+    matrix = stacked_regressor(parameters, made.joint_angles)
+    if matrix.shape[0] < matrix.shape[1]:
+        raise InputError(f"plan: found {len(made)} postures, too few for {matrix.shape[1]} base parameters")
+    _, c = solve_least_squares(matrix, np.zeros(len(matrix)))
+    pairs = high_correlations(c, np.arange(1, len(c) + 1), HIGH_CORRELATION)
+    document = {
+        "plan": str(out or plan or DEFAULT_PLAN),
+        "postures": len(made),
+        "placements": len(np.unique(made.placement)),
+        "condition_number": float(np.linalg.cond(matrix)),
+        "correlations": [{"a": a, "b": b, "rho": rho} for a, b, rho in pairs],
+        "made": made.made,
+    }
+    if as_json:
+        _print_json(document)
+        return 0
+    console = _console()
+    console.print(
+        f"{document['postures']} postures on {document['placements']} placements, "
+        f"condition number {document['condition_number']:.0f}"
+    )
+    console.print("Correlations above 0.85 (eq. 15):")
+    for line in correlation_lines(document["correlations"], parameters, made.joint_angles):
+        console.print(f"  {line}")
+    return 0
+
+
+def model_command(
+    *,
+    support: Literal["double", "right", "left"] = "double",
+    robot: RobotFile = TULIP,
+    as_json: Json = False,
+) -> int:
+    """Show a model's standard parameters and how they group into base parameters.
+
+    Example: tulip model --support double
+    """
+    described = load_robot(robot)
+    model = load_model(described)
+    parameters = base_parameters(described, model, support)
+    standard = standard_parameters(model)
+    values = parameters.values(standard)
+    counts = {
+        "standard": standard.size,
+        "columns": 3 * len(parameters.tree.frames),
+        "joined": parameters.joined,
+        "base": len(parameters.names),
+    }
+    document = {
+        "model": described.model.name,
+        "support": support,
+        "total_mass": float(standard[:, 0].sum()),
+        "counts": counts,
+        "standard": [
+            {"link": link, "mass": m, "mcx": x, "mcy": y, "mcz": z}
+            for link, (m, x, y, z) in zip(parameters.tree.links, standard.tolist(), strict=True)
+        ],
+        "base": [
+            {"number": k, "name": name, "value": float(value), "columns": group, "standard": parameters.grouping(k - 1)}
+            for k, (name, value, group) in enumerate(zip(parameters.names, values, parameters.groups, strict=True), 1)
+        ],
+    }
+    if as_json:
+        _print_json(document)
+        return 0
+    console = _console()
+    console.print(
+        f"{described.model.name}: {counts['standard']} standard parameters -> {counts['columns']} columns -> "
+        f"{counts['joined']} -> {counts['base']} base parameters in {support} support"
+    )
+    console.print("Standard parameters [kg, kg m]:")
+    for row in document["standard"]:
+        console.print(
+            f"  {row['link']:18s} {row['mass']:8.3f} {row['mcx']:9.4f} {row['mcy']:9.4f} {row['mcz']:9.4f}",
+            highlight=False,
+        )
+    console.print(f"Base parameters [mm]; M = {document['total_mass']:.3f} kg:")
+    for row in document["base"]:
+        console.print(
+            f"  {row['number']:2d} {row['name']:20s} {1e3 * row['value']:9.2f}  M times it: {row['standard']}",
+            highlight=False,
+            soft_wrap=True,
+        )
+    return 0
+
+
+COMMANDS: dict[str, Callable[..., int]] = {
+    "validate": validate_command,
+    "simulate": simulate_command,
+    "identify": identify_command,
+    "postures": postures_command,
+    "model": model_command,
+}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    try:
+        return tyro.extras.subcommand_cli_from_dict(
+            COMMANDS,
+            prog="tulip",
+            description="A virtual laboratory that tells whether static identification of a humanoid can be trusted.",
+            args=arguments,
+        )
+    except InputError as error:
+        ERR.print(f"[bold red]tulip:[/] {error}", highlight=False, soft_wrap=True, markup=True)
+        return 2
+    except KeyboardInterrupt:
+        ERR.print("tulip: interrupted; nothing was written")
+        return 130
+
+
+def _scenario(plan: Path | None, preset: str, seed: int, robot: Path) -> Scenario:
+    if seed < 0:
+        raise InputError(f"--seed: found {seed}, expected a whole number of 0 or more")
+    described = load_robot(robot)
+    made = read_plan(plan or DEFAULT_PLAN, described, load_model(described))
+    return Scenario(preset_rig(preset, described), made, seed, preset)
+
+
+def _tries(scenario: Scenario) -> int:
+    return len(scenario.plan) + min(scenario.rig.protocol.repeats, len(scenario.plan))
+
+
+def _draw(robot: Any, placements: int, per: int, seed: int, plan: Path | None, out: Path | None) -> PosturePlan:
+    if plan is not None or out is None:
+        raise InputError("--random: give the name of the new plan as --out PLAN, and no plan to read")
+    for name, value in (("--placements", placements), ("--per-placement", per), ("--seed", seed + 1)):
+        if value < 1:
+            raise InputError(f"{name}: found {value - (name == '--seed')}, expected more")
+    refuse_existing(out)
+    geometry = plate_geometry(load_spec(robot.scene), "right")
+    with _progress("drawing postures", placements * per) as advance:
+        made = random_postures(robot, geometry, placements, per, seed, progress=advance)
+    write_plan(out, made)
+    return made
+
+
+@contextmanager
+def _progress(label: str, total: int) -> Iterator[Callable[[int], None]]:
+    columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=ERR, transient=True) as bar:
+        task = bar.add_task(label, total=total)
+        yield lambda count: bar.advance(task, count)
+
+
+def _console() -> Console:
+    """Wide enough for the tables where the output is no terminal."""
+    console = Console()
+    return console if console.is_terminal else Console(width=150)
+
+
+def _print_json(document: dict[str, Any]) -> None:
+    json.dump(_finite(document), sys.stdout, indent=1)
+    sys.stdout.write("\n")
+
+
+def _finite(value: Any) -> Any:
+    """JSON knows neither infinity nor NaN: null."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return _finite(dataclasses.asdict(value))
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value
+
+
+def run() -> None:
+    sys.exit(main())

@@ -1,0 +1,85 @@
+"""Run folders: what was set, with which versions, and everything that came out."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.scenario import truth_document
+from experiments.validate import Validation, report_document
+from sim.errors import InputError
+from sim.measurements import write_measurements, write_plan
+from sim.measurements.tables import new_folder, software, write_json
+from sim.model import sha256
+
+
+def refuse_existing(path: Path) -> None:
+    """Say so before the work, not after it.
+
+    Raises:
+        InputError: the folder exists.
+    """
+    if Path(path).exists():
+        raise InputError(f"{path}: exists already; give the name of a new folder")
+
+
+def write_run(folder: Path, result: Validation) -> None:
+    """Write a validation; the folder appears whole or not at all.
+
+    run.json (settings, versions, hashes), report.json, truth.json, the plan, the measurements
+    and the tables parameters.csv and residuals.csv.
+    """
+    with new_folder(folder) as working:
+        write_plan(working / "plan", result.scenario.plan)
+        write_measurements(working / "measurements", result.experiment.measurements)
+        report = report_document(result)
+        write_json(working / "report.json", report)
+        write_json(working / "truth.json", truth_document(result.scenario, result.experiment))
+        _write_csv(working / "parameters.csv", _parameter_rows(report))
+        _write_csv(working / "residuals.csv", _residual_rows(result))
+        robot = result.scenario.rig.robot
+        files = [robot.path, robot.model, robot.scene]
+        outputs = sorted(path for path in working.rglob("*") if path.is_file())
+        write_json(
+            working / "run.json",
+            {
+                "format": "tulip-run",
+                "version": 1,
+                "command": "validate",
+                "configuration": result.scenario.configuration(),
+                "software": software(),
+                "inputs": {path.name: sha256(path) for path in files},
+                "outputs": {str(path.relative_to(working)): sha256(path) for path in outputs},
+            },
+        )
+
+
+def _parameter_rows(report: dict[str, Any]) -> list[dict[str, Any]]:
+    return [{"model": model} | row for model in ("full", "simplified") for row in report[model]["parameters"]]
+
+
+def _residual_rows(result: Validation) -> list[dict[str, Any]]:
+    norms = {
+        model: 1e3 * np.linalg.norm(getattr(result.identification, model).residual.reshape(-1, 2), axis=1)
+        for model in ("full", "simplified")
+    }
+    measured = result.experiment.measurements
+    return [
+        {
+            "posture": int(measured.posture[k]),
+            "placement": int(measured.placement[k]),
+            "full_mm": float(norms["full"][k]),
+            "simplified_mm": float(norms["simplified"][k]),
+        }
+        for k in range(len(measured))
+    ]
+
+
+def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)

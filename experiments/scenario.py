@@ -1,0 +1,94 @@
+"""A scenario: a virtual laboratory, a plan and a seed. The truth lives here alone."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from identification.base_parameters import BaseParameters, base_parameters, standard_parameters
+from sim.laboratory import Attempt, Experiment
+from sim.measurements import PosturePlan
+from sim.model import compile_spec, load_model, load_spec
+from sim.rig import Rig
+
+DEFAULT_PLAN = Path(__file__).resolve().parent / "plans" / "random"
+DEFAULT_SEED = 1
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What an experiment is made of.
+
+    Attributes:
+        rig: the laboratory. plan: postures. seed: of everything random in the laboratory.
+        preset: name of the sensors' preset.
+    """
+
+    rig: Rig
+    plan: PosturePlan
+    seed: int
+    preset: str
+
+    def true_standard_parameters(self) -> np.ndarray:
+        """Standard parameters of the robot that really stands there, (n_links, 4) [kg, kg m]."""
+        spec = load_spec(self.rig.robot.scene)
+        if self.rig.edit is not None:
+            self.rig.edit(spec)
+        scene = compile_spec(spec, str(self.rig.robot.scene))
+        nominal = load_model(self.rig.robot)
+        rows = [scene.body(nominal.body(i).name).id - 1 for i in range(1, nominal.nbody)]
+        return standard_parameters(scene)[rows]
+
+    def true_base_parameters(self, parameters: BaseParameters | None = None) -> np.ndarray:
+        """Base parameters of that robot in double support, (p,) [m]."""
+        parameters = parameters or base_parameters(self.rig.robot)
+        return parameters.values(self.true_standard_parameters())
+
+    def configuration(self) -> dict[str, Any]:
+        """Everything that was set, for run folders and truth files."""
+        return {
+            "preset": self.preset,
+            "seed": self.seed,
+            "robot": str(self.rig.robot.path.name),
+            "controller": dataclasses.asdict(self.rig.controller),
+            "sensors": dataclasses.asdict(self.rig.sensors),
+            "protocol": dataclasses.asdict(self.rig.protocol),
+            "edited": self.rig.edit is not None,
+            "plan": {"robot": self.plan.robot, "made": self.plan.made, "postures": len(self.plan)},
+        }
+
+
+def truth_document(scenario: Scenario, experiment: Experiment) -> dict[str, Any]:
+    """What only the simulation knows, as one JSON object."""
+    parameters = base_parameters(scenario.rig.robot)
+    return {
+        "format": "tulip-truth",
+        "version": 1,
+        "configuration": scenario.configuration(),
+        "total_mass": experiment.true_mass,
+        "links": list(parameters.tree.links),
+        "standard_parameters": scenario.true_standard_parameters().tolist(),
+        "base_parameters": dict(
+            zip(parameters.names, scenario.true_base_parameters(parameters).tolist(), strict=True)
+        ),
+        "attempts": [_attempt(a) for a in experiment.attempts],
+    }
+
+
+def _attempt(attempt: Attempt) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        "posture": attempt.posture,
+        "placement": attempt.placement,
+        "repeat": attempt.repeat,
+        "true_plates": attempt.true_plates.tolist(),
+    }
+    if isinstance(attempt.held, str):
+        return document | {"dropped": attempt.held}
+    return document | {
+        key: value.tolist() if isinstance(value, np.ndarray) else value
+        for key, value in dataclasses.asdict(attempt.held).items()
+    }

@@ -1,0 +1,175 @@
+"""What a person reads in the terminal."""
+
+from __future__ import annotations
+
+import csv
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from experiments.checks import Check
+from experiments.validate import Validation
+from identification.base_parameters import BaseParameters
+from identification.kinematics import walk
+from identification.statistics import WELL_IDENTIFIED
+from sim.laboratory import Experiment
+from sim.model import Robot
+
+COLOURS = {"pass": "green", "fail": "bold red", "not evaluated": "yellow"}
+
+
+def paper_table(robot: Robot) -> dict[int, dict[str, str]]:
+    """Table II by parameter number; empty where the robot has none."""
+    name = robot.settings.get("paper", {}).get("table")
+    if name is None:
+        return {}
+    with (robot.path.parent / name).open(encoding="utf-8") as file:
+        return {int(row["number"]): row for row in csv.DictReader(file)}
+
+
+def parameter_table(
+    title: str, document: dict[str, Any], parameters: BaseParameters, robot: Robot, column: str
+) -> Table:
+    """Table II side by side with the paper; `column` is its "full" or "simplified"."""
+    paper = paper_table(robot)
+    known = document["parameters"][0]["truth"] is not None
+    table = Table(title=title, title_justify="left", header_style="bold")
+    table.add_column("nr", justify="right")
+    table.add_column("parameter")
+    headers = ["truth", "estimate", "error"] if known else ["estimate"]
+    for header in [*headers, "s.e.", "s.e. clust.", "rel. %", "paper %", "paper s.e."]:
+        table.add_column(header, justify="right", no_wrap=True)
+    table.add_column("well identified")
+    for row in document["parameters"]:
+        number = row["number"]
+        reported = paper.get(number, {})
+        relative = reported.get(f"{column}_rel_se_percent") or ""
+        paper_se = abs(float(reported[f"{column}_mm"])) * float(relative) / 100 if relative else None
+        estimate, truth = 1e3 * row["estimate"], row["truth"]
+        values = [f"{1e3 * truth:.2f}", f"{estimate:.2f}", f"{estimate - 1e3 * truth:+.2f}"] if known else [f"{estimate:.2f}"]
+        well = row["relative_standard_error"] < WELL_IDENTIFIED
+        table.add_row(
+            str(number),
+            _meaning(parameters, number),
+            *values,
+            f"{1e3 * row['standard_error']:.2f}",
+            f"{1e3 * row['clustered_standard_error']:.2f}",
+            f"{row['relative_standard_error']:.1f}" if row["relative_standard_error"] < 1e4 else ">10000",
+            relative,
+            "" if paper_se is None else f"{paper_se:.2f}",
+            "[green]yes[/]" if well else "no",
+        )
+    return table
+
+
+def _meaning(parameters: BaseParameters, number: int) -> str:
+    """torso z; right_hip ... right_ankle y."""
+    members = parameters.members(number - 1)
+    axis = parameters.names[number - 1].rsplit(".", 1)[1]
+    names = [parameters.tree.frames[frame] for frame in members]
+    text = names[0] if len(names) == 1 else f"{names[0]} + {names[1]}" if len(names) == 2 else f"{names[0]} ... {names[-1]}"
+    return f"{text} {axis}"
+
+
+def check_table(checks: tuple[Check, ...]) -> Table:
+    table = Table(title="Verdict", title_justify="left", header_style="bold")
+    for header in ("check", "result", "value", "threshold", "where it comes from"):
+        table.add_column(header, justify="right" if header == "value" else "left")
+    for check in checks:
+        threshold = check.threshold
+        text = (
+            "" if threshold is None
+            else f"{threshold[0]:.4g} to {threshold[1]:.4g}" if isinstance(threshold, list)
+            else f"at most {threshold:.4g}"
+        )
+        value = "" if check.value is None else f"{check.value:.4g}"
+        table.add_row(check.name, f"[{COLOURS[check.result]}]{check.result}[/]", value, text, check.source)
+    return table
+
+
+def correlation_lines(
+    pairs: list[dict[str, Any]], parameters: BaseParameters, joint_angles: np.ndarray
+) -> list[str]:
+    """Every high correlation with its reason: which joints tell the two columns apart."""
+    lines = []
+    for pair in pairs:
+        joints = joints_between(parameters, pair["a"] - 1, pair["b"] - 1)
+        ranges = []
+        for joint in joints:
+            angles = np.rad2deg(joint_angles[:, parameters.tree.joints.index(joint)])
+            ranges.append(f"{joint} [{angles.min():.0f}, {angles.max():.0f}] deg")
+        what = "told apart only by " + ", ".join(ranges) if ranges else "columns of one link"
+        lines.append(f"({pair['a']}, {pair['b']})  {pair['rho']:+.4f}  {what}")
+    return lines
+
+
+def joints_between(parameters: BaseParameters, first: int, second: int) -> list[str]:
+    """Joints on the shortest way between the links of two base parameters."""
+    tree, best = parameters.tree, None
+    for start in parameters.members(first):
+        way: dict[int, list[str]] = {start: []}
+        for step in walk(tree, start):
+            joint = [tree.joints[step.edge.joint]] if step.edge.joint >= 0 else []
+            way[step.new] = way[step.known] + joint
+        for end in parameters.members(second):
+            if best is None or len(way[end]) < len(best):
+                best = way[end]
+    return best or []
+
+
+def sag_line(experiment: Experiment) -> str:
+    held = [a.held for a in experiment.held if not isinstance(a.held, str)]
+    sag = np.abs([h.joint_angles - h.commanded for h in held])
+    return (
+        f"Tracking error under the PD gains: median {1e3 * np.median(sag):.1f} mrad, "
+        f"largest {1e3 * sag.max():.1f} mrad; largest torque {max(np.abs(h.torques).max() for h in held):.1f} Nm."
+    )
+
+
+def print_validation(console: Console, result: Validation, document: dict[str, Any]) -> None:
+    """The whole report."""
+    found, robot = result.identification, result.scenario.rig.robot
+    paper = robot.settings.get("paper", {})
+    for model, title in (("full", "Full model (Table II) [mm]"), ("simplified", "Simplified model [mm]")):
+        console.print(parameter_table(title, document[model], found.parameters, robot, model))
+        norms = document[model]["residual_mm"]
+        reported = paper.get(f"residual_{model}_mm")
+        beside = f" (paper {reported[0]}, {reported[1]}, {reported[2]})" if reported else ""
+        console.print(
+            f"Residual norm: mean {norms['mean']:.2f}, s.d. {norms['sd']:.2f}, max {norms['max']:.2f} mm{beside}; "
+            f"sigma per axis {document[model]['sigma_mm']:.3f} mm; condition number {document[model]['condition_number']:.0f}"
+        )
+        lines = correlation_lines(
+            document[model]["correlations"], found.parameters, result.experiment.measurements.joint_angles
+        )
+        console.print(f"Correlations above 0.85: {'none' if not lines else ''}")
+        for line in lines:
+            console.print(f"  {line}")
+        console.print()
+    print_experiment(console, result.experiment, len(result.scenario.plan), paper)
+    mass = document["total_mass"]
+    console.print(
+        f"Total mass {mass['estimate']:.3f} +- {mass['standard_error']:.3f} kg (truth {mass['truth']:.3f} kg)."
+    )
+    console.print(sag_line(result.experiment))
+    console.print(check_table(result.checks))
+    colour = COLOURS[result.verdict]
+    console.print(f"Verdict: [{colour}]{result.verdict}[/] after {result.wall_s:.0f} s")
+
+
+def print_experiment(console: Console, experiment: Experiment, planned: int, paper: dict[str, Any]) -> None:
+    """How many postures could be used, and why the others could not."""
+    dropped = experiment.dropped
+    beside = f" (paper {paper['postures_used']} of {paper['postures_planned']})" if paper else ""
+    console.print(
+        f"Usable postures: {planned - len(dropped)} of {planned}{beside}; "
+        f"{len(experiment.measurements)} rows with repeats."
+    )
+    tally: dict[str, int] = {}
+    for _, reason in dropped:
+        key = " ".join(reason.split()[:3]) if reason.startswith(("lost", "lifted")) else reason.split()[0] if reason.startswith("slipped") else reason
+        tally[key] = tally.get(key, 0) + 1
+    for reason, count in sorted(tally.items(), key=lambda item: -item[1]):
+        console.print(f"  dropped {count}: {reason}")

@@ -1,0 +1,202 @@
+"""The main job: simulate, identify, compare with the truth, give a verdict."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from experiments.checks import (
+    SIGMA_MM,
+    Check,
+    below,
+    correlation_checks,
+    ideal_error_check,
+    joint_check,
+    largest_z_check,
+    mass_check,
+    skipped,
+    verdict,
+    within,
+)
+from experiments.scenario import Scenario
+from identification.base_parameters import BaseParameters, base_parameters
+from identification.center_of_pressure import total_mass
+from identification.estimators import Estimate, least_squares, solve_least_squares
+from identification.regressor import regression, stacked_regressor
+from identification.statistics import (
+    correlations,
+    high_correlations,
+    relative_standard_errors,
+    residual_norms,
+    standard_errors,
+)
+from sim.laboratory import Experiment, run_experiment
+from sim.measurements import Measurements
+from sim.model import Robot
+from sim.sensors import Sensors
+
+HIGH_CORRELATION = 0.85  # the paper's level
+NEGLIGIBLE = 1e-6  # m: a parameter that the simplified model may drop without bias
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Both models' estimates from one set of measurements."""
+
+    parameters: BaseParameters
+    full: Estimate
+    simplified: Estimate
+    mass: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Validation:
+    """A validation with all that its report needs; `truth` is (p,) [m]."""
+
+    scenario: Scenario
+    experiment: Experiment
+    identification: Identification
+    truth: np.ndarray
+    checks: tuple[Check, ...]
+    wall_s: float
+
+    @property
+    def verdict(self) -> str:
+        return verdict(list(self.checks))
+
+
+def identify(measurements: Measurements, robot: Robot, source: str = "measurements") -> Identification:
+    """Full and simplified model by least squares (eq. 8).
+
+    Raises:
+        InputError: the measurements do not fit the robot or do not suffice.
+    """
+    parameters = base_parameters(robot)
+    data = regression(parameters, measurements, robot, source)
+    kept = robot.settings.get("simplified", data.numbers.tolist())
+    return Identification(
+        parameters, least_squares(data), least_squares(data.keep(kept)), total_mass(measurements)
+    )
+
+
+def validate(
+    scenario: Scenario, workers: int = 1, progress: Callable[[int], None] = lambda count: None
+) -> Validation:
+    """Run a scenario and hold the estimates against its truth.
+
+    Raises:
+        InputError: nothing could be measured, or too little to identify.
+    """
+    began = time.perf_counter()
+    experiment = run_experiment(scenario.rig, scenario.plan, scenario.seed, workers, progress)
+    found = identify(experiment.measurements, scenario.rig.robot)
+    truth = scenario.true_base_parameters(found.parameters)
+    checks = evaluate(scenario, experiment, found, truth)
+    return Validation(scenario, experiment, found, truth, tuple(checks), time.perf_counter() - began)
+
+
+def evaluate(
+    scenario: Scenario, experiment: Experiment, found: Identification, truth: np.ndarray
+) -> list[Check]:
+    """The checks of the verdict."""
+    full, simplified = found.full, found.simplified
+    settings = scenario.rig.robot.settings
+    pairs = [entry["pair"] for entry in settings.get("correlated", [])]
+    # With noise-free sensors the statistical checks have nothing to measure errors by.
+    noisy = dataclasses.replace(scenario.rig.sensors, cell_gain={}) != Sensors()
+    checks = []
+    for name, estimate in (("full model", full), ("simplified model", simplified)):
+        kept = truth[estimate.numbers - 1]
+        lost = np.delete(truth, estimate.numbers - 1)
+        if len(lost) and np.abs(lost).max() > NEGLIGIBLE:
+            checks.append(skipped(f"{name}: all errors", "the true robot is outside this model"))
+        elif noisy:
+            checks.append(joint_check(f"{name}: all errors", estimate, kept))
+            checks.append(largest_z_check(f"{name}: largest |z|", estimate, kept))
+        else:
+            checks.append(ideal_error_check(f"{name}: largest error [mm]", estimate, kept, pairs))
+    if not noisy:
+        checks.append(skipped("joint chi-square and |z|", "noise-free data have no standard errors to test"))
+    checks += correlation_checks(full, planned_correlations(scenario, experiment, found.parameters), pairs)
+    if scenario.preset in SIGMA_MM:
+        low, high = SIGMA_MM[scenario.preset]
+        source = f"range of preset {scenario.preset} on development seeds"
+        checks.append(within("residual sigma [mm]", 1e3 * full.sigma, low, high, source))
+    else:
+        checks.append(skipped("residual sigma [mm]", f"no range known for preset '{scenario.preset}'"))
+    paper = settings.get("paper", {})
+    usable = 1 - len(experiment.dropped) / len(scenario.plan)
+    if paper:
+        rate = paper["postures_used"] / paper["postures_planned"]
+        source = f"the paper: {paper['postures_used']} of {paper['postures_planned']}"
+        checks.append(below("share of dropped postures", 1 - usable, 1 - rate, source))
+    checks.append(
+        mass_check(*found.mass, experiment.true_mass, len(experiment.measurements), noisy)
+    )
+    return checks
+
+
+def planned_correlations(
+    scenario: Scenario, experiment: Experiment, parameters: BaseParameters
+) -> np.ndarray:
+    """Correlations (eq. 15) that the planned angles of the measured postures predict, (p, p)."""
+    row = {int(number): k for k, number in enumerate(scenario.plan.posture)}
+    rows = [row[int(number)] for number in experiment.measurements.posture]
+    matrix = stacked_regressor(parameters, scenario.plan.joint_angles[rows])
+    return correlations(solve_least_squares(matrix, np.zeros(len(matrix)))[1])
+
+
+def model_document(estimate: Estimate, truth: np.ndarray | None) -> dict[str, Any]:
+    """One model's part of the JSON report [m, kg; keys that end in _mm in mm]."""
+    error = standard_errors(estimate.covariance)
+    clustered = standard_errors(estimate.clustered_covariance)
+    relative = relative_standard_errors(estimate.value, error)
+    norms = residual_norms(estimate.residual)
+    rows = []
+    for k, number in enumerate(estimate.numbers.tolist()):
+        rows.append(
+            {
+                "number": number,
+                "name": estimate.names[k],
+                "truth": None if truth is None else float(truth[number - 1]),
+                "estimate": float(estimate.value[k]),
+                "standard_error": float(error[k]),
+                "clustered_standard_error": float(clustered[k]),
+                "relative_standard_error": float(relative[k]),
+            }
+        )
+    pairs = high_correlations(estimate.covariance, estimate.numbers, HIGH_CORRELATION)
+    return {
+        "parameters": rows,
+        "sigma_mm": 1e3 * estimate.sigma,
+        "condition_number": estimate.condition_number,
+        "residual_mm": {"mean": 1e3 * norms.mean, "sd": 1e3 * norms.sd, "max": 1e3 * norms.max},
+        "correlations": [{"a": a, "b": b, "rho": rho} for a, b, rho in pairs],
+    }
+
+
+def report_document(result: Validation) -> dict[str, Any]:
+    """The JSON report of a validation."""
+    found, experiment = result.identification, result.experiment
+    return {
+        "verdict": result.verdict,
+        "checks": [dataclasses.asdict(check) for check in result.checks],
+        "postures_planned": len(result.scenario.plan),
+        "postures_used": len(result.scenario.plan) - len(experiment.dropped),
+        "rows_measured": len(experiment.measurements),
+        "dropped": [{"posture": posture, "reason": reason} for posture, reason in experiment.dropped],
+        "condition_number": found.full.condition_number,
+        "total_mass": {
+            "truth": experiment.true_mass,
+            "estimate": found.mass[0],
+            "standard_error": found.mass[1],
+        },
+        "full": model_document(found.full, result.truth),
+        "simplified": model_document(found.simplified, result.truth),
+        "wall_s": result.wall_s,
+    }
