@@ -115,6 +115,6 @@ def correlation_checks(
 
 def mass_check(value: float, standard_error: float, truth: float, count: int, noisy: bool) -> Check:
     if not noisy:
-        return below("total mass", abs(value - truth), IDEAL_MASS_ERROR, "noise-free data: within 1 g [kg]")
+        return below("total mass", abs(value - truth), IDEAL_MASS_ERROR, "noise-free data: within 1 g (kg)")
     half = t_distribution.ppf(1 - LEVEL / 2, count - 1) * standard_error
-    return within("total mass", value, truth - half, truth + half, f"{100 * (1 - LEVEL):.0f} % interval [kg]")
+    return within("total mass", value, truth - half, truth + half, f"{100 * (1 - LEVEL):.0f} % interval (kg)")

@@ -143,7 +143,7 @@ def identify_command(
         _print_json(document)
         return 0
     console = _console()
-    for model, title in (("full", "Full model [mm]"), ("simplified", "Simplified model [mm]")):
+    for model, title in (("full", "Full model, mm"), ("simplified", "Simplified model, mm")):
         console.print(parameter_table(title, document[model], found.parameters, described, model))
         norms = document[model]["residual_mm"]
         console.print(
@@ -152,7 +152,7 @@ def identify_command(
         )
         pairs = document[model]["correlations"]
         for line in correlation_lines(pairs, found.parameters, measurements.joint_angles):
-            console.print(f"  {line}")
+            console.print(f"  {line}", markup=False)
     console.print(f"Total mass {found.mass[0]:.3f} +- {found.mass[1]:.3f} kg")
     return 0
 
@@ -204,7 +204,7 @@ def postures_command(
     )
     console.print("Correlations above 0.85 (eq. 15):")
     for line in correlation_lines(document["correlations"], parameters, made.joint_angles):
-        console.print(f"  {line}")
+        console.print(f"  {line}", markup=False)
     return 0
 
 
@@ -251,17 +251,18 @@ def model_command(
         f"{described.model.name}: {counts['standard']} standard parameters -> {counts['columns']} columns -> "
         f"{counts['joined']} -> {counts['base']} base parameters in {support} support"
     )
-    console.print("Standard parameters [kg, kg m]:")
+    console.print("Standard parameters m, m c_x, m c_y, m c_z (kg, kg m):")
     for row in document["standard"]:
         console.print(
             f"  {row['link']:18s} {row['mass']:8.3f} {row['mcx']:9.4f} {row['mcy']:9.4f} {row['mcz']:9.4f}",
             highlight=False,
         )
-    console.print(f"Base parameters [mm]; M = {document['total_mass']:.3f} kg:")
+    console.print(f"Base parameters in mm; M = {document['total_mass']:.3f} kg:")
     for row in document["base"]:
         console.print(
             f"  {row['number']:2d} {row['name']:20s} {1e3 * row['value']:9.2f}  M times it: {row['standard']}",
             highlight=False,
+            markup=False,
             soft_wrap=True,
         )
     return 0
@@ -286,7 +287,8 @@ def main(arguments: list[str] | None = None) -> int:
             args=arguments,
         )
     except InputError as error:
-        ERR.print(f"[bold red]tulip:[/] {error}", highlight=False, soft_wrap=True, markup=True)
+        ERR.print("tulip:", style="bold red", end=" ")
+        ERR.print(str(error), highlight=False, soft_wrap=True, markup=False)
         return 2
     except KeyboardInterrupt:
         ERR.print("tulip: interrupted; nothing was written")

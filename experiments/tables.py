@@ -132,7 +132,7 @@ def print_validation(console: Console, result: Validation, document: dict[str, A
     """The whole report."""
     found, robot = result.identification, result.scenario.rig.robot
     paper = robot.settings.get("paper", {})
-    for model, title in (("full", "Full model (Table II) [mm]"), ("simplified", "Simplified model [mm]")):
+    for model, title in (("full", "Full model beside Table II, mm"), ("simplified", "Simplified model, mm")):
         console.print(parameter_table(title, document[model], found.parameters, robot, model))
         norms = document[model]["residual_mm"]
         reported = paper.get(f"residual_{model}_mm")
@@ -146,7 +146,7 @@ def print_validation(console: Console, result: Validation, document: dict[str, A
         )
         console.print(f"Correlations above 0.85: {'none' if not lines else ''}")
         for line in lines:
-            console.print(f"  {line}")
+            console.print(f"  {line}", markup=False)
         console.print()
     print_experiment(console, result.experiment, len(result.scenario.plan), paper)
     mass = document["total_mass"]

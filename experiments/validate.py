@@ -119,16 +119,16 @@ def evaluate(
             checks.append(joint_check(f"{name}: all errors", estimate, kept))
             checks.append(largest_z_check(f"{name}: largest |z|", estimate, kept))
         else:
-            checks.append(ideal_error_check(f"{name}: largest error [mm]", estimate, kept, pairs))
+            checks.append(ideal_error_check(f"{name}: largest error (mm)", estimate, kept, pairs))
     if not noisy:
         checks.append(skipped("joint chi-square and |z|", "noise-free data have no standard errors to test"))
     checks += correlation_checks(full, planned_correlations(scenario, experiment, found.parameters), pairs)
     if scenario.preset in SIGMA_MM:
         low, high = SIGMA_MM[scenario.preset]
         source = f"range of preset {scenario.preset} on development seeds"
-        checks.append(within("residual sigma [mm]", 1e3 * full.sigma, low, high, source))
+        checks.append(within("residual sigma (mm)", 1e3 * full.sigma, low, high, source))
     else:
-        checks.append(skipped("residual sigma [mm]", f"no range known for preset '{scenario.preset}'"))
+        checks.append(skipped("residual sigma (mm)", f"no range known for preset '{scenario.preset}'"))
     paper = settings.get("paper", {})
     usable = 1 - len(experiment.dropped) / len(scenario.plan)
     if paper:

@@ -49,7 +49,10 @@ class InverseKinematics:
         self.configuration.update(guess)
         for _ in range(ITERATIONS):
             # dt = 1 and unit gain: a Newton step.
-            velocity = mink.solve_ik(self.configuration, self.tasks, 1.0, "daqp", damping=1e-9, limits=[])
+            try:
+                velocity = mink.solve_ik(self.configuration, self.tasks, 1.0, "daqp", damping=1e-9, limits=[])
+            except mink.NoSolutionFound:  # seen far out of reach, where the iteration diverges
+                return None
             self.configuration.integrate_inplace(velocity, 1.0)
             if self._error() < TOLERANCE:
                 return self.configuration.q[self.joints].copy()

@@ -20,7 +20,7 @@ class Controller:
 
     error_at_full_torque: float = 0.02
     derivative_time: float = 0.02
-    command_sd: float = 0.001
+    command_sd: float = 0.0005
 
 
 def add_servos(spec: mujoco.MjSpec, controller: Controller) -> None:
