@@ -54,7 +54,7 @@ def skipped(name: str, source: str) -> Check:
 
 
 def verdict(checks: list[Check]) -> str:
-    """"fail" if any check fails, else "pass"."""
+    """ "fail" if any check fails, else "pass"."""
     return "fail" if any(check.result == "fail" for check in checks) else "pass"
 
 
@@ -66,14 +66,14 @@ def joint_check(name: str, estimate: Estimate, truth: np.ndarray) -> Check:
     with eq. 14's covariance in its place 6 % and 14 %.
     """
     error = estimate.value - truth
-    statistic = error @ np.linalg.solve(estimate.clustered_covariance, error) / len(error)
-    limit = f_distribution.ppf(1 - LEVEL, len(error), estimate.dof)
+    statistic = float(error @ np.linalg.solve(estimate.clustered_covariance, error)) / len(error)
+    limit = float(f_distribution.ppf(1 - LEVEL, len(error), estimate.dof))
     return below(name, statistic, limit, f"chi-square / {len(error)} as F, level {LEVEL}")
 
 
 def largest_z_check(name: str, estimate: Estimate, truth: np.ndarray) -> Check:
     z = np.abs(estimate.value - truth) / standard_errors(estimate.clustered_covariance)
-    limit = t_distribution.ppf(1 - LEVEL / 2 / len(z), estimate.dof)
+    limit = float(t_distribution.ppf(1 - LEVEL / 2 / len(z), estimate.dof))
     return below(name, z.max(), limit, f"Bonferroni over {len(z)}, level {LEVEL}")
 
 
@@ -87,9 +87,7 @@ def ideal_error_check(name: str, estimate: Estimate, truth: np.ndarray, pairs: l
     return below(name, 1e3 * worst, 1e3 * IDEAL_ERROR, "noise-free data: within 1 mm, pairs by their sum")
 
 
-def correlation_checks(
-    estimate: Estimate, planned: np.ndarray, pairs: list[list[int]]
-) -> list[Check]:
+def correlation_checks(estimate: Estimate, planned: np.ndarray, pairs: list[list[int]]) -> list[Check]:
     """The nearly collinear pairs against what the plan's own regressor predicts.
 
     Args:
@@ -107,7 +105,7 @@ def correlation_checks(
                 actual[index[a], index[b]],
                 low,
                 min(high, CORRELATION_LIMIT),
-                f"plan predicts {predicted:.4f}, tolerance {CORRELATION_TOLERANCE}; below {CORRELATION_LIMIT}",
+                f"plan predicts {predicted:.4f} +- {CORRELATION_TOLERANCE}; below {CORRELATION_LIMIT}",
             )
         )
     return checks
@@ -116,5 +114,5 @@ def correlation_checks(
 def mass_check(value: float, standard_error: float, truth: float, count: int, noisy: bool) -> Check:
     if not noisy:
         return below("total mass", abs(value - truth), IDEAL_MASS_ERROR, "noise-free data: within 1 g (kg)")
-    half = t_distribution.ppf(1 - LEVEL / 2, count - 1) * standard_error
+    half = float(t_distribution.ppf(1 - LEVEL / 2, count - 1)) * standard_error
     return within("total mass", value, truth - half, truth + half, f"{100 * (1 - LEVEL):.0f} % interval (kg)")

@@ -15,11 +15,24 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from experiments.run_folder import refuse_existing, write_run
 from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED, Scenario, truth_document
-from experiments.tables import correlation_lines, parameter_table, print_experiment, print_validation
+from experiments.tables import (
+    correlation_lines,
+    parameter_table,
+    print_experiment,
+    print_validation,
+    residual_line,
+)
 from experiments.validate import HIGH_CORRELATION, identify, model_document, report_document, validate
 from identification.base_parameters import base_parameters, standard_parameters
 from identification.estimators import solve_least_squares
@@ -42,10 +55,7 @@ Seed = Annotated[int, tyro.conf.arg(help="seed of everything random")]
 Workers = Annotated[int, tyro.conf.arg(help="processes; results do not depend on it")]
 
 ERR = Console(stderr=True)
-
-
-def default_workers() -> int:
-    return max(1, os.cpu_count() or 1)
+CORES = os.cpu_count() or 1
 
 
 def validate_command(
@@ -55,7 +65,7 @@ def validate_command(
     out: Path,
     preset: Preset = "wii",
     seed: Seed = DEFAULT_SEED,
-    workers: Workers = default_workers(),
+    workers: Workers = CORES,
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
@@ -86,7 +96,7 @@ def simulate_command(
     preset: Preset = "wii",
     seed: Seed = DEFAULT_SEED,
     truth: Path | None = None,
-    workers: Workers = default_workers(),
+    workers: Workers = CORES,
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
@@ -145,11 +155,7 @@ def identify_command(
     console = _console()
     for model, title in (("full", "Full model, mm"), ("simplified", "Simplified model, mm")):
         console.print(parameter_table(title, document[model], found.parameters, described, model))
-        norms = document[model]["residual_mm"]
-        console.print(
-            f"Residual norm: mean {norms['mean']:.2f}, s.d. {norms['sd']:.2f}, max {norms['max']:.2f} mm; "
-            f"condition number {document[model]['condition_number']:.0f}"
-        )
+        console.print(residual_line(document[model]))
         pairs = document[model]["correlations"]
         for line in correlation_lines(pairs, found.parameters, measurements.joint_angles):
             console.print(f"  {line}", markup=False)
@@ -239,8 +245,16 @@ def model_command(
             for link, (m, x, y, z) in zip(parameters.tree.links, standard.tolist(), strict=True)
         ],
         "base": [
-            {"number": k, "name": name, "value": float(value), "columns": group, "standard": parameters.grouping(k - 1)}
-            for k, (name, value, group) in enumerate(zip(parameters.names, values, parameters.groups, strict=True), 1)
+            {
+                "number": k,
+                "name": name,
+                "value": float(value),
+                "columns": group,
+                "standard": parameters.grouping(k - 1),
+            }
+            for k, (name, value, group) in enumerate(
+                zip(parameters.names, values, parameters.groups, strict=True), 1
+            )
         ],
     }
     if as_json:
@@ -260,7 +274,7 @@ def model_command(
     console.print(f"Base parameters in mm; M = {document['total_mass']:.3f} kg:")
     for row in document["base"]:
         console.print(
-            f"  {row['number']:2d} {row['name']:20s} {1e3 * row['value']:9.2f}  M times it: {row['standard']}",
+            f"  {row['number']:2d} {row['name']:20s} {1e3 * row['value']:9.2f}  times M: {row['standard']}",
             highlight=False,
             markup=False,
             soft_wrap=True,
@@ -283,7 +297,7 @@ def main(arguments: list[str] | None = None) -> int:
         return tyro.extras.subcommand_cli_from_dict(
             COMMANDS,
             prog="tulip",
-            description="A virtual laboratory that tells whether static identification of a humanoid can be trusted.",
+            description="A virtual laboratory for the static identification of humanoid robots.",
             args=arguments,
         )
     except InputError as error:
@@ -307,7 +321,9 @@ def _tries(scenario: Scenario) -> int:
     return len(scenario.plan) + min(scenario.rig.protocol.repeats, len(scenario.plan))
 
 
-def _draw(robot: Any, placements: int, per: int, seed: int, plan: Path | None, out: Path | None) -> PosturePlan:
+def _draw(
+    robot: Any, placements: int, per: int, seed: int, plan: Path | None, out: Path | None
+) -> PosturePlan:
     if plan is not None or out is None:
         raise InputError("--random: give the name of the new plan as --out PLAN, and no plan to read")
     for name, value in (("--placements", placements), ("--per-placement", per), ("--seed", seed + 1)):
@@ -323,7 +339,13 @@ def _draw(robot: Any, placements: int, per: int, seed: int, plan: Path | None, o
 
 @contextmanager
 def _progress(label: str, total: int) -> Iterator[Callable[[int], None]]:
-    columns = (TextColumn(label), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn(label),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=ERR, transient=True) as bar:
         task = bar.add_task(label, total=total)
         yield lambda count: bar.advance(task, count)

@@ -86,8 +86,8 @@ def _attempt(attempt: Attempt) -> dict[str, Any]:
         "repeat": attempt.repeat,
         "true_plates": attempt.true_plates.tolist(),
     }
-    if isinstance(attempt.held, str):
-        return document | {"dropped": attempt.held}
+    if attempt.held is None:
+        return document | {"dropped": attempt.reason}
     return document | {
         key: value.tolist() if isinstance(value, np.ndarray) else value
         for key, value in dataclasses.asdict(attempt.held).items()

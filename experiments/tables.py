@@ -48,7 +48,9 @@ def parameter_table(
         relative = reported.get(f"{column}_rel_se_percent") or ""
         paper_se = abs(float(reported[f"{column}_mm"])) * float(relative) / 100 if relative else None
         estimate, truth = 1e3 * row["estimate"], row["truth"]
-        values = [f"{1e3 * truth:.2f}", f"{estimate:.2f}", f"{estimate - 1e3 * truth:+.2f}"] if known else [f"{estimate:.2f}"]
+        values = [f"{estimate:.2f}"]
+        if known:
+            values = [f"{1e3 * truth:.2f}", *values, f"{estimate - 1e3 * truth:+.2f}"]
         well = row["relative_standard_error"] < WELL_IDENTIFIED
         table.add_row(
             str(number),
@@ -69,7 +71,7 @@ def _meaning(parameters: BaseParameters, number: int) -> str:
     members = parameters.members(number - 1)
     axis = parameters.names[number - 1].rsplit(".", 1)[1]
     names = [parameters.tree.frames[frame] for frame in members]
-    text = names[0] if len(names) == 1 else f"{names[0]} + {names[1]}" if len(names) == 2 else f"{names[0]} ... {names[-1]}"
+    text = " + ".join(names) if len(names) < 3 else f"{names[0]} ... {names[-1]}"
     return f"{text} {axis}"
 
 
@@ -80,8 +82,10 @@ def check_table(checks: tuple[Check, ...]) -> Table:
     for check in checks:
         threshold = check.threshold
         text = (
-            "" if threshold is None
-            else f"{threshold[0]:.4g} to {threshold[1]:.4g}" if isinstance(threshold, list)
+            ""
+            if threshold is None
+            else f"{threshold[0]:.4g} to {threshold[1]:.4g}"
+            if isinstance(threshold, list)
             else f"at most {threshold:.4g}"
         )
         value = "" if check.value is None else f"{check.value:.4g}"
@@ -120,11 +124,19 @@ def joints_between(parameters: BaseParameters, first: int, second: int) -> list[
 
 
 def sag_line(experiment: Experiment) -> str:
-    held = [a.held for a in experiment.held if not isinstance(a.held, str)]
-    sag = np.abs([h.joint_angles - h.commanded for h in held])
+    sag = 1e3 * np.abs([held.joint_angles - held.commanded for held in experiment.held])
+    torque = np.abs([held.torques for held in experiment.held]).max()
     return (
-        f"Tracking error under the PD gains: median {1e3 * np.median(sag):.1f} mrad, "
-        f"largest {1e3 * sag.max():.1f} mrad; largest torque {max(np.abs(h.torques).max() for h in held):.1f} Nm."
+        f"Tracking error under the PD gains: median {np.median(sag):.1f} mrad, largest {sag.max():.1f} mrad; "
+        f"largest torque {torque:.1f} Nm."
+    )
+
+
+def residual_line(document: dict[str, Any], beside: str = "") -> str:
+    norms = document["residual_mm"]
+    return (
+        f"Residual norm: mean {norms['mean']:.2f}, s.d. {norms['sd']:.2f}, max {norms['max']:.2f} mm"
+        f"{beside}; sigma per axis {document['sigma_mm']:.3f} mm; condition number {document['condition_number']:.0f}"
     )
 
 
@@ -134,13 +146,9 @@ def print_validation(console: Console, result: Validation, document: dict[str, A
     paper = robot.settings.get("paper", {})
     for model, title in (("full", "Full model beside Table II, mm"), ("simplified", "Simplified model, mm")):
         console.print(parameter_table(title, document[model], found.parameters, robot, model))
-        norms = document[model]["residual_mm"]
         reported = paper.get(f"residual_{model}_mm")
-        beside = f" (paper {reported[0]}, {reported[1]}, {reported[2]})" if reported else ""
-        console.print(
-            f"Residual norm: mean {norms['mean']:.2f}, s.d. {norms['sd']:.2f}, max {norms['max']:.2f} mm{beside}; "
-            f"sigma per axis {document[model]['sigma_mm']:.3f} mm; condition number {document[model]['condition_number']:.0f}"
-        )
+        beside = " (paper {}, {}, {})".format(*reported) if reported else ""
+        console.print(residual_line(document[model], beside))
         lines = correlation_lines(
             document[model]["correlations"], found.parameters, result.experiment.measurements.joint_angles
         )
@@ -151,7 +159,8 @@ def print_validation(console: Console, result: Validation, document: dict[str, A
     print_experiment(console, result.experiment, len(result.scenario.plan), paper)
     mass = document["total_mass"]
     console.print(
-        f"Total mass {mass['estimate']:.3f} +- {mass['standard_error']:.3f} kg (truth {mass['truth']:.3f} kg)."
+        f"Total mass {mass['estimate']:.3f} +- {mass['standard_error']:.3f} kg "
+        f"(truth {mass['truth']:.3f} kg)."
     )
     console.print(sag_line(result.experiment))
     console.print(check_table(result.checks))
@@ -169,7 +178,8 @@ def print_experiment(console: Console, experiment: Experiment, planned: int, pap
     )
     tally: dict[str, int] = {}
     for _, reason in dropped:
-        key = " ".join(reason.split()[:3]) if reason.startswith(("lost", "lifted")) else reason.split()[0] if reason.startswith("slipped") else reason
+        key = reason.rsplit(" ", 1)[0] if reason.startswith(("lost", "lifted")) else reason
+        key = "slipped" if reason.startswith("slipped") else key
         tally[key] = tally.get(key, 0) + 1
     for reason, count in sorted(tally.items(), key=lambda item: -item[1]):
         console.print(f"  dropped {count}: {reason}")

@@ -135,9 +135,7 @@ def evaluate(
         rate = paper["postures_used"] / paper["postures_planned"]
         source = f"the paper: {paper['postures_used']} of {paper['postures_planned']}"
         checks.append(below("share of dropped postures", 1 - usable, 1 - rate, source))
-    checks.append(
-        mass_check(*found.mass, experiment.true_mass, len(experiment.measurements), noisy)
-    )
+    checks.append(mass_check(*found.mass, experiment.true_mass, len(experiment.measurements), noisy))
     return checks
 
 

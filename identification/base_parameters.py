@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from identification.kinematics import Tree, link_rotations, tree_of, walk
+from identification.kinematics import Step, Tree, link_rotations, tree_of, walk
 from sim.errors import InputError
 from sim.model import Robot, load_model, sole_point
 
@@ -63,7 +63,7 @@ class BaseParameters:
         return sorted({int(c) // 3 for c in np.flatnonzero(np.abs(self.from_frames[index]) > 1e-9)})
 
     def grouping(self, index: int) -> str:
-        """M times the index-th parameter in standard parameters: which are grouped, with which lengths [m]."""
+        """M times the index-th parameter in standard parameters, grouped with lengths [m]."""
         terms = []
         for link, name in enumerate(self.tree.links):
             for k, quantity in enumerate(("m", "mx", "my", "mz")):
@@ -89,7 +89,9 @@ def standard_parameters(model: mujoco.MjModel) -> np.ndarray:
     return np.column_stack([mass, mass[:, None] * model.body_ipos[1:]])
 
 
-def base_parameters(robot: Robot, model: mujoco.MjModel | None = None, support: str = "double") -> BaseParameters:
+def base_parameters(
+    robot: Robot, model: mujoco.MjModel | None = None, support: str = "double"
+) -> BaseParameters:
     """Derive the base parameters structurally; no joint angle is looked at.
 
     Args:
@@ -180,7 +182,7 @@ def _eliminate(relations: np.ndarray) -> tuple[np.ndarray, list[int]]:
 
 def _frame_matrix(tree: Tree, base: int, base_point: np.ndarray) -> np.ndarray:
     """Standard parameters to M times the frame parameters beta, (3 n_frames, 4 n_links)."""
-    into = {base: (None, base_point)}
+    into: dict[int, tuple[Step | None, np.ndarray]] = {base: (None, base_point)}
     for step in walk(tree, base):
         into[step.new] = (step, step.anchor_new)
     matrix = np.zeros((3 * len(tree.frames), 4 * len(tree.links)))

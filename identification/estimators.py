@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import qr, solve_triangular
+from scipy.linalg import solve_triangular
 
 from identification.placement_effects import clustered_covariance
 from identification.regressor import Regression
@@ -48,7 +48,7 @@ def solve_least_squares(matrix: np.ndarray, output: np.ndarray) -> tuple[np.ndar
     """
     scale = np.linalg.norm(matrix, axis=0)
     scale[scale == 0] = 1.0
-    orthogonal, triangle = qr(matrix / scale, mode="economic")
+    orthogonal, triangle = np.linalg.qr(matrix / scale)
     singular = np.linalg.svd(triangle, compute_uv=False)
     if singular[-1] < singular[0] * max(matrix.shape) * np.finfo(float).eps:
         null = np.linalg.svd(triangle)[2][-1]

@@ -88,7 +88,7 @@ def boards_fit(soles: np.ndarray, boards: np.ndarray, plate: PlateGeometry) -> b
 
 
 def _edge_distances(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
-    """Signed distance of points (k, 2) to the lines through a polygon's edges, inside positive, (k, edges)."""
+    """Signed distance of points (k, 2) to the lines through the edges, inside positive, (k, edges)."""
     edges = np.roll(polygon, -1, axis=0) - polygon
     normals = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
     return ((points[:, None] - polygon) * normals).sum(axis=2)

@@ -11,7 +11,7 @@ C H' V H C.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, qr
+from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
 from identification.regressor import Regression
@@ -28,7 +28,7 @@ def clustered_covariance(data: Regression, c: np.ndarray) -> tuple[np.ndarray, t
         covariance (p, p) [m2] and the s.d. of the right and left plate's placement errors [m].
     """
     shared = [_shared(data, plate) for plate in (0, 1)]
-    contrasts = qr(data.matrix)[0][:, data.matrix.shape[1] :]
+    contrasts = np.linalg.qr(data.matrix, mode="complete")[0][:, data.matrix.shape[1] :]
     free = contrasts.T @ data.output
     gram = [part @ part.T for part in (contrasts.T @ z for z in shared)]
     size = len(free)
@@ -49,7 +49,8 @@ def clustered_covariance(data: Regression, c: np.ndarray) -> tuple[np.ndarray, t
     for weight, z in zip(ratio, shared, strict=True):
         half = data.matrix.T @ z
         spread = spread + weight * half @ half.T
-    return sigma2 * c @ spread @ c, tuple(float(np.sqrt(sigma2 * r)) for r in ratio)
+    right, left = (float(np.sqrt(sigma2 * r)) for r in ratio)
+    return sigma2 * c @ spread @ c, (right, left)
 
 
 def _shared(data: Regression, plate: int) -> np.ndarray:

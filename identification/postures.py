@@ -6,6 +6,7 @@ import dataclasses
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -74,14 +75,16 @@ def planning_ranges(robot: Robot) -> PlanningRanges:
             raise InputError(f"{where}: unknown key '{key}'; valid: {', '.join(fields)}")
         numbers = value if isinstance(value, list) else [value]
         is_range = fields[key].type == "Range"
+        expected = "[low, high]" if is_range else "a number"
         if not all(isinstance(v, int | float) for v in numbers) or len(numbers) != 1 + is_range:
-            raise InputError(f"{where}: key '{key}': found {value!r}, expected {'[low, high]' if is_range else 'a number'}")
+            raise InputError(f"{where}: key '{key}': found {value!r}, expected {expected}")
         if numbers[0] > numbers[-1]:
             raise InputError(f"{where}: key '{key}': found {value!r}, expected low <= high")
     for name, f in fields.items():
         if name not in table and f.default is dataclasses.MISSING:
             raise InputError(f"{where}: key '{name}' is missing")
-    return PlanningRanges(**{k: tuple(v) if isinstance(v, list) else float(v) for k, v in table.items()})
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else float(v) for k, v in table.items()}
+    return PlanningRanges(**values)
 
 
 def random_postures(
@@ -162,7 +165,8 @@ class _Search:
     def placement(self, wanted: int) -> list[tuple[np.ndarray, np.ndarray]]:
         """Steps 1 to 5 for one placement: `wanted` pairs of joint angles and swing foot pose."""
         while True:
-            pose = np.array([self._draw(r) for r in (self.ranges.swing_x, self.ranges.swing_y, self.ranges.swing_yaw)])
+            r = self.ranges
+            pose = np.array([self._draw(x) for x in (r.swing_x, r.swing_y, r.swing_yaw)])
             soles = np.array([self.corners[0], place_polygon(self.corners[1], pose)])
             if not self._feet_feasible(soles):
                 continue
@@ -180,41 +184,51 @@ class _Search:
 
     def _feet_feasible(self, soles: np.ndarray) -> bool:
         if foot_clearance(*soles) <= max(self.ranges.foot_clearance, 1e-9):
-            return self._reject("foot clearance")
+            self._reject("foot clearance")
+            return False
         self.boards = lay_boards(soles, self.plate.size, self.ranges.plate_gap)
         if not boards_fit(soles, self.boards, self.plate):
-            return self._reject("boards do not carry the feet")
+            self._reject("boards do not carry the feet")
+            return False
         return True
 
     def _posture(self, pose: np.ndarray, soles: np.ndarray) -> np.ndarray | None:
         """One try of steps 3 and 4: joint angles, or None."""
+        found = self._try(pose, soles)
+        if isinstance(found, str):
+            self._reject(found)
+            return None
+        self.attempts += 1
+        return found
+
+    def _try(self, pose: np.ndarray, soles: np.ndarray) -> np.ndarray | str:
+        """Joint angles of one random draw, or what speaks against it."""
         r = self.ranges
         polygon = support_polygon(soles)
         com = self.rng.uniform(polygon.min(axis=0), polygon.max(axis=0))
         height = self._draw(self.com_height)
         rpy = np.array([self._draw(x) for x in (r.torso_roll, r.torso_pitch, r.torso_yaw)])
         if stability_margin(com, polygon) < r.stability_margin:
-            return self._reject("stability margin") or None
+            return "stability margin"
         share, cop = predicted_foot_loads(com, np.array([np.zeros(2), pose[:2]]))
         if min(map(stability_margin, cop, map(support_polygon, soles))) < r.sole_margin:
-            return self._reject("a sole would lift") or None
+            return "a sole would lift"
         if predicted_cell_loads(share, cop, self.boards, self.plate, self.weight).min() < r.least_cell_load:
-            return self._reject("a cell would unload") or None
+            return "a cell would unload"
         angles = self.solver.solve(pose, np.array([*com, height]), rpy, self.guess)
         if angles is None:
-            return self._reject("out of reach") or None
+            return "out of reach"
         outside = (angles < self.limits[:, 0]) | (angles > self.limits[:, 1])
         if outside.any():
-            return self._reject(f"joint limit {self.names[int(outside.argmax())]}") or None
+            return f"joint limit {self.names[int(outside.argmax())]}"
         if self.solver.height(self.solver.torso) < r.least_height:
-            return self._reject("least height") or None
-        self.attempts += 1
+            return "least height"
         return angles
 
     def _draw(self, interval: Range) -> float:
         return float(self.rng.uniform(*interval))
 
-    def _reject(self, reason: str) -> bool:
+    def _reject(self, reason: str) -> None:
         self.attempts += 1
         self.rejected[reason] += 1
         if self.found == 0 and self.attempts >= ATTEMPTS:
@@ -222,7 +236,6 @@ class _Search:
             raise InputError(
                 f"planning ranges admit no posture: {self.attempts} tries, none feasible; blocked by {tally}"
             )
-        return False
 
     def _bent_knees(self) -> np.ndarray:
         """The keyframe `stand`, or the model's zero pose where there is none."""

@@ -112,8 +112,8 @@ class Stand:
         self.data.ctrl[self.servos] = command
         self._run(self.protocol.rest_time)
 
-    def hold(self, plan: np.ndarray) -> Held | str:
-        """Release the clamps and hold; the reason as text if the posture has to be dropped."""
+    def hold(self, plan: np.ndarray) -> tuple[Held | None, str]:
+        """Release the clamps and hold: the held posture, or None and why it has to be dropped."""
         protocol = self.protocol
         self._release()
         upright = base_pose(self.nominal, self.robot, plan)
@@ -121,10 +121,10 @@ class Stand:
         calm: list[np.ndarray] = []
         while len(calm) < needed:
             if self.data.time - released > protocol.hold_time - protocol.window:
-                return "did not settle"
+                return None, "did not settle"
             self._run(CONTROL_PERIOD)
             if self._tipped(upright):
-                return "tipped"
+                return None, "tipped"
             calm = [*calm, self._state()] if self._settled() else []
         settled_after = self.data.time - released
         if not protocol.gated:
@@ -134,10 +134,10 @@ class Stand:
                 self._run(CONTROL_PERIOD)
                 calm.append(self._state())
         if reason := self._fault():
-            return reason
+            return None, reason
         mean = np.mean(calm, axis=0)
         joints = len(self.qpos)
-        return Held(
+        held = Held(
             joint_angles=mean[:joints],
             commanded=self.data.ctrl[self.servos].copy(),
             torques=self.data.actuator_force[self.servos].copy(),
@@ -146,6 +146,7 @@ class Stand:
             drift=self._drift(),
             settled_after=settled_after,
         )
+        return held, ""
 
     def _state(self) -> np.ndarray:
         """What is averaged: joint angles, tared cell forces, CoM in the base frame."""
@@ -213,9 +214,7 @@ class Stand:
             dx, dy = body.xpos[0] - x, body.xpos[1] - y
             rotation = body.xmat.reshape(3, 3)
             turn = np.arctan2(rotation[1, 0], rotation[0, 0]) - yaw
-            poses.append(
-                [np.cos(yaw) * dx + np.sin(yaw) * dy, np.cos(yaw) * dy - np.sin(yaw) * dx, turn]
-            )
+            poses.append([np.cos(yaw) * dx + np.sin(yaw) * dy, np.cos(yaw) * dy - np.sin(yaw) * dx, turn])
         return np.array(poses)
 
     def _settled(self) -> bool:

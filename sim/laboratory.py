@@ -19,12 +19,19 @@ from sim.sensors import averaged_sd, read_cells, read_encoders
 
 @dataclass(frozen=True)
 class Attempt:
-    """One try at one posture, with the truth of it; `held` is the reason as text if it was dropped."""
+    """One try at one posture, with the truth of it.
+
+    Attributes:
+        held: the posture, or None if it was dropped; reason: why, else "".
+        reading: what the sensors said, by column prefix.
+        plates, true_plates: recorded and true poses in the base frame, (2, 3) [m, m, rad].
+    """
 
     posture: int
     placement: int
     repeat: bool
-    held: Held | str
+    held: Held | None
+    reason: str
     reading: dict[str, np.ndarray]
     plates: np.ndarray
     true_plates: np.ndarray
@@ -47,12 +54,17 @@ class Experiment:
     @property
     def dropped(self) -> list[tuple[int, str]]:
         """Posture number and reason of every first try that was dropped."""
-        return [(a.posture, a.held) for a in self.attempts if isinstance(a.held, str) and not a.repeat]
+        return [(a.posture, a.reason) for a in self.attempts if a.held is None and not a.repeat]
 
     @property
-    def held(self) -> list[Attempt]:
+    def measured(self) -> list[Attempt]:
         """The tries behind the rows of the measurements, in the same order."""
-        return [a for a in self.attempts if isinstance(a.held, Held)]
+        return [a for a in self.attempts if a.held is not None]
+
+    @property
+    def held(self) -> list[Held]:
+        """The true states behind the rows of the measurements, in the same order."""
+        return [a.held for a in self.attempts if a.held is not None]
 
 
 def run_experiment(
@@ -100,7 +112,8 @@ def run_placement(
     """Set up one placement and go through its postures, then through its repeats."""
     rng = np.random.default_rng(stream)
     rows = np.flatnonzero(plan.placement == placement)
-    order = [(row, False) for row in rows] + [(row, True) for row in rows if int(plan.posture[row]) in repeats]
+    again = [row for row in rows if int(plan.posture[row]) in repeats]
+    order = [(row, False) for row in rows] + [(row, True) for row in again]
     boards = lay_boards(_soles(rig.robot, plan.swing_pose[rows[0]]), _plate(rig).size, rig.protocol.plate_gap)
     stand = Stand(rig, boards + rig.protocol.plate_sd * rng.standard_normal((2, 3)))
     error = np.array([rig.sensors.mark_sd, rig.sensors.placement_sd]) * rng.standard_normal((2, 3))
@@ -116,13 +129,11 @@ def run_placement(
                 recorded = stand.plates_in_base() + error
         else:
             stand.move(before, planned, command)
-        held = stand.hold(planned)
-        true_plates = stand.plates_in_base()
-        before = None if isinstance(held, str) else planned
-        reading = _read(rig, held, samples, rng) if isinstance(held, Held) else {}
-        attempts.append(
-            Attempt(int(plan.posture[row]), placement, repeat, held, reading, recorded, true_plates)
-        )
+        held, reason = stand.hold(planned)
+        before = planned if held else None
+        reading = _read(rig, held, samples, rng) if held else {}
+        number, true_plates = int(plan.posture[row]), stand.plates_in_base()
+        attempts.append(Attempt(number, placement, repeat, held, reason, reading, recorded, true_plates))
     return attempts
 
 
@@ -142,9 +153,9 @@ def _measurements(
         clock += p.placement_time if fresh else p.move_time
         starts.append(clock + p.rest_time + p.hold_time - p.window)
         clock += p.rest_time + p.hold_time
-    used = [(a, t) for a, t in zip(attempts, starts, strict=True) if isinstance(a.held, Held)]
+    used = [(a, t) for a, t in zip(attempts, starts, strict=True) if a.held]
     if not used:
-        reasons = sorted({str(a.held) for a in attempts})
+        reasons = sorted({a.reason for a in attempts})
         raise InputError(f"none of {len(attempts)} postures could be measured: {'; '.join(reasons)}")
     plates = [plate_geometry(load_spec(rig.robot.scene), plate) for plate in PLATES]
     samples = round(p.window * s.sample_rate)
@@ -162,7 +173,7 @@ def _measurements(
         samples=np.full(len(used), samples),
         joint_angles=stack("q"),
         joint_angles_sd=stack("q_std"),
-        command=np.array([a.held.commanded for a, _ in used if isinstance(a.held, Held)]),
+        command=np.array([a.held.commanded for a, _ in used if a.held]),
         motor=stack("motor"),
         cell_forces=stack("cell"),
         cell_forces_sd=stack("cell_std"),

@@ -67,8 +67,8 @@ class Rig:
 
     robot: Robot = field(default_factory=load_robot)
     sensors: Sensors = field(default_factory=Sensors)
-    controller: Controller = Controller()
-    protocol: Protocol = Protocol()
+    controller: Controller = field(default_factory=Controller)
+    protocol: Protocol = field(default_factory=Protocol)
     edit: Callable[[mujoco.MjSpec], None] | None = None
 
 

@@ -12,7 +12,16 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from sim.errors import InputError
 from sim.measurements.data import Measurements, SensorSheet
-from sim.measurements.tables import Columns, Table, find_table, new_folder, read_json, software, write_json, write_table
+from sim.measurements.tables import (
+    Columns,
+    Table,
+    find_table,
+    new_folder,
+    read_json,
+    software,
+    write_json,
+    write_table,
+)
 from sim.model import CELLS, CORNERS, PLATES, sha256
 
 SUPPORTS = ("double", "right", "left")

@@ -12,7 +12,15 @@ from pydantic import BaseModel, ValidationError
 from sim.errors import InputError
 from sim.measurements.data import PosturePlan
 from sim.measurements.measurement_folder import SUPPORTS, check_hash, validation_message
-from sim.measurements.tables import Table, find_table, new_folder, read_json, software, write_json, write_table
+from sim.measurements.tables import (
+    Table,
+    find_table,
+    new_folder,
+    read_json,
+    software,
+    write_json,
+    write_table,
+)
 from sim.model import Robot, joint_names, sha256
 
 

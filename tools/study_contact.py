@@ -1,0 +1,109 @@
+"""Which contact, integrator and gate settings let the laboratory reach its statics? A Markdown table.
+
+Noise-free laboratory, first 10 placements of the shipped plan; docs/contact-study.md holds the result.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+
+from experiments.scenario import DEFAULT_PLAN
+from identification.center_of_pressure import center_of_pressure
+from sim.laboratory import run_experiment
+from sim.measurements import PosturePlan, read_plan
+from sim.model import load_model
+from sim.rig import Rig, preset_rig
+
+Edit = Callable[[mujoco.MjSpec], None]
+
+
+def contacts(**attributes: object) -> Edit:
+    """Set attributes of all contact geoms."""
+
+    def edit(spec: mujoco.MjSpec) -> None:
+        for geom in spec.geoms:
+            if geom.priority == 1:
+                for name, value in attributes.items():
+                    setattr(geom, name, value)
+
+    return edit
+
+
+def options(**attributes: object) -> Edit:
+    """Set attributes of `<option>`."""
+
+    def edit(spec: mujoco.MjSpec) -> None:
+        for name, value in attributes.items():
+            setattr(spec.option, name, value)
+
+    return edit
+
+
+def cases(rig: Rig) -> dict[str, Rig]:
+    implicit = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    edits: dict[str, Edit] = {
+        "solref 0.004 s": contacts(solref=[0.004, 1]),
+        "solref 0.05 s": contacts(solref=[0.05, 1]),
+        "solimp 0.9, 0.95 (MuJoCo's default)": contacts(solimp=[0.9, 0.95, 0.001, 0.5, 2]),
+        "solimp 0.99": contacts(solimp=[0.99, 0.99, 0.001, 0.5, 2]),
+        "implicitfast": options(integrator=implicit),
+        "impratio 10": options(impratio=10.0),
+        "time step 2 ms": options(timestep=0.002),
+    }
+    levels = ((1.0, 100.0, 0.02), (1e-2, 1.0, 0.1), (1e-3, 1e-1, 0.2), (3e-5, 1e-4, 1.0))
+    gates = {
+        f"gate {v:g} m/s, {force:g} N for {calm:g} s": dataclasses.replace(
+            rig.protocol, speed_gate=v, force_gate=force, calm_time=calm
+        )
+        for v, force, calm in levels
+    }
+    table = {"as shipped": rig}
+    table |= {name: dataclasses.replace(rig, edit=edit) for name, edit in edits.items()}
+    return table | {name: dataclasses.replace(rig, protocol=protocol) for name, protocol in gates.items()}
+
+
+def measure(rig: Rig, plan: PosturePlan) -> str:
+    began = time.perf_counter()
+    experiment = run_experiment(rig, plan, seed=1, workers=2)
+    wall = time.perf_counter() - began
+    truth = np.array([held.com for held in experiment.held])
+    drift = np.array([held.drift for held in experiment.held])
+    lying = np.array([attempt.true_plates for attempt in experiment.measured])
+    placed = dataclasses.replace(experiment.measurements, plate_poses=lying)
+    error = [1e3 * (center_of_pressure(m) - truth) for m in (placed, experiment.measurements)]
+    balance = np.abs(placed.cell_forces.sum(axis=1) - experiment.true_mass * placed.gravity).max()
+    rms = [np.sqrt((e**2).mean()) for e in error]
+    used = len(plan) - len(experiment.dropped)
+    return (
+        f"{used} / {len(plan)} | {rms[0]:.4f} | {rms[1]:.4f} | {balance:.1e} | "
+        f"{1e6 * np.median(drift):.0f} | {wall:.0f}"
+    )
+
+
+def main() -> None:
+    rig = preset_rig("ideal")
+    plan = read_plan(DEFAULT_PLAN, rig.robot, load_model(rig.robot))
+    first = plan.placement <= 10
+    plan = dataclasses.replace(
+        plan,
+        **{
+            name: getattr(plan, name)[first]
+            for name in ("joint_angles", "posture", "placement", "support", "swing_pose")
+        },
+    )
+    print(
+        "| setting | usable | CoP - CoM, plates as they lie (mm r.m.s.) | as recorded (mm r.m.s.) "
+        "| worst force balance (N) | median foot drift (um) | wall (s) |"
+    )
+    print("|---|---|---|---|---|---|---|")
+    for name, case in cases(rig).items():
+        print(f"| {name} | {measure(case, plan)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
