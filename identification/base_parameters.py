@@ -30,8 +30,10 @@ class BaseParameters:
         base: frame number of the stance foot.
         names: LINK.AXIS of the p parameters, numbered from 1 as in the paper.
         groups: per parameter the frame columns that it unites, as text.
-        columns: per parameter its frame column 3 f + axis, (p,).
-        signs: +1, or -1 where the axis is reported reversed, (p,).
+        columns: frame columns 3 f + axis that the regressor is made of, (k,), k >= p.
+        mix: how they make up the base regressor, (k, p): +1, or -1 where an axis is reported
+            reversed. More columns than parameters occur only where several hinges of one body do
+            not meet: the massless frame between them carries one mass along a fixed vector.
         from_frames: frame parameters to base parameters, (p, 3 n_frames).
         from_standard: standard parameters [m, m c_x, m c_y, m c_z] per link to base parameters
             times the total mass, (p, 4 n_links).
@@ -43,7 +45,7 @@ class BaseParameters:
     names: tuple[str, ...]
     groups: tuple[str, ...]
     columns: np.ndarray
-    signs: np.ndarray
+    mix: np.ndarray
     from_frames: np.ndarray
     from_standard: np.ndarray
     joined: int
@@ -56,7 +58,7 @@ class BaseParameters:
         """
         rotations = link_rotations(self.tree, self.base, joint_angles)
         frames, axes = np.divmod(self.columns, 3)
-        return rotations[:, frames, :2, axes].transpose(1, 2, 0) * self.signs
+        return rotations[:, frames, :2, axes].transpose(1, 2, 0) @ self.mix
 
     def members(self, index: int) -> list[int]:
         """Frames whose columns the index-th parameter unites, in MJCF order."""
@@ -124,27 +126,40 @@ def _derive(
     from_frames = np.eye(size)[kept]
     from_frames[:, eliminated] -= relations[:, kept].T
     from_standard = from_frames @ _frame_matrix(tree, base, base_point)
-    # Massless frames between the hinges of one body may carry nothing at all.
-    carries = np.abs(from_standard).max(axis=1) > 1e-12
     rank_in_links = {frame: k for k, frame in enumerate(tree.frame_of_link)}
     order = sorted(
-        np.flatnonzero(carries),
-        key=lambda i: (kept[i] % 3, rank_in_links.get(kept[i] // 3, kept[i] // 3)),
+        range(len(kept)), key=lambda i: (kept[i] % 3, rank_in_links.get(kept[i] // 3, kept[i] // 3))
     )
     columns = np.array(kept)[order]
-    names = [f"{tree.frames[c // 3]}.{AXES[c % 3]}" for c in columns]
-    signs = np.array([-1.0 if c % 3 == 2 and tree.frames[c // 3] in z_down else 1.0 for c in columns])
+    down = [c % 3 == 2 and tree.frames[c // 3] in z_down for c in columns]
+    signs = np.where(down, -1.0, 1.0)
+    from_frames, from_standard = signs[:, None] * from_frames[order], signs[:, None] * from_standard[order]
+    rows, mix = _independent_rows(from_standard)
     return BaseParameters(
         tree=tree,
         base=base,
-        names=tuple(names),
-        groups=tuple(_group(tree, from_frames[i]) for i in order),
+        names=tuple(f"{tree.frames[c // 3]}.{AXES[c % 3]}" for c in columns[rows]),
+        groups=tuple(_group(tree, signs[i] * from_frames[i]) for i in rows),
         columns=columns,
-        signs=signs,
-        from_frames=signs[:, None] * from_frames[order],
-        from_standard=signs[:, None] * from_standard[order],
+        mix=signs[:, None] * mix,
+        from_frames=from_frames[rows],
+        from_standard=from_standard[rows],
         joined=size - len(_eliminate(hinges)[1]),
     )
+
+
+def _independent_rows(matrix: np.ndarray) -> tuple[list[int], np.ndarray]:
+    """The first independent rows, in order, and `mix` with matrix = mix @ matrix[rows]."""
+    rows: list[int] = []
+    mix = np.zeros((len(matrix), len(matrix)))
+    for i, row in enumerate(matrix):
+        weights = np.linalg.lstsq(matrix[rows].T, row, rcond=None)[0] if rows else np.zeros(0)
+        if np.abs(row - weights @ matrix[rows]).max() > 1e-9:
+            rows.append(i)
+            mix[i, len(rows) - 1] = 1.0
+        else:
+            mix[i, : len(rows)] = weights
+    return rows, mix[:, : len(rows)]
 
 
 def _hinge_relations(tree: Tree) -> np.ndarray:

@@ -1,0 +1,63 @@
+"""Fixtures shared by the tests; the two full experiments run once a session."""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("MUJOCO_GL", "disable")
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from experiments.scenario import DEFAULT_PLAN, Scenario
+from experiments.validate import Validation, validate
+from identification.base_parameters import BaseParameters, base_parameters
+from sim.measurements import PlateGeometry, PosturePlan, read_plan
+from sim.model import Robot, load_model, load_robot, load_spec
+from sim.plates import plate_geometry
+from sim.rig import preset_rig
+
+
+def part_of(plan: PosturePlan, rows: np.ndarray) -> PosturePlan:
+    """Some rows of a plan."""
+    names = ("joint_angles", "posture", "placement", "support", "swing_pose")
+    return dataclasses.replace(plan, **{name: getattr(plan, name)[rows] for name in names})
+
+
+@pytest.fixture(scope="session")
+def robot() -> Robot:
+    return load_robot()
+
+
+@pytest.fixture(scope="session")
+def model(robot):
+    return load_model(robot)
+
+
+@pytest.fixture(scope="session")
+def parameters(robot) -> BaseParameters:
+    return base_parameters(robot)
+
+
+@pytest.fixture(scope="session")
+def plate(robot) -> PlateGeometry:
+    return plate_geometry(load_spec(robot.scene), "right")
+
+
+@pytest.fixture(scope="session")
+def plan(robot, model) -> PosturePlan:
+    return read_plan(DEFAULT_PLAN, robot, model)
+
+
+@pytest.fixture(scope="session")
+def ideal(robot, plan) -> Validation:
+    """The whole default plan without sensor noise, in the full dynamics."""
+    return validate(Scenario(preset_rig("ideal", robot), plan, 101, "ideal"), workers=2)
+
+
+@pytest.fixture(scope="session")
+def wii(robot, plan) -> Validation:
+    """The whole default plan at preset wii, in the full dynamics."""
+    return validate(Scenario(preset_rig("wii", robot), plan, 102, "wii"), workers=2)

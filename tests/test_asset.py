@@ -1,0 +1,126 @@
+"""The nominal model against what the paper fixes."""
+
+import csv
+
+import mujoco
+import numpy as np
+import pytest
+
+from identification.base_parameters import standard_parameters
+from sim.model import load_spec, sole_corners
+
+# Table II, simplified column: relative standard error below 15 %.
+WELL_IDENTIFIED = (1, 10, 12, 17, 19, 20, 21, 23, 24)
+
+LIMITS = {
+    "hip_yaw": ([-40, 40], [-40, 40]),
+    "hip_roll": ([-30, 20], [-20, 30]),
+    "hip_pitch": ([-90, 40], [-90, 40]),
+    "knee": ([0, 120], [0, 120]),
+    "ankle_pitch": ([-50, 40], [-50, 40]),
+    "ankle_roll": ([-20, 17], [-17, 20]),
+}
+
+
+@pytest.fixture(scope="module")
+def table(robot):
+    with (robot.path.parent / "table2.csv").open() as file:
+        return {int(row["number"]): row for row in csv.DictReader(file)}
+
+
+@pytest.mark.parametrize("number", WELL_IDENTIFIED)
+def test_base_parameters_agree_with_table_2(number, table, parameters, model):
+    value = 1e3 * parameters.values(standard_parameters(model))[number - 1]
+    row = table[number]
+    paper = float(row["simplified_mm"])
+    two_standard_errors = 2 * abs(paper) * float(row["simplified_rel_se_percent"]) / 100
+    assert abs(value - paper) < two_standard_errors
+
+
+def test_well_identified_numbers_are_those_of_the_table(table):
+    below = [n for n, r in table.items() if r["simplified_mm"] and float(r["simplified_rel_se_percent"]) < 15]
+    assert tuple(below) == WELL_IDENTIFIED
+
+
+def test_mass_links_joints(model):
+    assert model.body_mass.sum() == pytest.approx(23.0, abs=1e-12)
+    assert model.nbody - 1 == 13
+    assert model.nu == 12
+    assert (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE).sum() == 12
+
+
+def test_height_is_that_of_the_paper(model):
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    head = data.geom("head")
+    top = head.xpos[2] + model.geom("head").size[2]
+    sole = min((data.body(f).xpos + sole_corners(model, f))[:, 2].min() for f in ("right_foot", "left_foot"))
+    assert top - sole == pytest.approx(1.25, abs=1e-9)
+
+
+@pytest.mark.parametrize("joint", LIMITS)
+def test_joint_ranges(joint, model):
+    for side, degrees in zip(("right", "left"), LIMITS[joint], strict=True):
+        assert np.rad2deg(model.joint(f"{side}_{joint}").range) == pytest.approx(degrees)
+
+
+def test_axes_point_forward_left_up(model):
+    axes = {"yaw": [0, 0, 1], "roll": [1, 0, 0], "pitch": [0, 1, 0], "knee": [0, 1, 0]}
+    for i in range(model.njnt):
+        name = model.joint(i).name
+        for ending, axis in axes.items():
+            if name.endswith(ending):
+                assert model.jnt_axis[i].tolist() == axis
+    assert np.allclose(model.body_quat[1:], [1, 0, 0, 0])
+
+
+def test_motor_limits_follow_from_power_and_ratio(model):
+    no_load = 7500 * 2 * np.pi / 60  # rad/s, assumed
+    drives = {
+        "hip_yaw": (60, 66),
+        "hip_roll": (90, 66),
+        "hip_pitch": (90, 111),
+        "knee": (90, 111),
+        "ankle_pitch": (60, 111),
+        "ankle_roll": (60, 66),
+    }
+    for joint, (power, ratio) in drives.items():
+        actuator = model.actuator(f"left_{joint}")
+        assert actuator.forcerange[1] == pytest.approx(2 * power / no_load * ratio, rel=0.005)
+        assert actuator.user[0] == pytest.approx(no_load / ratio, rel=0.005)
+        # Dry friction: 5 % of the torque limit, assumed.
+        friction = model.joint(f"left_{joint}").frictionloss[0]
+        assert friction == pytest.approx(0.05 * actuator.forcerange[1], rel=0.01)
+
+
+def test_every_body_has_an_explicit_inertial(robot):
+    for body in load_spec(robot.model).bodies:
+        assert body.name == "world" or body.explicitinertial
+
+
+def test_keyframe_stands_on_flat_soles(model):
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+    mujoco.mj_forward(model, data)
+    heights = [
+        (data.body(f).xpos + sole_corners(model, f) @ data.body(f).xmat.reshape(3, 3).T)[:, 2]
+        for f in ("right_foot", "left_foot")
+    ]
+    assert np.abs(heights).max() < 2e-4
+
+
+def test_robot_is_left_right_symmetric(model):
+    for i in range(1, model.nbody):
+        name = model.body(i).name
+        if name.startswith("right_"):
+            twin = model.body(name.replace("right", "left"))
+            assert twin.mass == model.body(name).mass
+            assert twin.pos * [1, -1, 1] == pytest.approx(model.body(name).pos)
+            assert twin.ipos * [1, -1, 1] == pytest.approx(model.body(name).ipos)
+
+
+def test_dm_control_and_mujoco_fit_together(robot):
+    """dm-control fails beside a too new MuJoCo only when a model is loaded."""
+    mjcf = pytest.importorskip("dm_control.mjcf")
+    physics = mjcf.Physics.from_mjcf_model(mjcf.from_path(str(robot.model)))
+    assert physics.model.body_mass.sum() == pytest.approx(23.0)

@@ -1,0 +1,178 @@
+"""Structural derivation of the base parameters: counts, names, ranks, invariance."""
+
+import dataclasses
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from identification.base_parameters import _frame_matrix, base_parameters, standard_parameters
+from identification.kinematics import link_rotations
+from identification.regressor import stacked_regressor
+from sim.errors import InputError
+from sim.model import CORNERS, Robot, sole_point
+
+# facts: number -> links that the parameter unites, and its axis
+PAPER = {
+    1: "torso x", 2: "right_hip_yaw right_hip x", 3: "right_upper_leg x", 4: "right_lower_leg x",
+    5: "right_ankle right_foot x", 6: "left_hip_yaw left_hip x", 7: "left_upper_leg x",
+    8: "left_lower_leg x", 9: "left_ankle left_foot x", 10: "torso y", 11: "right_hip_yaw y",
+    12: "right_hip right_upper_leg right_lower_leg right_ankle y", 13: "right_foot y",
+    14: "left_hip_yaw y", 15: "left_hip left_upper_leg left_lower_leg left_ankle y", 16: "left_foot y",
+    17: "torso right_hip_yaw left_hip_yaw z", 18: "right_hip z", 19: "right_upper_leg z",
+    20: "right_lower_leg z", 21: "right_ankle z", 22: "left_hip z", 23: "left_upper_leg z",
+    24: "left_lower_leg z", 25: "left_ankle z",
+}  # fmt: skip
+
+
+def test_counts_are_those_of_the_paper(robot, parameters):
+    assert 4 * len(parameters.tree.links) == 52
+    assert 3 * len(parameters.tree.frames) == 39
+    assert parameters.joined == 27
+    assert len(parameters.names) == 25
+    assert len(base_parameters(robot, support="right").names) == 26
+    assert len(base_parameters(robot, support="left").names) == 26
+
+
+@pytest.mark.parametrize("number", PAPER)
+def test_numbers_and_groups_are_those_of_the_paper(number, parameters):
+    frames = [parameters.tree.frames[f] for f in parameters.members(number - 1)]
+    axis = parameters.names[number - 1][-1]
+    assert " ".join([*frames, axis]) == PAPER[number]
+
+
+def test_legs_report_z_downwards(parameters, model):
+    values = parameters.values(standard_parameters(model))
+    assert (values[[18, 19, 20]] < 0).all()  # stance leg
+    assert (values[[22, 23]] > 0).all()  # swing leg
+    assert values[16] > 0  # torso, z up
+
+
+def test_rank_on_the_shipped_plan_is_the_structural_count(parameters, plan):
+    matrix = stacked_regressor(parameters, plan.joint_angles)
+    assert np.linalg.matrix_rank(matrix) == 25
+    rotations = link_rotations(parameters.tree, parameters.base, plan.joint_angles)
+    frames = rotations[:, :, :2].transpose(0, 2, 1, 3).reshape(2 * len(plan), -1)
+    singular = np.linalg.svd(frames, compute_uv=False)
+    assert singular[24] > 1e-2
+    assert singular[25] < 1e-7
+
+
+def test_noisy_angles_raise_the_rank(parameters, plan):
+    """Why the columns are fixed structurally and not on measured angles."""
+    noisy = plan.joint_angles + 1e-3 * np.random.default_rng(0).standard_normal(plan.joint_angles.shape)
+    rotations = link_rotations(parameters.tree, parameters.base, noisy)
+    frames = rotations[:, :, :2].transpose(0, 2, 1, 3).reshape(2 * len(plan), -1)
+    assert np.linalg.svd(frames, compute_uv=False)[25] > 1e-4
+
+
+def test_total_com_does_not_depend_on_the_stance_foot(robot, model, plan):
+    """Base frame under the right or the left foot: the same point in the world."""
+    standard = standard_parameters(model)
+    com = {}
+    for support in ("right", "left"):
+        parameters = base_parameters(robot, support=support)
+        com[support] = parameters.regressor(plan.joint_angles) @ parameters.values(standard)
+    x, y, yaw = plan.swing_pose.T
+    c, s = np.cos(yaw), np.sin(yaw)
+    left = com["left"]
+    moved = np.column_stack([x + c * left[:, 0] - s * left[:, 1], y + s * left[:, 0] + c * left[:, 1]])
+    assert moved == pytest.approx(com["right"], abs=1e-7)
+
+
+def test_swapping_left_and_right_mirrors_the_parameters(robot, model):
+    standard = standard_parameters(model)
+    standard[:, 2] += 0.01 * np.arange(13) * standard[:, 0]  # an unsymmetric robot
+    names = [model.body(i).name for i in range(1, 14)]
+    swap = {"right": "left", "left": "right"}
+    twin = [
+        names.index(n.replace(n.split("_")[0], swap.get(n.split("_")[0], n.split("_")[0]))) for n in names
+    ]
+    mirrored = standard[twin] * [1, 1, -1, 1]
+    stance, swing = base_parameters(robot, support="right"), base_parameters(robot, support="left")
+    values = dict(zip(stance.names, stance.values(standard), strict=True))
+    for name, value in zip(swing.names, swing.values(mirrored), strict=True):
+        side = name.split("_")[0]
+        other = values[name.replace(side, swap.get(side, side))]
+        assert value == pytest.approx(-other if name.endswith("y") else other, abs=1e-12)
+
+
+def test_unknown_foot_and_support_are_refused(robot):
+    with pytest.raises(InputError, match=r"unknown foot 'third_foot'; valid: torso, .*left_foot"):
+        base_parameters(dataclasses.replace(robot, stance_foot="third_foot"))
+    with pytest.raises(InputError, match="expected one of double, right, left"):
+        base_parameters(robot, support="both")
+
+
+def random_tree(seed: int, bodies: int) -> tuple[mujoco.MjModel, Robot]:
+    """A tree of up to two hinges a body, rotated bodies, parallel, crossing and skew axes."""
+    rng = np.random.default_rng(seed)
+    spec = mujoco.MjSpec()
+    nodes = [spec.worldbody.add_body(name="b0")]
+    nodes[0].add_freejoint()
+    for k in range(1, bodies):
+        parent = nodes[max(0, k - int(rng.integers(1, 4)))]
+        rotation = rng.standard_normal(4) if rng.random() < 0.5 else np.array([1.0, 0, 0, 0])
+        node = parent.add_body(
+            name=f"b{k}", pos=rng.uniform(-0.3, 0.3, 3), quat=rotation / np.linalg.norm(rotation)
+        )
+        for h in range(int(rng.choice([1, 1, 1, 2]))):
+            axis = np.eye(3)[rng.integers(3)] if rng.random() < 0.7 else rng.standard_normal(3)
+            offset = rng.uniform(-0.1, 0.1, 3) if rng.random() < 0.3 else np.zeros(3)
+            node.add_joint(name=f"j{k}{h}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis, pos=offset, armature=1)
+        nodes.append(node)
+    for node in nodes:
+        node.mass, node.inertia, node.explicitinertial = 1.0, [0.01, 0.01, 0.01], True
+        node.ipos = rng.uniform(-0.1, 0.1, 3)
+    leaves = [n for n in nodes if not n.bodies][-2:]
+    feet = [n.name for n in ([nodes[0], *leaves] if len(leaves) < 2 else leaves)[-2:]]
+    for foot in feet:
+        for corner in CORNERS:
+            spec.body(foot).add_geom(
+                name=f"{foot}_{corner}",
+                type=mujoco.mjtGeom.mjGEOM_SPHERE,
+                size=[0.001, 0, 0],
+                pos=[0, 0, -0.05],
+            )
+    return spec.compile(), Robot(Path("x.toml"), Path("x.xml"), Path("x.xml"), feet[0], feet[1], {})
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1), bodies=st.integers(2, 9))
+def test_structural_count_is_the_numerical_rank_on_random_trees(seed, bodies):
+    model, robot = random_tree(seed, bodies)
+    parameters = base_parameters(robot, model, "right")
+    angles = np.random.default_rng(seed).uniform(-3, 3, (60, len(parameters.tree.joints)))
+    rotations = link_rotations(parameters.tree, parameters.base, angles)
+    frames = rotations[:, :, :2].transpose(0, 2, 1, 3).reshape(120, -1)
+    standard = frames @ _frame_matrix(parameters.tree, parameters.base, sole_point(model, robot.stance_foot))
+    matrix = stacked_regressor(parameters, angles)
+    count = len(parameters.names)
+    assert np.linalg.matrix_rank(standard, tol=1e-9) == count
+    assert np.linalg.matrix_rank(matrix, tol=1e-9) == count
+    # The base regressor says of any robot of this shape what the standard one says.
+    masses = standard_parameters(model)
+    assert matrix @ parameters.values(masses) == pytest.approx(
+        standard @ masses.ravel() / masses[:, 0].sum(), abs=1e-12
+    )
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1), bodies=st.integers(2, 9))
+def test_random_trees_com_is_mujocos(seed, bodies):
+    model, robot = random_tree(seed, bodies)
+    parameters = base_parameters(robot, model, "right")
+    data = mujoco.MjData(model)
+    angles = np.random.default_rng(seed).uniform(-3, 3, len(parameters.tree.joints))
+    for name, angle in zip(parameters.tree.joints, angles, strict=True):
+        data.qpos[model.joint(name).qposadr[0]] = angle
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    foot = data.body(robot.stance_foot)
+    base = foot.xmat.reshape(3, 3)
+    com = base.T @ (data.subtree_com[1] - foot.xpos) - sole_point(model, robot.stance_foot)
+    estimate = parameters.regressor(angles[None])[0] @ parameters.values(standard_parameters(model))
+    assert estimate == pytest.approx(com[:2], abs=1e-12)
