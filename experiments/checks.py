@@ -18,9 +18,11 @@ IDEAL_MASS_ERROR = 1e-3  # kg, noise-free data only
 CORRELATION_TOLERANCE = 0.01
 CORRELATION_LIMIT = -0.95  # the paper: -0.9928 and -0.9882
 
-# Residual sigma per axis (eq. 14) of each preset [mm]. From 400 re-measured experiments on
-# development seeds: wii 4.19 +- 0.21, force-plate 0.339 +- 0.020; the range is +- 3.3 s.d.
-SIGMA_MM = {"wii": (3.5, 4.9), "force-plate": (0.27, 0.41), "ideal": (0.0, 0.05)}
+# Residual sigma per axis (eq. 14) of each preset on 30 placements [mm]: middle and half-width. From
+# 400 re-measured experiments on development seeds: wii 4.19 +- 0.21, force-plate 0.339 +- 0.020; the
+# half-width is 3.4 s.d. The fewer the placements, the more it scatters: as the root of their number.
+SIGMA_MM = {"wii": (4.2, 0.7), "force-plate": (0.34, 0.07), "ideal": (0.025, 0.025)}
+SIGMA_PLACEMENTS = 30
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,17 @@ def verdict(checks: list[Check]) -> str:
     return "fail" if any(check.result == "fail" for check in checks) else "pass"
 
 
+def sigma_check(preset: str, sigma: float, placements: int) -> Check:
+    """Residual sigma (eq. 14) [m] against the range of the preset."""
+    name = "residual sigma (mm)"
+    if preset not in SIGMA_MM:
+        return skipped(name, f"no range known for preset '{preset}'")
+    middle, half = SIGMA_MM[preset]
+    half *= np.sqrt(max(SIGMA_PLACEMENTS / placements, 1.0))
+    source = f"range of preset {preset} for {placements} placements"
+    return within(name, 1e3 * sigma, max(middle - half, 0.0), middle + half, source)
+
+
 def joint_check(name: str, estimate: Estimate, truth: np.ndarray) -> Check:
     """All errors at once: e' V^-1 e under the placement-clustered covariance.
 
@@ -90,6 +103,8 @@ def ideal_error_check(name: str, estimate: Estimate, truth: np.ndarray, pairs: l
 def correlation_checks(estimate: Estimate, planned: np.ndarray, pairs: list[list[int]]) -> list[Check]:
     """The nearly collinear pairs against what the plan's own regressor predicts.
 
+    A plan that by itself weakens the correlation is not held to the paper's limit.
+
     Args:
         planned: correlations (eq. 15) of the planned angles' regressor, (p, p).
     """
@@ -104,7 +119,7 @@ def correlation_checks(estimate: Estimate, planned: np.ndarray, pairs: list[list
                 f"correlation ({a}, {b})",
                 actual[index[a], index[b]],
                 low,
-                min(high, CORRELATION_LIMIT),
+                min(high, CORRELATION_LIMIT) if predicted < CORRELATION_LIMIT else high,
                 f"plan predicts {predicted:.4f} +- {CORRELATION_TOLERANCE}; below {CORRELATION_LIMIT}",
             )
         )

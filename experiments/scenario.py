@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
-from identification.base_parameters import BaseParameters, base_parameters, standard_parameters
+from identification.base_parameters import base_parameters, standard_parameters
 from sim.laboratory import Attempt, Experiment
 from sim.measurements import PosturePlan
-from sim.model import compile_spec, load_model, load_spec
+from sim.model import PLATES, compile_spec, load_spec
 from sim.rig import Rig
 
 DEFAULT_PLAN = Path(__file__).resolve().parent / "plans" / "random"
@@ -33,20 +34,21 @@ class Scenario:
     seed: int
     preset: str
 
-    def true_standard_parameters(self) -> np.ndarray:
-        """Standard parameters of the robot that really stands there, (n_links, 4) [kg, kg m]."""
+    def true_model(self) -> mujoco.MjModel:
+        """The robot that really stands there, alone."""
         spec = load_spec(self.rig.robot.scene)
         if self.rig.edit is not None:
             self.rig.edit(spec)
-        scene = compile_spec(spec, str(self.rig.robot.scene))
-        nominal = load_model(self.rig.robot)
-        rows = [scene.body(nominal.body(i).name).id - 1 for i in range(1, nominal.nbody)]
-        return standard_parameters(scene)[rows]
+        for plate in PLATES:
+            spec.delete(spec.body(f"{plate}_plate"))
+        for key in list(spec.keys):
+            spec.delete(key)
+        return compile_spec(spec, str(self.rig.robot.scene))
 
-    def true_base_parameters(self, parameters: BaseParameters | None = None) -> np.ndarray:
-        """Base parameters of that robot in double support, (p,) [m]."""
-        parameters = parameters or base_parameters(self.rig.robot)
-        return parameters.values(self.true_standard_parameters())
+    def true_base_parameters(self) -> np.ndarray:
+        """Base parameters of that robot in double support, with its own lengths, (p,) [m]."""
+        model = self.true_model()
+        return base_parameters(self.rig.robot, model).values(standard_parameters(model))
 
     def configuration(self) -> dict[str, Any]:
         """Everything that was set, for run folders and truth files."""
@@ -64,17 +66,17 @@ class Scenario:
 
 def truth_document(scenario: Scenario, experiment: Experiment) -> dict[str, Any]:
     """What only the simulation knows, as one JSON object."""
-    parameters = base_parameters(scenario.rig.robot)
+    model = scenario.true_model()
+    parameters = base_parameters(scenario.rig.robot, model)
+    standard = standard_parameters(model)
     return {
         "format": "tulip-truth",
         "version": 1,
         "configuration": scenario.configuration(),
         "total_mass": experiment.true_mass,
         "links": list(parameters.tree.links),
-        "standard_parameters": scenario.true_standard_parameters().tolist(),
-        "base_parameters": dict(
-            zip(parameters.names, scenario.true_base_parameters(parameters).tolist(), strict=True)
-        ),
+        "standard_parameters": standard.tolist(),
+        "base_parameters": dict(zip(parameters.names, parameters.values(standard).tolist(), strict=True)),
         "attempts": [_attempt(a) for a in experiment.attempts],
     }
 

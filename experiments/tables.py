@@ -133,10 +133,10 @@ def sag_line(experiment: Experiment) -> str:
 
 
 def residual_line(document: dict[str, Any], beside: str = "") -> str:
-    norms = document["residual_mm"]
+    norms, condition = document["residual_mm"], document["condition_number"]
     return (
         f"Residual norm: mean {norms['mean']:.2f}, s.d. {norms['sd']:.2f}, max {norms['max']:.2f} mm"
-        f"{beside}; sigma per axis {document['sigma_mm']:.3f} mm; condition number {document['condition_number']:.0f}"
+        f"{beside}; sigma per axis {document['sigma_mm']:.3f} mm; condition number {condition:.0f}"
     )
 
 

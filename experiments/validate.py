@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from experiments.checks import (
-    SIGMA_MM,
     Check,
     below,
     correlation_checks,
@@ -19,9 +18,9 @@ from experiments.checks import (
     joint_check,
     largest_z_check,
     mass_check,
+    sigma_check,
     skipped,
     verdict,
-    within,
 )
 from experiments.scenario import Scenario
 from identification.base_parameters import BaseParameters, base_parameters
@@ -95,7 +94,7 @@ def validate(
     began = time.perf_counter()
     experiment = run_experiment(scenario.rig, scenario.plan, scenario.seed, workers, progress)
     found = identify(experiment.measurements, scenario.rig.robot)
-    truth = scenario.true_base_parameters(found.parameters)
+    truth = scenario.true_base_parameters()
     checks = evaluate(scenario, experiment, found, truth)
     return Validation(scenario, experiment, found, truth, tuple(checks), time.perf_counter() - began)
 
@@ -123,12 +122,8 @@ def evaluate(
     if not noisy:
         checks.append(skipped("joint chi-square and |z|", "noise-free data have no standard errors to test"))
     checks += correlation_checks(full, planned_correlations(scenario, experiment, found.parameters), pairs)
-    if scenario.preset in SIGMA_MM:
-        low, high = SIGMA_MM[scenario.preset]
-        source = f"range of preset {scenario.preset} on development seeds"
-        checks.append(within("residual sigma (mm)", 1e3 * full.sigma, low, high, source))
-    else:
-        checks.append(skipped("residual sigma (mm)", f"no range known for preset '{scenario.preset}'"))
+    placements = len(np.unique(experiment.measurements.placement))
+    checks.append(sigma_check(scenario.preset, full.sigma, placements))
     paper = settings.get("paper", {})
     usable = 1 - len(experiment.dropped) / len(scenario.plan)
     if paper:

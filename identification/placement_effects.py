@@ -11,10 +11,14 @@ C H' V H C.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize
 
 from identification.regressor import Regression
+
+# S.d. of placement errors over sigma: where the search starts, and beyond which it does not look.
+STARTS = ([0.5, 0.5], [20.0, 20.0])
+MOST_RATIO = 1e5
 
 
 def clustered_covariance(data: Regression, c: np.ndarray) -> tuple[np.ndarray, tuple[float, float]]:
@@ -30,26 +34,36 @@ def clustered_covariance(data: Regression, c: np.ndarray) -> tuple[np.ndarray, t
     shared = [_shared(data, plate) for plate in (0, 1)]
     contrasts = np.linalg.qr(data.matrix, mode="complete")[0][:, data.matrix.shape[1] :]
     free = contrasts.T @ data.output
-    gram = [part @ part.T for part in (contrasts.T @ z for z in shared)]
     size = len(free)
+    # All that the placement effects can reach lies in a small subspace; outside it V is sigma^2 I.
+    basis, reach = np.linalg.qr(contrasts.T @ np.hstack(shared))
+    inside = basis.T @ free
+    outside = max(free @ free - inside @ inside, 0.0)
 
-    def deviance(ratio: np.ndarray) -> float:
-        factor = cho_factor(np.eye(size) + ratio[0] * gram[0] + ratio[1] * gram[1], lower=True)
-        quadratic = free @ cho_solve(factor, free)
-        return 2 * np.log(np.diag(factor[0])).sum() + size * np.log(quadratic)
+    gram = [part @ part.T for part in np.hsplit(reach, 2)]
 
-    ratio = np.zeros(2)
+    def fit(root: np.ndarray) -> tuple[float, float]:
+        """ln |V| and e' V^-1 e for sigma = 1."""
+        inner = np.eye(len(inside)) + root[0] ** 2 * gram[0] + root[1] ** 2 * gram[1]
+        factor = cholesky(inner, lower=True, check_finite=False)
+        whitened = solve_triangular(factor, inside, lower=True, check_finite=False)
+        return 2 * np.log(np.diag(factor)).sum(), outside + whitened @ whitened
+
+    def deviance(root: np.ndarray) -> float:
+        determinant, quadratic = fit(root)
+        return determinant + size * np.log(quadratic)
+
+    root = np.zeros(2)
     if free @ free > 0:
-        starts = ([0.1, 0.1], [0.0, 1.0])
-        fits = [minimize(deviance, start, bounds=[(0, 100)] * 2, method="L-BFGS-B") for start in starts]
-        ratio = min(fits, key=lambda fit: fit.fun).x
-    inner = np.eye(size) + ratio[0] * gram[0] + ratio[1] * gram[1]
-    sigma2 = free @ np.linalg.solve(inner, free) / size
+        bounds = [(0.0, MOST_RATIO)] * 2
+        fits = [minimize(deviance, start, bounds=bounds, method="L-BFGS-B") for start in STARTS]
+        root = min(fits, key=lambda found: found.fun).x
+    sigma2 = fit(root)[1] / size
     spread = data.matrix.T @ data.matrix
-    for weight, z in zip(ratio, shared, strict=True):
+    for weight, z in zip(root**2, shared, strict=True):
         half = data.matrix.T @ z
         spread = spread + weight * half @ half.T
-    right, left = (float(np.sqrt(sigma2 * r)) for r in ratio)
+    right, left = (float(np.sqrt(sigma2) * r) for r in root)
     return sigma2 * c @ spread @ c, (right, left)
 
 

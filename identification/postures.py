@@ -157,7 +157,8 @@ class _Search:
         mujoco.mj_forward(model, data)
         standing = data.body(self.solver.torso).xpos[2]
         highest = data.subtree_com[0, 2] - _lowest_sole(model, data, robot)
-        self.com_height = (highest - (standing - ranges.least_height), highest)
+        # From standing straight down to the least height of the hip; IK decides what is reachable.
+        self.com_height = (highest - max(standing - ranges.least_height, 0.0), highest)
         self.rejected: Counter[str] = Counter()
         self.attempts = 0
         self.found = 0

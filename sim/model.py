@@ -134,8 +134,18 @@ def sole_corners(model: mujoco.MjModel, foot: str) -> np.ndarray:
 
 
 def sole_point(model: mujoco.MjModel, foot: str) -> np.ndarray:
-    """The point of the sole below the foot's origin (its ankle), in the foot's frame, (3,) [m]."""
-    return np.array([0.0, 0.0, sole_corners(model, foot)[:, 2].mean()])
+    """The point of the sole below the foot's origin (its ankle), in the foot's frame, (3,) [m].
+
+    Raises:
+        InputError: the sole is not level in the foot's frame.
+    """
+    heights = sole_corners(model, foot)[:, 2]
+    if np.ptp(heights) > 1e-6:
+        raise InputError(
+            f"foot '{foot}': found sole corners at heights {listed(np.round(heights, 6))} m in its frame, "
+            "expected one height (the frame's z is the sole's normal)"
+        )
+    return np.array([0.0, 0.0, heights.mean()])
 
 
 def sha256(path: Path) -> str:

@@ -25,7 +25,7 @@ class Protocol:
         placement_time: time to lift the robot and set up the next placement [s].
         speed_gate: a control period is calm when every joint and the torso move slower than
             this [rad/s, m/s] ...
-        force_gate: ... and the cells' sum is this close to the robot's weight [N].
+        force_gate: ... and no cell's force changes by more than this from period to period [N].
         calm_time: settled after being calm for this long without a break [s].
         gated: average over the calm time and stop, since nothing changes any more; else hold
             to the end and average over the window.

@@ -127,6 +127,11 @@ def read_cells(
 def averaged_sd(repeatability: float, noise: float, resolution: float, samples: int) -> float:
     """S.d. of a posture's averaged reading: what the data sheet promises for the mean.
 
-    Rounding counts in full (resolution squared over 12), since a still signal does not dither it.
+    Rounding a still signal leaves resolution^2 / 12; noise dithers it away (Widrow's series).
     """
-    return float(np.sqrt(repeatability**2 + noise**2 / samples + resolution**2 / 12))
+    variance = repeatability**2 + noise**2 / samples
+    if resolution > 0:
+        k = np.arange(1, 2000)
+        dither = np.exp(-2 * (np.pi * k * noise / resolution) ** 2) ** 2
+        variance += (resolution**2 / (2 * np.pi**2 * k**2) * dither).sum()
+    return float(np.sqrt(variance))

@@ -122,7 +122,9 @@ def random_tree(seed: int, bodies: int) -> tuple[mujoco.MjModel, Robot]:
         for h in range(int(rng.choice([1, 1, 1, 2]))):
             axis = np.eye(3)[rng.integers(3)] if rng.random() < 0.7 else rng.standard_normal(3)
             offset = rng.uniform(-0.1, 0.1, 3) if rng.random() < 0.3 else np.zeros(3)
-            node.add_joint(name=f"j{k}{h}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis, pos=offset, armature=1)
+            node.add_joint(
+                name=f"j{k}{h}", type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis, pos=offset, armature=1
+            )
         nodes.append(node)
     for node in nodes:
         node.mass, node.inertia, node.explicitinertial = 1.0, [0.01, 0.01, 0.01], True

@@ -1,0 +1,152 @@
+"""The command line as a user meets it: exit codes, one message, nothing half-written."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from experiments.cli import COMMANDS, main
+from sim.measurements import write_measurements
+from sim.model import ASSETS
+
+TULIP = ASSETS / "tulip_mjcf"
+
+
+def refused(capsys, *arguments):
+    """Run, expect exit code 2 and one message; returns it."""
+    assert main([str(a) for a in arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "Traceback" not in err
+    return " ".join(err.split())
+
+
+@pytest.fixture
+def assets(tmp_path):
+    shutil.copytree(TULIP, tmp_path / "robot")
+    return tmp_path / "robot"
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+def test_missing_and_broken_mjcf(assets, tmp_path, capsys):
+    edit(assets / "tulip.toml", '"tulip.xml"', '"gone.xml"')
+    assert "gone.xml: no such MJCF file" in refused(capsys, "model", "--robot", assets / "tulip.toml")
+    edit(assets / "tulip.toml", '"gone.xml"', '"tulip.xml"')
+    (assets / "tulip.xml").write_text("<mujoco><worldbody>")
+    message = refused(capsys, "validate", "--robot", assets / "tulip.toml", "--out", tmp_path / "run")
+    assert "tulip.xml: broken MJCF" in message
+    assert not (tmp_path / "run").exists()
+
+
+def test_unknown_foot_lists_the_bodies(assets, capsys):
+    edit(assets / "tulip.toml", 'swing_foot = "left_foot"', 'swing_foot = "left_toe"')
+    message = refused(capsys, "model", "--robot", assets / "tulip.toml")
+    assert "unknown foot 'left_toe'; valid: torso, right_hip_yaw" in message
+
+
+def test_joint_that_is_no_hinge(assets, capsys):
+    edit(assets / "tulip.xml", '<joint name="left_knee" class', '<joint name="left_knee" type="slide" class')
+    assert "joint 'left_knee': found type slide" in refused(capsys, "model", "--robot", assets / "tulip.toml")
+
+
+def test_plan_for_another_model(assets, tmp_path, capsys):
+    edit(assets / "tulip.xml", 'mass="10.7"', 'mass="10.8"')
+    message = refused(capsys, "validate", "--robot", assets / "tulip.toml", "--out", tmp_path / "run")
+    assert "hash mismatch of the robot's model" in message
+
+
+def test_missing_plan_and_existing_run(tmp_path, capsys):
+    assert "no such plan folder" in refused(capsys, "validate", tmp_path / "none", "--out", tmp_path / "run")
+    (tmp_path / "run").mkdir()
+    assert "run: exists already" in refused(capsys, "validate", "--out", tmp_path / "run")
+    assert "run: exists already" in refused(capsys, "simulate", "--out", tmp_path / "run")
+    assert list((tmp_path / "run").iterdir()) == []
+
+
+def test_truth_may_not_lie_in_the_measurement_folder(tmp_path, capsys):
+    message = refused(
+        capsys, "simulate", "--out", tmp_path / "data", "--truth", tmp_path / "data" / "truth.json"
+    )
+    assert "must not hold the truth" in message
+
+
+def test_impossible_ranges(assets, tmp_path, capsys):
+    edit(assets / "tulip.toml", "stability_margin = 0.02", "stability_margin = 0.2")
+    arguments = ("postures", "--random", "--out", tmp_path / "plan", "--robot", assets / "tulip.toml")
+    assert "blocked by stability margin" in refused(capsys, *arguments)
+    assert not (tmp_path / "plan").exists()
+
+
+def test_identify_prints_json_and_tables(wii, tmp_path, capsys):
+    write_measurements(tmp_path / "data", wii.experiment.measurements)
+    assert main(["identify", str(tmp_path / "data"), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["full"]["parameters"][0]["truth"] is None
+    assert document["full"]["parameters"][9]["estimate"] == pytest.approx(wii.identification.full.value[9])
+    assert main(["identify", str(tmp_path / "data")]) == 0
+    assert "right_ankle_roll" in capsys.readouterr().out
+
+
+def test_postures_are_written_and_described(tmp_path, capsys):
+    arguments = ["postures", "--random", "--placements", "4", "--per-placement", "4", "--seed", "3"]
+    assert main([*arguments, "--out", str(tmp_path / "plan"), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["postures"] == 16
+    assert main(["postures", str(tmp_path / "plan"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["condition_number"] == pytest.approx(
+        document["condition_number"]
+    )
+
+
+def test_model_prints_links_with_their_brackets(capsys):
+    assert main(["model"]) == 0
+    out = capsys.readouterr().out
+    assert "52 standard parameters -> 39 columns -> 27 -> 25 base parameters in double support" in out
+    assert "0.3197 m[left_lower_leg]" in out
+    assert main(["model", "--json", "--support", "right"]) == 0
+    assert json.loads(capsys.readouterr().out)["counts"]["base"] == 26
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_an_example(command, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main([command, "--help"])
+    assert stop.value.code == 0
+    assert f"tulip {command}" in capsys.readouterr().out.split("Example:")[1]
+
+
+def test_the_installed_script_runs_whole(tmp_path):
+    """simulate -> identify through real processes, on a small plan."""
+    tulip = Path(sys.executable).parent / "tulip"
+    plan, data, truth = tmp_path / "plan", tmp_path / "data", tmp_path / "truth.json"
+    steps = (
+        ["postures", "--random", "--placements", "4", "--per-placement", "5", "--seed", "2", "--out", plan],
+        [
+            "simulate",
+            plan,
+            "--out",
+            data,
+            "--preset",
+            "force-plate",
+            "--seed",
+            "5",
+            "--truth",
+            truth,
+            "--json",
+        ],
+        ["identify", data, "--json"],
+    )
+    for step in steps:
+        done = subprocess.run([str(a) for a in (tulip, *step)], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+    assert "standard_parameters" in json.loads(truth.read_text())
+    assert {p.name for p in data.iterdir()} == {"manifest.json", "postures.csv", "postures.parquet"}
+    assert json.loads(done.stdout)["postures"] >= 13

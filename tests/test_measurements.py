@@ -1,0 +1,173 @@
+"""The data contract: round trips, and everything that breaks it is named."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+
+from experiments.validate import identify
+from sim.errors import InputError
+from sim.measurements import read_measurements, read_plan, write_measurements, write_plan
+from sim.model import sha256
+
+
+@pytest.fixture
+def folder(wii, tmp_path):
+    write_measurements(tmp_path / "data", wii.experiment.measurements)
+    return tmp_path / "data"
+
+
+def rewrite(folder, change, name="postures"):
+    """Change the Parquet table and keep the manifest's hash honest; the CSV goes."""
+    path = folder / f"{name}.parquet"
+    pyarrow.parquet.write_table(change(pyarrow.parquet.read_table(path)), path)
+    (folder / f"{name}.csv").unlink()
+    manifest = next(p for p in (folder / "manifest.json", folder / "plan.json") if p.exists())
+    content = json.loads(manifest.read_text())
+    content["tables"] = {path.name: sha256(path)}
+    manifest.write_text(json.dumps(content))
+
+
+def replace_column(table, name, values):
+    return table.set_column(table.column_names.index(name), name, pa.array(values))
+
+
+def same(first, second):
+    for field in dataclasses.fields(first):
+        a, b = getattr(first, field.name), getattr(second, field.name)
+        if isinstance(a, np.ndarray):
+            assert np.array_equal(a, b), field.name
+        else:
+            assert a == b, field.name
+
+
+def test_round_trip_is_exact(wii, folder):
+    same(wii.experiment.measurements, read_measurements(folder))
+
+
+def test_csv_alone_says_the_same(wii, folder):
+    (folder / "postures.parquet").unlink()
+    same(wii.experiment.measurements, read_measurements(folder))
+
+
+def test_optional_columns_may_be_absent_and_unknown_spreads_null(folder):
+    def strip(table):
+        table = table.select([n for n in table.column_names if not n.startswith(("motor.", "q_command."))])
+        return replace_column(table, "q_std.left_knee", [None] * len(table))
+
+    rewrite(folder, strip)
+    measured = read_measurements(folder)
+    assert measured.motor is None
+    assert measured.command is None
+    assert np.isnan(measured.joint_angles_sd[:, 9]).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t.drop_columns(["q.left_knee"]), r"postures.parquet: column 'q.left_knee' is missing"),
+        (
+            lambda t: replace_column(t, "cell.left.rear_left", [float("nan")] + [1.0] * (len(t) - 1)),
+            r"column 'cell.left.rear_left', row 1: found nan, expected a finite number",
+        ),
+        (
+            lambda t: replace_column(t, "q.right_knee", ["bent"] * len(t)),
+            r"column 'q.right_knee': found string, expected numbers",
+        ),
+        (
+            lambda t: replace_column(t, "support", ["both"] * len(t)),
+            r"column 'support', row 1: found 'both', expected one of double, right, left",
+        ),
+        (
+            lambda t: replace_column(t, "placement", [0.5] * len(t)),
+            r"column 'placement', row 1: found 0.5, expected a whole number",
+        ),
+        (lambda t: t.slice(0, 0), r"found no rows"),
+    ],
+)
+def test_a_broken_table_is_named(folder, change, message):
+    rewrite(folder, change)
+    with pytest.raises(InputError, match=message):
+        read_measurements(folder)
+
+
+def edit_manifest(folder, change):
+    path = folder / "manifest.json"
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda m: m.pop("gravity"), r"manifest.json: key 'gravity': found nothing"),
+        (lambda m: m.update(format="other"), r"key 'format': found 'other'"),
+        (lambda m: m["sensors"].pop("cell_sd"), r"key 'sensors.cell_sd': found nothing"),
+        (lambda m: m["plates"]["left"]["cells"].pop("rear_left"), r"key 'plates.left.cells.rear_left'"),
+        (lambda m: m["tables"].update({"postures.parquet": "0" * 64}), r"hash mismatch: found sha256"),
+    ],
+)
+def test_a_broken_manifest_is_named(folder, change, message):
+    edit_manifest(folder, change)
+    with pytest.raises(InputError, match=message):
+        read_measurements(folder)
+
+
+def test_wrong_joint_order_is_refused(folder, robot):
+    edit_manifest(folder, lambda m: m["joints"].reverse())
+    with pytest.raises(
+        InputError, match=r"key 'joints': found left_ankle_roll, .*expected the model's order right_hip_yaw"
+    ):
+        identify(read_measurements(folder), robot)
+
+
+def test_another_model_is_refused(folder, robot):
+    edit_manifest(folder, lambda m: m["robot"].update(sha256="0" * 64))
+    with pytest.raises(InputError, match="hash mismatch of the robot's model"):
+        identify(read_measurements(folder), robot)
+
+
+def test_unknown_foot_is_refused(folder, robot):
+    edit_manifest(folder, lambda m: m["robot"].update(stance_foot="left_foot"))
+    with pytest.raises(
+        InputError, match=r"key 'robot.stance_foot': found 'left_foot', expected 'right_foot'"
+    ):
+        identify(read_measurements(folder), robot)
+
+
+def test_fewer_postures_than_parameters_are_refused(folder, robot):
+    rewrite(folder, lambda t: t.slice(0, 12))
+    with pytest.raises(InputError, match=r"found 12 postures .* expected at least 13 for 25 base parameters"):
+        identify(read_measurements(folder), robot)
+
+
+def test_truncated_parquet_and_missing_folder(folder, tmp_path):
+    path = folder / "postures.parquet"
+    path.write_bytes(path.read_bytes()[:500])
+    edit_manifest(folder, lambda m: m["tables"].update({path.name: sha256(path)}))
+    with pytest.raises(InputError, match=r"postures.parquet: broken table"):
+        read_measurements(folder)
+    with pytest.raises(InputError, match="no such measurement folder"):
+        read_measurements(tmp_path / "nothing")
+
+
+def test_plan_round_trip_and_limits(plan, robot, model, tmp_path):
+    write_plan(tmp_path / "plan", plan)
+    assert read_plan(tmp_path / "plan", robot, model).joint_angles.tobytes() == plan.joint_angles.tobytes()
+    rewrite(tmp_path / "plan", lambda t: replace_column(t, "q.left_knee", [-0.2] * len(t)))
+    with pytest.raises(
+        InputError, match=r"column 'q.left_knee', row 1: found -0.2000 rad, expected within \[0.0000"
+    ):
+        read_plan(tmp_path / "plan", robot, model)
+
+
+def test_a_failed_write_leaves_nothing(plan, tmp_path):
+    broken = dataclasses.replace(plan, made={"objective": object()})
+    with pytest.raises(TypeError):
+        write_plan(tmp_path / "plan", broken)
+    assert list(tmp_path.iterdir()) == []
