@@ -36,11 +36,12 @@ def clustered_covariance(data: Regression, c: np.ndarray) -> tuple[np.ndarray, t
     free = contrasts.T @ data.output
     size = len(free)
     # All that the placement effects can reach lies in a small subspace; outside it V is sigma^2 I.
-    basis, reach = np.linalg.qr(contrasts.T @ np.hstack(shared))
+    basis, reach = (np.asarray(part) for part in np.linalg.qr(contrasts.T @ np.hstack(shared)))
     inside = basis.T @ free
     outside = max(free @ free - inside @ inside, 0.0)
 
-    gram = [part @ part.T for part in np.hsplit(reach, 2)]
+    columns = shared[0].shape[1]
+    gram = [part @ part.T for part in (reach[:, :columns], reach[:, columns:])]
 
     def fit(root: np.ndarray) -> tuple[float, float]:
         """ln |V| and e' V^-1 e for sigma = 1."""

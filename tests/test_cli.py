@@ -144,9 +144,11 @@ def test_the_installed_script_runs_whole(tmp_path):
         ],
         ["identify", data, "--json"],
     )
+    done = None
     for step in steps:
         done = subprocess.run([str(a) for a in (tulip, *step)], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
     assert "standard_parameters" in json.loads(truth.read_text())
     assert {p.name for p in data.iterdir()} == {"manifest.json", "postures.csv", "postures.parquet"}
+    assert done is not None
     assert json.loads(done.stdout)["postures"] >= 13

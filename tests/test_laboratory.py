@@ -86,9 +86,8 @@ def test_gated_hold_reads_what_the_full_minute_reads(robot, plan):
 
 def test_a_posture_beyond_the_feet_tips_and_one_pushed_slips(robot, plan):
     def ice(spec: mujoco.MjSpec) -> None:
-        for geom in spec.geoms:
-            if geom.priority == 1 and geom.condim == 3:
-                geom.friction[0] = 0.01
+        for pair in spec.pairs:
+            pair.friction[:2] = 0.1
 
     rig = preset_rig("ideal", robot)
     rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))

@@ -112,7 +112,7 @@ def test_cell_gain_in_the_rig_amplifies_that_cell_alone(robot, plan):
     )
     forces = [run_experiment(r, part, 1).measurements.cell_forces for r in (rig, high)]
     expected = np.where(np.arange(8) == 7, 1.1, 1.0)
-    assert forces[1] == pytest.approx(forces[0] * expected, abs=1e-12)
+    assert forces[1] == pytest.approx(forces[0] * expected, rel=1e-12)
 
 
 def test_truth_of_an_edited_robot_has_its_masses_and_lengths(robot, plan):

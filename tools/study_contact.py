@@ -23,13 +23,23 @@ Edit = Callable[[mujoco.MjSpec], None]
 
 
 def contacts(**attributes: object) -> Edit:
-    """Set attributes of all contact geoms."""
+    """Set attributes of the contacts under soles and cells."""
 
     def edit(spec: mujoco.MjSpec) -> None:
-        for geom in spec.geoms:
-            if geom.priority == 1:
-                for name, value in attributes.items():
-                    setattr(geom, name, value)
+        cells = [geom for geom in spec.geoms if geom.condim == 1]
+        for contact in [*spec.pairs, *cells]:
+            for name, value in attributes.items():
+                setattr(contact, name, value)
+
+    return edit
+
+
+def friction(seconds: float) -> Edit:
+    """Set the time constant of the soles' friction rows."""
+
+    def edit(spec: mujoco.MjSpec) -> None:
+        for pair in spec.pairs:
+            pair.solreffriction = [seconds, 1]
 
     return edit
 
@@ -51,6 +61,8 @@ def cases(rig: Rig) -> dict[str, Rig]:
         "solref 0.05 s": contacts(solref=[0.05, 1]),
         "solimp 0.9, 0.95 (MuJoCo's default)": contacts(solimp=[0.9, 0.95, 0.001, 0.5, 2]),
         "solimp 0.99": contacts(solimp=[0.99, 0.99, 0.001, 0.5, 2]),
+        "sole friction as stiff as the normal (solreffriction 0.02 s)": friction(0.02),
+        "solreffriction 0.002 s": friction(0.002),
         "implicitfast": options(integrator=implicit),
         "impratio 10": options(impratio=10.0),
         "time step 2 ms": options(timestep=0.002),
@@ -64,6 +76,7 @@ def cases(rig: Rig) -> dict[str, Rig]:
     }
     table = {"as shipped": rig}
     table |= {name: dataclasses.replace(rig, edit=edit) for name, edit in edits.items()}
+    gates["60 s held, last 30 s averaged"] = dataclasses.replace(rig.protocol, gated=False)
     return table | {name: dataclasses.replace(rig, protocol=protocol) for name, protocol in gates.items()}
 
 
