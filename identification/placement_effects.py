@@ -32,22 +32,23 @@ def clustered_covariance(data: Regression, c: np.ndarray) -> tuple[np.ndarray, t
         covariance (p, p) [m2] and the s.d. of the right and left plate's placement errors [m].
     """
     shared = [_shared(data, plate) for plate in (0, 1)]
+    effects = np.hstack(shared)
     contrasts = np.linalg.qr(data.matrix, mode="complete")[0][:, data.matrix.shape[1] :]
     free = contrasts.T @ data.output
     size = len(free)
     # All that the placement effects can reach lies in a small subspace; outside it V is sigma^2 I.
-    basis, reach = (np.asarray(part) for part in np.linalg.qr(contrasts.T @ np.hstack(shared)))
+    basis, reach = np.linalg.qr(contrasts.T @ effects)
     inside = basis.T @ free
     outside = max(free @ free - inside @ inside, 0.0)
 
     columns = shared[0].shape[1]
-    gram = [part @ part.T for part in (reach[:, :columns], reach[:, columns:])]
+    gram = [half @ half.T for half in (reach[:, :columns], reach[:, columns:])]
 
     def fit(root: np.ndarray) -> tuple[float, float]:
         """ln |V| and e' V^-1 e for sigma = 1."""
         inner = np.eye(len(inside)) + root[0] ** 2 * gram[0] + root[1] ** 2 * gram[1]
         factor = cholesky(inner, lower=True, check_finite=False)
-        whitened = solve_triangular(factor, inside, lower=True, check_finite=False)
+        whitened = np.asarray(solve_triangular(factor, inside, lower=True, check_finite=False))
         return 2 * np.log(np.diag(factor)).sum(), outside + whitened @ whitened
 
     def deviance(root: np.ndarray) -> float:
