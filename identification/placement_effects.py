@@ -49,7 +49,7 @@ def clustered_covariance(data: Regression, c: np.ndarray) -> tuple[np.ndarray, t
         inner = np.eye(len(inside)) + root[0] ** 2 * gram[0] + root[1] ** 2 * gram[1]
         factor = cholesky(inner, lower=True, check_finite=False)
         whitened = np.asarray(solve_triangular(factor, inside, lower=True, check_finite=False))
-        return 2 * np.log(np.diag(factor)).sum(), outside + whitened @ whitened
+        return float(2 * np.log(np.diag(factor)).sum()), float(outside + whitened @ whitened)
 
     def deviance(root: np.ndarray) -> float:
         determinant, quadratic = fit(root)

@@ -9,7 +9,7 @@ import pytest
 from identification.center_of_pressure import center_of_pressure
 from identification.kinematics import link_rotations
 from sim.hold import Stand
-from sim.laboratory import run_experiment
+from sim.laboratory import run_experiment, run_placement
 from sim.measurements import lay_boards
 from sim.model import load_spec, sole_corners
 from sim.path import closed_path
@@ -94,11 +94,12 @@ def test_a_posture_beyond_the_feet_tips_and_one_pushed_slips(robot, plan):
     leaning = part_of(plan, np.arange(3))
     angles = leaning.joint_angles.copy()
     angles[1:, [4, 10]] += 0.3  # both ankles pitch the robot forward
-    experiment = run_experiment(rig, dataclasses.replace(leaning, joint_angles=angles), 1)
-    assert len(experiment.dropped) == 2
-    assert {reason for _, reason in experiment.dropped} == {"tipped"}
-    slippery = run_experiment(dataclasses.replace(rig, edit=ice), part_of(plan, np.arange(5)), 1)
-    assert any(reason.startswith("slipped") for _, reason in slippery.dropped)
+    leaning = dataclasses.replace(leaning, joint_angles=angles)
+    attempts = run_placement(rig, leaning, 1, frozenset(), np.random.SeedSequence(1))
+    assert [attempt.reason for attempt in attempts[1:]] == ["tipped", "tipped"]
+    slippery = dataclasses.replace(rig, edit=ice)
+    attempts = run_placement(slippery, plan, 1, frozenset(), np.random.SeedSequence(1))
+    assert any(attempt.reason.startswith("slipped") for attempt in attempts)
 
 
 def test_tare_is_the_boards_weight(robot, model, plan):
