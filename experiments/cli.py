@@ -2,27 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
-import math
 import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
 from experiments.run_folder import refuse_existing, write_run
 from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED, Scenario, truth_document
@@ -33,6 +20,7 @@ from experiments.tables import (
     print_validation,
     residual_line,
 )
+from experiments.terminal import ERR, console, print_json, progress
 from experiments.validate import HIGH_CORRELATION, identify, model_document, report_document, validate
 from identification.base_parameters import base_parameters, standard_parameters
 from identification.estimators import solve_least_squares
@@ -54,7 +42,6 @@ Json = Annotated[bool, tyro.conf.arg(name="json", help="one JSON document on std
 Seed = Annotated[int, tyro.conf.arg(help="seed of everything random")]
 Workers = Annotated[int, tyro.conf.arg(help="processes; results do not depend on it")]
 
-ERR = Console(stderr=True)
 CORES = os.cpu_count() or 1
 
 
@@ -76,14 +63,14 @@ def validate_command(
     """
     refuse_existing(out)
     scenario = _scenario(plan, preset, seed, robot)
-    with _progress("holding postures", _tries(scenario)) as advance:
+    with progress("holding postures", _tries(scenario)) as advance:
         result = validate(scenario, workers, advance)
     write_run(out, result)
     document = report_document(result)
     if as_json:
-        _print_json(document)
+        print_json(document)
     else:
-        print_validation(_console(), result, document)
+        print_validation(console(), result, document)
     ERR.print(f"Run folder: {out}")
     return 0 if result.verdict == "pass" else 1
 
@@ -111,13 +98,13 @@ def simulate_command(
     if truth is not None and truth.resolve().is_relative_to(out.resolve()):
         raise InputError(f"{truth}: lies inside the measurement folder, which must not hold the truth")
     scenario = _scenario(plan, preset, seed, robot)
-    with _progress("holding postures", _tries(scenario)) as advance:
+    with progress("holding postures", _tries(scenario)) as advance:
         experiment = run_experiment(scenario.rig, scenario.plan, seed, workers, advance)
     write_measurements(out, experiment.measurements)
     if truth is not None:
         write_json(truth, truth_document(scenario, experiment))
     if as_json:
-        _print_json(
+        print_json(
             {
                 "measurements": str(out),
                 "postures_planned": len(scenario.plan),
@@ -126,7 +113,7 @@ def simulate_command(
             }
         )
     else:
-        print_experiment(_console(), experiment, len(scenario.plan), {})
+        print_experiment(console(), experiment, len(scenario.plan), {})
     ERR.print(f"Measurement folder: {out}")
     return 0
 
@@ -150,16 +137,16 @@ def identify_command(
         "simplified": model_document(found.simplified, None),
     }
     if as_json:
-        _print_json(document)
+        print_json(document)
         return 0
-    console = _console()
+    screen = console()
     for model, title in (("full", "Full model, mm"), ("simplified", "Simplified model, mm")):
-        console.print(parameter_table(title, document[model], found.parameters, described, model))
-        console.print(residual_line(document[model]))
+        screen.print(parameter_table(title, document[model], found.parameters, described, model))
+        screen.print(residual_line(document[model]))
         pairs = document[model]["correlations"]
         for line in correlation_lines(pairs, found.parameters, measurements.joint_angles):
-            console.print(f"  {line}", markup=False)
-    console.print(f"Total mass {found.mass[0]:.3f} +- {found.mass[1]:.3f} kg")
+            screen.print(f"  {line}", markup=False)
+    screen.print(f"Total mass {found.mass[0]:.3f} +- {found.mass[1]:.3f} kg")
     return 0
 
 
@@ -201,16 +188,16 @@ def postures_command(
         "made": made.made,
     }
     if as_json:
-        _print_json(document)
+        print_json(document)
         return 0
-    console = _console()
-    console.print(
+    screen = console()
+    screen.print(
         f"{document['postures']} postures on {document['placements']} placements, "
         f"condition number {document['condition_number']:.0f}"
     )
-    console.print("Correlations above 0.85 (eq. 15):")
+    screen.print("Correlations above 0.85 (eq. 15):")
     for line in correlation_lines(document["correlations"], parameters, made.joint_angles):
-        console.print(f"  {line}", markup=False)
+        screen.print(f"  {line}", markup=False)
     return 0
 
 
@@ -258,22 +245,22 @@ def model_command(
         ],
     }
     if as_json:
-        _print_json(document)
+        print_json(document)
         return 0
-    console = _console()
-    console.print(
+    screen = console()
+    screen.print(
         f"{described.model.name}: {counts['standard']} standard parameters -> {counts['columns']} columns -> "
         f"{counts['joined']} -> {counts['base']} base parameters in {support} support"
     )
-    console.print("Standard parameters m, m c_x, m c_y, m c_z (kg, kg m):")
+    screen.print("Standard parameters m, m c_x, m c_y, m c_z (kg, kg m):")
     for row in document["standard"]:
-        console.print(
+        screen.print(
             f"  {row['link']:18s} {row['mass']:8.3f} {row['mcx']:9.4f} {row['mcy']:9.4f} {row['mcz']:9.4f}",
             highlight=False,
         )
-    console.print(f"Base parameters in mm; M = {document['total_mass']:.3f} kg:")
+    screen.print(f"Base parameters in mm; M = {document['total_mass']:.3f} kg:")
     for row in document["base"]:
-        console.print(
+        screen.print(
             f"  {row['number']:2d} {row['name']:20s} {1e3 * row['value']:9.2f}  times M: {row['standard']}",
             highlight=False,
             markup=False,
@@ -331,48 +318,10 @@ def _draw(
             raise InputError(f"{name}: found {value - (name == '--seed')}, expected more")
     refuse_existing(out)
     geometry = plate_geometry(load_spec(robot.scene), "right")
-    with _progress("drawing postures", placements * per) as advance:
+    with progress("drawing postures", placements * per) as advance:
         made = random_postures(robot, geometry, placements, per, seed, progress=advance)
     write_plan(out, made)
     return made
-
-
-@contextmanager
-def _progress(label: str, total: int) -> Iterator[Callable[[int], None]]:
-    columns = (
-        TextColumn(label),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=ERR, transient=True) as bar:
-        task = bar.add_task(label, total=total)
-        yield lambda count: bar.advance(task, count)
-
-
-def _console() -> Console:
-    """Wide enough for the tables where the output is no terminal."""
-    console = Console()
-    return console if console.is_terminal else Console(width=150)
-
-
-def _print_json(document: dict[str, Any]) -> None:
-    json.dump(_finite(document), sys.stdout, indent=1)
-    sys.stdout.write("\n")
-
-
-def _finite(value: Any) -> Any:
-    """JSON knows neither infinity nor NaN: null."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return _finite(dataclasses.asdict(value))
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value
 
 
 def run() -> None:
