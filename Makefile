@@ -26,7 +26,7 @@ lint: setup
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/pyrefly check
 
 bench: setup  ## ratios of times, in one run
-	$(BIN)/python -m pytest -q tests/benchmarks -o addopts= --benchmark-only
+	$(BIN)/python -m pytest -q -s tests/benchmarks -o addopts= --benchmark-only
 
 study-contact: setup  ## docs/contact-study.md's table: contact and gate settings against accuracy
 	$(BIN)/python tools/study_contact.py

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import tyro
 
-from experiments.run_folder import refuse_existing, write_run
+from experiments.run_folder import check_new, write_run
 from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED, Scenario, truth_document
 from experiments.tables import (
     correlation_lines,
@@ -61,7 +61,7 @@ def validate_command(
     Exit code 0: every check passed; 1: a check failed; 2: could not run.
     Example: tulip validate --out runs/first
     """
-    refuse_existing(out)
+    check_new(out)
     scenario = _scenario(plan, preset, seed, robot)
     with progress("holding postures", _tries(scenario)) as advance:
         result = validate(scenario, workers, advance)
@@ -92,9 +92,9 @@ def simulate_command(
     --truth FILE writes what really happened, elsewhere.
     Example: tulip simulate --out data/first --preset force-plate --truth first-truth.json
     """
-    refuse_existing(out)
-    if truth is not None and truth.exists():
-        raise InputError(f"{truth}: exists already; give the name of a new file")
+    check_new(out)
+    if truth is not None:
+        check_new(truth)
     if truth is not None and truth.resolve().is_relative_to(out.resolve()):
         raise InputError(f"{truth}: lies inside the measurement folder, which must not hold the truth")
     scenario = _scenario(plan, preset, seed, robot)
@@ -316,7 +316,7 @@ def _draw(
     for name, value in (("--placements", placements), ("--per-placement", per), ("--seed", seed + 1)):
         if value < 1:
             raise InputError(f"{name}: found {value - (name == '--seed')}, expected more")
-    refuse_existing(out)
+    check_new(out)
     geometry = plate_geometry(load_spec(robot.scene), "right")
     with progress("drawing postures", placements * per) as advance:
         made = random_postures(robot, geometry, placements, per, seed, progress=advance)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +17,18 @@ from sim.measurements.tables import new_folder, software, write_json
 from sim.model import sha256
 
 
-def refuse_existing(path: Path) -> None:
-    """Say so before the work, not after it.
+def check_new(path: Path) -> None:
+    """Say before the work, not after it, that its result could not be written.
 
     Raises:
-        InputError: the folder exists.
+        InputError: the path exists, or lies where nothing can be written.
     """
-    if Path(path).exists():
-        raise InputError(f"{path}: exists already; give the name of a new folder")
+    path = Path(path)
+    if path.exists():
+        raise InputError(f"{path}: exists already; give a new name")
+    parent = next(folder for folder in path.resolve().parents if folder.exists())
+    if not parent.is_dir() or not os.access(parent, os.W_OK):
+        raise InputError(f"{path}: cannot write into {parent}")
 
 
 def write_run(folder: Path, result: Validation) -> None:

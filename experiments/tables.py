@@ -39,9 +39,9 @@ def parameter_table(
     table.add_column("nr", justify="right")
     table.add_column("parameter")
     headers = ["truth", "estimate", "error"] if known else ["estimate"]
-    for header in [*headers, "s.e.", "s.e. clust.", "rel. %", "paper %", "paper s.e."]:
+    for header in [*headers, "s.e.", "clustered", "rel. %", "paper %", "paper s.e.", "ratio"]:
         table.add_column(header, justify="right", no_wrap=True)
-    table.add_column("well identified")
+    table.add_column("well id.")
     for row in document["parameters"]:
         number = row["number"]
         reported = paper.get(number, {})
@@ -61,6 +61,7 @@ def parameter_table(
             f"{row['relative_standard_error']:.1f}" if row["relative_standard_error"] < 1e4 else ">10000",
             relative,
             "" if paper_se is None else f"{paper_se:.2f}",
+            "" if paper_se is None else f"{1e3 * row['standard_error'] / paper_se:.2f}",
             "[green]yes[/]" if well else "no",
         )
     return table

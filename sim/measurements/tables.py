@@ -50,6 +50,7 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
     """Write one JSON document; the file appears whole."""
     working = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         working.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
         os.replace(working, path)
     except OSError as error:

@@ -13,18 +13,22 @@ from sim.rig import preset_rig
 from tests.conftest import part_of
 
 
+def tell_rate(benchmark, postures):
+    print(f"\n{benchmark.name}: {postures / benchmark.stats['mean']:.1f} postures per second")
+
+
 @pytest.mark.benchmark(group="one posture")
 def test_plan_50_random_postures(benchmark, robot, plate):
-    benchmark.extra_info["postures"] = 50
     benchmark.pedantic(random_postures, (robot, plate, 10, 5, 0), rounds=3)
+    tell_rate(benchmark, 50)
 
 
 @pytest.mark.benchmark(group="one posture")
 def test_simulate_5_postures(benchmark, robot, plan):
     rig = preset_rig("wii", robot)
     rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
-    benchmark.extra_info["postures"] = 5
     benchmark.pedantic(run_experiment, (rig, part_of(plan, plan.placement == 2), 1), rounds=3)
+    tell_rate(benchmark, 5)
 
 
 @pytest.mark.benchmark(group="identification of 150 postures")
