@@ -118,7 +118,7 @@ def correlation_checks(estimate: Estimate, planned: np.ndarray, pairs: list[list
             within(
                 f"correlation ({a}, {b})",
                 actual[index[a], index[b]],
-                low,
+                max(low, -1.0),
                 min(high, CORRELATION_LIMIT) if predicted < CORRELATION_LIMIT else high,
                 f"plan predicts {predicted:.4f} +- {CORRELATION_TOLERANCE}; below {CORRELATION_LIMIT}",
             )

@@ -14,6 +14,7 @@ import tyro
 from experiments.run_folder import check_new, write_run
 from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED, Scenario, truth_document
 from experiments.tables import (
+    LEGEND,
     correlation_lines,
     parameter_table,
     print_experiment,
@@ -30,13 +31,17 @@ from identification.statistics import high_correlations
 from sim.errors import InputError
 from sim.laboratory import run_experiment
 from sim.measurements import PosturePlan, read_measurements, read_plan, write_measurements, write_plan
-from sim.measurements.tables import write_json
+from sim.measurements.tables import software, write_json
 from sim.model import TULIP, load_model, load_robot, load_spec
 from sim.plates import plate_geometry
 from sim.rig import preset_rig
 
 Preset = Literal["wii", "force-plate", "ideal"]
-Plan = Annotated[Path | None, tyro.conf.Positional]
+Plan = Annotated[
+    Path | None,
+    tyro.conf.Positional,
+    tyro.conf.arg(metavar="PLAN", help="plan folder; the shipped plan if left out"),
+]
 RobotFile = Annotated[Path, tyro.conf.arg(name="robot", help="robot description (TOML)")]
 Json = Annotated[bool, tyro.conf.arg(name="json", help="one JSON document on stdout instead of tables")]
 Seed = Annotated[int, tyro.conf.arg(help="seed of everything random")]
@@ -62,7 +67,7 @@ def validate_command(
     Example: tulip validate --out runs/first
     """
     check_new(out)
-    scenario = _scenario(plan, preset, seed, robot)
+    scenario = _scenario(plan, preset, seed, robot, workers)
     with progress("holding postures", _tries(scenario)) as advance:
         result = validate(scenario, workers, advance)
     write_run(out, result)
@@ -97,7 +102,7 @@ def simulate_command(
         check_new(truth)
     if truth is not None and truth.resolve().is_relative_to(out.resolve()):
         raise InputError(f"{truth}: lies inside the measurement folder, which must not hold the truth")
-    scenario = _scenario(plan, preset, seed, robot)
+    scenario = _scenario(plan, preset, seed, robot, workers)
     with progress("holding postures", _tries(scenario)) as advance:
         experiment = run_experiment(scenario.rig, scenario.plan, seed, workers, advance)
     write_measurements(out, experiment.measurements)
@@ -144,8 +149,10 @@ def identify_command(
         screen.print(parameter_table(title, document[model], found.parameters, described, model))
         screen.print(residual_line(document[model]))
         pairs = document[model]["correlations"]
+        screen.print("Correlations above 0.85 in size (eq. 15):" if pairs else "No correlation above 0.85.")
         for line in correlation_lines(pairs, found.parameters, measurements.joint_angles):
             screen.print(f"  {line}", markup=False)
+    screen.print(LEGEND)
     screen.print(f"Total mass {found.mass[0]:.3f} +- {found.mass[1]:.3f} kg")
     return 0
 
@@ -195,7 +202,7 @@ def postures_command(
         f"{document['postures']} postures on {document['placements']} placements, "
         f"condition number {document['condition_number']:.0f}"
     )
-    screen.print("Correlations above 0.85 (eq. 15):")
+    screen.print("Correlations above 0.85 in size (eq. 15):")
     for line in correlation_lines(document["correlations"], parameters, made.joint_angles):
         screen.print(f"  {line}", markup=False)
     return 0
@@ -296,12 +303,18 @@ def main(arguments: list[str] | None = None) -> int:
         return 130
 
 
-def _scenario(plan: Path | None, preset: str, seed: int, robot: Path) -> Scenario:
-    if seed < 0:
-        raise InputError(f"--seed: found {seed}, expected a whole number of 0 or more")
+def _scenario(plan: Path | None, preset: str, seed: int, robot: Path, workers: int) -> Scenario:
+    at_least("--seed", seed, 0)
+    at_least("--workers", workers, 1)
     described = load_robot(robot)
     made = read_plan(plan or DEFAULT_PLAN, described, load_model(described))
     return Scenario(preset_rig(preset, described), made, seed, preset)
+
+
+def at_least(option: str, value: int, least: int) -> None:
+    """Refuse a number below `least`."""
+    if value < least:
+        raise InputError(f"{option}: found {value}, expected {least} or more")
 
 
 def _tries(scenario: Scenario) -> int:
@@ -313,9 +326,9 @@ def _draw(
 ) -> PosturePlan:
     if plan is not None or out is None:
         raise InputError("--random: give the name of the new plan as --out PLAN, and no plan to read")
-    for name, value in (("--placements", placements), ("--per-placement", per), ("--seed", seed + 1)):
-        if value < 1:
-            raise InputError(f"{name}: found {value - (name == '--seed')}, expected more")
+    at_least("--placements", placements, 1)
+    at_least("--per-placement", per, 1)
+    at_least("--seed", seed, 0)
     check_new(out)
     geometry = plate_geometry(load_spec(robot.scene), "right")
     with progress("drawing postures", placements * per) as advance:
@@ -325,4 +338,8 @@ def _draw(
 
 
 def run() -> None:
+    """The console script."""
+    if sys.argv[1:] == ["--version"]:
+        print(f"tulip {software()['tulip-testbed']}")
+        sys.exit(0)
     sys.exit(main())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,10 @@ def check_new(path: Path) -> None:
     if path.exists():
         raise InputError(f"{path}: exists already; give a new name")
     parent = next(folder for folder in path.resolve().parents if folder.exists())
-    if not parent.is_dir() or not os.access(parent, os.W_OK):
-        raise InputError(f"{path}: cannot write into {parent}")
+    try:
+        os.rmdir(tempfile.mkdtemp(dir=parent))
+    except OSError as error:
+        raise InputError(f"{path}: cannot write into {parent} ({error.strerror})") from None
 
 
 def write_run(folder: Path, result: Validation) -> None:

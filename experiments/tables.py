@@ -17,6 +17,10 @@ from identification.statistics import WELL_IDENTIFIED
 from sim.laboratory import Experiment
 from sim.model import Robot
 
+LEGEND = (
+    "s.e.: eq. 14; clustered: errors common to a placement allowed for; rel. %: s.e. over estimate (eq. 13); "
+    "well identified: below 15 %."
+)
 COLOURS = {"pass": "green", "fail": "bold red", "not evaluated": "yellow"}
 
 
@@ -37,11 +41,11 @@ def parameter_table(
     known = document["parameters"][0]["truth"] is not None
     table = Table(title=title, title_justify="left", header_style="bold")
     table.add_column("nr", justify="right")
-    table.add_column("parameter")
+    table.add_column("parameter", no_wrap=True, min_width=27)
     headers = ["truth", "estimate", "error"] if known else ["estimate"]
     for header in [*headers, "s.e.", "clustered", "rel. %", "paper %", "paper s.e.", "ratio"]:
         table.add_column(header, justify="right", no_wrap=True)
-    table.add_column("well id.")
+    table.add_column("well id.", no_wrap=True)
     for row in document["parameters"]:
         number = row["number"]
         reported = paper.get(number, {})
@@ -153,11 +157,12 @@ def print_validation(console: Console, result: Validation, document: dict[str, A
         lines = correlation_lines(
             document[model]["correlations"], found.parameters, result.experiment.measurements.joint_angles
         )
-        console.print(f"Correlations above 0.85: {'none' if not lines else ''}")
+        console.print("Correlations above 0.85 in size (eq. 15):" if lines else "No correlation above 0.85.")
         for line in lines:
             console.print(f"  {line}", markup=False)
         console.print()
     print_experiment(console, result.experiment, len(result.scenario.plan), paper)
+    console.print(LEGEND)
     mass = document["total_mass"]
     console.print(
         f"Total mass {mass['estimate']:.3f} +- {mass['standard_error']:.3f} kg "

@@ -21,6 +21,7 @@ from rich.progress import (
 )
 
 ERR = Console(stderr=True)
+TABLE_WIDTH = 150
 
 
 @contextmanager
@@ -38,9 +39,9 @@ def progress(label: str, total: int) -> Iterator[Callable[[int], None]]:
 
 
 def console() -> Console:
-    """Wide enough for the tables where the output is no terminal."""
+    """Never narrower than the tables: in a narrow terminal lines wrap, but no column is cut."""
     terminal = Console()
-    return terminal if terminal.is_terminal else Console(width=150)
+    return Console(width=max(terminal.width if terminal.is_terminal else 0, TABLE_WIDTH))
 
 
 def print_json(document: dict[str, Any]) -> None:

@@ -16,6 +16,10 @@ from sim.errors import InputError, listed, look_up
 ASSETS = Path(__file__).resolve().parent.parent / "assets"
 TULIP = ASSETS / "tulip_mjcf" / "tulip.toml"
 
+KEYS = (
+    *("name", "model", "scene", "stance_foot", "swing_foot"),
+    *("z_down", "simplified", "correlated", "planning", "paper"),
+)
 CORNERS = ("front_left", "front_right", "rear_right", "rear_left")
 PLATES = ("right", "left")
 CELLS = tuple(f"{plate}.{corner}" for plate in PLATES for corner in CORNERS)
@@ -63,7 +67,9 @@ def load_robot(path: Path = TULIP) -> Robot:
         if not isinstance(settings.get(key), str):
             found = repr(settings[key]) if key in settings else "nothing"
             raise InputError(f"{path}: key '{key}': found {found}, expected a text")
-    folder = path.parent
+    if unknown := [key for key in settings if key not in KEYS]:
+        raise InputError(f"{path}: unknown key '{unknown[0]}'; valid: {listed(KEYS)}")
+    folder = path.resolve().parent
     return Robot(
         path,
         folder / settings["model"],

@@ -115,9 +115,20 @@ def read_measurements(folder: Path) -> Measurements:
         manifest = Manifest.model_validate(read_json(where))
     except ValidationError as error:
         raise InputError(f"{where}: {validation_message(error)}") from None
-    path = find_table(folder, "postures")
-    check_hash(path, manifest.tables)
-    return _measurements(manifest, Table(path))
+    return _measurements(manifest, Table(checked_table(folder, "postures", manifest.tables)))
+
+
+def checked_table(folder: Path, name: str, tables: dict[str, str]) -> Path:
+    """The table to read; its twin in the other format, where there is one, must be intact too.
+
+    Raises:
+        InputError: no table, or one that is not what the manifest lists.
+    """
+    path = find_table(folder, name)
+    for twin in (folder / f"{name}.parquet", folder / f"{name}.csv"):
+        if twin == path or twin.is_file():
+            check_hash(twin, tables)
+    return path
 
 
 def check_hash(path: Path, tables: dict[str, str]) -> None:

@@ -11,10 +11,9 @@ from pydantic import BaseModel, ValidationError
 
 from sim.errors import InputError
 from sim.measurements.data import PosturePlan
-from sim.measurements.measurement_folder import SUPPORTS, check_hash, validation_message
+from sim.measurements.measurement_folder import SUPPORTS, checked_table, validation_message
 from sim.measurements.tables import (
     Table,
-    find_table,
     new_folder,
     read_json,
     software,
@@ -80,8 +79,7 @@ def read_plan(folder: Path, robot: Robot, model: mujoco.MjModel) -> PosturePlan:
     except ValidationError as error:
         raise InputError(f"{where}: {validation_message(error)}") from None
     check_model(where, manifest.robot.sha256, robot)
-    path = find_table(folder, "postures")
-    check_hash(path, manifest.tables)
+    path = checked_table(folder, "postures", manifest.tables)
     table = Table(path)
     joints = joint_names(model)
     plan = PosturePlan(
