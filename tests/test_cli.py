@@ -71,6 +71,25 @@ def test_missing_plan_and_existing_run(tmp_path, capsys):
     assert list((tmp_path / "run").iterdir()) == []
 
 
+def test_bad_numbers_and_places_are_refused_before_the_work(tmp_path, capsys):
+    run = tmp_path / "run"
+    assert "--workers: found 0, expected 1 or more" in refused(
+        capsys, "validate", "--out", run, "--workers", 0
+    )
+    assert "--seed: found -1, expected 0 or more" in refused(capsys, "validate", "--out", run, "--seed", -1)
+    random = ("postures", "--random", "--out", tmp_path / "plan")
+    assert "--placements: found 0, expected 1 or more" in refused(capsys, *random, "--placements", 0)
+    assert "cannot write into" in refused(capsys, "simulate", "--out", "/dev/null/x")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_unknown_key_in_the_robot_description(assets, capsys):
+    edit(assets / "tulip.toml", "simplified =", "simplifed =")
+    assert "unknown key 'simplifed'; valid: name, model" in refused(
+        capsys, "model", "--robot", assets / "tulip.toml"
+    )
+
+
 def test_truth_may_not_lie_in_the_measurement_folder(tmp_path, capsys):
     message = refused(
         capsys, "simulate", "--out", tmp_path / "data", "--truth", tmp_path / "data" / "truth.json"

@@ -54,6 +54,14 @@ def test_csv_alone_says_the_same(wii, folder):
     same(wii.experiment.measurements, read_measurements(folder))
 
 
+def test_an_edited_twin_is_not_passed_over(folder):
+    """Whoever edits the CSV must not get the Parquet's results."""
+    path = folder / "postures.csv"
+    path.write_text(path.read_text().replace("double", "right", 1))
+    with pytest.raises(InputError, match=r"postures\.csv: hash mismatch"):
+        read_measurements(folder)
+
+
 def test_optional_columns_may_be_absent_and_unknown_spreads_null(folder):
     def strip(table):
         table = table.select([n for n in table.column_names if not n.startswith(("motor.", "q_command."))])
