@@ -32,9 +32,10 @@ from sim.errors import InputError
 from sim.laboratory import run_experiment
 from sim.measurements import PosturePlan, read_measurements, read_plan, write_measurements, write_plan
 from sim.measurements.tables import software, write_json
-from sim.model import TULIP, load_model, load_robot, load_spec
+from sim.model import TULIP, load_model, load_robot
 from sim.plates import plate_geometry
 from sim.rig import preset_rig
+from sim.scene import load_scene
 
 Preset = Literal["wii", "force-plate", "ideal"]
 Plan = Annotated[
@@ -330,7 +331,7 @@ def _draw(
     at_least("--per-placement", per, 1)
     at_least("--seed", seed, 0)
     check_new(out)
-    geometry = plate_geometry(load_spec(robot.scene), "right")
+    geometry = plate_geometry(load_scene(robot), "right")
     with progress("drawing postures", placements * per) as advance:
         made = random_postures(robot, geometry, placements, per, seed, progress=advance)
     write_plan(out, made)

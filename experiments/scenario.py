@@ -13,8 +13,9 @@ import numpy as np
 from identification.base_parameters import base_parameters, standard_parameters
 from sim.laboratory import Attempt, Experiment
 from sim.measurements import PosturePlan
-from sim.model import PLATES, compile_spec, load_spec
+from sim.model import PLATES, compile_spec
 from sim.rig import Rig
+from sim.scene import load_scene
 
 DEFAULT_PLAN = Path(__file__).resolve().parent / "plans" / "random"
 DEFAULT_SEED = 1
@@ -36,7 +37,7 @@ class Scenario:
 
     def true_model(self) -> mujoco.MjModel:
         """The robot that really stands there, alone."""
-        spec = load_spec(self.rig.robot.scene)
+        spec = load_scene(self.rig.robot)
         if self.rig.edit is not None:
             self.rig.edit(spec)
         for plate in PLATES:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sim.control import add_servos
-from sim.model import CELLS, CORNERS, PLATES, compile_spec, joint_names, load_model, load_spec, sole_point
+from sim.model import CELLS, CORNERS, PLATES, compile_spec, joint_names, load_model, sole_point
 from sim.path import base_pose, closed_path
-from sim.plates import cell_addresses, cell_names, place_plates, plate_geometry, tare
+from sim.plates import cell_addresses, cell_names, plate_geometry, tare
 from sim.rig import Rig
+from sim.scene import laboratory_scene
 
 CONTROL_PERIOD = 0.02  # s, at which path and gate are updated
 LANDING_TIME = 0.1  # s
@@ -49,13 +49,9 @@ class Stand:
     """
 
     def __init__(self, rig: Rig, plate_poses: np.ndarray):
-        spec = load_spec(rig.robot.scene)
+        spec = laboratory_scene(rig, plate_poses)
         self.nominal = load_model(rig.robot)
         self._add_clamps(spec, rig)
-        add_servos(spec, rig.controller)
-        place_plates(spec, plate_poses)
-        if rig.edit is not None:
-            rig.edit(spec)
         self.protocol = rig.protocol
         self.robot = rig.robot
         self.derivative_time = rig.controller.derivative_time

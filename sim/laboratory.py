@@ -11,9 +11,10 @@ import numpy as np
 from sim.errors import InputError
 from sim.hold import Held, Stand
 from sim.measurements import Measurements, PlateGeometry, PosturePlan, SensorSheet, lay_boards
-from sim.model import PLATES, Robot, load_model, load_spec, sha256, sole_corners
+from sim.model import PLATES, Robot, load_model, sha256, sole_corners
 from sim.plates import plate_geometry
 from sim.rig import Rig
+from sim.scene import load_scene
 from sim.sensors import averaged_sd, read_cells, read_encoders
 
 
@@ -157,7 +158,7 @@ def _measurements(
     if not used:
         reasons = sorted({a.reason for a in attempts})
         raise InputError(f"none of {len(attempts)} postures could be measured: {'; '.join(reasons)}")
-    plates = [plate_geometry(load_spec(rig.robot.scene), plate) for plate in PLATES]
+    plates = [plate_geometry(load_scene(rig.robot), plate) for plate in PLATES]
     samples = round(p.window * s.sample_rate)
 
     def stack(key: str) -> np.ndarray:
@@ -199,7 +200,7 @@ def _measurements(
 
 
 def _plate(rig: Rig) -> PlateGeometry:
-    return plate_geometry(load_spec(rig.robot.scene), "right")
+    return plate_geometry(load_scene(rig.robot), "right")
 
 
 def _soles(robot: Robot, swing_pose: np.ndarray) -> np.ndarray:

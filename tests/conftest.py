@@ -15,9 +15,10 @@ from experiments.scenario import DEFAULT_PLAN, Scenario
 from experiments.validate import Validation, validate
 from identification.base_parameters import BaseParameters, base_parameters
 from sim.measurements import PlateGeometry, PosturePlan, read_plan
-from sim.model import Robot, load_model, load_robot, load_spec
+from sim.model import Robot, load_model, load_robot
 from sim.plates import plate_geometry
 from sim.rig import preset_rig
+from sim.scene import load_scene
 
 
 def part_of(plan: PosturePlan, rows: np.ndarray) -> PosturePlan:
@@ -43,7 +44,7 @@ def parameters(robot) -> BaseParameters:
 
 @pytest.fixture(scope="session")
 def plate(robot) -> PlateGeometry:
-    return plate_geometry(load_spec(robot.scene), "right")
+    return plate_geometry(load_scene(robot), "right")
 
 
 @pytest.fixture(scope="session")

@@ -11,10 +11,11 @@ from identification.kinematics import link_rotations
 from sim.hold import Stand
 from sim.laboratory import run_experiment, run_placement
 from sim.measurements import lay_boards
-from sim.model import load_spec, sole_corners
+from sim.model import sole_corners
 from sim.path import closed_path
 from sim.plates import tare
 from sim.rig import preset_rig
+from sim.scene import load_scene
 from sim.sensors import PRESETS, averaged_sd, sample
 from tests.conftest import part_of
 
@@ -112,7 +113,7 @@ def test_tare_is_the_boards_weight(robot, model, plan):
 
 def test_known_weight_at_a_known_place_is_read_by_the_four_cells(robot):
     """A lever rule on one plate: 10 kg at 40 mm forward, 30 mm left of its centre."""
-    spec = load_spec(robot.scene)
+    spec = load_scene(robot)
     spec.delete(spec.body("torso"))
     for key in list(spec.keys):
         spec.delete(key)

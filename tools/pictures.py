@@ -11,9 +11,10 @@ from PIL import Image
 from experiments.scenario import DEFAULT_PLAN
 from sim.hold import Stand
 from sim.measurements import lay_boards, read_plan
-from sim.model import load_model, load_robot, load_spec, sole_corners
+from sim.model import load_model, load_robot, sole_corners
 from sim.plates import plate_geometry
 from sim.rig import preset_rig
+from sim.scene import load_scene
 
 ROWS = (2, 26, 58, 121)
 SIZE = (420, 560)
@@ -23,7 +24,7 @@ def main() -> None:
     robot = load_robot()
     model = load_model(robot)
     plan = read_plan(DEFAULT_PLAN, robot, model)
-    size = plate_geometry(load_spec(robot.scene), "right").size
+    size = plate_geometry(load_scene(robot), "right").size
     corners = [sole_corners(model, foot)[:, :2] for foot in robot.feet]
     frames = []
     for row in ROWS:
