@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import tyro
 
+from experiments.description import described_robot
 from experiments.run_folder import check_new, write_run
 from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED, Scenario, truth_document
 from experiments.tables import (
@@ -21,7 +22,7 @@ from experiments.tables import (
     print_validation,
     residual_line,
 )
-from experiments.terminal import ERR, console, print_json, progress
+from experiments.terminal import ERR, console, print_json, printable, progress
 from experiments.validate import HIGH_CORRELATION, identify, model_document, report_document, validate
 from identification.base_parameters import base_parameters, standard_parameters
 from identification.estimators import solve_least_squares
@@ -32,10 +33,11 @@ from sim.errors import InputError
 from sim.laboratory import run_experiment
 from sim.measurements import PosturePlan, read_measurements, read_plan, write_measurements, write_plan
 from sim.measurements.tables import software, write_json
-from sim.model import TULIP, load_model, load_robot
+from sim.model import TULIP, load_model
 from sim.plates import plate_geometry
 from sim.rig import preset_rig
 from sim.scene import load_scene
+from sim.scene_check import check_scene
 
 Preset = Literal["wii", "force-plate", "ideal"]
 Plan = Annotated[
@@ -106,9 +108,9 @@ def simulate_command(
     scenario = _scenario(plan, preset, seed, robot, workers)
     with progress("holding postures", _tries(scenario)) as advance:
         experiment = run_experiment(scenario.rig, scenario.plan, seed, workers, advance)
-    write_measurements(out, experiment.measurements)
-    if truth is not None:
+    if truth is not None:  # before the folder: where that stands, its truth stands too
         write_json(truth, truth_document(scenario, experiment))
+    write_measurements(out, experiment.measurements)
     if as_json:
         print_json(
             {
@@ -131,7 +133,7 @@ def identify_command(
 
     Example: tulip identify data/first
     """
-    described = load_robot(robot)
+    described = described_robot(robot)
     measurements = read_measurements(folder)
     found = identify(measurements, described, str(folder))
     document = {
@@ -174,7 +176,7 @@ def postures_command(
 
     Example: tulip postures --random --placements 10 --per-placement 5 --seed 7 --out plans/seven
     """
-    described = load_robot(robot)
+    described = described_robot(robot)
     if random:
         made = _draw(described, placements, per_placement, seed, plan, out)
     else:
@@ -219,7 +221,7 @@ def model_command(
 
     Example: tulip model --support double
     """
-    described = load_robot(robot)
+    described = described_robot(robot)
     model = load_model(described)
     parameters = base_parameters(described, model, support)
     standard = standard_parameters(model)
@@ -297,7 +299,7 @@ def main(arguments: list[str] | None = None) -> int:
         )
     except InputError as error:
         ERR.print("tulip:", style="bold red", end=" ")
-        ERR.print(str(error), highlight=False, soft_wrap=True, markup=False)
+        ERR.print(printable(str(error)), highlight=False, soft_wrap=True, markup=False)
         return 2
     except KeyboardInterrupt:
         ERR.print("tulip: interrupted; nothing was written")
@@ -307,9 +309,11 @@ def main(arguments: list[str] | None = None) -> int:
 def _scenario(plan: Path | None, preset: str, seed: int, robot: Path, workers: int) -> Scenario:
     at_least("--seed", seed, 0)
     at_least("--workers", workers, 1)
-    described = load_robot(robot)
+    described = described_robot(robot)
     made = read_plan(plan or DEFAULT_PLAN, described, load_model(described))
-    return Scenario(preset_rig(preset, described), made, seed, preset)
+    rig = preset_rig(preset, described)
+    check_scene(rig)
+    return Scenario(rig, made, seed, preset)
 
 
 def at_least(option: str, value: int, least: int) -> None:
@@ -331,6 +335,7 @@ def _draw(
     at_least("--per-placement", per, 1)
     at_least("--seed", seed, 0)
     check_new(out)
+    check_scene(preset_rig("ideal", robot))
     geometry = plate_geometry(load_scene(robot), "right")
     with progress("drawing postures", placements * per) as advance:
         made = random_postures(robot, geometry, placements, per, seed, progress=advance)

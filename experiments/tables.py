@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import csv
+import io
+import math
+import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from experiments.checks import Check
@@ -14,6 +19,8 @@ from experiments.validate import Validation
 from identification.base_parameters import BaseParameters
 from identification.kinematics import walk
 from identification.statistics import WELL_IDENTIFIED
+from sim.errors import InputError, shortened
+from sim.files import read_text
 from sim.laboratory import Experiment
 from sim.model import Robot
 
@@ -21,16 +28,36 @@ LEGEND = (
     "s.e.: eq. 14; clustered: errors common to a placement allowed for; rel. %: s.e. over estimate (eq. 13); "
     "well identified: below 15 %."
 )
+MOST_TABLE = 2**20  # bytes
 COLOURS = {"pass": "green", "fail": "bold red", "not evaluated": "yellow"}
 
 
+PAPER_COLUMNS = tuple(f"{model}_{what}" for model in ("full", "simplified") for what in ("mm", "rel_se_percent"))
+
+
 def paper_table(robot: Robot) -> dict[int, dict[str, str]]:
-    """Table II by parameter number; empty where the robot has none."""
+    """Table II by parameter number; empty where the robot has none.
+
+    Raises:
+        InputError: the file lies outside of the robot's folder or is no such table.
+    """
     name = robot.settings.get("paper", {}).get("table")
     if name is None:
         return {}
-    with (robot.path.parent / name).open(encoding="utf-8") as file:
-        return {int(row["number"]): row for row in csv.DictReader(file)}
+    path = robot.folder / name
+    if not Path(os.path.realpath(path)).is_relative_to(robot.folder):
+        raise InputError(f"{robot.path}: key 'paper.table': found '{name}', expected a file in {robot.folder}")
+    table = {}
+    for line, row in enumerate(csv.DictReader(io.StringIO(read_text(path, MOST_TABLE))), 2):
+        try:
+            values = {column: row[column] for column in PAPER_COLUMNS}
+            if not all(math.isfinite(float(text)) for text in values.values() if text):
+                raise ValueError
+            table[int(row["number"])] = values
+        except (KeyError, TypeError, ValueError):
+            expected = f"numbers in the columns number, {', '.join(PAPER_COLUMNS)}"
+            raise InputError(f"{path}: line {line}: found {shortened(list(row.values()))}, expected {expected}") from None
+    return table
 
 
 def parameter_table(
@@ -58,7 +85,7 @@ def parameter_table(
         well = row["relative_standard_error"] < WELL_IDENTIFIED
         table.add_row(
             str(number),
-            _meaning(parameters, number),
+            escape(_meaning(parameters, number)),
             *values,
             f"{1e3 * row['standard_error']:.2f}",
             f"{1e3 * row['clustered_standard_error']:.2f}",

@@ -119,6 +119,8 @@ class Stand:
             if self.data.time - released > protocol.hold_time - protocol.window:
                 return None, "did not settle"
             self._run(CONTROL_PERIOD)
+            if self.data.warning.number.any():
+                return None, "MuJoCo warned of an unstable simulation"
             if self._tipped(upright):
                 return None, "tipped"
             calm = [*calm, self._state()] if self._settled() else []

@@ -17,7 +17,7 @@ def load_scene(robot: Robot) -> mujoco.MjSpec:
     Raises:
         InputError: the file is missing or is no MJCF.
     """
-    return load_spec(robot.scene)
+    return load_spec(robot.scene, robot.folder)
 
 
 def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
