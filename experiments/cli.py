@@ -21,13 +21,15 @@ from experiments.tables import (
     print_experiment,
     print_validation,
     residual_line,
+    weak_directions,
 )
 from experiments.terminal import ERR, console, print_json, printable, progress
 from experiments.validate import HIGH_CORRELATION, identify, model_document, report_document, validate
 from identification.base_parameters import base_parameters, standard_parameters
 from identification.estimators import solve_least_squares
 from identification.postures import random_postures
-from identification.regressor import stacked_regressor
+from identification.rank import labels, require_told_apart
+from identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
 from identification.statistics import high_correlations
 from sim.errors import InputError
 from sim.laboratory import run_experiment
@@ -144,6 +146,12 @@ def identify_command(
         "full": model_document(found.full, None),
         "simplified": model_document(found.simplified, None),
     }
+    weak = {
+        model: weak_directions(estimate, found.parameters)
+        for model, estimate in (("full", found.full), ("simplified", found.simplified))
+    }
+    for model, text in weak.items():
+        document[model]["hardly_known"] = text
     if as_json:
         print_json(document)
         return 0
@@ -155,6 +163,8 @@ def identify_command(
         screen.print("Correlations above 0.85 in size (eq. 15):" if pairs else "No correlation above 0.85.")
         for line in correlation_lines(pairs, found.parameters, measurements.joint_angles):
             screen.print(f"  {line}", markup=False)
+        if weak[model]:
+            screen.print(f"Hardly known: {weak[model]}", markup=False)
     screen.print(LEGEND)
     screen.print(f"Total mass {found.mass[0]:.3f} +- {found.mass[1]:.3f} kg")
     return 0
@@ -185,12 +195,15 @@ def postures_command(
         made = read_plan(plan or DEFAULT_PLAN, described, load_model(described))
     parameters = base_parameters(described)
     matrix = stacked_regressor(parameters, made.joint_angles)
+    source = str(out or plan or DEFAULT_PLAN)
     if matrix.shape[0] < matrix.shape[1]:
-        raise InputError(f"plan: found {len(made)} postures, too few for {matrix.shape[1]} base parameters")
+        raise InputError(f"{source}: found {len(made)} postures, too few for {matrix.shape[1]} base parameters")
+    blur = encoder_blur(parameters, made.joint_angles, ENCODER_SD)
+    require_told_apart(matrix, labels(np.arange(1, len(parameters.names) + 1), parameters.names), source, blur)
     _, c = solve_least_squares(matrix, np.zeros(len(matrix)))
     pairs = high_correlations(c, np.arange(1, len(c) + 1), HIGH_CORRELATION)
     document = {
-        "plan": str(out or plan or DEFAULT_PLAN),
+        "plan": source,
         "postures": len(made),
         "placements": len(np.unique(made.placement)),
         "condition_number": float(np.linalg.cond(matrix)),

@@ -17,9 +17,11 @@ from rich.table import Table
 from experiments.checks import Check
 from experiments.validate import Validation
 from identification.base_parameters import BaseParameters
+from identification.estimators import Estimate
 from identification.kinematics import walk
+from identification.rank import described, labels, weakly_known
 from identification.statistics import WELL_IDENTIFIED
-from sim.errors import InputError, shortened
+from sim.errors import InputError
 from sim.files import read_text
 from sim.laboratory import Experiment
 from sim.model import Robot
@@ -47,16 +49,16 @@ def paper_table(robot: Robot) -> dict[int, dict[str, str]]:
     path = robot.folder / name
     if not Path(os.path.realpath(path)).is_relative_to(robot.folder):
         raise InputError(f"{robot.path}: key 'paper.table': found '{name}', expected a file in {robot.folder}")
-    table = {}
-    for line, row in enumerate(csv.DictReader(io.StringIO(read_text(path, MOST_TABLE))), 2):
-        try:
-            values = {column: row[column] for column in PAPER_COLUMNS}
+    rows = csv.DictReader(io.StringIO(read_text(path, MOST_TABLE)))
+    table: dict[int, dict[str, str]] = {}
+    try:
+        for row in rows:
+            table[int(row["number"])] = values = {column: row[column] for column in PAPER_COLUMNS}
             if not all(math.isfinite(float(text)) for text in values.values() if text):
                 raise ValueError
-            table[int(row["number"])] = values
-        except (KeyError, TypeError, ValueError):
-            expected = f"numbers in the columns number, {', '.join(PAPER_COLUMNS)}"
-            raise InputError(f"{path}: line {line}: found {shortened(list(row.values()))}, expected {expected}") from None
+    except (KeyError, TypeError, ValueError, csv.Error):
+        expected = f"numbers in the columns number, {', '.join(PAPER_COLUMNS)}"
+        raise InputError(f"{path}: line {rows.line_num}: not a table of {expected}") from None
     return table
 
 
@@ -139,6 +141,20 @@ def correlation_lines(
         what = "told apart only by " + ", ".join(ranges) if ranges else "columns of one link"
         lines.append(f"({pair['a']}, {pair['b']})  {pair['rho']:+.4f}  {what}")
     return lines
+
+
+def weak_directions(estimate: Estimate, parameters: BaseParameters) -> str:
+    """Which parameters these postures hardly tell apart: an error longer than the longest link says nothing.
+
+    Returns:
+        "" where there are none.
+    """
+    longest = float(np.abs(parameters.from_standard[:, ::4]).max())
+    weak = weakly_known(estimate.clustered_covariance, longest)
+    if not len(weak):
+        return ""
+    text = described(weak, labels(estimate.numbers, estimate.names))
+    return f"to within the longest link ({1e3 * longest:.0f} mm) {text}"
 
 
 def joints_between(parameters: BaseParameters, first: int, second: int) -> list[str]:
