@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import tyro
@@ -25,7 +26,7 @@ from experiments.tables import (
 )
 from experiments.terminal import ERR, console, print_json, printable, progress
 from experiments.validate import HIGH_CORRELATION, identify, model_document, report_document, validate
-from identification.base_parameters import base_parameters, standard_parameters
+from identification.base_parameters import BaseParameters, base_parameters, standard_parameters
 from identification.estimators import solve_least_squares
 from identification.postures import random_postures
 from identification.rank import labels, require_told_apart
@@ -35,7 +36,7 @@ from sim.errors import InputError
 from sim.laboratory import run_experiment
 from sim.measurements import PosturePlan, read_measurements, read_plan, write_measurements, write_plan
 from sim.measurements.tables import software, write_json
-from sim.model import TULIP, load_model
+from sim.model import TULIP, Robot, load_model
 from sim.plates import plate_geometry
 from sim.rig import preset_rig
 from sim.scene import load_scene
@@ -187,21 +188,23 @@ def postures_command(
     Example: tulip postures --random --placements 10 --per-placement 5 --seed 7 --out plans/seven
     """
     described = described_robot(robot)
+    parameters = base_parameters(described)
+    source = str(out or plan or DEFAULT_PLAN)
     if random:
-        made = _draw(described, placements, per_placement, seed, plan, out)
+        made = _draw(described, parameters, placements, per_placement, seed, plan, out)
     else:
         if out is not None:
             raise InputError("--out: found without --random, expected both or neither")
         made = read_plan(plan or DEFAULT_PLAN, described, load_model(described))
-    parameters = base_parameters(described)
+        _enough(source, len(made), parameters)
     matrix = stacked_regressor(parameters, made.joint_angles)
-    source = str(out or plan or DEFAULT_PLAN)
-    if matrix.shape[0] < matrix.shape[1]:
-        raise InputError(f"{source}: found {len(made)} postures, too few for {matrix.shape[1]} base parameters")
+    numbers = np.arange(1, len(parameters.names) + 1)
     blur = encoder_blur(parameters, made.joint_angles, ENCODER_SD)
-    require_told_apart(matrix, labels(np.arange(1, len(parameters.names) + 1), parameters.names), source, blur)
+    require_told_apart(matrix, labels(numbers, parameters.names), source, blur)
+    if random and out is not None:
+        write_plan(out, made)
     _, c = solve_least_squares(matrix, np.zeros(len(matrix)))
-    pairs = high_correlations(c, np.arange(1, len(c) + 1), HIGH_CORRELATION)
+    pairs = high_correlations(c, numbers, HIGH_CORRELATION)
     document = {
         "plan": source,
         "postures": len(made),
@@ -339,21 +342,31 @@ def _tries(scenario: Scenario) -> int:
     return len(scenario.plan) + min(scenario.rig.protocol.repeats, len(scenario.plan))
 
 
+def _enough(where: str, postures: int, parameters: BaseParameters) -> None:
+    if 2 * postures < (count := len(parameters.names)):
+        raise InputError(f"{where}: found {postures} postures, too few for {count} base parameters")
+
+
 def _draw(
-    robot: Any, placements: int, per: int, seed: int, plan: Path | None, out: Path | None
+    robot: Robot,
+    parameters: BaseParameters,
+    placements: int,
+    per: int,
+    seed: int,
+    plan: Path | None,
+    out: Path | None,
 ) -> PosturePlan:
     if plan is not None or out is None:
         raise InputError("--random: give the name of the new plan as --out PLAN, and no plan to read")
     at_least("--placements", placements, 1)
     at_least("--per-placement", per, 1)
     at_least("--seed", seed, 0)
+    _enough("--placements, --per-placement", placements * per, parameters)
     check_new(out)
     check_scene(preset_rig("ideal", robot))
     geometry = plate_geometry(load_scene(robot), "right")
     with progress("drawing postures", placements * per) as advance:
-        made = random_postures(robot, geometry, placements, per, seed, progress=advance)
-    write_plan(out, made)
-    return made
+        return random_postures(robot, geometry, placements, per, seed, progress=advance)
 
 
 def run() -> None:
@@ -361,4 +374,14 @@ def run() -> None:
     if sys.argv[1:] == ["--version"]:
         print(f"tulip {software()['tulip-testbed']}")
         sys.exit(0)
-    sys.exit(main())
+    try:
+        code = main()
+        sys.stdout.flush()
+    except OSError as error:
+        if error.errno not in (errno.EPIPE, errno.ENOSPC, errno.EIO):
+            raise
+        if error.errno != errno.EPIPE:  # who closes a pipe early knows it
+            ERR.print(f"tulip: cannot write the results ({error.strerror})")
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left in the buffer
+        code = 2
+    sys.exit(code)

@@ -54,7 +54,8 @@ def paper_table(robot: Robot) -> dict[int, dict[str, str]]:
     try:
         for row in rows:
             table[int(row["number"])] = values = {column: row[column] for column in PAPER_COLUMNS}
-            if not all(math.isfinite(float(text)) for text in values.values() if text):
+            whole = None not in row and None not in row.values()
+            if not whole or not all(math.isfinite(float(text)) for text in values.values() if text):
                 raise ValueError
     except (KeyError, TypeError, ValueError, csv.Error):
         expected = f"numbers in the columns number, {', '.join(PAPER_COLUMNS)}"

@@ -23,9 +23,12 @@ def check_scene(rig: Rig) -> None:
     """
     where = str(rig.robot.scene)
     nominal = load_model(rig.robot)
-    spec = laboratory_scene(rig, np.zeros((2, 3)))
-    for plate in PLATES:
-        plate_geometry(spec, plate)
+    try:
+        spec = laboratory_scene(rig, np.zeros((2, 3)))
+        for plate in PLATES:
+            plate_geometry(spec, plate)
+    except InputError as error:
+        raise InputError(str(error) if where in str(error) else f"{where}: {error}") from None
     model = compile_spec(spec, where)
     check_options(model, where)
     soles = [f"{foot}_{corner}" for foot in rig.robot.feet for corner in CORNERS]

@@ -206,7 +206,9 @@ def _measurements(manifest: Manifest, table: Table) -> Measurements:
     joints = tuple(manifest.joints)
     angle, length = {"low": -MOST_ANGLE, "high": MOST_ANGLE}, {"low": -MOST_LENGTH, "high": MOST_LENGTH}
     optional = {
-        prefix: table.matrix(prefix, joints, **angle) if table.has(f"{prefix}.{joints[0]}") else None
+        prefix: table.matrix(prefix, joints, **angle)
+        if any(table.has(f"{prefix}.{joint}") for joint in joints)
+        else None
         for prefix in ("q_command", "motor")
     }
     plates = [manifest.plates.right, manifest.plates.left]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -119,21 +120,18 @@ class Table:
 
     def _parquet(self, content: bytes) -> tuple[dict[str, pa.DataType], pa.Table]:
         """Only what is declared small is unpacked; texts stay a dictionary, as one text may stand in every row."""
-        file = pyarrow.parquet.ParquetFile(pa.BufferReader(content), read_dictionary=["support"])
+        file = pyarrow.parquet.ParquetFile(pa.BufferReader(content))
         said, schema = file.metadata, file.schema_arrow
         groups = [said.row_group(k) for k in range(min(said.num_row_groups, MOST_ROWS))]
         unpacked = sum(max(group.total_byte_size, 0) for group in groups)
         self._limit("rows", max(said.num_rows, said.num_row_groups), MOST_ROWS)
         self._limit("columns", said.num_columns, MOST_COLUMNS)
         self._limit("unpacked bytes", unpacked, MOST_UNPACKED)
-        if said.num_columns != len(schema):
-            raise InputError(f"{self.path}: found nested columns, expected plain ones")
-        types = self._unique(schema)
-        chosen = [
-            name
-            for name, kind in types.items()
-            if _is_number(kind) or (name == "support" and not pa.types.is_nested(kind))
-        ]
+        self._unique([said.schema.column(k).path for k in range(said.num_columns)])
+        types = self._unique(schema.names, schema.types)
+        texts = [name for name in ("support",) if name in types and not pa.types.is_nested(types[name])]
+        chosen = texts + [name for name, kind in types.items() if _is_number(kind) and name not in texts]
+        file = pyarrow.parquet.ParquetFile(pa.BufferReader(content), read_dictionary=texts)
         return types, file.read(columns=chosen, use_threads=False)
 
     def _csv(self, content: bytes) -> tuple[dict[str, pa.DataType], pa.Table]:
@@ -142,17 +140,17 @@ class Table:
         # One block, so that a column's type is inferred from all of its rows.
         options = pyarrow.csv.ReadOptions(use_threads=False, block_size=len(content) + 1)
         table = pyarrow.csv.read_csv(pa.BufferReader(content), read_options=options)
-        return self._unique(table.schema), table
+        return self._unique(table.column_names, table.schema.types), table
 
     def _limit(self, what: str, found: int, most: int) -> None:
         if found > most:
             raise InputError(f"{self.path}: found {found} {what}, expected at most {most}")
 
-    def _unique(self, schema: pa.Schema) -> dict[str, pa.DataType]:
-        names = schema.names
-        if repeated := sorted({name for name in names if names.count(name) > 1}):
-            raise InputError(f"{self.path}: column '{shortened(repeated[0])}' stands more than once")
-        return dict(zip(names, schema.types, strict=True))
+    def _unique(self, names: list[str], types: Sequence[pa.DataType] = ()) -> dict[str, pa.DataType]:
+        if len(set(names)) < len(names):
+            twice = sorted(name for name in set(names) if names.count(name) > 1)[0]
+            raise InputError(f"{self.path}: column '{shortened(twice)}' stands more than once")
+        return dict(zip(names, types, strict=False))
 
     def __len__(self) -> int:
         return self.table.num_rows
