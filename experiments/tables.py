@@ -34,7 +34,9 @@ MOST_TABLE = 2**20  # bytes
 COLOURS = {"pass": "green", "fail": "bold red", "not evaluated": "yellow"}
 
 
-PAPER_COLUMNS = tuple(f"{model}_{what}" for model in ("full", "simplified") for what in ("mm", "rel_se_percent"))
+PAPER_COLUMNS = tuple(
+    f"{model}_{what}" for model in ("full", "simplified") for what in ("mm", "rel_se_percent")
+)
 
 
 def paper_table(robot: Robot) -> dict[int, dict[str, str]]:
@@ -48,7 +50,9 @@ def paper_table(robot: Robot) -> dict[int, dict[str, str]]:
         return {}
     path = robot.folder / name
     if not Path(os.path.realpath(path)).is_relative_to(robot.folder):
-        raise InputError(f"{robot.path}: key 'paper.table': found '{name}', expected a file in {robot.folder}")
+        raise InputError(
+            f"{robot.path}: key 'paper.table': found '{name}', expected a file in {robot.folder}"
+        )
     rows = csv.DictReader(io.StringIO(read_text(path, MOST_TABLE)))
     table: dict[int, dict[str, str]] = {}
     try:

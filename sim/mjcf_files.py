@@ -86,9 +86,7 @@ def _inside(search: _Search, where: str, start: Path, name: str) -> Path:
     return Path(os.path.normpath(path))
 
 
-def _references(
-    search: _Search, path: Path, content: bytes, root: str | None
-) -> list[tuple[str, str, str]]:
+def _references(search: _Search, path: Path, content: bytes, root: str | None) -> list[tuple[str, str, str]]:
     """Place, element and name of every file that one MJCF file names."""
     parser = expat.ParserCreate()
     found: list[tuple[str, str, str]] = []
@@ -101,7 +99,9 @@ def _references(
         if root is not None and elements == 1 and element != root:
             raise InputError(f"{where}: broken MJCF: expected <{root}>")
         if depth > MOST_DEPTH or elements > MOST_ELEMENTS:
-            raise InputError(f"{where}: more than {MOST_ELEMENTS} elements, or {MOST_DEPTH} inside each other")
+            raise InputError(
+                f"{where}: more than {MOST_ELEMENTS} elements, or {MOST_DEPTH} inside each other"
+            )
         for key, value in attributes.items():
             place = f"{where}, attribute '{key}'"
             if bad := next((token for token in value.split() if _not_finite(token)), None):

@@ -25,7 +25,12 @@ KEYS = (
     *("z_down", "simplified", "correlated", "planning", "paper"),
 )
 MOST_TOML = 2**20  # bytes
-BROKEN = (ValueError, RuntimeError, mujoco.FatalError, mujoco.UnexpectedError)  # what MuJoCo's compiler raises
+BROKEN = (
+    ValueError,
+    RuntimeError,
+    mujoco.FatalError,
+    mujoco.UnexpectedError,
+)  # what MuJoCo's compiler raises
 CORNERS = ("front_left", "front_right", "rear_right", "rear_left")
 PLATES = ("right", "left")
 CELLS = tuple(f"{plate}.{corner}" for plate in PLATES for corner in CORNERS)
@@ -179,4 +184,3 @@ def sole_point(model: mujoco.MjModel, foot: str) -> np.ndarray:
 def sha256(path: Path) -> str:
     """Hash of a file's bytes, in hexadecimal."""
     return hashlib.sha256(read_bytes(Path(path))).hexdigest()
-

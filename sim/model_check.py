@@ -26,7 +26,9 @@ def check_model(model: mujoco.MjModel, where: str) -> None:
     for kind, count in (("body", model.nbody), ("joint", model.njnt)):
         names = [getattr(model, kind)(i).name for i in range(count)]
         if "" in names:
-            raise InputError(f"{where}: found a {kind} without a name (the {names.index('') + 1}. in the file)")
+            raise InputError(
+                f"{where}: found a {kind} without a name (the {names.index('') + 1}. in the file)"
+            )
     free = mujoco.mjtJoint.mjJNT_FREE
     roots = np.flatnonzero(model.body_parentid[1:] == 0) + 1
     if len(roots) != 1 or [model.jnt_type[j] for j in _joints_of(model, roots[0])] != [free]:

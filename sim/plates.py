@@ -22,7 +22,9 @@ def plate_geometry(spec: mujoco.MjSpec, plate: str) -> PlateGeometry:
     top = spec.geom(f"{plate}_plate_top")
     sites = [spec.site(f"{plate}_plate_{corner}") for corner in CORNERS]
     if top is None or None in sites:
-        raise InputError(f"scene '{spec.modelname}': {plate} plate: no geom '{plate}_plate_top' or no four sites")
+        raise InputError(
+            f"scene '{spec.modelname}': {plate} plate: no geom '{plate}_plate_top' or no four sites"
+        )
     return PlateGeometry(
         cells=np.array([site.pos[:2] for site in sites]),
         size=2 * np.array(top.size[:2]),

@@ -67,7 +67,9 @@ def _check_drives(where: str, model: mujoco.MjModel, joints: tuple[str, ...]) ->
 def _all_there(where: str, kind: str, wanted: Iterable[str], names: Iterable[str]) -> None:
     there = set(names)
     if missing := [name for name in wanted if name not in there]:
-        raise InputError(f"{where}: found no {kind} '{missing[0]}' ({len(missing)} missing: {listed(missing)})")
+        raise InputError(
+            f"{where}: found no {kind} '{missing[0]}' ({len(missing)} missing: {listed(missing)})"
+        )
 
 
 def _count(model: mujoco.MjModel, kind: str) -> int:

@@ -48,7 +48,12 @@ def _try(path: Path, hashes: frozenset[tuple[Path, str]]) -> None:
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "MUJOCO_GL": "disable"}
     try:
         done = subprocess.run(
-            command, capture_output=True, env=environment, timeout=MOST_WAIT, check=False, stdin=subprocess.DEVNULL
+            command,
+            capture_output=True,
+            env=environment,
+            timeout=MOST_WAIT,
+            check=False,
+            stdin=subprocess.DEVNULL,
         )
     except subprocess.TimeoutExpired:
         raise InputError(f"{path}: broken MJCF: MuJoCo did not compile it within {MOST_WAIT} s") from None

@@ -44,8 +44,13 @@ def table(outcomes: list[Outcome]) -> str:
     lines = ["| input | mutation | cases | accepted, right | refused | FAILED |", "|---|---|---|---|---|---|"]
     for target, name in dict.fromkeys((o.case.target, o.case.mutation) for o in outcomes):
         counts = [tally[target, name, kind] for kind in ("accepted", "refused", "FAILED")]
-        lines.append(f"| {target} | {name.replace('_', ' ')} | {sum(counts)} | " + " | ".join(map(str, counts)) + " |")
-    totals = [sum(count for key, count in tally.items() if key[2] == kind) for kind in ("accepted", "refused", "FAILED")]
+        lines.append(
+            f"| {target} | {name.replace('_', ' ')} | {sum(counts)} | " + " | ".join(map(str, counts)) + " |"
+        )
+    totals = [
+        sum(count for key, count in tally.items() if key[2] == kind)
+        for kind in ("accepted", "refused", "FAILED")
+    ]
     lines.append(f"| all | | {sum(totals)} | " + " | ".join(map(str, totals)) + " |")
     return "\n".join(lines)
 
@@ -69,11 +74,17 @@ def main() -> int:
         for outcome in run_cases(cases, bases, arguments.workers):
             outcomes.append(outcome)
             if outcome.failed or arguments.verbose:
-                print(f"{outcome.case}: {outcome.result}: {outcome.detail.strip()[-1500:]}", file=sys.stderr, flush=True)
+                print(
+                    f"{outcome.case}: {outcome.result}: {outcome.detail.strip()[-1500:]}",
+                    file=sys.stderr,
+                    flush=True,
+                )
     outcomes.sort(key=lambda o: cases.index(o.case))
     print(table(outcomes))
     slowest = max(outcomes, key=lambda o: o.seconds)
-    print(f"\nSlowest: {slowest.case.mutation}, {slowest.seconds:.0f} s; all {time.monotonic() - began:.0f} s.")
+    print(
+        f"\nSlowest: {slowest.case.mutation}, {slowest.seconds:.0f} s; all {time.monotonic() - began:.0f} s."
+    )
     return int(any(outcome.failed for outcome in outcomes))
 
 

@@ -169,13 +169,17 @@ def main() -> int:
         for k in range(arguments.kills):
             job, aimed = made[k % len(made)], k % 10 < 10 * AIMED
             job.tally[aimed, kill_one(job, aimed, chance)] += 1
-        print("| command | run, writing (s) | kills aimed | nothing yet | hit while writing | whole | BROKEN |")
+        print(
+            "| command | run, writing (s) | kills aimed | nothing yet | hit while writing | whole | BROKEN |"
+        )
         print("|---|---|---|---|---|---|---|")
         for job in made:
             for aimed, what in ((False, "at any moment"), (True, "at the writing")):
                 counts = [job.tally[aimed, outcome] for outcome in OUTCOMES]
                 times = f"{job.total:.1f}, {job.window:.3f}"
-                print(f"| {job.name} | {times} | {sum(counts)} {what} | " + " | ".join(map(str, counts)) + " |")
+                print(
+                    f"| {job.name} | {times} | {sum(counts)} {what} | " + " | ".join(map(str, counts)) + " |"
+                )
         for job in made:
             left = len(job.partial())
             time_one(job)

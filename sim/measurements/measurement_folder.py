@@ -134,7 +134,8 @@ def _check_plates(where: Path, measurements: Measurements) -> None:
     for plate, cells in zip(PLATES, measurements.cells, strict=True):
         if np.linalg.svd(cells - cells.mean(axis=0), compute_uv=False)[1] < 2 * LEAST_CELL_SPREAD:
             raise InputError(
-                f"{where}: key 'plates.{plate}.cells': found cells on one line, expected four that span an area"
+                f"{where}: key 'plates.{plate}.cells': found cells on one line, "
+                "expected four that span an area"
             )
 
 
@@ -144,7 +145,9 @@ def _check_rows(table: Table, measurements: Measurements) -> None:
     total = forces.sum(axis=1)
     light = total < np.maximum(LEAST_WEIGHT, 1e-2 * np.abs(forces).sum(axis=1))
     table.refuse("cell.*", light, total, "the robot's weight as their sum [N]")
-    _, first = np.unique(np.column_stack([measurements.posture, measurements.time]), axis=0, return_index=True)
+    _, first = np.unique(
+        np.column_stack([measurements.posture, measurements.time]), axis=0, return_index=True
+    )
     again = np.isfinite(measurements.time) & ~np.isin(np.arange(len(measurements)), first)
     table.refuse("posture", again, measurements.posture, "another posture or another time than a row before")
 
@@ -213,7 +216,9 @@ def _measurements(manifest: Manifest, table: Table) -> Measurements:
     }
     plates = [manifest.plates.right, manifest.plates.left]
     poses = [
-        np.column_stack([table.matrix(f"plate.{p}", ("x", "y"), **length), table.numbers(f"plate.{p}.yaw", **angle)])
+        np.column_stack(
+            [table.matrix(f"plate.{p}", ("x", "y"), **length), table.numbers(f"plate.{p}.yaw", **angle)]
+        )
         for p in PLATES
     ]
     mass, sheet = manifest.weighed_mass, manifest.sensors

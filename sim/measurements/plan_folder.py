@@ -90,7 +90,9 @@ def read_plan(folder: Path, robot: Robot, model: mujoco.MjModel) -> PosturePlan:
     )
     check_limits(table.path, plan, model)
     if len(np.unique(plan.posture)) < len(plan):
-        raise InputError(f"{table.path}: column 'posture': found repeated numbers, expected each once in a plan")
+        raise InputError(
+            f"{table.path}: column 'posture': found repeated numbers, expected each once in a plan"
+        )
     return plan
 
 

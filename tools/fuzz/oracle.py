@@ -26,7 +26,10 @@ def rows_of(folder: Path) -> list[dict[str, Any]]:
         file = pyarrow.parquet.ParquetFile(path)
         names = [n for n in file.schema_arrow.names if n != "note"]
         table = file.read(columns=names)
-        return [dict(zip(table.column_names, row, strict=True)) for row in zip(*table.to_pydict().values(), strict=True)]
+        return [
+            dict(zip(table.column_names, row, strict=True))
+            for row in zip(*table.to_pydict().values(), strict=True)
+        ]
     text = (folder / "postures.csv").read_text(encoding="utf-8-sig")
     return list(csv.DictReader(io.StringIO(text)))
 
@@ -117,7 +120,9 @@ def difference(expected: Any, found: Any) -> str:
 def not_finite(value: Any) -> bool:
     """Whether a JSON document holds a null where a number was computed."""
     if isinstance(value, dict):
-        return any(not_finite(v) for k, v in value.items() if k not in ("truth", "made", "relative_standard_error"))
+        return any(
+            not_finite(v) for k, v in value.items() if k not in ("truth", "made", "relative_standard_error")
+        )
     if isinstance(value, list):
         return any(not_finite(item) for item in value)
     return value is None
