@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup validate test lint bench study-contact pictures constraints clean
+.PHONY: setup validate test lint bench study-contact study-fuzz study-kill pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -30,6 +30,12 @@ bench: setup  ## ratios of times, in one run
 
 study-contact: setup  ## docs/contact-study.md's table: contact and gate settings against accuracy
 	$(BIN)/python tools/study_contact.py
+
+study-fuzz: setup  ## docs/reliability.md's table: 1,000 broken folders, 200 broken robots
+	$(BIN)/python -m tools.study_fuzz
+
+study-kill: setup  ## docs/reliability.md's table: fifty kills while writing and before
+	$(BIN)/python -m tools.study_kill
 
 pictures: setup  ## the README's picture (needs libosmesa6)
 	MUJOCO_GL=osmesa $(BIN)/python tools/pictures.py
