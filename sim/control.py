@@ -30,3 +30,9 @@ def add_servos(spec: mujoco.MjSpec, controller: Controller) -> None:
         kp = limit / controller.error_at_full_torque
         actuator.set_to_position(kp=kp, kv=kp * controller.derivative_time)
         actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
+
+
+def remove_servos(spec: mujoco.MjSpec) -> None:
+    """Make every servo of `spec` a plain motor again: its control is a torque [Nm]."""
+    for actuator in spec.actuators:
+        actuator.set_to_motor()

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from sim.model import CELLS, CORNERS, PLATES, compile_spec, joint_names, load_model, sole_point
-from sim.path import base_pose, closed_path
+from sim.path import base_pose, closed_path, tipped
 from sim.plates import cell_addresses, cell_names, plate_geometry, tare
 from sim.rig import Rig
 from sim.scene import laboratory_scene
@@ -221,13 +221,7 @@ class Stand:
         return bool(speed < self.protocol.speed_gate and change < self.protocol.force_gate)
 
     def _tipped(self, planned: np.ndarray) -> bool:
-        actual = self.data.qpos[self.free_qpos]
-        difference = np.zeros(3)
-        mujoco.mju_subQuat(difference, actual[3:], planned[3:])
-        return bool(
-            np.linalg.norm(difference[:2]) > self.protocol.tilt_limit
-            or abs(actual[2] - planned[2]) > 0.2 * planned[2]
-        )
+        return tipped(self.data.qpos[self.free_qpos], planned, self.protocol.tilt_limit)
 
     def _drift(self) -> float:
         """Largest horizontal way of any sole corner from where it was put down [m]."""

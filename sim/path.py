@@ -20,6 +20,17 @@ def base_pose(model: mujoco.MjModel, robot: Robot, angles: np.ndarray) -> np.nda
     return np.concatenate([position, inverse])
 
 
+def tipped(pose: np.ndarray, planned: np.ndarray, tilt_limit: float) -> bool:
+    """Whether the free body leans `tilt_limit` [rad] more than planned or hangs a fifth off its height.
+
+    Args:
+        pose, planned: of the free body, (7,) [m, quaternion].
+    """
+    lean = np.zeros(3)
+    mujoco.mju_subQuat(lean, pose[3:], planned[3:])
+    return bool(np.linalg.norm(lean[:2]) > tilt_limit or abs(pose[2] - planned[2]) > 0.2 * planned[2])
+
+
 def closed_path(
     model: mujoco.MjModel, robot: Robot, start: np.ndarray, end: np.ndarray, steps: int
 ) -> np.ndarray:
