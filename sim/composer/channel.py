@@ -11,10 +11,13 @@ class Channel:
     """Sensors of one kind, by the figures of `sim.sensors.Sensors`.
 
     A class because its error of repeatability stays for an episode.
+
+    Attributes:
+        gain: true gain of every sensor, (n,).
+        offset: this episode's error of repeatability, (n,).
     """
 
     def __init__(self, gain: np.ndarray, repeatability: float, noise: float, resolution: float):
-        """Args: gain: true gain of every sensor, (n,)."""
         self.gain = gain
         self.repeatability, self.noise, self.resolution = repeatability, noise, resolution
         self.offset = np.zeros_like(gain)
@@ -25,6 +28,5 @@ class Channel:
 
     def __call__(self, truth: np.ndarray, random_state: np.random.RandomState) -> np.ndarray:
         """One reading, (n,)."""
-        return corrupted(
-            self.gain * np.asarray(truth) + self.offset, self.noise, self.resolution, random_state
-        )
+        signal = self.gain * np.asarray(truth) + self.offset
+        return corrupted(signal, self.noise, self.resolution, random_state)

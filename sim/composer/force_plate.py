@@ -16,9 +16,10 @@ class ForcePlate(composer.Entity):
     Attributes:
         cells: the sensor elements of its four cells in the order of `CORNERS`.
         tare: what they read under the empty board, (4,) [N].
+        interval: physics steps from sample to sample.
     """
 
-    def _build(self, part: Part, cells: list[str], tare: np.ndarray, channel: Channel, interval: int):
+    def _build(self, part: Part, cells: list[str], tare: np.ndarray, channel: Channel, interval: int) -> None:
         self._root = part.root
         self.cells = [part.root.find("sensor", name) for name in cells]
         self.tare, self.channel, self.interval = tare, channel, interval

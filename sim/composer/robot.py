@@ -21,9 +21,12 @@ class RobotEntity(composer.Entity):
         motors: the joint that each actuator turns; the joint itself where the drive is rigid.
         torso: the body that moves freely.
         soles: the sole corners of each foot.
+        interval: physics steps from sample to sample.
     """
 
-    def _build(self, part: Part, robot: Robot, nominal: mujoco.MjModel, sensors: Sensors, interval: int):
+    def _build(
+        self, part: Part, robot: Robot, nominal: mujoco.MjModel, sensors: Sensors, interval: int
+    ) -> None:
         self._root = part.root
         names = joint_names(nominal)
         drives = {nominal.joint(nominal.actuator_trnid[i, 0]).name: i for i in range(nominal.nu)}
@@ -54,7 +57,7 @@ class RobotEntity(composer.Entity):
 
 
 class RobotObservables(composer.Observables):
-    """What is read of the robot. All but the encoders is truth, and disabled."""
+    """What is read of the robot. All but the encoders is the truth, and disabled."""
 
     @composer.observable
     def joint_encoders(self) -> observable.MJCFFeature:

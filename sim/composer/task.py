@@ -98,14 +98,14 @@ class LaboratoryTask(composer.Task):
         return tipped(np.asarray(physics.bind(self._torso).qpos), self._pose, self._tilt_limit)
 
 
-def _plates(scene: SceneParts, rig: Rig, tare: np.ndarray, interval: int) -> tuple[ForcePlate, ...]:
+def _plates(scene: SceneParts, rig: Rig, empty: np.ndarray, interval: int) -> tuple[ForcePlate, ...]:
     sensors = rig.sensors
     names, gains = np.array(cell_names()).reshape(2, 4), cell_gains(sensors).reshape(2, 4)
     return tuple(
         ForcePlate(
             scene.parts[f"{plate}_plate"],
             names[k].tolist(),
-            tare.reshape(2, 4)[k],
+            empty.reshape(2, 4)[k],
             Channel(gains[k], sensors.cell_repeatability, sensors.cell_noise, sensors.cell_resolution),
             interval,
         )
