@@ -61,7 +61,7 @@ class LaboratoryTask(composer.Task):
         self._torso = mjcf.get_frame_freejoint(self.robot.mjcf_model)
         self._angles, self._pose = joint_angles, base_pose(nominal, rig.robot, joint_angles)
         self._tilt_limit = rig.protocol.tilt_limit
-        self._actuation, self._bounds, self._reward = actuation, _bounds(nominal, actuation), reward
+        self._bounds, self._reward = _bounds(nominal, actuation), reward
         try:
             self.control_timestep = control_timestep
         except ValueError as error:
