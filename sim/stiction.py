@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 BREAKAWAY = 1.02  # static over sliding friction, assumed: what crept at its limit holds when it stops
+LEAST = 1e-3  # share of its friction that a row keeps when the constant force has the rest
 
 
 class Stiction:
@@ -27,15 +28,17 @@ class Stiction:
 
     def __init__(self, model: mujoco.MjModel, standing: list[tuple[int, int]]):
         self.model, self.standing = model, standing
-        self.friction = [_friction(model, pair) for pair in standing]
+        self.capacity = BREAKAWAY * model.dof_frictionloss
+        self.cone = [BREAKAWAY * _friction(model, pair) for pair in standing]
 
     def engage(self, data: mujoco.MjData) -> None:
-        """Hand over what the friction rows carried in the last step."""
+        """Hand over what the friction rows carried in the last step; each keeps what is left of it."""
         kinds, dofs = data.efc_type[: data.nefc], data.efc_id[: data.nefc]
         rows = kinds == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
         data.qfrc_applied[dofs[rows]] += data.efc_force[: data.nefc][rows]
-        limits = self.model.dof_frictionloss
-        np.clip(data.qfrc_applied, -limits, limits, out=data.qfrc_applied)
+        np.clip(data.qfrc_applied, -self.capacity, self.capacity, out=data.qfrc_applied)
+        left = self.capacity - np.abs(data.qfrc_applied)
+        self.model.dof_frictionloss[:] = np.maximum(left, LEAST * self.capacity)
         for pair in self.standing:
             above, below = pair
             for point, force in _friction_forces(self.model, data, pair):
@@ -47,6 +50,7 @@ class Stiction:
         """Let everything move again."""
         data.qfrc_applied[:] = 0.0
         data.xfrc_applied[:] = 0.0
+        self.model.dof_frictionloss[:] = self.capacity / BREAKAWAY
 
     def overloaded(self, data: mujoco.MjData) -> list[str]:
         """Joints and bodies that need more than dry friction can carry, as of the last step."""
@@ -55,12 +59,12 @@ class Stiction:
         kinds, dofs = data.efc_type[: data.nefc], data.efc_id[: data.nefc]
         rows = kinds == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
         loads[dofs[rows]] += data.efc_force[: data.nefc][rows]
-        over = np.flatnonzero(np.abs(loads) > BREAKAWAY * model.dof_frictionloss)
+        over = np.flatnonzero(np.abs(loads) > self.capacity * (1 + LEAST / 2))
         names = [model.joint(model.dof_jntid[dof]).name for dof in over]
         mujoco.mj_rnePostConstraint(model, data)
-        for (above, below), coefficient in zip(self.standing, self.friction, strict=True):
+        for (above, below), cone in zip(self.standing, self.cone, strict=True):
             force = data.xmat[below].reshape(3, 3).T @ data.cfrc_ext[above][3:]
-            if np.linalg.norm(force[:2]) > BREAKAWAY * coefficient * force[2]:
+            if np.linalg.norm(force[:2]) > cone * force[2]:
                 names.append(model.body(above).name)
         return names
 
