@@ -58,6 +58,8 @@ class Scenario:
             "seed": self.seed,
             "robot": str(self.rig.robot.path.name),
             "controller": dataclasses.asdict(self.rig.controller),
+            "drives": dataclasses.asdict(self.rig.drives),
+            "compliance": dataclasses.asdict(self.rig.compliance),
             "sensors": dataclasses.asdict(self.rig.sensors),
             "protocol": dataclasses.asdict(self.rig.protocol),
             "edited": self.rig.edit is not None,

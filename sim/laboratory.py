@@ -9,13 +9,14 @@ import joblib
 import numpy as np
 
 from sim.errors import InputError
-from sim.hold import Held, Stand
+from sim.hold import Held, hold, move, put_down
 from sim.measurements import Measurements, PlateGeometry, PosturePlan, SensorSheet, lay_boards
 from sim.model import PLATES, Robot, load_model, sha256, sole_corners
 from sim.plates import plate_geometry
 from sim.rig import Rig
 from sim.scene import load_scene
 from sim.sensors import averaged_sd, read_cells, read_encoders
+from sim.stand import Stand
 
 
 @dataclass(frozen=True)
@@ -125,12 +126,12 @@ def run_placement(
         planned = plan.joint_angles[row]
         command = planned + rig.controller.command_sd * rng.standard_normal(len(planned))
         if before is None:
-            stand.put_down(command)
+            put_down(stand, command)
             if not attempts:
                 recorded = stand.plates_in_base() + error
         else:
-            stand.move(before, planned, command)
-        held, reason = stand.hold(planned)
+            move(stand, before, planned, command)
+        held, reason = hold(stand, planned)
         before = planned if held else None
         reading = _read(rig, held, samples, rng) if held else {}
         number, true_plates = int(plan.posture[row]), stand.plates_in_base()
@@ -139,7 +140,7 @@ def run_placement(
 
 
 def _read(rig: Rig, held: Held, samples: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    angles, angles_sd, motor = read_encoders(rig.sensors, held.joint_angles, samples, rng)
+    angles, angles_sd, motor = read_encoders(rig.sensors, held.joint_angles, held.motor_angles, samples, rng)
     forces, forces_sd = read_cells(rig.sensors, held.cell_forces, samples, rng)
     return {"q": angles, "q_std": angles_sd, "motor": motor, "cell": forces, "cell_std": forces_sd}
 

@@ -18,7 +18,7 @@ TULIP = ASSETS / "tulip_mjcf" / "tulip.toml"
 
 KEYS = (
     *("name", "model", "scene", "stance_foot", "swing_foot"),
-    *("z_down", "simplified", "correlated", "planning", "paper"),
+    *("z_down", "simplified", "correlated", "planning", "paper", "drives", "compliance"),
 )
 CORNERS = ("front_left", "front_right", "rear_right", "rear_left")
 PLATES = ("right", "left")

@@ -110,17 +110,18 @@ def sample(
 
 
 def read_encoders(
-    sensors: Sensors, angles: np.ndarray, samples: int, rng: np.random.Generator
+    sensors: Sensors, angles: np.ndarray, motors: np.ndarray, samples: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Joint encoders' mean and s.d. and the motor encoders' mean over a window, each (n,) [rad].
 
-    The drives are rigid: both encoders see the same angle.
+    Args:
+        angles, motors: true angles of the joints and of the motors over the gear ratio, (n,).
     """
     mean, sd = sample(
         angles, sensors.encoder_repeatability, sensors.encoder_noise, sensors.encoder_resolution, samples, rng
     )
     motor, _ = sample(
-        angles, sensors.motor_repeatability, sensors.motor_noise, sensors.motor_resolution, samples, rng
+        motors, sensors.motor_repeatability, sensors.motor_noise, sensors.motor_resolution, samples, rng
     )
     return mean, sd, motor
 

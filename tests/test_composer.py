@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from sim.composer import laboratory_environment
-from sim.hold import Stand
+from sim.hold import hold
+from sim.hold import put_down as put_down_by_protocol
 from sim.path import base_pose
 from sim.rig import preset_rig
 from sim.sensors import PRESETS, Sensors, averaged_sd
+from sim.stand import Stand
 
 POSES = np.array([[0.0301, -0.1552, 0.0113], [0.0322, 0.1553, -0.0207]])
 PERIOD = 20  # physics steps from action to action

@@ -19,6 +19,7 @@ from sim.path import base_pose, tipped
 from sim.plates import cell_names, tare
 from sim.rig import Rig
 from sim.sensors import cell_gains
+from sim.stand import hoist_damping
 
 
 class LaboratoryTask(composer.Task):
@@ -61,6 +62,7 @@ class LaboratoryTask(composer.Task):
         self._torso = mjcf.get_frame_freejoint(self.robot.mjcf_model)
         self._angles, self._pose = joint_angles, base_pose(nominal, rig.robot, joint_angles)
         self._tilt_limit = rig.protocol.tilt_limit
+        self._hoist_damping = hoist_damping(rig)
         self._bounds, self._reward = _bounds(nominal, actuation), reward
         try:
             self.control_timestep = control_timestep
@@ -70,6 +72,9 @@ class LaboratoryTask(composer.Task):
     @property
     def root_entity(self) -> composer.Entity:
         return self._arena
+
+    def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        physics.bind(self._torso).damping += self._hoist_damping
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
         physics.bind(self._torso).qpos = self._pose
