@@ -55,7 +55,7 @@ class Stand:
         self.protocol = rig.protocol
         self.robot = rig.robot
         self.derivative_time = rig.controller.derivative_time
-        self.model = compile_spec(spec, str(rig.robot.scene))
+        self.model = compile_spec(spec, str(rig.robot.path))
         self.data = mujoco.MjData(self.model)
         joints = joint_names(self.nominal)
         self.qpos = np.array([self.model.joint(name).qposadr[0] for name in joints])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from sim.model import Robot, joint_names, sole_point
+from sim.model import Robot, between_feet, joint_names, sole_point
 
 NEWTON_STEPS = 8
 
@@ -26,8 +26,9 @@ def closed_path(
     """Joint angles from `start` (excluded) to `end`, (steps, n) [rad].
 
     The torso goes straight at minimum jerk while the feet stay; so the load goes over from
-    foot to foot without detours, as it would not on a line in joint space. Newton's method
-    finds the joint angles, from step to step.
+    foot to foot without detours, as it would not on a line in joint space. Joints that are not
+    between the feet go straight too; Newton's method finds the others' angles, nearest to the
+    straight way where there is a choice.
     """
     s = np.arange(1, steps + 1) / steps
     s = s**3 * (10 - 15 * s + 6 * s**2)
@@ -39,10 +40,11 @@ def closed_path(
     for row, part in zip(poses, s, strict=True):
         mujoco.mju_quatIntegrate(row[3:], turn, part)
     feet = [_foot_poses(model, _at(model, q, p), robot) for q, p in ((start, pose[0]), (end, pose[1]))]
-    columns = [model.joint(name).dofadr[0] for name in joint_names(model)]
+    coupled = between_feet(model, robot)
+    columns = np.array([model.joint(name).dofadr[0] for name in joint_names(model)])[coupled]
     path = np.empty((steps, len(start)))
-    angles = start.copy()
     for k, part in enumerate(s):
+        angles = start + part * (end - start)
         # The two ends' feet differ by the plan's rounding only; go over from one to the other.
         wanted = [a + part * (b - a) for a, b in zip(*feet, strict=True)]
         for _ in range(NEWTON_STEPS):
@@ -50,7 +52,7 @@ def closed_path(
             error, jacobian = _foot_errors(model, data, robot, wanted)
             if np.abs(error).max() < 1e-8:
                 break
-            angles = angles - np.linalg.lstsq(jacobian[:, columns], error, rcond=1e-6)[0]
+            angles[coupled] -= np.linalg.lstsq(jacobian[:, columns], error, rcond=1e-6)[0]
         path[k] = angles
     path[-1] = end
     return path
