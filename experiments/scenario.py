@@ -44,7 +44,7 @@ class Scenario:
             spec.delete(spec.body(f"{plate}_plate"))
         for key in list(spec.keys):
             spec.delete(key)
-        return compile_spec(spec, str(self.rig.robot.scene))
+        return compile_spec(spec, str(self.rig.robot.path))
 
     def true_base_parameters(self) -> np.ndarray:
         """Base parameters of that robot in double support, with its own lengths, (p,) [m]."""

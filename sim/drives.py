@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import mujoco
 
+from sim.control import torque_limit
+
 SUFFIX = "_motor"
 # Damping over stiffness of the flexible element, so that the links do not ring [s], assumed. It acts on
 # the joint's own speed, where it is integrated implicitly; at rest it makes no difference.
@@ -51,7 +53,7 @@ def add_drives(spec: mujoco.MjSpec, drives: Drives) -> None:
             solref_friction=joint.solref_friction,
             solimp_friction=joint.solimp_friction,
         )
-        stiffness = actuator.forcerange[1] / drives.wind_up
+        stiffness = torque_limit(spec, actuator) / drives.wind_up
         spring = spec.add_tendon(
             name=motor.name,
             stiffness=stiffness,

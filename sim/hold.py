@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.bookkeeping import Books, keep_books, mechanical_energy
-from sim.path import base_pose, closed_path
 from sim.stand import Stand
 
 CONTROL_PERIOD = 0.02  # s, at which path and gate are updated
@@ -48,7 +47,7 @@ class Held:
 
 def put_down(stand: Stand, command: np.ndarray) -> None:
     """Put the robot down at a posture and clamp its feet where they came to stand."""
-    stand.reset(command, base_pose(stand.nominal, stand.robot, command))
+    stand.reset(command, stand.chain.base_pose(command))
     stand.run(LANDING_TIME)
     stand.mark_feet()
     _clamp(stand)
@@ -65,7 +64,7 @@ def move(stand: Stand, start: np.ndarray, end: np.ndarray, command: np.ndarray) 
     stand.stiction.release(stand.data)
     _clamp(stand)
     steps = round(stand.protocol.move_time / CONTROL_PERIOD)
-    path = closed_path(stand.nominal, stand.robot, start, end, steps)
+    path = stand.chain.path(start, end, steps)
     first, last = stand.command - start, command - end
     before = start
     for k, angles in enumerate(path):
@@ -89,7 +88,7 @@ def hold(stand: Stand, plan: np.ndarray) -> tuple[Held | None, str]:
     protocol, data = stand.protocol, stand.data
     _release(stand)
     before = mechanical_energy(stand)
-    upright = base_pose(stand.nominal, stand.robot, plan)
+    upright = stand.chain.base_pose(plan)
     released = data.time
     latest = released + protocol.hold_time - protocol.window
     while True:

@@ -8,7 +8,7 @@ import numpy as np
 from sim.compliance import Compliance
 from sim.drives import motor_joint
 from sim.model import CELLS, CORNERS, PLATES, compile_spec, joint_names, load_model, sole_point
-from sim.path import tipped
+from sim.path import ClosedChain, tipped
 from sim.plates import cell_addresses, cell_names, tare
 from sim.rig import Rig
 from sim.scene import laboratory_scene
@@ -21,19 +21,20 @@ class Stand:
     """The robot on its plates. A class because MuJoCo's state is mutable and outlives a posture.
 
     Attributes:
-        rig: the laboratory. nominal: the robot alone, as its file says.
+        rig: the laboratory. chain: the robot alone, as its file says.
         model, data: the scene.
         stiction: the rows that hold what has come to rest.
     """
 
     def __init__(self, rig: Rig, plate_poses: np.ndarray):
         self.rig, self.robot, self.protocol = rig, rig.robot, rig.protocol
-        self.nominal = load_model(rig.robot)
-        joints = joint_names(self.nominal)
+        nominal = load_model(rig.robot)
+        self.chain = ClosedChain(nominal, rig.robot)
+        joints = joint_names(nominal)
         spec = laboratory_scene(rig, plate_poses)
         _add_clamps(spec, rig.robot.feet)
         soles = [spec.geom(f"{foot}_{CORNERS[0]}").parent.name for foot in rig.robot.feet]
-        self.model = compile_spec(spec, str(rig.robot.scene))
+        self.model = compile_spec(spec, str(rig.robot.path))
         self.data = mujoco.MjData(self.model)
         self.qpos = np.array([self.model.joint(name).qposadr[0] for name in joints])
         motors = [motor_joint(self.model, name) for name in joints]
@@ -47,7 +48,7 @@ class Stand:
         self.clamps = np.array([self.model.equality(f"{foot}_clamp").id for foot in rig.robot.feet])
         self.cells = cell_addresses(self.model)
         self.tare = tare(self.model)
-        self.sole_points = {foot: sole_point(self.nominal, foot) for foot in rig.robot.feet}
+        self.sole_points = {foot: sole_point(nominal, foot) for foot in rig.robot.feet}
         self.sole_names = [f"{foot}_{corner}" for foot in rig.robot.feet for corner in CORNERS]
         self.soles = [self.model.body(name).id for name in soles]
         plates = [self.model.body(f"{plate}_plate").id for plate in PLATES]

@@ -14,7 +14,7 @@ from sim.hold import hold, move, put_down
 from sim.laboratory import run_experiment, run_placement
 from sim.measurements import lay_boards
 from sim.model import sole_corners
-from sim.path import closed_path
+from sim.path import ClosedChain
 from sim.plates import tare
 from sim.rig import preset_rig
 from sim.scene import load_scene
@@ -231,7 +231,7 @@ def test_known_weight_at_a_known_place_is_read_by_the_four_cells(robot):
 
 
 def test_paths_keep_the_feet(robot, model, parameters, plan):
-    path = closed_path(model, robot, plan.joint_angles[0], plan.joint_angles[1], 50)
+    path = ClosedChain(model, robot).path(plan.joint_angles[0], plan.joint_angles[1], 50)
     tree = parameters.tree
     swing = link_rotations(tree, parameters.base, path)[:, tree.frame("left_foot")]
     assert swing == pytest.approx(np.tile(swing[-1], (50, 1, 1)), abs=1e-6)

@@ -14,7 +14,7 @@ from sim.control import remove_servos
 from sim.errors import InputError, listed, look_up
 from sim.measurements import lay_boards
 from sim.model import PLATES, joint_names, load_model, sole_corners
-from sim.path import base_pose
+from sim.path import ClosedChain
 from sim.plates import plate_geometry
 from sim.rig import Rig
 from sim.scene import laboratory_scene, load_scene
@@ -100,7 +100,7 @@ def _soles(nominal: mujoco.MjModel, rig: Rig, angles: np.ndarray) -> np.ndarray:
     data = mujoco.MjData(nominal)
     for name, angle in zip(joint_names(nominal), angles, strict=True):
         data.joint(name).qpos = angle
-    data.qpos[:7] = base_pose(nominal, rig.robot, angles)
+    data.qpos[:7] = ClosedChain(nominal, rig.robot).base_pose(angles)
     mujoco.mj_kinematics(nominal, data)
     feet = [data.body(foot) for foot in rig.robot.feet]
     soles = np.array(

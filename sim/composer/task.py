@@ -13,9 +13,10 @@ from sim.composer.channel import Channel
 from sim.composer.force_plate import ForcePlate
 from sim.composer.parts import SceneParts, join, split_scene
 from sim.composer.robot import RobotEntity
+from sim.control import torque_limit
 from sim.errors import InputError
-from sim.model import PLATES, compile_spec, joint_names
-from sim.path import base_pose, tipped
+from sim.model import PLATES, Robot, compile_spec, joint_names, joint_ranges, load_spec
+from sim.path import ClosedChain, tipped
 from sim.plates import cell_names, tare
 from sim.rig import Rig
 from sim.sensors import cell_gains
@@ -44,7 +45,7 @@ class LaboratoryTask(composer.Task):
         Raises:
             InputError: a control time step that is no multiple of the physics' one, or a broken scene.
         """
-        model = compile_spec(spec, str(rig.robot.scene))
+        model = compile_spec(spec, str(rig.robot.path))
         torso = model.body(model.body_rootid[model.body(rig.robot.stance_foot).id]).name
         scene = split_scene(
             spec, model, {"robot": torso} | {f"{plate}_plate": f"{plate}_plate" for plate in PLATES}
@@ -60,10 +61,10 @@ class LaboratoryTask(composer.Task):
                 frame.add("freejoint")
         join(scene)
         self._torso = mjcf.get_frame_freejoint(self.robot.mjcf_model)
-        self._angles, self._pose = joint_angles, base_pose(nominal, rig.robot, joint_angles)
+        self._angles, self._pose = joint_angles, ClosedChain(nominal, rig.robot).base_pose(joint_angles)
         self._tilt_limit = rig.protocol.tilt_limit
         self._hoist_damping = hoist_damping(rig)
-        self._bounds, self._reward = _bounds(nominal, actuation), reward
+        self._bounds, self._reward = _bounds(rig.robot, nominal, actuation), reward
         try:
             self.control_timestep = control_timestep
         except ValueError as error:
@@ -118,13 +119,12 @@ def _plates(scene: SceneParts, rig: Rig, empty: np.ndarray, interval: int) -> tu
     )
 
 
-def _bounds(nominal: mujoco.MjModel, actuation: str) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest action by the nominal model, each (n,): joint ranges or torque limits."""
-    joints = [nominal.joint(name).id for name in joint_names(nominal)]
+def _bounds(robot: Robot, nominal: mujoco.MjModel, actuation: str) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest action by the nominal robot, each (n,): joint ranges or torque limits."""
     if actuation == "angles":
-        limited = nominal.jnt_limited[joints, None].astype(bool)
-        ranges = np.where(limited, nominal.jnt_range[joints], [-np.pi, np.pi])
-    else:
-        drives = nominal.actuator_trnid[:, 0].tolist()
-        ranges = nominal.actuator_forcerange[[drives.index(joint) for joint in joints]]
-    return ranges[:, 0].copy(), ranges[:, 1].copy()
+        low, high = joint_ranges(nominal).clip(-np.pi, np.pi).T
+        return low, high
+    spec = load_spec(robot.model)
+    limits = {actuator.target: torque_limit(spec, actuator) for actuator in spec.actuators}
+    high = np.array([limits[name] for name in joint_names(nominal)])
+    return -high, high
