@@ -10,6 +10,7 @@ from sim.compliance import Compliance
 from sim.composer import laboratory_environment
 from sim.drives import Drives
 from sim.hold import hold, put_down
+from sim.model import load_robot
 from sim.rig import preset_rig
 from sim.sensors import PRESETS, Sensors, averaged_sd
 from sim.stand import Stand
@@ -276,3 +277,25 @@ def test_parts_lose_nothing_of_the_scene(rig, stand):
     assert parts.geom("table").bodyid == parts.body("table").id
     assert [parts.pair(i).name for i in range(8)] == [whole.pair(i).name for i in range(8)]
     assert parts.equality("moored").id != parts.equality("stuck").id
+
+
+def test_meshes_are_found_beside_the_robot(robot, stand, tmp_path):
+    """One is the torso's, one the floor's; each is loaded once."""
+    for path in robot.path.parent.iterdir():
+        if path.is_file():
+            (tmp_path / path.name).write_bytes(path.read_bytes())
+    (tmp_path / "shape.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    )
+    other = load_robot(tmp_path / robot.path.name)
+
+    def shaped(spec: mujoco.MjSpec) -> None:
+        for body, size in (("torso", 0.1), ("world", 0.2)):
+            mesh = spec.add_mesh(name=f"{body}_shape", file="shape.obj", scale=[size] * 3)
+            kind = {"type": mujoco.mjtGeom.mjGEOM_MESH, "contype": 0, "conaffinity": 0}
+            spec.body(body).add_geom(name=mesh.name, meshname=mesh.name, **kind)
+
+    rig = dataclasses.replace(preset_rig("ideal", other), edit=shaped)
+    environment = laboratory_environment(rig, stand)
+    model = environment.physics.model.ptr
+    assert sorted(model.mesh(i).name for i in range(model.nmesh)) == ["robot/torso_shape", "world_shape"]

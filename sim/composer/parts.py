@@ -81,8 +81,10 @@ def split_scene(spec: mujoco.MjSpec, model: mujoco.MjModel, bodies: Mapping[str,
         trees[name].set("model", name)
         _child(trees[name], "worldbody").append(body)
         place = model.body(bodies[name])
-        parts[name] = Part(_parse(trees[name]), place.pos.copy(), place.quat.copy(), free is not None)
-    return SceneParts(_parse(arena), parts, tuple(between))
+        parts[name] = Part(
+            _parse(trees[name], spec.modelfiledir), place.pos.copy(), place.quat.copy(), free is not None
+        )
+    return SceneParts(_parse(arena, spec.modelfiledir), parts, tuple(between))
 
 
 def join(scene: SceneParts) -> None:
@@ -133,5 +135,10 @@ def _child(parent: Element, tag: str) -> Element:
     return SubElement(parent, tag) if found is None else found
 
 
-def _parse(tree: Element) -> mjcf.RootElement:
-    return mjcf.from_xml_string(tostring(tree, encoding="unicode"))
+def _parse(tree: Element, folder: str) -> mjcf.RootElement:
+    """As PyMJCF, with the meshes that it uses; others would be loaded for every part."""
+    used = {geom.get("mesh") for geom in tree.findall("worldbody//geom")}
+    for mesh in tree.findall("asset/mesh"):
+        if mesh.get("name") not in used:
+            _child(tree, "asset").remove(mesh)
+    return mjcf.from_xml_string(tostring(tree, encoding="unicode"), model_dir=folder)
