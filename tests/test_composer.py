@@ -49,9 +49,9 @@ def heavier(spec: mujoco.MjSpec) -> None:
     strap.wrap_joint("left_knee", -rng.uniform(0.9, 1.1))
 
 
-def cells(step) -> np.ndarray:
+def cells(step, name: str = "cells") -> np.ndarray:
     """The eight readings of a time step."""
-    return np.concatenate([step.observation[f"{side}_plate/cells"] for side in ("right", "left")])
+    return np.concatenate([step.observation[f"{side}_plate/{name}"] for side in ("right", "left")])
 
 
 def start(stand: Stand, command: np.ndarray) -> None:
@@ -179,51 +179,53 @@ SENSORS = {
 }
 
 
+@pytest.fixture(scope="module")
+def rest(rig, stand):
+    """The standing posture come to rest: the state's positions, (nq,)."""
+    environment = laboratory_environment(rig, stand)
+    environment.reset()
+    for _ in range(100):
+        environment.step(stand)
+    return environment.physics.data.qpos.copy()
+
+
 @pytest.mark.parametrize("sensors", SENSORS.values(), ids=SENSORS)
-def test_readings_have_the_spread_that_averaged_sd_predicts(rig, stand, sensors):
-    """40 episodes at rest, each channel the mean of 30 samples, against the same without errors.
+def test_readings_have_the_spread_that_averaged_sd_predicts(rig, stand, rest, sensors):
+    """40 episodes at rest, each channel the mean of 30 samples, against the true mean.
 
     Per kind of sensor the errors' mean, and the sum of their squares over the predicted variance:
     chi-square with 40 x (12 or 8) degrees of freedom. Both within 4 s.d.; the two sets of sensors
     together raise a false alarm on one seed in 900.
     """
     episodes, samples = 40, 30
-    kinds = {"joint_encoders": "encoder", "motor_encoders": "motor", "cells": "cell"}
-    options = {name: {"buffer_size": samples, "aggregator": "mean"} for name in kinds}
 
-    def readings(sensors: Sensors, count: int) -> dict[str, np.ndarray]:
-        environment = laboratory_environment(
-            dataclasses.replace(rig, sensors=sensors),
-            stand,
-            control_timestep=0.3,
-            seed=111,
-            observable_options=options,
-        )
-        environment.add_extra_hook("initialize_episode", at_rest)
-        rows: dict[str, list[np.ndarray]] = {name: [] for name in kinds}
-        for _ in range(count):
-            environment.reset()
-            step = environment.step(stand)
-            rows["joint_encoders"].append(step.observation["robot/joint_encoders"])
-            rows["motor_encoders"].append(step.observation["robot/motor_encoders"])
-            rows["cells"].append(cells(step))
-        return {name: np.array(values) for name, values in rows.items()}
-
-    settled = laboratory_environment(rig, stand)
-    settled.reset()
-    for _ in range(100):
-        settled.step(stand)
-    rest = settled.physics.data.qpos.copy()
-
-    def at_rest(physics, random_state):
+    def begin(physics, random_state):
         physics.data.qpos[:] = rest
 
-    truth, read = readings(Sensors(), 1), readings(sensors, episodes)
+    kinds = {"joint_encoders": "encoder", "motor_encoders": "motor", "cells": "cell"}
+    window = {"buffer_size": samples, "aggregator": "mean"}
+    truth = {"true_cells": {"enabled": True, "update_interval": 10, **window}}
+    environment = laboratory_environment(
+        dataclasses.replace(rig, sensors=sensors),
+        stand,
+        control_timestep=0.3,
+        seed=111,
+        observable_options=dict.fromkeys(kinds, window) | truth,
+    )
+    environment.add_extra_hook("initialize_episode", begin)
+    errors: dict[str, list[np.ndarray]] = {name: [] for name in kinds}
+    for _ in range(episodes):
+        environment.reset()
+        step = environment.step(stand)
+        # At rest the joints creep by less than a microradian in the window.
+        for name in ("joint_encoders", "motor_encoders"):
+            errors[name].append(step.observation[f"robot/{name}"] - environment.physics.data.qpos[7:19])
+        errors["cells"].append(cells(step) - cells(step, "true_cells"))
     for name, kind in kinds.items():
         repeatability, noise, resolution = (
             getattr(sensors, f"{kind}_{figure}") for figure in ("repeatability", "noise", "resolution")
         )
-        z = (read[name] - truth[name]) / averaged_sd(repeatability, noise, resolution, samples)
+        z = np.array(errors[name]) / averaged_sd(repeatability, noise, resolution, samples)
         assert abs(z.mean()) < 4 / np.sqrt(z.size)
         assert abs((z**2).sum() - z.size) < 4 * np.sqrt(2 * z.size)
 

@@ -136,9 +136,24 @@ def _child(parent: Element, tag: str) -> Element:
 
 
 def _parse(tree: Element, folder: str) -> mjcf.RootElement:
-    """As PyMJCF, with the meshes that it uses; others would be loaded for every part."""
-    used = {geom.get("mesh") for geom in tree.findall("worldbody//geom")}
-    for mesh in tree.findall("asset/mesh"):
-        if mesh.get("name") not in used:
-            _child(tree, "asset").remove(mesh)
+    _drop_unused(tree)
     return mjcf.from_xml_string(tostring(tree, encoding="unicode"), model_dir=folder)
+
+
+def _drop_unused(tree: Element) -> None:
+    """Drop default classes and assets that nothing refers to: every part has a copy of all."""
+    classes = {e.get(key) for e in tree.iter() if e.tag != "default" for key in ("class", "childclass")}
+    for default in tree.findall("default"):
+        _drop_classes(default, classes)
+    for _ in range(2):  # a texture goes once its material has gone
+        used = {value for e in tree.iter() for key, value in e.attrib.items() if key != "name"}
+        for asset in tree.findall("asset/*"):
+            if "name" in asset.attrib and asset.get("name") not in used:
+                _child(tree, "asset").remove(asset)
+
+
+def _drop_classes(default: Element, used: set[str | None]) -> None:
+    for inner in default.findall("default"):
+        _drop_classes(inner, used)
+        if inner.get("class") not in used and inner.find("default") is None:
+            default.remove(inner)
