@@ -137,6 +137,15 @@ def sag_line(experiment: Experiment) -> str:
     )
 
 
+def books_line(books: dict[str, float]) -> str:
+    return (
+        f"Largest imbalance in any hold: cells against weight {books['weight']:.1e} N, "
+        f"plates' moments against the feet's wrench {books['moments']:.1e} Nm, "
+        f"torques against inverse dynamics {books['torques']:.1e} Nm, "
+        f"energy left in motion {books['kinetic']:.1e} J."
+    )
+
+
 def residual_line(document: dict[str, Any], beside: str = "") -> str:
     norms, condition = document["residual_mm"], document["condition_number"]
     return (
@@ -169,6 +178,7 @@ def print_validation(console: Console, result: Validation, document: dict[str, A
         f"(truth {mass['truth']:.3f} kg)."
     )
     console.print(sag_line(result.experiment))
+    console.print(books_line(document["books"]))
     console.print(check_table(result.checks))
     colour = COLOURS[result.verdict]
     console.print(f"Verdict: [{colour}]{result.verdict}[/] after {result.wall_s:.0f} s")

@@ -173,6 +173,13 @@ def model_document(estimate: Estimate, truth: np.ndarray | None) -> dict[str, An
     }
 
 
+def worst_books(experiment: Experiment) -> dict[str, float]:
+    """The worst of every balance that the laboratory keeps, over all held postures."""
+    books = [dataclasses.asdict(held.books) for held in experiment.held]
+    worst = {name: max(abs(b[name]) for b in books) for name in ("weight", "moments", "torques", "kinetic")}
+    return worst | {"least_dissipated": min(b["dissipated"] for b in books)}
+
+
 def report_document(result: Validation) -> dict[str, Any]:
     """The JSON report of a validation."""
     found, experiment = result.identification, result.experiment
@@ -191,5 +198,6 @@ def report_document(result: Validation) -> dict[str, Any]:
         },
         "full": model_document(found.full, result.truth),
         "simplified": model_document(found.simplified, result.truth),
+        "books": worst_books(experiment),
         "wall_s": result.wall_s,
     }

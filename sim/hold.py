@@ -5,17 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from sim.bookkeeping import Books, keep_books, mechanical_energy
 from sim.stand import Stand
 
-CONTROL_PERIOD = 0.02  # s, at which path and gate are updated
+CONTROL_PERIOD = 0.02  # s, at which a hold looks at its gate
 LANDING_TIME = 0.1  # s
 CLAMP_IMPEDANCE = 0.9999
 AVERAGED_PERIODS = 5  # when gated
 STILL_PERIODS = 10  # in which no cell's force may change
 STICKING_PERIODS = 500  # at most, in which dry friction takes over the load
-SERVO_UPDATES = 10  # updates of the commanded angles within a control period while moving
+SERVO_PERIOD = 0.002  # s, at which the commanded angles are updated while moving
+PATH_KNOTS = 30
 
 
 @dataclass(frozen=True)
@@ -63,18 +65,15 @@ def move(stand: Stand, start: np.ndarray, end: np.ndarray, command: np.ndarray) 
     """
     stand.stiction.release(stand.data)
     _clamp(stand)
-    steps = round(stand.protocol.move_time / CONTROL_PERIOD)
-    path = stand.chain.path(start, end, steps)
-    first, last = stand.command - start, command - end
-    before = start
-    for k, angles in enumerate(path):
-        lead = stand.rig.controller.derivative_time * (angles - before) / CONTROL_PERIOD
-        for part in np.arange(1, SERVO_UPDATES + 1) / SERVO_UPDATES:
-            blend = (k + part) / steps
-            reference = before + part * (angles - before)
-            stand.command = reference + lead + (1 - blend) * first + blend * last
-            stand.run(CONTROL_PERIOD / SERVO_UPDATES)
-        before = angles
+    duration = stand.protocol.move_time
+    knots = np.vstack([start, stand.chain.path(start, end, PATH_KNOTS)])
+    path = CubicSpline(np.linspace(0, duration, PATH_KNOTS + 1), knots, bc_type="clamped")
+    time = np.arange(1, round(duration / SERVO_PERIOD) + 1) * SERVO_PERIOD
+    part = time[:, None] / duration
+    noise = (1 - part) * (stand.command - start) + part * (command - end)
+    for angles in path(time) + stand.rig.controller.derivative_time * path(time, 1) + noise:
+        stand.command = angles
+        stand.run(SERVO_PERIOD)
     stand.command = command
     stand.run(stand.protocol.rest_time)
 

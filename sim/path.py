@@ -44,7 +44,7 @@ class ClosedChain:
         turn = np.zeros(3)
         mujoco.mju_subQuat(turn, last[3:], first[3:])
         ends = [self._feet(start, first), self._feet(end, last)]
-        path, correction = np.empty((steps, len(start))), np.zeros(len(start))
+        path, corrections = np.empty((steps, len(start))), np.zeros((3, len(start)))
         for k, part in enumerate(s):
             pose = first.copy()
             pose[:3] += part * (last[:3] - first[:3])
@@ -54,8 +54,10 @@ class ClosedChain:
                 (p + part * (p1 - p), r + part * (r1 - r)) for (p, r), (p1, r1) in zip(*ends, strict=True)
             ]
             straight = start + part * (end - start)
-            correction = self._close(straight + correction, pose, wanted) - straight
-            path[k] = straight + correction
+            # Three steps back tell, by a parabola, nearly where this one goes.
+            guess = straight + np.array([3.0, -3.0, 1.0]) @ corrections
+            path[k] = self._close(guess, pose, wanted)
+            corrections = np.vstack([path[k] - straight, corrections[:2]])
         path[-1] = end
         return path
 

@@ -39,12 +39,12 @@ class Stiction:
         np.clip(data.qfrc_applied, -self.capacity, self.capacity, out=data.qfrc_applied)
         left = self.capacity - np.abs(data.qfrc_applied)
         self.model.dof_frictionloss[:] = np.maximum(left, LEAST * self.capacity)
-        for pair in self.standing:
-            above, below = pair
-            for point, force in _friction_forces(self.model, data, pair):
-                for body, sign in ((above, 1.0), (below, -1.0)):
-                    data.xfrc_applied[body, :3] += sign * force
-                    data.xfrc_applied[body, 3:] += sign * np.cross(point - data.xipos[body], force)
+        for above, below in self.standing:
+            points, forces = _friction_forces(self.model, data, above, below)
+            for body, sign in ((above, 1.0), (below, -1.0)):
+                arms = points - data.xipos[body]
+                data.xfrc_applied[body, :3] += sign * forces.sum(axis=0)
+                data.xfrc_applied[body, 3:] += sign * np.cross(arms, forces).sum(axis=0)
 
     def release(self, data: mujoco.MjData) -> None:
         """Let everything move again."""
@@ -70,18 +70,20 @@ class Stiction:
 
 
 def _friction_forces(
-    model: mujoco.MjModel, data: mujoco.MjData, pair: tuple[int, int]
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Point and tangential force on the first body of every contact of a pair, world frame."""
-    found, force = [], np.zeros(6)
-    for k, contact in enumerate(data.contact):
-        first, second = model.geom_bodyid[contact.geom]
-        if {first, second} == set(pair):
-            mujoco.mj_contactForce(model, data, k, force)
-            sign = 1.0 if second == pair[0] else -1.0
-            along = contact.frame.reshape(3, 3)[1:].T @ force[1:3]
-            found.append((contact.pos.copy(), sign * along))
-    return found
+    model: mujoco.MjModel, data: mujoco.MjData, above: int, below: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points and tangential forces on the body above in its contacts with the one below, (k, 3) each."""
+    bodies = model.geom_bodyid[data.contact.geom].reshape(-1, 2)
+    touching = np.flatnonzero((np.sort(bodies) == sorted((above, below))).all(axis=1))
+    local = np.zeros((len(touching), 6))
+    for row, k in zip(local, touching, strict=True):
+        mujoco.mj_contactForce(model, data, k, row)
+    local[:, 0] = 0.0
+    frames = data.contact.frame.reshape(-1, 3, 3)[touching]
+    signs = np.where(bodies[touching, 1] == above, 1.0, -1.0)
+    return data.contact.pos.reshape(-1, 3)[touching], signs[:, None] * np.einsum(
+        "kij,ki->kj", frames, local[:, :3]
+    )
 
 
 def _friction(model: mujoco.MjModel, pair: tuple[int, int]) -> float:
