@@ -122,7 +122,7 @@ def test_a_held_posture_reads_the_same(rig, plan):
         step = environment.step(posture)
         mujoco.mj_step(fast.model, fast.data, PERIOD)
         assert_same(step, fast)
-    # As still as the gate asks for: no cell changes by more than 1 mN.
+    # As still as the hold's own gate asks for.
     assert cells(step) == pytest.approx(held.cell_forces, abs=rig.protocol.force_gate)
     assert step.observation["robot/joint_encoders"] == pytest.approx(held.joint_angles, abs=1e-7)
 
