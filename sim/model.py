@@ -20,7 +20,7 @@ PLATE = ASSETS / "tulip_mjcf" / "plate.xml"
 
 KEYS = (
     *("name", "model", "scene", "plate", "stance_foot", "swing_foot"),
-    *("z_down", "simplified", "correlated", "planning", "paper"),
+    *("z_down", "simplified", "correlated", "residual_sigma_mm", "planning", "paper"),
 )
 CORNERS = ("front_left", "front_right", "rear_right", "rear_left")
 PLATES = ("right", "left")

@@ -5,18 +5,21 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from sim.model import Robot, between_feet, joint_names, sole_point
+from sim.model import Robot, between_feet, sole_point
 
 NEWTON_STEPS = 8
 
 
 def base_pose(model: mujoco.MjModel, robot: Robot, angles: np.ndarray) -> np.ndarray:
     """Pose of the free body that puts the stance sole on the origin, flat, (7,) [m, quaternion]."""
-    data = _at(model, angles)
+    data = mujoco.MjData(model)
+    _put(model, data, angles, np.array([0.0, 0, 0, 1, 0, 0, 0]))
+    foot = data.body(robot.stance_foot)
     inverse = np.zeros(4)
-    mujoco.mju_negQuat(inverse, data.body(robot.stance_foot).xquat)
+    mujoco.mju_negQuat(inverse, foot.xquat)
+    sole = foot.xpos + foot.xmat.reshape(3, 3) @ sole_point(model, robot.stance_foot)
     position = np.zeros(3)
-    mujoco.mju_rotVecQuat(position, -_sole(model, data, robot.stance_foot), inverse)
+    mujoco.mju_rotVecQuat(position, -sole, inverse)
     return np.concatenate([position, inverse])
 
 
@@ -39,17 +42,21 @@ def closed_path(
     poses[:, :3] += s[:, None] * (pose[1][:3] - pose[0][:3])
     for row, part in zip(poses, s, strict=True):
         mujoco.mju_quatIntegrate(row[3:], turn, part)
-    feet = [_foot_poses(model, _at(model, q, p), robot) for q, p in ((start, pose[0]), (end, pose[1]))]
+    data, soles = mujoco.MjData(model), {foot: sole_point(model, foot) for foot in robot.feet}
+    feet = []
+    for angles, at in ((start, pose[0]), (end, pose[1])):
+        _put(model, data, angles, at)
+        feet.append(_foot_poses(data, soles))
     coupled = between_feet(model, robot)
-    columns = np.array([model.joint(name).dofadr[0] for name in joint_names(model)])[coupled]
+    columns = 6 + np.flatnonzero(coupled)
     path = np.empty((steps, len(start)))
     for k, part in enumerate(s):
         angles = start + part * (end - start)
         # The two ends' feet differ by the plan's rounding only; go over from one to the other.
         wanted = [a + part * (b - a) for a, b in zip(*feet, strict=True)]
         for _ in range(NEWTON_STEPS):
-            data = _at(model, angles, poses[k])
-            error, jacobian = _foot_errors(model, data, robot, wanted)
+            _put(model, data, angles, poses[k])
+            error, jacobian = _foot_errors(model, data, soles, wanted)
             if np.abs(error).max() < 1e-8:
                 break
             angles[coupled] -= np.linalg.lstsq(jacobian[:, columns], error, rcond=1e-6)[0]
@@ -58,34 +65,28 @@ def closed_path(
     return path
 
 
-def _at(model: mujoco.MjModel, angles: np.ndarray, pose: np.ndarray | None = None) -> mujoco.MjData:
-    data = mujoco.MjData(model)
-    for name, angle in zip(joint_names(model), angles, strict=True):
-        data.qpos[model.joint(name).qposadr[0]] = angle
-    data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0] if pose is None else pose
+def _put(model: mujoco.MjModel, data: mujoco.MjData, angles: np.ndarray, pose: np.ndarray) -> None:
+    """The free body comes first in `qpos`, then the hinges in order."""
+    data.qpos[:7], data.qpos[7:] = pose, angles
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    return data
 
 
-def _sole(model: mujoco.MjModel, data: mujoco.MjData, foot: str) -> np.ndarray:
-    body = data.body(foot)
-    return body.xpos + body.xmat.reshape(3, 3) @ sole_point(model, foot)
-
-
-def _foot_poses(model: mujoco.MjModel, data: mujoco.MjData, robot: Robot) -> list[np.ndarray]:
+def _foot_poses(data: mujoco.MjData, soles: dict[str, np.ndarray]) -> list[np.ndarray]:
     """Position and rotation of each sole side by side, (3, 4)."""
-    return [
-        np.column_stack([_sole(model, data, foot), data.body(foot).xmat.reshape(3, 3)]) for foot in robot.feet
-    ]
+    poses = []
+    for foot, point in soles.items():
+        position, rotation = data.body(foot).xpos, data.body(foot).xmat.reshape(3, 3)
+        poses.append(np.column_stack([position + rotation @ point, rotation]))
+    return poses
 
 
 def _foot_errors(
-    model: mujoco.MjModel, data: mujoco.MjData, robot: Robot, wanted: list[np.ndarray]
+    model: mujoco.MjModel, data: mujoco.MjData, soles: dict[str, np.ndarray], wanted: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """How far both soles are from where they should be (12,), and its Jacobian (12, nv)."""
     errors, jacobians = [], []
-    for foot, actual, target in zip(robot.feet, _foot_poses(model, data, robot), wanted, strict=True):
+    for foot, actual, target in zip(soles, _foot_poses(data, soles), wanted, strict=True):
         r = actual[:, 1:] @ target[:, 1:].T
         errors += [actual[:, 0] - target[:, 0]]
         errors += [np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / 2]
