@@ -16,6 +16,7 @@ from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED, Scenario, truth_doc
 from experiments.tables import (
     LEGEND,
     correlation_lines,
+    models,
     parameter_table,
     print_experiment,
     print_validation,
@@ -134,7 +135,7 @@ def identify_command(
     described = load_robot(robot)
     measurements = read_measurements(folder)
     found = identify(measurements, described, str(folder))
-    document = {
+    document: dict[str, Any] = {
         "postures": len(measurements),
         "placements": len(np.unique(measurements.placement)),
         "condition_number": found.full.condition_number,
@@ -146,7 +147,8 @@ def identify_command(
         print_json(document)
         return 0
     screen = console()
-    for model, title in (("full", "Full model, mm"), ("simplified", "Simplified model, mm")):
+    for model in models(described):
+        title = f"{model.capitalize()} model, mm"
         screen.print(parameter_table(title, document[model], found.parameters, described, model))
         screen.print(residual_line(document[model]))
         pairs = document[model]["correlations"]

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import mujoco
 
 from sim.errors import InputError
-from sim.model import joint_names
 
 
 @dataclass(frozen=True)
@@ -40,29 +39,6 @@ def add_servos(spec: mujoco.MjSpec, controller: Controller) -> None:
         actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
         actuator.forcerange = [-limit, limit]
         actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
-
-
-def check_drives(model: mujoco.MjModel, where: str) -> None:
-    """Refuse a robot whose hinges do not have one actuator each.
-
-    Raises:
-        InputError: names the joint, or the actuator that drives something else.
-    """
-    count = dict.fromkeys(joint_names(model), 0)
-    for i in range(model.nu):
-        on_joint = model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
-        joint = model.joint(model.actuator_trnid[i, 0]).name if on_joint else None
-        if joint not in count:
-            raise InputError(
-                f"{where}: actuator '{model.actuator(i).name}': expected one that drives a hinge"
-            )
-        count[joint] += 1
-    for joint, found in count.items():
-        if found != 1:
-            raise InputError(
-                f"{where}: joint '{joint}': found {found} actuators, expected one "
-                "(a joint that is not driven is no joint: remove it)"
-            )
 
 
 def torque_limit(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> float:

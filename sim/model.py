@@ -20,7 +20,8 @@ PLATE = ASSETS / "tulip_mjcf" / "plate.xml"
 
 KEYS = (
     *("name", "model", "scene", "plate", "stance_foot", "swing_foot"),
-    *("z_down", "simplified", "correlated", "planning", "paper", "drives", "compliance"),
+    *("z_down", "simplified", "correlated", "residual_sigma_mm", "planning", "paper"),
+    *("drives", "compliance"),
 )
 CORNERS = ("front_left", "front_right", "rear_right", "rear_left")
 PLATES = ("right", "left")
@@ -158,9 +159,8 @@ def sole_corners(model: mujoco.MjModel, foot: str) -> np.ndarray:
     Raises:
         InputError: a geom FOOT_CORNER is missing, or the foot's x does not point forward.
     """
-    geoms = [model.geom(i).name for i in range(model.ngeom)]
     wanted = [f"{foot}_{corner}" for corner in CORNERS]
-    if missing := [name for name in wanted if name not in geoms]:
+    if missing := [n for n in wanted if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, n) < 0]:
         raise InputError(f"foot '{foot}' lacks the sole corners (geoms) {listed(missing)}")
     corners = np.array([model.geom(name).pos for name in wanted])
     corners[:, 2] -= [model.geom(name).size[0] for name in wanted]

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from sim.compliance import Compliance, add_compliance
-from sim.control import add_servos, check_drives
+from sim.control import add_servos
 from sim.drives import Drives, add_drives
 from sim.errors import InputError, listed
 from sim.model import CORNERS, PLATES, Robot, load_model, load_spec
@@ -95,9 +95,8 @@ def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
         plate_poses: of the right and left plate in the base frame, (2, 3) [m, m, rad].
 
     Raises:
-        InputError: the scene is missing or is no MJCF, or a hinge lacks a motor with a torque limit.
+        InputError: the scene is missing or is no MJCF, or a motor has no torque limit.
     """
-    check_drives(load_model(rig.robot), str(rig.robot.model))
     spec = load_scene(rig.robot)
     add_drives(spec, rig.drives)
     add_compliance(spec, rig.robot, rig.compliance)

@@ -19,6 +19,7 @@ from sim.model import Robot, load_model, load_robot
 from sim.plates import plate_geometry
 from sim.rig import preset_rig
 from sim.scene import load_scene
+from tools.foreign_robots import ROBOTS, write_robot
 
 
 def part_of(plan: PosturePlan, rows: np.ndarray) -> PosturePlan:
@@ -50,6 +51,13 @@ def plate(robot) -> PlateGeometry:
 @pytest.fixture(scope="session")
 def plan(robot, model) -> PosturePlan:
     return read_plan(DEFAULT_PLAN, robot, model)
+
+
+@pytest.fixture(scope="session")
+def foreign(tmp_path_factory) -> dict[str, Robot]:
+    """Humanoids that nobody here wrote."""
+    folder = tmp_path_factory.mktemp("foreign")
+    return {name: load_robot(write_robot(name, folder / name)) for name in ROBOTS}
 
 
 @pytest.fixture(scope="session")

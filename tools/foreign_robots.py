@@ -125,7 +125,7 @@ ltoesrx = [-20, 0]
 def foreign_robot(name: str) -> mujoco.MjSpec:
     """The robot alone, as this project wants it, built anew from the compiled original."""
     about = ROBOTS[name]
-    old = _original(about.file)
+    old = original_model(name)
     turns = [about.turned.get(old.body(i).name, np.eye(3)) for i in range(old.nbody)]
     spec = mujoco.MjSpec()
     spec.modelname = name
@@ -162,11 +162,16 @@ def write_robot(name: str, folder: Path) -> Path:
     return folder / "robot.toml"
 
 
-def _original(file: str) -> mujoco.MjModel:
+def original_model(name: str) -> mujoco.MjModel:
+    """The robot as dm_control has it, compiled.
+
+    Raises:
+        InputError: dm_control is not installed.
+    """
     package = find_spec("dm_control")
     if package is None or package.origin is None:
         raise InputError("dm_control is not installed, expected it beside this project")
-    source = Path(package.origin).parent / file
+    source = Path(package.origin).parent / ROBOTS[name].file
     return compile_spec(load_spec(source), str(source))
 
 
