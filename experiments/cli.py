@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import tyro
 
+from experiments.description import described_robot
 from experiments.run_folder import check_new, write_run
 from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED, Scenario, truth_document
 from experiments.tables import (
@@ -21,22 +23,25 @@ from experiments.tables import (
     print_experiment,
     print_validation,
     residual_line,
+    weak_directions,
 )
-from experiments.terminal import ERR, console, print_json, progress
+from experiments.terminal import ERR, console, print_json, printable, progress
 from experiments.validate import HIGH_CORRELATION, identify, model_document, report_document, validate
-from identification.base_parameters import base_parameters, standard_parameters
+from identification.base_parameters import BaseParameters, base_parameters, standard_parameters
 from identification.estimators import solve_least_squares
 from identification.postures import random_postures
-from identification.regressor import stacked_regressor
+from identification.rank import labels, require_told_apart
+from identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
 from identification.statistics import high_correlations
 from sim.errors import InputError
 from sim.laboratory import run_experiment
 from sim.measurements import PosturePlan, read_measurements, read_plan, write_measurements, write_plan
 from sim.measurements.tables import software, write_json
-from sim.model import TULIP, load_model, load_robot
+from sim.model import TULIP, Robot, load_model
 from sim.plates import plate_geometry
 from sim.rig import preset_rig
 from sim.scene import load_scene
+from sim.scene_check import check_scene
 
 Preset = Literal["wii", "force-plate", "ideal"]
 Plan = Annotated[
@@ -107,9 +112,9 @@ def simulate_command(
     scenario = _scenario(plan, preset, seed, robot, workers)
     with progress("holding postures", _tries(scenario)) as advance:
         experiment = run_experiment(scenario.rig, scenario.plan, seed, workers, advance)
-    write_measurements(out, experiment.measurements)
-    if truth is not None:
+    if truth is not None:  # before the folder: where that stands, its truth stands too
         write_json(truth, truth_document(scenario, experiment))
+    write_measurements(out, experiment.measurements)
     if as_json:
         print_json(
             {
@@ -132,7 +137,7 @@ def identify_command(
 
     Example: tulip identify data/first
     """
-    described = load_robot(robot)
+    described = described_robot(robot)
     measurements = read_measurements(folder)
     found = identify(measurements, described, str(folder))
     document: dict[str, Any] = {
@@ -143,6 +148,12 @@ def identify_command(
         "full": model_document(found.full, None),
         "simplified": model_document(found.simplified, None),
     }
+    weak = {
+        model: weak_directions(estimate, found.parameters)
+        for model, estimate in (("full", found.full), ("simplified", found.simplified))
+    }
+    for model, text in weak.items():
+        document[model]["hardly_known"] = text
     if as_json:
         print_json(document)
         return 0
@@ -155,6 +166,8 @@ def identify_command(
         screen.print("Correlations above 0.85 in size (eq. 15):" if pairs else "No correlation above 0.85.")
         for line in correlation_lines(pairs, found.parameters, measurements.joint_angles):
             screen.print(f"  {line}", markup=False)
+        if weak[model]:
+            screen.print(f"Hardly known: {weak[model]}", markup=False)
     screen.print(LEGEND)
     screen.print(f"Total mass {found.mass[0]:.3f} +- {found.mass[1]:.3f} kg")
     return 0
@@ -176,21 +189,26 @@ def postures_command(
 
     Example: tulip postures --random --placements 10 --per-placement 5 --seed 7 --out plans/seven
     """
-    described = load_robot(robot)
+    described = described_robot(robot)
+    parameters = base_parameters(described)
+    source = str(out or plan or DEFAULT_PLAN)
     if random:
-        made = _draw(described, placements, per_placement, seed, plan, out)
+        made = _draw(described, parameters, placements, per_placement, seed, plan, out)
     else:
         if out is not None:
             raise InputError("--out: found without --random, expected both or neither")
         made = read_plan(plan or DEFAULT_PLAN, described, load_model(described))
-    parameters = base_parameters(described)
+        _enough(source, len(made), parameters)
     matrix = stacked_regressor(parameters, made.joint_angles)
-    if matrix.shape[0] < matrix.shape[1]:
-        raise InputError(f"plan: found {len(made)} postures, too few for {matrix.shape[1]} base parameters")
+    numbers = np.arange(1, len(parameters.names) + 1)
+    blur = encoder_blur(parameters, made.joint_angles, ENCODER_SD)
+    require_told_apart(matrix, labels(numbers, parameters.names), source, blur)
+    if random and out is not None:
+        write_plan(out, made)
     _, c = solve_least_squares(matrix, np.zeros(len(matrix)))
-    pairs = high_correlations(c, np.arange(1, len(c) + 1), HIGH_CORRELATION)
+    pairs = high_correlations(c, numbers, HIGH_CORRELATION)
     document = {
-        "plan": str(out or plan or DEFAULT_PLAN),
+        "plan": source,
         "postures": len(made),
         "placements": len(np.unique(made.placement)),
         "condition_number": float(np.linalg.cond(matrix)),
@@ -221,7 +239,7 @@ def model_command(
 
     Example: tulip model --support double
     """
-    described = load_robot(robot)
+    described = described_robot(robot)
     model = load_model(described)
     parameters = base_parameters(described, model, support)
     standard = standard_parameters(model)
@@ -299,7 +317,7 @@ def main(arguments: list[str] | None = None) -> int:
         )
     except InputError as error:
         ERR.print("tulip:", style="bold red", end=" ")
-        ERR.print(str(error), highlight=False, soft_wrap=True, markup=False)
+        ERR.print(printable(str(error)), highlight=False, soft_wrap=True, markup=False)
         return 2
     except KeyboardInterrupt:
         ERR.print("tulip: interrupted; nothing was written")
@@ -309,9 +327,11 @@ def main(arguments: list[str] | None = None) -> int:
 def _scenario(plan: Path | None, preset: str, seed: int, robot: Path, workers: int) -> Scenario:
     at_least("--seed", seed, 0)
     at_least("--workers", workers, 1)
-    described = load_robot(robot)
+    described = described_robot(robot)
     made = read_plan(plan or DEFAULT_PLAN, described, load_model(described))
-    return Scenario(preset_rig(preset, described), made, seed, preset)
+    rig = preset_rig(preset, described)
+    check_scene(rig)
+    return Scenario(rig, made, seed, preset)
 
 
 def at_least(option: str, value: int, least: int) -> None:
@@ -324,20 +344,31 @@ def _tries(scenario: Scenario) -> int:
     return len(scenario.plan) + min(scenario.rig.protocol.repeats, len(scenario.plan))
 
 
+def _enough(where: str, postures: int, parameters: BaseParameters) -> None:
+    if 2 * postures < (count := len(parameters.names)):
+        raise InputError(f"{where}: found {postures} postures, too few for {count} base parameters")
+
+
 def _draw(
-    robot: Any, placements: int, per: int, seed: int, plan: Path | None, out: Path | None
+    robot: Robot,
+    parameters: BaseParameters,
+    placements: int,
+    per: int,
+    seed: int,
+    plan: Path | None,
+    out: Path | None,
 ) -> PosturePlan:
     if plan is not None or out is None:
         raise InputError("--random: give the name of the new plan as --out PLAN, and no plan to read")
     at_least("--placements", placements, 1)
     at_least("--per-placement", per, 1)
     at_least("--seed", seed, 0)
+    _enough("--placements, --per-placement", placements * per, parameters)
     check_new(out)
+    check_scene(preset_rig("ideal", robot))
     geometry = plate_geometry(load_scene(robot), "right")
     with progress("drawing postures", placements * per) as advance:
-        made = random_postures(robot, geometry, placements, per, seed, progress=advance)
-    write_plan(out, made)
-    return made
+        return random_postures(robot, geometry, placements, per, seed, progress=advance)
 
 
 def run() -> None:
@@ -345,4 +376,14 @@ def run() -> None:
     if sys.argv[1:] == ["--version"]:
         print(f"tulip {software()['tulip-testbed']}")
         sys.exit(0)
-    sys.exit(main())
+    try:
+        code = main()
+        sys.stdout.flush()
+    except OSError as error:
+        if error.errno not in (errno.EPIPE, errno.ENOSPC, errno.EIO):
+            raise
+        if error.errno != errno.EPIPE:  # who closes a pipe early knows it
+            ERR.print(f"tulip: cannot write the results ({error.strerror})")
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left in the buffer
+        code = 2
+    sys.exit(code)

@@ -13,8 +13,9 @@ import numpy as np
 from experiments.scenario import truth_document
 from experiments.validate import Validation, report_document
 from sim.errors import InputError
+from sim.files import new_folder, present
 from sim.measurements import write_measurements, write_plan
-from sim.measurements.tables import new_folder, software, write_json
+from sim.measurements.tables import software, write_json
 from sim.model import sha256
 
 
@@ -25,11 +26,11 @@ def check_new(path: Path) -> None:
         InputError: the path exists, or lies where nothing can be written.
     """
     path = Path(path)
-    if path.exists():
+    if present(path):
         raise InputError(f"{path}: exists already; give a new name")
-    parent = next(folder for folder in path.resolve().parents if folder.exists())
+    parent = next(folder for folder in Path(os.path.realpath(path)).parents if folder.exists())
     try:
-        os.rmdir(tempfile.mkdtemp(dir=parent))
+        os.rmdir(tempfile.mkdtemp(dir=parent, prefix=f".{path.name}.", suffix=".partial"))
     except OSError as error:
         raise InputError(f"{path}: cannot write into {parent} ({error.strerror})") from None
 

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import csv
+import io
+import math
+import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from experiments.checks import Check
 from experiments.validate import Validation
 from identification.base_parameters import BaseParameters
+from identification.estimators import Estimate
 from identification.kinematics import walk
+from identification.rank import described, labels, weakly_known
 from identification.statistics import WELL_IDENTIFIED
+from sim.errors import InputError
+from sim.files import read_text
 from sim.laboratory import Experiment
 from sim.model import Robot
 
@@ -21,16 +30,41 @@ LEGEND = (
     "s.e.: eq. 14; clustered: errors common to a placement allowed for; rel. %: s.e. over estimate (eq. 13); "
     "well identified: below 15 %."
 )
+MOST_TABLE = 2**20  # bytes
 COLOURS = {"pass": "green", "fail": "bold red", "not evaluated": "yellow"}
 
 
+PAPER_COLUMNS = tuple(
+    f"{model}_{what}" for model in ("full", "simplified") for what in ("mm", "rel_se_percent")
+)
+
+
 def paper_table(robot: Robot) -> dict[int, dict[str, str]]:
-    """Table II by parameter number; empty where the robot has none."""
+    """Table II by parameter number; empty where the robot has none.
+
+    Raises:
+        InputError: the file lies outside of the robot's folder or is no such table.
+    """
     name = robot.settings.get("paper", {}).get("table")
     if name is None:
         return {}
-    with (robot.path.parent / name).open(encoding="utf-8") as file:
-        return {int(row["number"]): row for row in csv.DictReader(file)}
+    path = robot.folder / name
+    if not Path(os.path.realpath(path)).is_relative_to(robot.folder):
+        raise InputError(
+            f"{robot.path}: key 'paper.table': found '{name}', expected a file in {robot.folder}"
+        )
+    rows = csv.DictReader(io.StringIO(read_text(path, MOST_TABLE)))
+    table: dict[int, dict[str, str]] = {}
+    try:
+        for row in rows:
+            table[int(row["number"])] = values = {column: row[column] for column in PAPER_COLUMNS}
+            whole = None not in row and None not in row.values()
+            if not whole or not all(math.isfinite(float(text)) for text in values.values() if text):
+                raise ValueError
+    except (KeyError, TypeError, ValueError, csv.Error):
+        expected = f"numbers in the columns number, {', '.join(PAPER_COLUMNS)}"
+        raise InputError(f"{path}: line {rows.line_num}: not a table of {expected}") from None
+    return table
 
 
 def models(robot: Robot) -> tuple[str, ...]:
@@ -69,7 +103,7 @@ def parameter_table(
         ]
         table.add_row(
             str(number),
-            _meaning(parameters, number),
+            escape(_meaning(parameters, number)),
             *values,
             f"{1e3 * row['standard_error']:.2f}",
             f"{1e3 * row['clustered_standard_error']:.2f}",
@@ -121,6 +155,20 @@ def correlation_lines(
         what = "told apart only by " + ", ".join(ranges) if ranges else "columns of one link"
         lines.append(f"({pair['a']}, {pair['b']})  {pair['rho']:+.4f}  {what}")
     return lines
+
+
+def weak_directions(estimate: Estimate, parameters: BaseParameters) -> str:
+    """Which parameters these postures hardly tell apart: an error longer than the longest link says nothing.
+
+    Returns:
+        "" where there are none.
+    """
+    longest = float(np.abs(parameters.from_standard[:, ::4]).max())
+    weak = weakly_known(estimate.clustered_covariance, longest)
+    if not len(weak):
+        return ""
+    text = described(weak, labels(estimate.numbers, estimate.names))
+    return f"to within the longest link ({1e3 * longest:.0f} mm) {text}"
 
 
 def joints_between(parameters: BaseParameters, first: int, second: int) -> list[str]:

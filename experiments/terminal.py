@@ -24,6 +24,11 @@ ERR = Console(stderr=True)
 TABLE_WIDTH = 150
 
 
+def printable(text: str) -> str:
+    """Text from files and paths with everything escaped that would steer a terminal or cannot be encoded."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
 @contextmanager
 def progress(label: str, total: int) -> Iterator[Callable[[int], None]]:
     columns = (

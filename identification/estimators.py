@@ -8,8 +8,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from identification.placement_effects import clustered_covariance
+from identification.rank import labels, require_told_apart
 from identification.regressor import Regression
-from sim.errors import InputError, listed
 
 
 @dataclass(frozen=True)
@@ -44,19 +44,11 @@ def solve_least_squares(matrix: np.ndarray, output: np.ndarray) -> tuple[np.ndar
     """theta minimising |H theta - y| (eq. 8) and C = (H'H)^-1, by QR and never by H'H itself.
 
     Raises:
-        InputError: H has not full column rank; names the columns (from 1) that cannot be told apart.
+        InputError: H has not full column rank; says which columns (from 1) cannot be told apart.
     """
+    require_told_apart(matrix, tuple(str(k + 1) for k in range(matrix.shape[1])), "regressor")
     scale = np.linalg.norm(matrix, axis=0)
-    scale[scale == 0] = 1.0
     orthogonal, triangle = np.linalg.qr(matrix / scale)
-    singular = np.linalg.svd(triangle, compute_uv=False)
-    if singular[-1] < singular[0] * max(matrix.shape) * np.finfo(float).eps:
-        null = np.linalg.svd(triangle)[2][-1]
-        mixed = np.flatnonzero(np.abs(null) > 0.05 * np.abs(null).max()) + 1
-        raise InputError(
-            f"regressor: rank below its {matrix.shape[1]} columns; these postures cannot tell apart "
-            f"the parameters {listed(mixed)}"
-        )
     inverse = solve_triangular(triangle, np.eye(len(scale))) / scale[:, None]
     return solve_triangular(triangle, orthogonal.T @ output) / scale, inverse @ inverse.T
 
@@ -65,8 +57,9 @@ def least_squares(data: Regression) -> Estimate:
     """Ordinary least squares with eq. 14's and placement-clustered standard errors.
 
     Raises:
-        InputError: a rank-deficient regressor.
+        InputError: postures that cannot tell all parameters apart; says which.
     """
+    require_told_apart(data.matrix, labels(data.numbers, data.names), data.source, data.blur)
     value, c = solve_least_squares(data.matrix, data.output)
     residual = data.output - data.matrix @ value
     dof = len(residual) - len(value)

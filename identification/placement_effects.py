@@ -11,7 +11,6 @@ C H' V H C.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize
 
 from identification.regressor import Regression
@@ -24,6 +23,9 @@ MOST_RATIO = 1e5
 def clustered_covariance(data: Regression, c: np.ndarray) -> tuple[np.ndarray, tuple[float, float]]:
     """Covariance of eq. 8's estimate when placements share errors.
 
+    V has a block for every placement and axis, the identity plus two dyads, so its inverse root is
+    applied block by block: work and memory grow with the rows, not with their square.
+
     Args:
         data: the regression.
         c: (H'H)^-1, (p, p).
@@ -31,48 +33,47 @@ def clustered_covariance(data: Regression, c: np.ndarray) -> tuple[np.ndarray, t
     Returns:
         covariance (p, p) [m2] and the s.d. of the right and left plate's placement errors [m].
     """
-    shared = [_shared(data, plate) for plate in (0, 1)]
-    effects = np.hstack(shared)
-    contrasts = np.linalg.qr(data.matrix, mode="complete")[0][:, data.matrix.shape[1] :]
-    free = contrasts.T @ data.output
-    size = len(free)
-    # All that the placement effects can reach lies in a small subspace; outside it V is sigma^2 I.
-    basis, reach = np.linalg.qr(contrasts.T @ effects)
-    inside = basis.T @ free
-    outside = max(free @ free - inside @ inside, 0.0)
-
-    columns = shared[0].shape[1]
-    gram = [half @ half.T for half in (reach[:, :columns], reach[:, columns:])]
+    basis = np.linalg.qr(data.matrix)[0]
+    residual = data.output - basis @ (basis.T @ data.output)
+    whole = np.column_stack([basis, residual])
+    size = len(residual) - basis.shape[1]
+    _, placement = np.unique(data.placement, return_inverse=True)
+    share = data.load_share
+    reached = _sums(placement, share, whole)
+    gram = _sums(placement, share, np.repeat(share, 2, axis=0))[:, 0]
 
     def fit(root: np.ndarray) -> tuple[float, float]:
-        """ln |V| and e' V^-1 e for sigma = 1."""
-        inner = np.eye(len(inside)) + root[0] ** 2 * gram[0] + root[1] ** 2 * gram[1]
-        factor = cholesky(inner, lower=True, check_finite=False)
-        whitened = np.asarray(solve_triangular(factor, inside, lower=True, check_finite=False))
-        return float(2 * np.log(np.diag(factor)).sum()), float(outside + whitened @ whitened)
+        """ln |V| + ln |Q' V^-1 Q| and e' V^-1 e for sigma = 1."""
+        grown, turn = np.linalg.eigh(root[:, None] * gram * root)
+        grown = np.maximum(grown, 0.0)
+        # V^-1/2 = 1 + B F B', B = Z diag(root), F by the eigenvalues of B'B; smooth at zero.
+        shrink = -1 / (1 + grown + np.sqrt(1 + grown))
+        weight = root[:, None] * (turn * shrink[:, None]) @ turn.transpose(0, 2, 1) * root
+        change = np.einsum("gij,gajk->gaik", weight, reached)[placement]
+        white = whole + np.einsum("mi,maik->mak", share, change).reshape(whole.shape)
+        diagonal = np.abs(np.diag(np.linalg.qr(white, mode="r")))
+        determinant = 2 * (np.log1p(grown).sum() + np.log(diagonal[:-1]).sum())
+        return float(determinant), float(diagonal[-1] ** 2)
 
     def deviance(root: np.ndarray) -> float:
         determinant, quadratic = fit(root)
         return determinant + size * np.log(quadratic)
 
     root = np.zeros(2)
-    if free @ free > 0:
+    if residual @ residual > 0:
         bounds = [(0.0, MOST_RATIO)] * 2
         fits = [minimize(deviance, start, bounds=bounds, method="L-BFGS-B") for start in STARTS]
         root = min(fits, key=lambda found: found.fun).x
     sigma2 = fit(root)[1] / size
-    spread = data.matrix.T @ data.matrix
-    for weight, z in zip(root**2, shared, strict=True):
-        half = data.matrix.T @ z
-        spread = spread + weight * half @ half.T
+    half = _sums(placement, share, data.matrix)
+    spread = data.matrix.T @ data.matrix + np.einsum("gaip,i,gaiq->pq", half, root**2, half, optimize=True)
     right, left = (float(np.sqrt(sigma2) * r) for r in root)
     return sigma2 * c @ spread @ c, (right, left)
 
 
-def _shared(data: Regression, plate: int) -> np.ndarray:
-    """Z: which error of which placement reaches which row, (2m, 2 n_placements)."""
-    _, index = np.unique(data.placement, return_inverse=True)
-    matrix = np.zeros((2 * len(index), 2 * (index.max() + 1)))
-    for axis in (0, 1):
-        matrix[2 * np.arange(len(index)) + axis, 2 * index + axis] = data.load_share[:, plate]
-    return matrix
+def _sums(placement: np.ndarray, share: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Z' times columns (2m, k): sums by placement, axis and plate, (n_placements, 2, 2, k)."""
+    terms = share[:, None, :, None] * columns.reshape(len(share), 2, 1, -1)
+    sums = np.zeros((placement.max() + 1, *terms.shape[1:]))
+    np.add.at(sums, placement, terms)
+    return sums

@@ -13,6 +13,9 @@ from sim.measurements import Measurements
 from sim.measurements.plan_folder import check_model
 from sim.model import Robot
 
+ENCODER_SD = 5e-4  # rad, where no data sheet tells
+DERIVATIVE_STEP = 1e-4  # rad
+
 
 @dataclass(frozen=True)
 class Regression:
@@ -25,6 +28,9 @@ class Regression:
         names: their names.
         placement: placement of each posture, (m,).
         load_share: share of the weight on the right and left plate, (m, 2).
+        blur: what the encoders' errors may make of H: B with B'B of `encoder_blur`, (k, p); None
+            where angles are exact.
+        source: where the measurements came from, for error messages.
     """
 
     matrix: np.ndarray
@@ -33,6 +39,8 @@ class Regression:
     names: tuple[str, ...]
     placement: np.ndarray
     load_share: np.ndarray
+    blur: np.ndarray | None = None
+    source: str = "measurements"
 
     def keep(self, numbers: list[int]) -> Regression:
         """The simplified model that keeps these parameters and sets the others to zero.
@@ -49,6 +57,7 @@ class Regression:
         return replace(
             self,
             matrix=self.matrix[:, chosen],
+            blur=None if self.blur is None else self.blur[:, chosen],
             numbers=self.numbers[chosen],
             names=tuple(self.names[i] for i in chosen),
         )
@@ -57,6 +66,24 @@ class Regression:
 def stacked_regressor(parameters: BaseParameters, joint_angles: np.ndarray) -> np.ndarray:
     """H of eq. 7 for joint angles (m, n_joints) [rad]: (2m, p)."""
     return parameters.regressor(joint_angles).reshape(-1, len(parameters.names))
+
+
+def encoder_blur(parameters: BaseParameters, joint_angles: np.ndarray, sd: float) -> np.ndarray:
+    """One s.d. of every encoder times the derivative of H by its angle, condensed to (p, p).
+
+    Args:
+        joint_angles: (m, n_joints) [rad].
+        sd: of the encoders' errors [rad].
+
+    Returns:
+        B with B'B = sum over joints of sd^2 (dH/dq)' (dH/dq).
+    """
+    total = np.zeros((0, len(parameters.names)))
+    for step in DERIVATIVE_STEP * np.eye(joint_angles.shape[1]):
+        ahead, behind = (stacked_regressor(parameters, joint_angles + s) for s in (step, -step))
+        derivative = (ahead - behind) / (2 * DERIVATIVE_STEP)
+        total = np.linalg.qr(np.vstack([total, sd * derivative]), mode="r")
+    return total
 
 
 def regression(
@@ -95,8 +122,11 @@ def regression(
             f"{source}: found {len(measurements)} postures ({rows} data points), expected at least "
             f"{columns // 2 + 1} for {columns} base parameters"
         )
+    sd = measurements.sensors.encoder_sd
     return Regression(
         matrix=stacked_regressor(parameters, measurements.joint_angles),
+        blur=encoder_blur(parameters, measurements.joint_angles, ENCODER_SD if sd is None else sd),
+        source=source,
         output=center_of_pressure(measurements).ravel(),
         numbers=np.arange(1, columns + 1),
         names=parameters.names,

@@ -15,15 +15,16 @@ def standard_errors(covariance: np.ndarray) -> np.ndarray:
 
 
 def relative_standard_errors(value: np.ndarray, standard_error: np.ndarray) -> np.ndarray:
-    """Eq. 13, (p,) [%]."""
-    with np.errstate(divide="ignore"):
+    """Eq. 13, (p,) [%]; infinite or NaN where an estimate is zero."""
+    with np.errstate(divide="ignore", invalid="ignore"):
         return 100 * standard_error / np.abs(value)
 
 
 def correlations(covariance: np.ndarray) -> np.ndarray:
-    """Eq. 15, (p, p)."""
+    """Eq. 15, (p, p); NaN where the covariance is zero."""
     scale = standard_errors(covariance)
-    return covariance / np.outer(scale, scale)
+    with np.errstate(invalid="ignore"):
+        return covariance / np.outer(scale, scale)
 
 
 def high_correlations(

@@ -1,4 +1,6 @@
-"""The one exception for input that a person can mend."""
+"""The one exception for input that a person can mend, and how its message is worded."""
+
+from pydantic import ValidationError
 
 
 class InputError(ValueError):
@@ -10,6 +12,12 @@ def listed(names) -> str:
     return ", ".join(str(name) for name in names)
 
 
+def shortened(value: object, most: int = 60) -> str:
+    """Anything as text for a message: one line, no longer than `most`."""
+    text = " ".join(str(value).split())
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
 def look_up(kind: str, name: str, valid, where: str) -> str:
     """Return `name` if it is one of `valid`.
 
@@ -17,5 +25,13 @@ def look_up(kind: str, name: str, valid, where: str) -> str:
         InputError: `name` is unknown; the message lists the valid names.
     """
     if name not in valid:
-        raise InputError(f"{where}: unknown {kind} '{name}'; valid: {listed(valid)}")
+        raise InputError(f"{where}: unknown {kind} '{shortened(name)}'; valid: {listed(valid)}")
     return name
+
+
+def validation_message(error: ValidationError) -> str:
+    """The first complaint of pydantic in one line."""
+    first = error.errors()[0]
+    place = shortened(".".join(str(part) for part in first["loc"]))
+    found = "nothing" if first["type"] == "missing" else shortened(repr(first["input"]))
+    return f"key '{place}': found {found}; {shortened(first['msg'], 200)}"

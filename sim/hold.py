@@ -129,6 +129,8 @@ def _come_to_rest(stand: Stand, upright: np.ndarray, latest: float) -> str | Non
         if data.time > latest:
             return "did not settle"
         stand.run(CONTROL_PERIOD)
+        if data.warning.number.any():
+            return "MuJoCo warned of an unstable simulation"
         if stand.tipped(upright):
             return "tipped"
         calm = calm + 1 if stand.speed() < protocol.speed_gate else 0

@@ -12,7 +12,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from sim.errors import InputError, listed, look_up
+from sim.errors import InputError, listed, look_up, shortened
+from sim.files import present, read_bytes, read_text
+from sim.mjcf_files import mjcf_files
+from sim.model_check import check_model
+from sim.trial import try_to_compile
 
 ASSETS = Path(__file__).resolve().parent.parent / "assets"
 TULIP = ASSETS / "tulip_mjcf" / "tulip.toml"
@@ -23,9 +27,19 @@ KEYS = (
     *("z_down", "simplified", "correlated", "residual_sigma_mm", "planning", "paper"),
     *("drives", "compliance"),
 )
+MOST_TOML = 2**20  # bytes
+BROKEN = (
+    ValueError,
+    RuntimeError,
+    mujoco.FatalError,
+    mujoco.UnexpectedError,
+)  # what MuJoCo's compiler raises
 CORNERS = ("front_left", "front_right", "rear_right", "rear_left")
 PLATES = ("right", "left")
 CELLS = tuple(f"{plate}.{corner}" for plate in PLATES for corner in CORNERS)
+
+# MuJoCo would write its warnings into a file where we stand; what they mean for a posture, `Stand` counts.
+mujoco.set_mju_user_warning(lambda message: None)
 
 
 @dataclass(frozen=True)
@@ -50,6 +64,11 @@ class Robot:
     plate: Path = PLATE
 
     @property
+    def folder(self) -> Path:
+        """Where its files lie."""
+        return self.path.resolve().parent
+
+    @property
     def feet(self) -> tuple[str, str]:
         """Stance and swing foot, in the order of `PLATES`."""
         return self.stance_foot, self.swing_foot
@@ -68,11 +87,11 @@ def load_robot(path: Path = TULIP) -> Robot:
     """
     path = Path(path)
     try:
-        settings = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot read the robot description ({error.strerror})") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        settings = tomllib.loads(read_text(path, MOST_TOML))
+    except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not a TOML file ({error})") from None
+    except RecursionError:
+        raise InputError(f"{path}: not a robot description: nested too deep") from None
     if unknown := [key for key in settings if key not in KEYS]:
         raise InputError(f"{path}: unknown key '{unknown[0]}'; valid: {listed(KEYS)}")
     optional = [key for key in ("scene", "plate") if key in settings]
@@ -96,27 +115,31 @@ def load_robot(path: Path = TULIP) -> Robot:
     )
 
 
-def load_spec(path: Path) -> mujoco.MjSpec:
+def load_spec(path: Path, folder: Path | None = None) -> mujoco.MjSpec:
     """Parse an MJCF file.
 
+    Args:
+        folder: of the robot, which it may read files from; its own if None.
+
     Raises:
-        InputError: the file is missing or is no MJCF.
+        InputError: the file is missing, is no MJCF, or reads files outside of the folder.
     """
     path = Path(path)
-    if not path.is_file():
+    if not present(path):
         raise InputError(f"{path}: no such MJCF file")
+    try_to_compile(path, mjcf_files(path, folder or path.parent))
     try:
         return mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise InputError(f"{path}: broken MJCF: {_one_line(error)}") from None
+    except BROKEN as error:
+        raise InputError(f"{path}: broken MJCF: {shortened(error, 300)}") from None
 
 
 def compile_spec(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
     """Compile, with the compiler's complaint as the message of an `InputError`."""
     try:
         return spec.compile()
-    except ValueError as error:
-        raise InputError(f"{where}: broken MJCF: {_one_line(error)}") from None
+    except BROKEN as error:
+        raise InputError(f"{where}: broken MJCF: {shortened(error, 300)}") from None
 
 
 def load_model(robot: Robot) -> mujoco.MjModel:
@@ -125,11 +148,15 @@ def load_model(robot: Robot) -> mujoco.MjModel:
     Raises:
         InputError: broken MJCF, an unknown foot, a foot without its four sole corners.
     """
-    model = compile_spec(load_spec(robot.model), str(robot.model))
+    model = compile_spec(load_spec(robot.model, robot.folder), str(robot.model))
+    check_model(model, str(robot.model))
     bodies = [model.body(i).name for i in range(1, model.nbody)]
     for foot in robot.feet:
         look_up("foot", foot, bodies, str(robot.model))
-        sole_corners(model, foot)
+        try:
+            sole_corners(model, foot)
+        except InputError as error:
+            raise InputError(f"{robot.model}: {error}") from None
     return model
 
 
@@ -191,7 +218,7 @@ def sole_point(model: mujoco.MjModel, foot: str) -> np.ndarray:
 
 def sha256(path: Path) -> str:
     """Hash of a file's bytes, in hexadecimal."""
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    return hashlib.sha256(read_bytes(Path(path))).hexdigest()
 
 
 def _to_root(model: mujoco.MjModel, body: int) -> Iterator[int]:

@@ -20,8 +20,13 @@ def plate_geometry(spec: mujoco.MjSpec, plate: str) -> PlateGeometry:
     if body is None:
         raise InputError(f"scene '{spec.modelname}': no body '{plate}_plate'")
     top = spec.geom(f"{plate}_plate_top")
+    sites = [spec.site(f"{plate}_plate_{corner}") for corner in CORNERS]
+    if top is None or None in sites:
+        raise InputError(
+            f"scene '{spec.modelname}': {plate} plate: no geom '{plate}_plate_top' or no four sites"
+        )
     return PlateGeometry(
-        cells=np.array([spec.site(f"{plate}_plate_{corner}").pos[:2] for corner in CORNERS]),
+        cells=np.array([site.pos[:2] for site in sites]),
         size=2 * np.array(top.size[:2]),
         top_height=float(top.pos[2] + top.size[2]),
         mass=float(body.mass),
@@ -29,9 +34,15 @@ def plate_geometry(spec: mujoco.MjSpec, plate: str) -> PlateGeometry:
 
 
 def place_plates(spec: mujoco.MjSpec, poses: np.ndarray) -> None:
-    """Put both plates at their poses in the base frame, (2, 3) [m, m, rad]."""
+    """Put both plates at their poses in the base frame, (2, 3) [m, m, rad].
+
+    Raises:
+        InputError: the scene has no frame to place a plate by.
+    """
     for plate, (x, y, yaw) in zip(PLATES, poses, strict=True):
         frame = spec.frame(f"{plate}_plate_place")
+        if frame is None:
+            raise InputError(f"scene '{spec.modelname}': no frame '{plate}_plate_place'")
         frame.pos = [x, y, frame.pos[2]]
         frame.quat = [np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]
 

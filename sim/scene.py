@@ -35,7 +35,7 @@ def load_scene(robot: Robot) -> mujoco.MjSpec:
     Raises:
         InputError: a file is missing, is no MJCF, or does not hold what it should.
     """
-    return build_scene(robot) if robot.scene is None else load_spec(robot.scene)
+    return build_scene(robot) if robot.scene is None else load_spec(robot.scene, robot.folder)
 
 
 def build_scene(robot: Robot) -> mujoco.MjSpec:
@@ -48,7 +48,7 @@ def build_scene(robot: Robot) -> mujoco.MjSpec:
         InputError: a file is missing, is no MJCF, or does not hold what it should.
     """
     load_model(robot)  # checks the feet
-    spec = load_spec(robot.model)
+    spec = load_spec(robot.model, robot.folder)
     if spec.worldbody.geoms:
         names = listed(f"'{geom.name}'" for geom in spec.worldbody.geoms)
         raise InputError(f"{robot.model}: found geoms {names} in the world, expected the robot alone")

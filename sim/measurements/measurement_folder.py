@@ -8,26 +8,33 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
 
-from sim.errors import InputError
+from sim.errors import InputError, validation_message
+from sim.files import new_folder
 from sim.measurements.data import Measurements, SensorSheet
-from sim.measurements.tables import (
-    Columns,
-    Table,
-    find_table,
-    new_folder,
-    read_json,
-    software,
-    write_json,
-    write_table,
-)
+from sim.measurements.tables import Columns, Table, read_json, software, write_json, write_table
+from sim.measurements.twins import checked_table
 from sim.model import CELLS, CORNERS, PLATES, sha256
 
 SUPPORTS = ("double", "right", "left")
-Point = tuple[FiniteFloat, FiniteFloat]
-Positive = Annotated[FiniteFloat, Field(gt=0)]
-NotNegative = Annotated[FiniteFloat, Field(ge=0)]
+
+# What no laboratory measures. Narrow enough that no figure overflows later, and that degrees
+# given for radians or millimetres for metres are noticed.
+MOST_ANGLE = 2 * np.pi  # rad
+MOST_LENGTH = 20.0  # m, of a plate from the base frame, of a cell from its plate
+MOST_FORCE = 1e5  # N, on a cell
+MOST_TIME = 1e10  # s
+LEAST_WEIGHT = 1.0  # N, on the eight cells together
+LEAST_CELL_SPREAD = 1e-3  # m, r.m.s. of a plate's cells about their best line
+LEAST_GRAVITY, MOST_GRAVITY = 0.1, 100.0  # m/s2
+
+Length = Annotated[float, Strict(), Field(ge=-MOST_LENGTH, le=MOST_LENGTH)]
+Point = tuple[Length, Length]
+Gravity = Annotated[float, Strict(), Field(ge=LEAST_GRAVITY, le=MOST_GRAVITY)]
+Mass = Annotated[float, Strict(), Field(gt=0, le=MOST_FORCE)]
+Deviation = Annotated[float, Strict(), Field(ge=0, le=MOST_FORCE)]
+Version = Annotated[int, Strict(), Field(ge=1, le=1)]
 
 
 class _Strict(BaseModel):
@@ -51,7 +58,7 @@ class CellEntry(BaseModel):
 
 class PlateEntry(_Strict):
     cells: CellEntry
-    top_height: FiniteFloat
+    top_height: Length
 
 
 class PlatesEntry(_Strict):
@@ -60,28 +67,28 @@ class PlatesEntry(_Strict):
 
 
 class MassEntry(_Strict):
-    value: Positive
-    sd: NotNegative
+    value: Mass
+    sd: Deviation
 
 
 class SensorsEntry(_Strict):
-    encoder_sd: NotNegative | None
-    encoder_resolution: NotNegative | None
-    cell_sd: NotNegative | None
-    cell_resolution: NotNegative | None
-    placement_sd: tuple[NotNegative, NotNegative, NotNegative] | None
+    encoder_sd: Deviation | None
+    encoder_resolution: Deviation | None
+    cell_sd: Deviation | None
+    cell_resolution: Deviation | None
+    placement_sd: tuple[Deviation, Deviation, Deviation] | None
 
 
 class Manifest(_Strict):
     """manifest.json, as the contract lists it."""
 
     format: Literal["tulip-measurements"]
-    version: Literal[1]
+    version: Version
     robot: RobotEntry
     joints: list[str] = Field(min_length=1)
     plates: PlatesEntry
     weighed_mass: MassEntry | None
-    gravity: Positive
+    gravity: Gravity
     sensors: SensorsEntry
     created: str | None
     software: dict[str, str] | None
@@ -115,43 +122,33 @@ def read_measurements(folder: Path) -> Measurements:
         manifest = Manifest.model_validate(read_json(where))
     except ValidationError as error:
         raise InputError(f"{where}: {validation_message(error)}") from None
-    return _measurements(manifest, Table(checked_table(folder, "postures", manifest.tables)))
+    table = checked_table(folder, "postures", manifest.tables)
+    measurements = _measurements(manifest, table)
+    _check_plates(where, measurements)
+    _check_rows(table, measurements)
+    return measurements
 
 
-def checked_table(folder: Path, name: str, tables: dict[str, str]) -> Path:
-    """The table to read; its twin in the other format, where there is one, must be intact too.
-
-    Raises:
-        InputError: no table, or one that is not what the manifest lists.
-    """
-    path = find_table(folder, name)
-    for twin in (folder / f"{name}.parquet", folder / f"{name}.csv"):
-        if twin == path or twin.is_file():
-            check_hash(twin, tables)
-    return path
+def _check_plates(where: Path, measurements: Measurements) -> None:
+    """Refuse a plate whose cells lie on one line: it has no centre of pressure."""
+    for plate, cells in zip(PLATES, measurements.cells, strict=True):
+        if np.linalg.svd(cells - cells.mean(axis=0), compute_uv=False)[1] < 2 * LEAST_CELL_SPREAD:
+            raise InputError(
+                f"{where}: key 'plates.{plate}.cells': found cells on one line, expected four that span an area"
+            )
 
 
-def check_hash(path: Path, tables: dict[str, str]) -> None:
-    """Compare a table's bytes with the manifest that lists it.
-
-    Raises:
-        InputError: not listed, or another hash.
-    """
-    if path.name not in tables:
-        raise InputError(f"{path}: the manifest's 'tables' does not list it")
-    if (found := sha256(path)) != tables[path.name]:
-        raise InputError(
-            f"{path}: hash mismatch: found sha256 {found[:12]}..., "
-            f"expected {tables[path.name][:12]}... by the manifest"
-        )
-
-
-def validation_message(error: ValidationError) -> str:
-    """The first complaint of pydantic in one line."""
-    first = error.errors()[0]
-    place = ".".join(str(part) for part in first["loc"])
-    found = "nothing" if first["type"] == "missing" else repr(first["input"])[:60]
-    return f"key '{place}': found {found}; {first['msg']}"
+def _check_rows(table: Table, measurements: Measurements) -> None:
+    """Refuse rows that weigh nothing, and a row that stands twice."""
+    forces = measurements.cell_forces
+    total = forces.sum(axis=1)
+    light = total < np.maximum(LEAST_WEIGHT, 1e-2 * np.abs(forces).sum(axis=1))
+    table.refuse("cell.*", light, total, "the robot's weight as their sum [N]")
+    _, first = np.unique(
+        np.column_stack([measurements.posture, measurements.time]), axis=0, return_index=True
+    )
+    again = np.isfinite(measurements.time) & ~np.isin(np.arange(len(measurements)), first)
+    table.refuse("posture", again, measurements.posture, "another posture or another time than a row before")
 
 
 def _columns(measurements: Measurements) -> Columns:
@@ -209,27 +206,36 @@ def _manifest(measurements: Measurements, tables: dict[str, str]) -> Manifest:
 
 def _measurements(manifest: Manifest, table: Table) -> Measurements:
     joints = tuple(manifest.joints)
+    angle, length = {"low": -MOST_ANGLE, "high": MOST_ANGLE}, {"low": -MOST_LENGTH, "high": MOST_LENGTH}
     optional = {
-        prefix: table.matrix(prefix, joints) if table.has(f"{prefix}.{joints[0]}") else None
+        prefix: table.matrix(prefix, joints, **angle)
+        if any(table.has(f"{prefix}.{joint}") for joint in joints)
+        else None
         for prefix in ("q_command", "motor")
     }
     plates = [manifest.plates.right, manifest.plates.left]
+    poses = [
+        np.column_stack(
+            [table.matrix(f"plate.{p}", ("x", "y"), **length), table.numbers(f"plate.{p}.yaw", **angle)]
+        )
+        for p in PLATES
+    ]
     mass, sheet = manifest.weighed_mass, manifest.sensors
     return Measurements(
         joints=joints,
         posture=table.integers("posture"),
         placement=table.integers("placement"),
         support=table.texts("support", SUPPORTS),
-        time=table.numbers("time", missing_allowed=True),
-        window=table.numbers("window", missing_allowed=True),
-        samples=table.numbers("samples", missing_allowed=True),
-        joint_angles=table.matrix("q", joints),
-        joint_angles_sd=table.matrix("q_std", joints, missing_allowed=True),
+        time=table.numbers("time", True, -MOST_TIME, MOST_TIME),
+        window=table.numbers("window", True, 0.0, MOST_TIME),
+        samples=table.numbers("samples", True, 1.0, MOST_TIME),
+        joint_angles=table.matrix("q", joints, **angle),
+        joint_angles_sd=table.matrix("q_std", joints, True, 0.0, MOST_ANGLE),
         command=optional["q_command"],
         motor=optional["motor"],
-        cell_forces=table.matrix("cell", CELLS),
-        cell_forces_sd=table.matrix("cell_std", CELLS, missing_allowed=True),
-        plate_poses=np.stack([table.matrix(f"plate.{plate}", ("x", "y", "yaw")) for plate in PLATES], axis=1),
+        cell_forces=table.matrix("cell", CELLS, False, -MOST_FORCE, MOST_FORCE),
+        cell_forces_sd=table.matrix("cell_std", CELLS, True, 0.0, MOST_FORCE),
+        plate_poses=np.stack(poses, axis=1),
         cells=np.array([[getattr(plate.cells, corner) for corner in CORNERS] for plate in plates]),
         top_height=np.array([plate.top_height for plate in plates]),
         weighed_mass=None if mass is None else (mass.value, mass.sd),

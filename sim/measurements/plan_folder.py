@@ -9,17 +9,12 @@ import mujoco
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from sim.errors import InputError
+from sim.errors import InputError, validation_message
+from sim.files import new_folder
 from sim.measurements.data import PosturePlan
-from sim.measurements.measurement_folder import SUPPORTS, checked_table, validation_message
-from sim.measurements.tables import (
-    Table,
-    new_folder,
-    read_json,
-    software,
-    write_json,
-    write_table,
-)
+from sim.measurements.measurement_folder import MOST_ANGLE, MOST_LENGTH, SUPPORTS, Version
+from sim.measurements.tables import read_json, software, write_json, write_table
+from sim.measurements.twins import checked_table
 from sim.model import Robot, joint_names, sha256
 
 
@@ -32,7 +27,7 @@ class PlanManifest(BaseModel):
     """plan.json, as the contract lists it."""
 
     format: Literal["tulip-plan"]
-    version: Literal[1]
+    version: Version
     robot: PlanRobot
     made: dict[str, Any]
     software: dict[str, str] | None
@@ -79,22 +74,25 @@ def read_plan(folder: Path, robot: Robot, model: mujoco.MjModel) -> PosturePlan:
     except ValidationError as error:
         raise InputError(f"{where}: {validation_message(error)}") from None
     check_model(where, manifest.robot.sha256, robot)
-    path = checked_table(folder, "postures", manifest.tables)
-    table = Table(path)
+    table = checked_table(folder, "postures", manifest.tables)
     joints = joint_names(model)
+    swing = [table.numbers(f"swing.{axis}", False, -MOST_LENGTH, MOST_LENGTH) for axis in ("x", "y")]
+    swing.append(table.numbers("swing.yaw", False, -MOST_ANGLE, MOST_ANGLE))
     plan = PosturePlan(
         joints=joints,
-        joint_angles=table.matrix("q", joints),
+        joint_angles=table.matrix("q", joints, False, -MOST_ANGLE, MOST_ANGLE),
         posture=table.integers("posture"),
         placement=table.integers("placement"),
         support=table.texts("support", SUPPORTS),
-        swing_pose=table.matrix("swing", ("x", "y", "yaw")),
+        swing_pose=np.column_stack(swing),
         robot=manifest.robot.model_dump(),
         made=manifest.made,
     )
-    check_limits(path, plan, model)
+    check_limits(table.path, plan, model)
     if len(np.unique(plan.posture)) < len(plan):
-        raise InputError(f"{path}: column 'posture': found repeated numbers, expected each once in a plan")
+        raise InputError(
+            f"{table.path}: column 'posture': found repeated numbers, expected each once in a plan"
+        )
     return plan
 
 

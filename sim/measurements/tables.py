@@ -1,13 +1,10 @@
-"""Tables on disk and folders that appear whole or not at all."""
+"""Tables and JSON documents on disk: written whole, and read without trusting them."""
 
 from __future__ import annotations
 
 import json
-import os
-import shutil
-import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager
+import math
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -17,63 +14,77 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from sim.errors import InputError
+from sim.errors import InputError, shortened
+from sim.files import read_text, write_text
 
 Columns = dict[str, np.ndarray]
 
-
-@contextmanager
-def new_folder(path: Path) -> Iterator[Path]:
-    """A folder to fill; it gets its name when the block ends well, else nothing stays behind.
-
-    Raises:
-        InputError: the folder exists already or cannot be made.
-    """
-    path = Path(path)
-    if path.exists():
-        raise InputError(f"{path}: exists already; give the name of a new folder")
-    working = path.parent / f".{path.name}.{uuid.uuid4().hex[:8]}"
-    try:
-        working.mkdir(parents=True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot make the folder ({error.strerror})") from None
-    try:
-        yield working
-        os.rename(working, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot write the folder ({error.strerror})") from None
-    finally:
-        shutil.rmtree(working, ignore_errors=True)
+MOST_JSON = 4 * 2**20  # bytes
+MOST_DEPTH = 32  # of a JSON document
+MOST_DIGITS = 300  # of a whole number in JSON: a float still holds it
+MOST_ROWS = 10_000
+MOST_COLUMNS = 1_000
+MOST_UNPACKED = 256 * 2**20  # bytes that a Parquet file says it unpacks to
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
     """Write one JSON document; the file appears whole."""
-    working = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        working.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-        os.replace(working, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot write ({error.strerror})") from None
-    finally:
-        working.unlink(missing_ok=True)
+    write_text(path, json.dumps(content, indent=1) + "\n")
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON object.
+    """Read a JSON object whose keys are unique and whose numbers are finite.
 
     Raises:
         InputError: no such file, no JSON, or no object.
     """
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        content = dict(pairs)
+        if len(content) < len(pairs):
+            names = [name for name, _ in pairs]
+            twice = next(name for name in names if names.count(name) > 1)
+            raise InputError(f"{path}: key '{shortened(twice)}' stands more than once in its object")
+        return content
+
+    def number(text: str) -> float:
+        if not math.isfinite(value := float(text)):
+            raise InputError(f"{path}: found the number {shortened(text)}, expected a finite one")
+        return value
+
+    def whole(text: str) -> int:
+        if len(text) > MOST_DIGITS:
+            raise InputError(f"{path}: found a number of {len(text)} digits, expected at most {MOST_DIGITS}")
+        return int(text)
+
+    text = read_text(path, MOST_JSON)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot read ({error.strerror})") from None
+        content = json.loads(
+            text, object_pairs_hook=unique, parse_float=number, parse_int=whole, parse_constant=number
+        )
+    except InputError:
+        raise
     except ValueError as error:
         raise InputError(f"{path}: not a JSON file ({error})") from None
+    except RecursionError:
+        raise InputError(f"{path}: nested deeper than {MOST_DEPTH} levels") from None
     if not isinstance(content, dict):
         raise InputError(f"{path}: found a {type(content).__name__}, expected an object")
+    _check_values(path, content, MOST_DEPTH)
     return content
+
+
+def _check_values(path: Path, value: Any, depth: int) -> None:
+    """Refuse what could be read but neither printed nor written again."""
+    if depth == 0:
+        raise InputError(f"{path}: nested deeper than {MOST_DEPTH} levels")
+    if isinstance(value, dict):
+        value = [*value, *value.values()]
+    if isinstance(value, list):
+        for item in value:
+            _check_values(path, item, depth - 1)
+    elif isinstance(value, str) and any("\ud800" <= sign <= "\udfff" for sign in value):
+        raise InputError(f"{path}: found half a surrogate pair in {shortened(value)}, expected text")
 
 
 def write_table(folder: Path, name: str, columns: Columns) -> dict[str, Path]:
@@ -85,87 +96,140 @@ def write_table(folder: Path, name: str, columns: Columns) -> dict[str, Path]:
     return paths
 
 
-def find_table(folder: Path, name: str) -> Path:
-    """NAME.parquet, or NAME.csv where there is none.
-
-    Raises:
-        InputError: neither exists.
-    """
-    for suffix in ("parquet", "csv"):
-        if (path := folder / f"{name}.{suffix}").is_file():
-            return path
-    raise InputError(f"{folder}: found neither {name}.parquet nor {name}.csv, expected one of them")
-
-
 class Table:
-    """A table read from disk whose columns are checked as they are taken."""
+    """A table whose columns are checked as they are taken.
 
-    def __init__(self, path: Path):
+    Attributes:
+        path: the file.
+        types: type of each column; those that cannot be used as numbers or short texts are not read.
+    """
+
+    def __init__(self, path: Path, content: bytes):
         self.path = path
         try:
-            reader = pyarrow.parquet.read_table if path.suffix == ".parquet" else pyarrow.csv.read_csv
-            self.table: pa.Table = reader(path)
-        except (pa.ArrowException, OSError, ValueError) as error:
-            raise InputError(f"{path}: broken table: {' '.join(str(error).split())}") from None
-        names = self.table.column_names
-        if repeated := sorted({name for name in names if names.count(name) > 1}):
-            raise InputError(f"{path}: column '{repeated[0]}' stands more than once")
+            if path.suffix == ".parquet":
+                self.types, self.table = self._parquet(content)
+            else:
+                self.types, self.table = self._csv(content)
+        except InputError:
+            raise
+        except (pa.ArrowException, OSError, ValueError, MemoryError) as error:
+            raise InputError(f"{path}: broken table: {shortened(error, 200)}") from None
         if len(self) == 0:
             raise InputError(f"{path}: found no rows, expected one per posture")
+
+    def _parquet(self, content: bytes) -> tuple[dict[str, pa.DataType], pa.Table]:
+        """Only what is declared small is unpacked; texts stay a dictionary, as one text may stand in every row."""
+        file = pyarrow.parquet.ParquetFile(pa.BufferReader(content))
+        said, schema = file.metadata, file.schema_arrow
+        groups = [said.row_group(k) for k in range(min(said.num_row_groups, MOST_ROWS))]
+        unpacked = sum(max(group.total_byte_size, 0) for group in groups)
+        self._limit("rows", max(said.num_rows, said.num_row_groups), MOST_ROWS)
+        self._limit("columns", said.num_columns, MOST_COLUMNS)
+        self._limit("unpacked bytes", unpacked, MOST_UNPACKED)
+        self._unique([said.schema.column(k).path for k in range(said.num_columns)])
+        types = self._unique(schema.names, schema.types)
+        texts = [name for name in ("support",) if name in types and not pa.types.is_nested(types[name])]
+        chosen = texts + [name for name, kind in types.items() if _is_number(kind) and name not in texts]
+        file = pyarrow.parquet.ParquetFile(pa.BufferReader(content), read_dictionary=texts)
+        return types, file.read(columns=chosen, use_threads=False)
+
+    def _csv(self, content: bytes) -> tuple[dict[str, pa.DataType], pa.Table]:
+        self._limit("rows", content.count(b"\n"), MOST_ROWS + 1)
+        self._limit("columns", content.partition(b"\n")[0].count(b",") + 1, MOST_COLUMNS)
+        # One block, so that a column's type is inferred from all of its rows.
+        options = pyarrow.csv.ReadOptions(use_threads=False, block_size=len(content) + 1)
+        table = pyarrow.csv.read_csv(pa.BufferReader(content), read_options=options)
+        return self._unique(table.column_names, table.schema.types), table
+
+    def _limit(self, what: str, found: int, most: int) -> None:
+        if found > most:
+            raise InputError(f"{self.path}: found {found} {what}, expected at most {most}")
+
+    def _unique(self, names: list[str], types: Sequence[pa.DataType] = ()) -> dict[str, pa.DataType]:
+        if len(set(names)) < len(names):
+            twice = sorted(name for name in set(names) if names.count(name) > 1)[0]
+            raise InputError(f"{self.path}: column '{shortened(twice)}' stands more than once")
+        return dict(zip(names, types, strict=False))
 
     def __len__(self) -> int:
         return self.table.num_rows
 
     def has(self, name: str) -> bool:
-        return name in self.table.column_names
+        return name in self.types
 
-    def _column(self, name: str) -> pa.ChunkedArray:
+    def _type(self, name: str) -> pa.DataType:
         if not self.has(name):
             raise InputError(f"{self.path}: column '{name}' is missing")
-        return self.table.column(name)
+        return self.types[name]
 
-    def numbers(self, name: str, missing_allowed: bool = False) -> np.ndarray:
-        """A column of finite numbers, (m,); NaN where a missing value is allowed."""
-        column = self._column(name)
-        if pa.types.is_null(column.type) and missing_allowed:
-            return np.full(len(self), np.nan)
-        if not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type)):
-            raise InputError(f"{self.path}: column '{name}': found {column.type}, expected numbers")
-        values = column.to_numpy().astype(float)
-        wrong = ~np.isfinite(values)
-        if missing_allowed:
-            wrong = np.isinf(values)
-        if wrong.any():
-            row = int(np.flatnonzero(wrong)[0])
+    def refuse(self, name: str, rows: np.ndarray, values: np.ndarray, expected: str) -> None:
+        """Refuse the first of the rows where `rows`, (m,), is true.
+
+        Raises:
+            InputError: there is one; names it.
+        """
+        if rows.any():
+            row = int(rows.argmax())
             raise InputError(
-                f"{self.path}: column '{name}', row {row + 1}: found {values[row]}, expected a finite number"
+                f"{self.path}: column '{name}', row {row + 1}: found {values[row]}, expected {expected}"
             )
+
+    def numbers(
+        self,
+        name: str,
+        missing_allowed: bool = False,
+        low: float = -math.inf,
+        high: float = math.inf,
+    ) -> np.ndarray:
+        """A column of finite numbers in [low, high], (m,); NaN where a missing value is allowed."""
+        kind = self._type(name)
+        if pa.types.is_null(kind) and missing_allowed:
+            return np.full(len(self), np.nan)
+        if not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
+            raise InputError(f"{self.path}: column '{name}': found {kind}, expected numbers")
+        values = self.table.column(name).to_numpy().astype(float)
+        missing = np.isnan(values) & missing_allowed
+        self.refuse(name, ~(np.isfinite(values) | missing), values, "a finite number")
+        outside = (values < low) | (values > high)
+        self.refuse(name, outside, values, f"a number within [{low:g}, {high:g}]")
         return values
 
     def integers(self, name: str) -> np.ndarray:
-        """A column of whole numbers, (m,)."""
+        """A column of whole numbers that a float holds exactly, (m,)."""
         values = self.numbers(name)
-        if (wrong := np.flatnonzero((values != np.round(values)) | (np.abs(values) > 2**53))).size:
-            raise InputError(
-                f"{self.path}: column '{name}', row {wrong[0] + 1}: found {values[wrong[0]]}, "
-                "expected a whole number"
-            )
+        self.refuse(name, (values != np.round(values)) | (np.abs(values) >= 2**53), values, "a whole number")
         return values.astype(np.int64)
 
     def texts(self, name: str, valid: tuple[str, ...]) -> np.ndarray:
         """A column of texts out of `valid`, (m,)."""
-        values = self._column(name).to_pylist()
-        for row, value in enumerate(values, 1):
-            if value not in valid:
+        values, kind = [], self._type(name)
+        if name not in self.table.column_names:
+            raise InputError(f"{self.path}: column '{name}': found {kind}, expected texts")
+        for row, scalar in enumerate(self.table.column(name), 1):
+            values.append(scalar.as_py())
+            if values[-1] not in valid:
                 raise InputError(
-                    f"{self.path}: column '{name}', row {row}: found {value!r}, "
+                    f"{self.path}: column '{name}', row {row}: found {shortened(repr(values[-1]))}, "
                     f"expected one of {', '.join(valid)}"
                 )
         return np.array(values)
 
-    def matrix(self, prefix: str, names: tuple[str, ...], missing_allowed: bool = False) -> np.ndarray:
+    def matrix(
+        self,
+        prefix: str,
+        names: tuple[str, ...],
+        missing_allowed: bool = False,
+        low: float = -math.inf,
+        high: float = math.inf,
+    ) -> np.ndarray:
         """Columns PREFIX.NAME side by side, (m, len(names))."""
-        return np.column_stack([self.numbers(f"{prefix}.{name}", missing_allowed) for name in names])
+        columns = [self.numbers(f"{prefix}.{name}", missing_allowed, low, high) for name in names]
+        return np.column_stack(columns)
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    return pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_null(kind)
 
 
 def software() -> dict[str, str]:

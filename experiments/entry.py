@@ -1,0 +1,21 @@
+"""The console script: ends quietly when interrupted while the libraries are still loading."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+
+def run() -> None:
+    """Load the command line and hand over to it."""
+    # An exception in the middle of an import would show a traceback, or be lost in a library's own handler.
+    signal.signal(signal.SIGINT, _leave)
+    from experiments import cli
+
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    cli.run()
+
+
+def _leave(*_: object) -> None:
+    os.write(2, b"tulip: interrupted; nothing was written\n")
+    os._exit(130)

@@ -1,0 +1,143 @@
+"""Which files an MJCF makes MuJoCo open, and whether it may: looked at before MuJoCo opens any."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers import expat
+
+from sim.errors import InputError, shortened
+from sim.files import present, read_bytes
+
+MOST_XML = 16 * 2**20  # bytes
+MOST_ELEMENTS = 100_000
+MOST_DEPTH = 200  # tinyxml2, which MuJoCo reads with, gives up at 500
+FOLDER_ATTRIBUTES = ("meshdir", "texturedir", "assetdir")
+XML_ELEMENTS = ("include", "model")  # what their `file` names is MJCF itself
+
+
+@dataclass
+class _Search:
+    """What has been found so far.
+
+    Attributes:
+        top: folder of the first file; MuJoCo looks for everything from there.
+        folder: nothing outside of it may be opened.
+        hashes: of every file.
+        assets: of meshes, textures, height fields, skins: where it is named, from which folder, its name.
+        asset_folders: that any <compiler> names.
+    """
+
+    top: Path
+    folder: Path
+    hashes: dict[Path, str] = field(default_factory=dict)
+    assets: list[tuple[str, Path, str]] = field(default_factory=list)
+    asset_folders: set[str] = field(default_factory=lambda: {""})
+
+
+def mjcf_files(path: Path, folder: Path) -> dict[Path, str]:
+    """Every file that an MJCF is made of, with its hash.
+
+    Args:
+        folder: of the robot; files outside of it, also by a symbolic link, are refused.
+
+    Raises:
+        InputError: a file is no MJCF, includes itself, declares a document type, holds a number
+            that is not finite, names a file outside, or names something that is no file.
+    """
+    path = Path(path)
+    search = _Search(path.parent, Path(os.path.realpath(folder)))
+    if not Path(os.path.realpath(path)).is_relative_to(search.folder):
+        raise InputError(f"{path}: lies outside of the robot's folder {search.folder}")
+    _read(search, path, [])
+    for where, base, name in search.assets:
+        for start in {search.top, base}:
+            for asset_folder in search.asset_folders:
+                asset = _inside(search, where, start / asset_folder, name)
+                if present(asset):
+                    search.hashes[asset] = _hash(read_bytes(asset))
+    return search.hashes
+
+
+def _read(search: _Search, path: Path, trail: list[Path]) -> None:
+    if path in trail:
+        way = " -> ".join(file.name for file in [*trail[trail.index(path) :], path])
+        raise InputError(f"{path}: broken MJCF: includes itself ({way})")
+    if path in search.hashes:
+        return
+    content = read_bytes(path, MOST_XML)
+    search.hashes[path] = _hash(content)
+    for where, element, name in _references(search, path, content, root="mujoco" if not trail else None):
+        if element not in XML_ELEMENTS:
+            search.assets.append((where, path.parent, name))
+            continue
+        for start in {search.top, path.parent}:
+            if present(inner := _inside(search, where, start, name)):
+                _read(search, inner, [*trail, path])
+
+
+def _inside(search: _Search, where: str, start: Path, name: str) -> Path:
+    """The path that a name stands for."""
+    path = start / name
+    if os.path.isabs(name) or not Path(os.path.realpath(path)).is_relative_to(search.folder):
+        raise InputError(f"{where}: found '{shortened(name)}', expected a path inside {search.folder}")
+    return Path(os.path.normpath(path))
+
+
+def _references(search: _Search, path: Path, content: bytes, root: str | None) -> list[tuple[str, str, str]]:
+    """Place, element and name of every file that one MJCF file names."""
+    parser = expat.ParserCreate()
+    found: list[tuple[str, str, str]] = []
+    depth = elements = 0
+
+    def start(element: str, attributes: dict[str, str]) -> None:
+        nonlocal depth, elements
+        depth, elements = depth + 1, elements + 1
+        where = f"{path}: line {parser.CurrentLineNumber}, <{shortened(element)}>"
+        if root is not None and elements == 1 and element != root:
+            raise InputError(f"{where}: broken MJCF: expected <{root}>")
+        if depth > MOST_DEPTH or elements > MOST_ELEMENTS:
+            raise InputError(
+                f"{where}: more than {MOST_ELEMENTS} elements, or {MOST_DEPTH} inside each other"
+            )
+        for key, value in attributes.items():
+            place = f"{where}, attribute '{key}'"
+            if bad := next((token for token in value.split() if _not_finite(token)), None):
+                raise InputError(f"{place}: found '{shortened(bad)}', expected finite numbers")
+            if key in FOLDER_ATTRIBUTES:
+                _inside(search, place, path.parent, value)
+                search.asset_folders.add(value)
+            elif key.startswith("file") and value:
+                found.append((place, element, value))
+
+    def end(element: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    def doctype(*declared: object) -> None:
+        line = parser.CurrentLineNumber
+        raise InputError(f"{path}: line {line}: found a document type declaration, which MJCF does not have")
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.StartDoctypeDeclHandler = doctype
+    try:
+        parser.Parse(content.decode("utf-8"), True)
+    except expat.ExpatError as error:
+        raise InputError(f"{path}: broken MJCF: {error}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start}: not UTF-8 text ({error.reason})") from None
+    return found
+
+
+def _hash(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _not_finite(token: str) -> bool:
+    """Whether a token is a number, but none that can be computed with."""
+    try:
+        return not abs(float(token)) < float("inf")
+    except ValueError:
+        return False

@@ -1,0 +1,77 @@
+"""What a robot has to be, beyond an MJCF that compiles, to stand in a laboratory and to be identified."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from sim.errors import InputError, listed
+
+MOST_BODIES = 100
+MOST_LENGTH = 20.0  # m, from a body to the next or to its centre of mass
+LEAST_MASS, MOST_MASS = 0.01, 1e4  # kg, of the whole robot
+LEAST_GRAVITY, MOST_GRAVITY = 0.1, 100.0  # m/s2
+LEAST_STEP, MOST_STEP = 1e-5, 0.01  # s
+
+
+def check_model(model: mujoco.MjModel, where: str) -> None:
+    """Refuse a robot alone that cannot be one.
+
+    Raises:
+        InputError: too many bodies, an unnamed body or joint, no single root on a free joint, no
+            hinge, or a length, mass, gravity or time step out of range.
+    """
+    if model.nbody - 1 > MOST_BODIES:
+        raise InputError(f"{where}: found {model.nbody - 1} bodies, expected at most {MOST_BODIES}")
+    for kind, count in (("body", model.nbody), ("joint", model.njnt)):
+        names = [getattr(model, kind)(i).name for i in range(count)]
+        if "" in names:
+            raise InputError(
+                f"{where}: found a {kind} without a name (the {names.index('') + 1}. in the file)"
+            )
+    free = mujoco.mjtJoint.mjJNT_FREE
+    roots = np.flatnonzero(model.body_parentid[1:] == 0) + 1
+    if len(roots) != 1 or [model.jnt_type[j] for j in _joints_of(model, roots[0])] != [free]:
+        found = listed(model.body(i).name for i in roots) or "none"
+        raise InputError(f"{where}: found root bodies {found}; expected one root body on a free joint")
+    if not (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE).any():
+        raise InputError(f"{where}: found no hinge joint, expected at least one")
+    bodies = [model.body(i).name for i in range(1, model.nbody)]
+    joints = [model.joint(i).name for i in range(model.njnt)]
+    for quantity, values, names in (
+        ("position", model.body_pos[1:], bodies),
+        ("centre of mass", model.body_ipos[1:], bodies),
+        ("position", model.jnt_pos, joints),
+    ):
+        _within(where, names, quantity, np.abs(values).max(axis=1), 0.0, MOST_LENGTH, "m")
+    mass = model.body_mass[1:]
+    _within(where, bodies, "mass", mass, 0.0, MOST_MASS, "kg")
+    _within(where, [bodies[0]], "mass of the whole robot", mass.sum()[None], LEAST_MASS, MOST_MASS, "kg")
+    check_options(model, where)
+
+
+def check_options(model: mujoco.MjModel, where: str) -> None:
+    """Refuse a gravity that does not pull straight down and a time step that leads nowhere."""
+    *aside, up = model.opt.gravity
+    if any(aside) or not LEAST_GRAVITY <= -up <= MOST_GRAVITY:
+        raise InputError(
+            f"{where}: <option gravity>: found {listed(model.opt.gravity)}, "
+            f"expected 0 0 -g with g within [{LEAST_GRAVITY:g}, {MOST_GRAVITY:g}] m/s2"
+        )
+    _within(where, ["<option>"], "timestep", np.array([model.opt.timestep]), LEAST_STEP, MOST_STEP, "s")
+
+
+def _within(
+    where: str, names: list[str], quantity: str, values: np.ndarray, low: float, high: float, unit: str
+) -> None:
+    wrong = ~((values >= low) & (values <= high))
+    if wrong.any():
+        k = int(wrong.argmax())
+        raise InputError(
+            f"{where}: '{names[k]}': {quantity}: found {values[k]:g}, expected [{low:g}, {high:g}] {unit}"
+        )
+
+
+def _joints_of(model: mujoco.MjModel, body: int) -> range:
+    first = int(model.body_jntadr[body])
+    return range(first, first + int(model.body_jntnum[body]))

@@ -1,0 +1,82 @@
+"""What the laboratory looks up by name in its scene: all of it said to be missing before the work begins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import mujoco
+import numpy as np
+
+from sim.errors import InputError, listed
+from sim.model import CORNERS, PLATES, compile_spec, joint_names, load_model
+from sim.model_check import check_options
+from sim.plates import cell_names, plate_geometry
+from sim.rig import Rig
+from sim.scene import laboratory_scene
+
+
+def check_scene(rig: Rig) -> None:
+    """Refuse a scene in which the robot could not be held.
+
+    Raises:
+        InputError: broken MJCF, a missing name, or a joint without a drive of its own.
+    """
+    where = str(rig.robot.scene)
+    nominal = load_model(rig.robot)
+    try:
+        spec = laboratory_scene(rig, np.zeros((2, 3)))
+        for plate in PLATES:
+            plate_geometry(spec, plate)
+    except InputError as error:
+        raise InputError(str(error) if where in str(error) else f"{where}: {error}") from None
+    model = compile_spec(spec, where)
+    check_options(model, where)
+    soles = [f"{foot}_{corner}" for foot in rig.robot.feet for corner in CORNERS]
+    for kind, names in (
+        ("body", [*rig.robot.feet, *(f"{plate}_plate" for plate in PLATES)]),
+        ("geom", ["floor", *soles]),
+        ("site", cell_names()),
+        ("sensor", cell_names()),
+        ("joint", joint_names(nominal)),
+    ):
+        _all_there(where, kind, names, (getattr(model, kind)(i).name for i in range(_count(model, kind))))
+    for name in cell_names():
+        if (found := mujoco.mjtSensor(int(model.sensor(name).type[0]))) != mujoco.mjtSensor.mjSENS_TOUCH:
+            raise InputError(f"{where}: sensor '{name}': found {found.name}, expected a touch sensor")
+    _check_drives(where, model, joint_names(nominal))
+
+
+def _check_drives(where: str, model: mujoco.MjModel, joints: tuple[str, ...]) -> None:
+    driven = {}
+    for i in range(model.nu):
+        actuator = model.actuator(i).name
+        if model.actuator_trntype[i] != mujoco.mjtTrn.mjTRN_JOINT:
+            raise InputError(f"{where}: actuator '{actuator}': found no joint that it drives, expected one")
+        if not 0 < model.actuator_forcerange[i, 1] < np.inf:
+            raise InputError(f"{where}: actuator '{actuator}': found no forcerange, expected a torque limit")
+        joint = model.joint(model.actuator_trnid[i, 0]).name
+        if joint in driven:
+            raise InputError(f"{where}: joint '{joint}': found two actuators, expected one")
+        driven[joint] = actuator
+    _all_there(where, "actuator for joint", joints, driven)
+    for joint in joints:
+        if model.joint(joint).type[0] != mujoco.mjtJoint.mjJNT_HINGE:
+            raise InputError(f"{where}: joint '{joint}': found no hinge, as it is in the robot alone")
+
+
+def _all_there(where: str, kind: str, wanted: Iterable[str], names: Iterable[str]) -> None:
+    there = set(names)
+    if missing := [name for name in wanted if name not in there]:
+        raise InputError(
+            f"{where}: found no {kind} '{missing[0]}' ({len(missing)} missing: {listed(missing)})"
+        )
+
+
+def _count(model: mujoco.MjModel, kind: str) -> int:
+    return {
+        "body": model.nbody,
+        "geom": model.ngeom,
+        "site": model.nsite,
+        "sensor": model.nsensor,
+        "joint": model.njnt,
+    }[kind]

@@ -1,0 +1,165 @@
+"""Reading what may be anything, and writing whole or not at all, whenever the process is killed."""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from sim.errors import InputError
+from sim.files import new_folder, present, read_bytes, read_text, write_text
+
+# Forks once per file operation; the child kills itself right before its n-th one.
+KILLED_AT_EVERY_STEP = """
+import json, os, pathlib, signal, sys
+from sim.files import new_folder, write_text
+
+def fill():
+    with new_folder("folder") as working:
+        (working / "inner").mkdir()
+        (working / "inner" / "a.txt").write_text("whole")
+        (working / "b.txt").write_text("whole")
+    write_text(pathlib.Path("file.txt"), "new")
+
+def watch(fatal):
+    count = 0
+    def hook(event, arguments):
+        nonlocal count
+        if event == "open" or event.startswith(("os.", "shutil.", "fcntl.")):
+            count += 1
+            if count == fatal:
+                os.kill(os.getpid(), signal.SIGKILL)
+    sys.addaudithook(hook)
+
+states, step, status = [], 0, 1
+while status:
+    step += 1
+    os.mkdir(f"step{step}")
+    os.chdir(f"step{step}")
+    pathlib.Path("file.txt").write_text("old")
+    child = os.fork()
+    if not child:
+        watch(step)
+        fill()
+        os._exit(0)
+    status = os.waitpid(child, 0)[1]
+    folder = pathlib.Path("folder")
+    whole = sorted(str(p) for p in folder.rglob("*") if p.is_file() and p.read_text() == "whole")
+    left = [p.name for p in pathlib.Path(".").iterdir() if p.name.startswith(".")]
+    states.append([folder.exists(), whole, pathlib.Path("file.txt").read_text(), len(left)])
+    if folder.exists():
+        os.rename("folder", "moved")
+    fill()
+    states[-1].append([p.name for p in pathlib.Path(".").iterdir() if p.name.startswith(".")])
+    os.chdir("..")
+print(json.dumps(states))
+"""
+
+
+def test_a_kill_at_any_file_operation_leaves_the_old_or_the_new(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED_AT_EVERY_STEP],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    states = json.loads(done.stdout)
+    assert len(states) > 30
+    for there, whole, file, _, swept in states:
+        assert whole == (["folder/b.txt", "folder/inner/a.txt"] if there else [])
+        assert file in ("old", "new")
+        assert swept == []  # the next writer to the same names cleans up
+    assert not states[0][0]
+    assert states[-1][:4] == [True, ["folder/b.txt", "folder/inner/a.txt"], "new", 0]
+    assert sum(left > 0 for *_, left, _ in states) > 10  # most kills do leave something
+    assert {(there, file) for there, _, file, *_ in states} == {(False, "old"), (True, "old"), (True, "new")}
+
+
+def test_a_folder_in_use_is_not_taken_for_a_left_over(tmp_path):
+    with new_folder(tmp_path / "data") as mine:
+        (mine / "a").touch()
+        with pytest.raises(InputError, match="data: cannot write"), new_folder(tmp_path / "data") as other:
+            assert mine.exists()
+            (other / "b").touch()
+            (tmp_path / "data").mkdir()
+            (tmp_path / "data" / "c").touch()
+        (tmp_path / "data" / "c").unlink()
+    assert os.listdir(tmp_path) == ["data"]
+    assert os.listdir(tmp_path / "data") == ["a"]
+
+
+def test_names_like_a_left_over_s_are_left_alone(tmp_path):
+    names = [".data.12345678", ".other.12345678.partial", ".data.123456789.partial", "data.12345678.partial"]
+    for name in names:
+        (tmp_path / name).mkdir()
+    (tmp_path / ".data.abcdefgh.partial").symlink_to(tmp_path / names[0])
+    with new_folder(tmp_path / "data"):
+        pass
+    assert set(os.listdir(tmp_path)) == {*names, ".data.abcdefgh.partial", "data"}
+
+
+def test_a_full_disk_is_one_message_and_leaves_nothing(tmp_path):
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1_000, before[1]))
+    try:
+        with pytest.raises(InputError, match=r"data: cannot write \(File too large\)"):
+            with new_folder(tmp_path / "data") as working:
+                (working / "a").write_bytes(b"x" * 2_000)
+        with pytest.raises(InputError, match=r"a.txt: cannot write \(File too large\)"):
+            write_text(tmp_path / "a.txt", "x" * 2_000)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, ignored)
+    assert os.listdir(tmp_path) == []
+
+
+def test_an_exception_or_a_taken_name_leaves_nothing(tmp_path):
+    with pytest.raises(KeyboardInterrupt), new_folder(tmp_path / "data"):
+        raise KeyboardInterrupt
+    assert os.listdir(tmp_path) == []
+    (tmp_path / "data").symlink_to("nowhere")
+    with pytest.raises(InputError, match="data: exists already"), new_folder(tmp_path / "data"):
+        pass
+    with (
+        pytest.raises(InputError, match=r"cannot write \(File name too long\)"),
+        new_folder(tmp_path / ("x" * 250)),
+    ):
+        pass
+    assert os.listdir(tmp_path) == ["data"]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda path: None, "cannot read .No such file"),
+        (lambda path: path.mkdir(), "found a folder, expected a file"),
+        (os.mkfifo, "found a named pipe, expected a file"),
+        (lambda path: path.symlink_to("/dev/zero"), "found a device, expected a file"),
+        (lambda path: path.symlink_to(path.name), "cannot read .Too many levels of symbolic links"),
+        (lambda path: path.write_bytes(b"x" * 11), "found more than 10 bytes"),
+        (lambda path: path.write_bytes(b"ab\xff"), "byte 2: not UTF-8 text"),
+    ],
+)
+def test_only_regular_files_of_text_are_read(tmp_path, make, message):
+    make(tmp_path / "name")
+    with pytest.raises(InputError, match=f"name: {message}"):
+        read_text(tmp_path / "name", 10)
+
+
+def test_names_that_no_file_can_have(tmp_path):
+    with pytest.raises(InputError, match="cannot read"):
+        read_bytes(tmp_path / "a\0b")
+    assert not present(tmp_path / "a\0b")
+    with pytest.raises(InputError, match="File name too long"):
+        present(tmp_path / ("x" * 300))
+
+
+def test_a_byte_order_mark_is_no_text(tmp_path):
+    (tmp_path / "a").write_bytes(b"\xef\xbb\xbf{}")
+    assert read_text(tmp_path / "a") == "{}"
