@@ -198,7 +198,8 @@ def books_line(books: dict[str, float]) -> str:
     return (
         f"Largest imbalance in any hold: cells against weight {books['weight']:.1e} N, "
         f"plates' moments against the feet's wrench {books['moments']:.1e} Nm, "
-        f"torques against inverse dynamics {books['torques']:.1e} Nm, "
+        f"torques against statics {books['torques']:.1e} Nm, "
+        f"CoP against CoM {1e3 * books['centre']:.1e} mm, "
         f"energy left in motion {books['kinetic']:.1e} J."
     )
 

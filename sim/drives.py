@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import mujoco
 
 from sim.control import torque_limit
+from sim.errors import InputError
 
 SUFFIX = "_motor"
 # Damping over stiffness of the flexible element, so that the links do not ring [s], assumed. It acts on
@@ -35,7 +36,12 @@ def add_drives(spec: mujoco.MjSpec, drives: Drives) -> None:
 
     The rotor takes over the drive's inertia and friction and the actuator; it turns the joint by
     a fixed tendon whose length is joint minus motor angle. Rigid drives are left as they are.
+
+    Raises:
+        InputError: backlash without flexibility, or an actuator without a torque limit.
     """
+    if drives.wind_up <= 0 and drives.backlash > 0:
+        raise InputError(f"drives: found a backlash of {drives.backlash} rad and no wind_up, expected both")
     if drives.wind_up <= 0:
         return
     for actuator in spec.actuators:
@@ -47,7 +53,9 @@ def add_drives(spec: mujoco.MjSpec, drives: Drives) -> None:
             type=mujoco.mjtJoint.mjJNT_HINGE,
             axis=joint.axis,
             ref=joint.ref,
-            armature=joint.armature,
+            armature=(1 - LINK_SHARE) * joint.armature,
+            actfrclimited=joint.actfrclimited,
+            actfrcrange=joint.actfrcrange,
             frictionloss=joint.frictionloss,
             damping=joint.damping,
             solref_friction=joint.solref_friction,

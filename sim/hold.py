@@ -16,6 +16,7 @@ CLAMP_IMPEDANCE = 0.9999
 AVERAGED_PERIODS = 5  # when gated
 STILL_PERIODS = 10  # in which no cell's force may change
 STICKING_PERIODS = 500  # at most, in which dry friction takes over the load
+CREATED_ENERGY = 1e-6  # J: more than this out of nothing is a fault of the simulation
 SERVO_PERIOD = 0.002  # s, at which the commanded angles are updated while moving
 PATH_KNOTS = 30
 
@@ -107,6 +108,9 @@ def hold(stand: Stand, plan: np.ndarray) -> tuple[Held | None, str]:
         return None, f"broke loose at {over[0]}"
     if reason := stand.fault():
         return None, reason
+    books = keep_books(stand, before)
+    if books.dissipated < -CREATED_ENERGY:
+        return None, "gained energy while held"
     joints = len(stand.qpos)
     held = Held(
         joint_angles=mean[:joints],
@@ -117,7 +121,7 @@ def hold(stand: Stand, plan: np.ndarray) -> tuple[Held | None, str]:
         com=mean[2 * joints + 8 :],
         drift=stand.drift(),
         settled_after=settled_after,
-        books=keep_books(stand, before),
+        books=books,
     )
     return held, ""
 

@@ -28,10 +28,10 @@ class Protocol:
         placement_time: time to lift the robot and set up the next placement [s].
         speed_gate: a control period is calm when every joint and the torso move slower than
             this [rad/s, m/s] ...
-        force_gate: ... and no cell's force changes by more than this from period to period [N].
-        calm_time: settled after being calm for this long without a break [s].
-        gated: average over the calm time and stop, since nothing changes any more; else hold
-            to the end and average over the window.
+        calm_time: at rest after being calm for this long without a break [s]; then friction sticks ...
+        force_gate: ... and the posture counts when no cell's force varies by more than this in 0.2 s [N].
+        gated: average over 0.1 s and stop, since nothing changes any more; else hold to the end
+            and average over the window.
         slip_limit: a foot that moved further than this off its mark slipped [m].
         tilt_limit: the torso tips when it leans this much more than planned [rad].
         lift_limit: a sole corner or a cell further than this off its ground is lifted [m].

@@ -68,7 +68,7 @@ class Stand:
     def reset(self, angles: np.ndarray, pose: np.ndarray) -> None:
         """Put everything back, the robot at these joint angles (n,) and torso pose (7,), at rest."""
         mujoco.mj_resetData(self.model, self.data)
-        self.stiction.release(self.data)
+        self.stiction.forget()
         self.data.qpos[self.motors] = angles
         self.data.qpos[self.qpos] = angles
         self.data.qpos[self.free_qpos] = pose

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from sim.compliance import Compliance
+from sim.control import Controller, add_servos
 from sim.drives import Drives, add_drives
 from sim.errors import InputError
 from sim.hold import hold, put_down
 from sim.measurements import lay_boards
-from sim.model import CORNERS, load_robot, sole_corners
+from sim.model import CORNERS, load_robot, sole_corners, sole_point
 from sim.rig import preset_rig
 from sim.scene import load_scene
 from sim.stand import Stand
@@ -50,14 +51,17 @@ def spring(stand: Stand, name: str) -> float:
 
 def test_a_sole_gives_way_by_its_load(robot, model, plan):
     stand = standing(robot, model, plan, compliance=Compliance(sole=1e-5, sole_tilt=5e-4))
-    # The cells carry the foot's load; its moments about the sole's own point tilt the sole.
+    # The cells carry the foot's load; its moments about the point below the ankle tilt the sole.
     loads = stand.cell_forces().reshape(2, 4).sum(axis=1)
     mujoco.mj_rnePostConstraint(stand.model, stand.data)
     for foot, sole, load in zip(robot.feet, stand.soles, loads, strict=True):
         assert spring(stand, f"{foot}_sole_z") == pytest.approx(1e-5 * load, rel=1e-3)
         body = stand.data.body(sole)
         wrench, centre = stand.data.cfrc_ext[sole], stand.data.subtree_com[stand.torso]
-        moment = body.xmat.reshape(3, 3).T @ (wrench[:3] + np.cross(centre - body.xpos, wrench[3:]))
+        ankle = stand.data.body(foot)
+        point = sole_point(model, foot) + [0, 0, spring(stand, f"{foot}_sole_z")]
+        point = ankle.xpos + ankle.xmat.reshape(3, 3) @ point
+        moment = body.xmat.reshape(3, 3).T @ (wrench[:3] + np.cross(centre - point, wrench[3:]))
         for k, way in enumerate(("roll", "pitch")):
             assert spring(stand, f"{foot}_sole_{way}") == pytest.approx(5e-4 * moment[k], rel=2e-3, abs=1e-7)
 
@@ -106,6 +110,21 @@ def test_a_drive_winds_up_by_its_torque_and_half_its_backlash(side, backlash):
     joint, motor = data.joint("arm").qpos[0], data.joint("arm_motor").qpos[0]
     torque = side * 2 * 9.81 * 0.2 * np.cos(joint)
     assert joint - motor == pytest.approx(torque * 0.02 / 20 + side * backlash / 2, rel=1e-3)
+
+
+def test_a_torque_limit_on_the_joint_goes_with_the_motor():
+    spec = mujoco.MjSpec.from_string(PENDULUM)
+    joint = spec.joint("arm")
+    joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-10, 10]
+    add_drives(spec, Drives(wind_up=0.02))
+    add_servos(spec, Controller())
+    assert spec.actuators[0].forcerange[1] == 10
+    assert spec.tendons[0].stiffness[0] == pytest.approx(10 / 0.02)
+
+
+def test_backlash_without_flexibility_is_refused():
+    with pytest.raises(InputError, match=r"found a backlash of 0\.01 rad and no wind_up"):
+        add_drives(mujoco.MjSpec.from_string(PENDULUM), Drives(backlash=0.01))
 
 
 def test_motor_encoders_differ_by_the_load_on_flexible_drives(robot, model, plan):

@@ -10,6 +10,8 @@ from identification.center_of_pressure import center_of_pressure
 from identification.kinematics import link_rotations
 from sim import laboratory
 from sim.bookkeeping import keep_books
+from sim.compliance import Compliance
+from sim.drives import Drives
 from sim.hold import hold, move, put_down
 from sim.laboratory import run_experiment, run_placement
 from sim.measurements import lay_boards
@@ -90,7 +92,7 @@ def test_gated_hold_reads_what_the_full_minute_reads(robot, plan, monkeypatch):
         minute = dataclasses.replace(stand.protocol, gated=False)
         gated = hold(stand, planned)
         mujoco.mj_copyData(stand.data, model, before)
-        stand.stiction.release(stand.data)
+        stand.stiction.forget()
         stand.protocol, protocol = minute, stand.protocol
         full = hold(stand, planned)
         stand.protocol = protocol
@@ -157,9 +159,26 @@ def test_the_books_are_closed_in_every_run(ideal, wii):
         books = [held.books for held in result.experiment.held]
         assert max(abs(b.weight) for b in books) < 1e-3
         assert max(b.moments for b in books) < 1e-4
-        assert max(b.torques for b in books) < 1e-9
+        assert max(b.torques for b in books) < 1e-6
+        assert max(b.centre for b in books) < 1e-7
         assert min(b.dissipated for b in books) > 0
         assert max(b.kinetic for b in books) < 1e-12
+
+
+def test_the_books_are_closed_where_everything_gives_way(robot, plan):
+    rig = dataclasses.replace(
+        preset_rig("ideal", robot),
+        drives=Drives(wind_up=0.0175, backlash=0.00175),
+        compliance=Compliance(sole=1e-5, sole_tilt=5.8e-4, cell=1e-6),
+    )
+    attempts = run_placement(rig, plan, 3, frozenset(), np.random.SeedSequence(121))
+    books = [attempt.held.books for attempt in attempts if attempt.held]
+    assert len(books) >= 2
+    assert max(abs(b.weight) for b in books) < 1e-3
+    assert max(b.moments for b in books) < 1e-3
+    assert max(b.torques for b in books) < 1e-3
+    assert max(b.centre for b in books) < 1e-5
+    assert min(b.dissipated for b in books) > 0
 
 
 def test_the_books_show_a_cell_that_stands_elsewhere_and_a_foreign_force(robot, plan):
@@ -174,10 +193,16 @@ def test_the_books_show_a_cell_that_stands_elsewhere_and_a_foreign_force(robot, 
     put_down(stand, plan.joint_angles[0])
     held, _ = hold(stand, plan.joint_angles[0])
     assert held is not None
-    assert held.books.moments == pytest.approx(0.01 * held.cell_forces[0], rel=0.2)
+    assert held.books.moments == pytest.approx(0.01 * held.cell_forces[0], rel=1e-4)
+    assert held.books.torques < 1e-6
     stand.data.xfrc_applied[stand.torso, 2] += 1.0
     stand.run(0.5)
     assert keep_books(stand, 0.0).weight == pytest.approx(-1.0, abs=0.01)
+    assert keep_books(stand, 0.0).torques > 0.5
+    stand.data.xfrc_applied[stand.torso, :3] = [1.0, 0.0, 0.0]
+    stand.run(0.5)
+    assert keep_books(stand, 0.0).torques > 0.5
+    assert keep_books(stand, 0.0).centre > 1e-3
 
 
 def test_a_posture_beyond_the_feet_tips_and_one_pushed_slips(robot, plan):

@@ -97,6 +97,37 @@ def test_a_joint_lets_go_of_more_than_friction_carries():
     assert data.qvel[0] == pytest.approx(0.1 * (2.3 - 2.0) / inertia, rel=0.02)
 
 
+@pytest.mark.parametrize("left", [0.7, 0.3, 0.0, -0.7])
+def test_a_stuck_joint_whose_load_falls_does_not_move(left):
+    """Near its limit, then unloaded and loaded the other way within it: friction must not push."""
+    model, data = arm(2.0, 1.99)
+    stiction = Stiction(model, [])
+    for _ in range(5):
+        stiction.engage(data)
+        mujoco.mj_step(model, data, 20)
+    model.opt.gravity[2] *= left
+    start = data.qpos[0]
+    mujoco.mj_step(model, data, 20)
+    for _ in range(50):
+        stiction.engage(data)
+        mujoco.mj_step(model, data, 20)
+    assert abs(data.qpos[0] - start) < 2e-7
+    assert data.qfrc_applied[0] == pytest.approx(-1.99 * left, abs=2e-3)
+
+
+@pytest.mark.parametrize(("torque", "slides"), [(5.0, False), (9.0, True)])
+def test_a_foot_is_not_held_against_more_torsion_than_friction_has(torque, slides):
+    """Four corners at 0.1414 m from the centre: mu N r = 6.94 Nm."""
+    model, data = block(0.0, 0.5)
+    stiction = Stiction(model, [(model.body("block").id, model.body("ground").id)])
+    for part in np.linspace(0, 1, 50):
+        data.xfrc_applied[:] = stiction.wrenches
+        data.xfrc_applied[model.body("block").id, 5] += part * torque
+        stiction.engage(data)
+        mujoco.mj_step(model, data, 20)
+    assert stiction.overloaded(data) == (["block"] if slides else [])
+
+
 def test_a_foot_inside_the_cone_stays_for_a_minute():
     """20 degrees of slope on a friction of 0.5, which holds 26.6."""
     model, data = block(np.deg2rad(20), 0.5)
