@@ -103,15 +103,15 @@ abdomen_x = [-15, 15]
         turned={"root": LEFT_UP_FORWARD, "rfoot": LEFT_BACK_UP, "lfoot": LEFT_BACK_UP},
         planning="""\
 swing_x = [-0.1, 0.1]
-swing_y = [0.16, 0.32]
+swing_y = [0.17, 0.22]
 swing_yaw_deg = [-20, 20]
 torso_yaw_deg = [-15, 15]
 torso_pitch_deg = [-10, 25]
-torso_roll_deg = [-10, 10]
+torso_roll_deg = [-4, 4]
 least_height = 0.75
-stability_margin = 0.035
+stability_margin = 0.045
 foot_clearance = 0.0
-sole_margin = 0.025
+sole_margin = 0.035
 least_cell_load = 2.0
 
 [planning.joints_deg]        # toes up only: down, they would push into the board
@@ -155,7 +155,7 @@ def write_robot(name: str, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "robot.xml").write_text(spec.to_xml(), encoding="utf-8")
     (folder / "robot.toml").write_text(
-        f'name = "{name} (dm_control)"\nmodel = "robot.xml"\n'
+        f'name = "{name}"\nmodel = "robot.xml"\n'
         f'stance_foot = "{about.feet[0]}"\nswing_foot = "{about.feet[1]}"\n\n[planning]\n{about.planning}',
         encoding="utf-8",
     )
