@@ -145,29 +145,27 @@ def identify_command(
         "placements": len(np.unique(measurements.placement)),
         "condition_number": found.full.condition_number,
         "total_mass": {"estimate": found.mass[0], "standard_error": found.mass[1]},
-        "full": model_document(found.full, None),
-        "simplified": model_document(found.simplified, None),
     }
-    weak = {
-        model: weak_directions(estimate, found.parameters)
-        for model, estimate in (("full", found.full), ("simplified", found.simplified))
+    estimates = {"full": found.full, "simplified": found.simplified}
+    fitted = {
+        model: model_document(estimate, None) | {"hardly_known": weak_directions(estimate, found.parameters)}
+        for model, estimate in estimates.items()
     }
-    for model, text in weak.items():
-        document[model]["hardly_known"] = text
+    document |= fitted
     if as_json:
         print_json(document)
         return 0
     screen = console()
     for model in models(described):
         title = f"{model.capitalize()} model, mm"
-        screen.print(parameter_table(title, document[model], found.parameters, described, model))
-        screen.print(residual_line(document[model]))
-        pairs = document[model]["correlations"]
+        screen.print(parameter_table(title, fitted[model], found.parameters, described, model))
+        screen.print(residual_line(fitted[model]))
+        pairs = fitted[model]["correlations"]
         screen.print("Correlations above 0.85 in size (eq. 15):" if pairs else "No correlation above 0.85.")
         for line in correlation_lines(pairs, found.parameters, measurements.joint_angles):
             screen.print(f"  {line}", markup=False)
-        if weak[model]:
-            screen.print(f"Hardly known: {weak[model]}", markup=False)
+        if fitted[model]["hardly_known"]:
+            screen.print(f"Hardly known: {fitted[model]['hardly_known']}", markup=False)
     screen.print(LEGEND)
     screen.print(f"Total mass {found.mass[0]:.3f} +- {found.mass[1]:.3f} kg")
     return 0

@@ -177,7 +177,10 @@ def model_document(estimate: Estimate, truth: np.ndarray | None) -> dict[str, An
 def worst_books(experiment: Experiment) -> dict[str, float]:
     """The worst of every balance that the laboratory keeps, over all held postures."""
     books = [dataclasses.asdict(held.books) for held in experiment.held]
-    worst = {name: max(abs(b[name]) for b in books) for name in ("weight", "moments", "torques", "centre", "kinetic")}
+    worst = {
+        name: max(abs(b[name]) for b in books)
+        for name in ("weight", "moments", "torques", "centre", "kinetic")
+    }
     return worst | {"least_dissipated": min(b["dissipated"] for b in books)}
 
 

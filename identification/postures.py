@@ -285,7 +285,8 @@ class _Search:
         if self.found == 0 and self.attempts >= ATTEMPTS:
             tally = ", ".join(f"{name} ({count})" for name, count in self.rejected.most_common(4))
             raise InputError(
-                f"{self.solver.robot.path}: planning ranges admit no posture: {self.attempts} tries, none feasible; blocked by {tally}"
+                f"{self.solver.robot.path}: planning ranges admit no posture: "
+                f"{self.attempts} tries, none feasible; blocked by {tally}"
             )
 
     def _bent_knees(self) -> np.ndarray:

@@ -50,9 +50,9 @@ def undetermined(matrix: np.ndarray, blur: np.ndarray | None = None) -> np.ndarr
         blur: B, (k, p); None: rounding errors alone.
     """
     scale = np.linalg.norm(matrix, axis=0)
-    scale[scale == 0] = 1.0
+    scale[scale == 0] = scale.max() or 1.0
     columns = matrix.shape[1]
-    rounding = max(matrix.shape) * np.finfo(float).eps * np.eye(columns)
+    rounding = max(matrix.shape) * np.finfo(float).eps * np.diag(scale.max() / scale)
     errors = rounding if blur is None else np.vstack([blur / scale, rounding])
     orthogonal, triangle = np.linalg.qr(np.vstack([matrix / scale, errors]))
     _, shown, turned = np.linalg.svd(np.linalg.qr(orthogonal[: len(matrix)], mode="r"))

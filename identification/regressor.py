@@ -82,7 +82,7 @@ def encoder_blur(parameters: BaseParameters, joint_angles: np.ndarray, sd: float
     for step in DERIVATIVE_STEP * np.eye(joint_angles.shape[1]):
         ahead, behind = (stacked_regressor(parameters, joint_angles + s) for s in (step, -step))
         derivative = (ahead - behind) / (2 * DERIVATIVE_STEP)
-        total = np.linalg.qr(np.vstack([total, sd * derivative]), mode="r")
+        total = np.asarray(np.linalg.qr(np.vstack([total, sd * derivative]), mode="r"))
     return total
 
 

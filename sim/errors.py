@@ -34,4 +34,6 @@ def validation_message(error: ValidationError) -> str:
     first = error.errors()[0]
     place = shortened(".".join(str(part) for part in first["loc"]))
     found = "nothing" if first["type"] == "missing" else shortened(repr(first["input"]))
-    return f"key '{place}': found {found}; {shortened(first['msg'], 200)}"
+    return (
+        f"key '{place}': found {found}; {shortened(first['msg'].replace('Input should be', 'expected'), 200)}"
+    )

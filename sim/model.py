@@ -225,7 +225,3 @@ def _to_root(model: mujoco.MjModel, body: int) -> Iterator[int]:
     while body:
         yield body
         body = int(model.body_parentid[body])
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())

@@ -80,17 +80,19 @@ def test_a_kill_at_any_file_operation_leaves_the_old_or_the_new(tmp_path):
     assert {(there, file) for there, _, file, *_ in states} == {(False, "old"), (True, "old"), (True, "new")}
 
 
-def test_a_folder_in_use_is_not_taken_for_a_left_over(tmp_path):
-    with new_folder(tmp_path / "data") as mine:
+def write_while_another_does(path):
+    with new_folder(path) as mine:
         (mine / "a").touch()
-        with pytest.raises(InputError, match="data: cannot write"), new_folder(tmp_path / "data") as other:
-            assert mine.exists()
+        with new_folder(path) as other:
             (other / "b").touch()
-            (tmp_path / "data").mkdir()
-            (tmp_path / "data" / "c").touch()
-        (tmp_path / "data" / "c").unlink()
+        assert mine.exists()  # in use, so nobody took it for a left-over
+
+
+def test_of_two_writers_to_one_name_the_first_wins(tmp_path):
+    with pytest.raises(InputError, match=r"data: cannot write \(Directory not empty\)"):
+        write_while_another_does(tmp_path / "data")
     assert os.listdir(tmp_path) == ["data"]
-    assert os.listdir(tmp_path / "data") == ["a"]
+    assert os.listdir(tmp_path / "data") == ["b"]
 
 
 def test_names_like_a_left_over_s_are_left_alone(tmp_path):
@@ -108,9 +110,11 @@ def test_a_full_disk_is_one_message_and_leaves_nothing(tmp_path):
     ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1_000, before[1]))
     try:
-        with pytest.raises(InputError, match=r"data: cannot write \(File too large\)"):
-            with new_folder(tmp_path / "data") as working:
-                (working / "a").write_bytes(b"x" * 2_000)
+        with (
+            pytest.raises(InputError, match=r"data: cannot write \(File too large\)"),
+            new_folder(tmp_path / "data") as working,
+        ):
+            (working / "a").write_bytes(b"x" * 2_000)
         with pytest.raises(InputError, match=r"a.txt: cannot write \(File too large\)"):
             write_text(tmp_path / "a.txt", "x" * 2_000)
     finally:

@@ -134,7 +134,8 @@ def _check_plates(where: Path, measurements: Measurements) -> None:
     for plate, cells in zip(PLATES, measurements.cells, strict=True):
         if np.linalg.svd(cells - cells.mean(axis=0), compute_uv=False)[1] < 2 * LEAST_CELL_SPREAD:
             raise InputError(
-                f"{where}: key 'plates.{plate}.cells': found cells on one line, expected four that span an area"
+                f"{where}: key 'plates.{plate}.cells': found cells on one line, "
+                "expected four that span an area"
             )
 
 

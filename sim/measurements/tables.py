@@ -119,7 +119,7 @@ class Table:
             raise InputError(f"{path}: found no rows, expected one per posture")
 
     def _parquet(self, content: bytes) -> tuple[dict[str, pa.DataType], pa.Table]:
-        """Only what is declared small is unpacked; texts stay a dictionary, as one text may stand in every row."""
+        """Unpack only what is declared small; texts stay a dictionary, as one may stand in every row."""
         file = pyarrow.parquet.ParquetFile(pa.BufferReader(content))
         said, schema = file.metadata, file.schema_arrow
         groups = [said.row_group(k) for k in range(min(said.num_row_groups, MOST_ROWS))]
@@ -135,7 +135,7 @@ class Table:
         return types, file.read(columns=chosen, use_threads=False)
 
     def _csv(self, content: bytes) -> tuple[dict[str, pa.DataType], pa.Table]:
-        self._limit("rows", content.count(b"\n"), MOST_ROWS + 1)
+        self._limit("lines", content.count(b"\n"), MOST_ROWS + 1)
         self._limit("columns", content.partition(b"\n")[0].count(b",") + 1, MOST_COLUMNS)
         # One block, so that a column's type is inferred from all of its rows.
         options = pyarrow.csv.ReadOptions(use_threads=False, block_size=len(content) + 1)
@@ -198,7 +198,12 @@ class Table:
     def integers(self, name: str) -> np.ndarray:
         """A column of whole numbers that a float holds exactly, (m,)."""
         values = self.numbers(name)
-        self.refuse(name, (values != np.round(values)) | (np.abs(values) >= 2**53), values, "a whole number")
+        self.refuse(
+            name,
+            (values != np.round(values)) | (np.abs(values) >= 2**53),
+            values,
+            "a whole number below 2^53",
+        )
         return values.astype(np.int64)
 
     def texts(self, name: str, valid: tuple[str, ...]) -> np.ndarray:

@@ -69,15 +69,19 @@ class Run:
     err: str
 
 
-def run_cases(cases: list[Case], bases: Bases, workers: int) -> Iterator[Outcome]:
-    """Outcomes as they come in; a process that dies or hangs is replaced."""
+def run_cases(cases: list[Case], bases: Bases, workers: int, brief: bool = False) -> Iterator[Outcome]:
+    """Outcomes as they come in; a process that dies or hangs is replaced.
+
+    Args:
+        brief: only the first call of the command line that reads the input.
+    """
     context = multiprocessing.get_context("spawn")
     todo = list(reversed(cases))
     pool: dict[Connection, tuple[Any, Case, float]] = {}
 
     def start() -> Connection:
         ours, theirs = context.Pipe()
-        process = context.Process(target=_work, args=(theirs, bases), daemon=True)
+        process = context.Process(target=_work, args=(theirs, bases, brief), daemon=True)
         process.start()
         theirs.close()
         return give(ours, process)
@@ -118,14 +122,14 @@ def run_cases(cases: list[Case], bases: Bases, workers: int) -> Iterator[Outcome
                 start()
 
 
-def _work(connection: Connection, bases: Bases) -> None:
+def _work(connection: Connection, bases: Bases, brief: bool) -> None:
     """A worker's life: cases in, outcomes out."""
     warnings.simplefilter("error")
     stray = tempfile.mkdtemp()
     os.chdir(stray)
-    reports = [tempfile.TemporaryFile("w+", encoding="utf-8", errors="strict") for _ in range(2)]
-    for number, file in enumerate(reports, 1):
-        os.dup2(file.fileno(), number)
+    for number in (1, 2):
+        with tempfile.TemporaryFile() as file:
+            os.dup2(file.fileno(), number)
     sys.stdout, sys.stderr = (os.fdopen(os.dup(n), "w", encoding="utf-8", buffering=1) for n in (1, 2))
     from experiments.cli import main
 
@@ -135,7 +139,7 @@ def _work(connection: Connection, bases: Bases) -> None:
             case = connection.recv()
             began = time.monotonic()
             try:
-                result, detail = _judge(case, bases, before[case.target], main)
+                result, detail = _judge(case, bases, before[case.target], main, brief)
             except Exception:
                 result, detail = "the study is broken", traceback.format_exc()
             if left := os.listdir(stray):
@@ -146,7 +150,7 @@ def _work(connection: Connection, bases: Bases) -> None:
             connection.send(Outcome(case, result, detail, time.monotonic() - began))
 
 
-def _judge(case: Case, bases: Bases, before: dict[str, Any], main: Any) -> tuple[str, str]:
+def _judge(case: Case, bases: Bases, before: dict[str, Any], main: Any, brief: bool) -> tuple[str, str]:
     with tempfile.TemporaryDirectory() as place:
         home = Path(place)
         home.chmod(0o755)
@@ -158,7 +162,7 @@ def _judge(case: Case, bases: Bases, before: dict[str, Any], main: Any) -> tuple
         with _as_nobody(case.mutation == "no_permission"):
             for arguments in _commands(case.target, folder, home, bases):
                 runs.append(_call(main, arguments))
-                if runs[-1].code != 0:
+                if brief or runs[-1].code != 0:
                     break
         last = runs[-1]
         if isinstance(last.code, str):

@@ -168,7 +168,7 @@ def no_rows(folder: Path, rng: Rng) -> Expected:
 def too_many_rows(folder: Path, rng: Rng) -> Expected:
     table = load_table(folder)
     path = store(folder, pa.concat_tables([table] * (10_001 // len(table) + 1)), rng)
-    return refused(path.name, "rows, expected at most")
+    return refused(path.name, "expected at most")
 
 
 @mutation

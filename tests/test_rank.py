@@ -1,0 +1,170 @@
+"""Postures that cannot tell parameters apart: which, said by name, with and without noise."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from experiments.validate import identify
+from identification.rank import described, reduced, require_told_apart, undetermined, weakly_known
+from identification.regressor import encoder_blur, stacked_regressor
+from sim.errors import InputError
+
+ENCODER = 4e-4  # rad
+
+
+def judged(parameters, angles, sd=ENCODER):
+    """The message on postures (m, n_joints), or None."""
+    matrix = stacked_regressor(parameters, angles)
+    try:
+        require_told_apart(matrix, parameters.names, "data", encoder_blur(parameters, angles, sd))
+    except InputError as error:
+        return str(error)
+    return None
+
+
+def frozen(plan, joint, noise=0.0, seed=0):
+    """The plan's angles with a joint at rest, as encoders see them."""
+    angles, k = plan.joint_angles.copy(), plan.joints.index(joint)
+    angles[:, k] = angles[:, k].mean()
+    return angles + noise * np.random.default_rng(seed).standard_normal(angles.shape)
+
+
+def test_the_shipped_plan_tells_all_apart_with_much_to_spare(parameters, plan):
+    assert judged(parameters, plan.joint_angles) is None
+    assert judged(parameters, plan.joint_angles, sd=10 * ENCODER) is None
+
+
+@pytest.mark.parametrize("noise", [0.0, ENCODER])
+def test_an_ankle_that_never_moved(parameters, plan, noise):
+    """Foot and ankle turn as one; the ankle's z column is a multiple of its y column."""
+    message = judged(parameters, frozen(plan, "right_ankle_roll", noise, 110))
+    assert message.startswith("data: the postures determine 23 of 25 parameters; they cannot tell apart ")
+    assert "right_hip.y, right_foot.y and right_ankle.z (free: " in message
+    assert "right_foot.y - right_hip.y" in message
+    assert "left" not in message
+
+
+@pytest.mark.parametrize("noise", [0.0, ENCODER])
+def test_a_hip_yaw_that_never_moved_leaves_two_pairs(parameters, plan, noise):
+    message = judged(parameters, frozen(plan, "right_hip_yaw", noise, 111))
+    assert "torso.x and right_hip_yaw.x (free: right_hip_yaw.x - torso.x)" in message
+    assert "torso.y and right_hip_yaw.y (free: right_hip_yaw.y - torso.y)" in message
+
+
+@pytest.mark.parametrize("joint", range(12))
+@pytest.mark.parametrize("noise", [0.0, 1e-4, 1e-3])
+def test_every_joint_at_rest_is_found_at_every_noise(parameters, plan, joint, noise):
+    """The simple test, full numerical rank, passes with noise: that is why there is another."""
+    angles = frozen(plan, plan.joints[joint], noise, 112)
+    matrix = stacked_regressor(parameters, angles)
+    deficient = np.linalg.matrix_rank(matrix) < 25
+    assert deficient == (noise == 0)
+    assert "cannot tell apart" in judged(parameters, angles, max(noise, ENCODER / 100))
+
+
+@pytest.mark.parametrize("noise", [0.0, ENCODER])
+def test_all_postures_the_same(parameters, plan, noise):
+    angles = np.repeat(plan.joint_angles[:1], 150, axis=0)
+    angles = angles + noise * np.random.default_rng(113).standard_normal(angles.shape)
+    message = judged(parameters, angles)
+    assert "determine 2 of 25 parameters" in message
+    assert "(free: 23 combinations)" in message
+
+
+def test_identify_and_the_simplified_model_say_so(wii, robot):
+    measured = wii.experiment.measurements
+    rng = np.random.default_rng(114)
+    angles = measured.joint_angles.copy()
+    angles[:, 5] = ENCODER * rng.standard_normal(len(angles))
+    expected = (
+        r"^data: .* right_hip.y \(12\) and right_foot.y \(13\) .*they say nothing of right_ankle.z \(21\)$"
+    )
+    with pytest.raises(InputError, match=expected):
+        identify(dataclasses.replace(measured, joint_angles=angles), robot, "data")
+
+
+def test_an_unknown_encoder_has_a_usual_one_s_error(wii, robot):
+    measured = wii.experiment.measurements
+    sheet = dataclasses.replace(measured.sensors, encoder_sd=None)
+    found = identify(dataclasses.replace(measured, sensors=sheet), robot)
+    assert np.array_equal(found.full.value, wii.identification.full.value)
+    poor = dataclasses.replace(measured.sensors, encoder_sd=0.02)
+    with pytest.raises(InputError, match="cannot tell apart"):
+        identify(dataclasses.replace(measured, sensors=poor), robot)
+
+
+def test_blur_is_what_noise_does_on_average(parameters, plan):
+    """E (dH' dH) over 2,000 draws of encoder errors, to 5 % of its largest entry."""
+    angles, rng = plan.joint_angles[:30], np.random.default_rng(115)
+    still = stacked_regressor(parameters, angles)
+    total = np.zeros((25, 25))
+    for _ in range(2_000):
+        change = stacked_regressor(parameters, angles + 1e-4 * rng.standard_normal(angles.shape)) - still
+        total += change.T @ change / 2_000
+    blur = encoder_blur(parameters, angles, 1e-4)
+    assert np.abs(blur.T @ blur - total).max() < 0.05 * np.abs(total).max()
+
+
+def planted(seed, columns, free):
+    """A matrix (40, columns) with a null space of dimension `free`, and that space."""
+    rng = np.random.default_rng(seed)
+    null = np.linalg.qr(rng.standard_normal((columns, columns)))[0][:, :free]
+    matrix = rng.standard_normal((40, columns))
+    return matrix - matrix @ null @ null.T, null.T
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1), columns=st.integers(2, 12), data=st.data())
+def test_a_planted_null_space_is_found_whatever_the_scale_and_order(seed, columns, data):
+    free = data.draw(st.integers(0, columns - 1))
+    matrix, null = planted(seed, columns, free)
+    rng = np.random.default_rng(seed)
+    scale = 10.0 ** rng.integers(-3, 4, columns)
+    found = undetermined(rng.permutation(matrix * scale))
+    assert found.shape == (free, columns)
+    if free:
+        first, second = (np.linalg.qr(basis.T)[0] for basis in (found * scale, null))
+        assert np.abs(first @ first.T - second @ second.T).max() < 1e-8
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1), columns=st.integers(2, 12), data=st.data())
+def test_the_reduced_basis_depends_on_the_subspace_alone(seed, columns, data):
+    """Any other basis of it, and rounding errors in it, give the same combinations."""
+    free = data.draw(st.integers(1, columns))
+    _, null = planted(seed, columns, free)
+    rng = np.random.default_rng(seed)
+    other = rng.standard_normal((free, free)) @ null + 1e-14 * rng.standard_normal(null.shape)
+    assert np.abs(reduced(null) - reduced(other)).max() < 1e-6
+
+
+def test_ties_are_broken_by_a_fixed_order():
+    """Columns that are equal up to the last bit: the last ones are expressed by the first."""
+    rng = np.random.default_rng(116)
+    column = rng.standard_normal((20, 1))
+    for k in range(20):
+        matrix = np.hstack([column, rng.standard_normal((20, 1)), column, column])
+        matrix *= 1 + 1e-16 * np.random.default_rng(k).standard_normal(matrix.shape)
+        text = described(undetermined(matrix), tuple("abcd"))
+        assert text == "they cannot tell apart a, c and d (free: d - a, c - a)"
+
+
+def test_a_column_of_zeros_is_said_by_itself():
+    matrix = np.random.default_rng(117).standard_normal((20, 3))
+    matrix[:, 1] = 0.0
+    assert described(undetermined(matrix), ("a", "b", "c")) == "they say nothing of b"
+
+
+def test_fewer_rows_than_columns():
+    matrix = np.random.default_rng(118).standard_normal((2, 4))
+    assert undetermined(matrix).shape == (2, 4)
+
+
+def test_weak_directions_are_those_with_large_errors():
+    turn = np.linalg.qr(np.random.default_rng(119).standard_normal((3, 3)))[0]
+    covariance = turn @ np.diag([1e-6, 4.0, 1e-4]) @ turn.T
+    assert np.abs(weakly_known(covariance, 1.0) @ turn).round(9).tolist() == [[0.0, 1.0, 0.0]]
+    assert weakly_known(covariance, 3.0).shape == (0, 3)
