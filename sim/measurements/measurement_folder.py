@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Literal
@@ -36,7 +37,7 @@ class _Strict(BaseModel):
 
 class RobotEntry(_Strict):
     model: str
-    sha256: str
+    sha256: str | None = None
     stance_foot: str
     swing_foot: str
 
@@ -73,7 +74,7 @@ class SensorsEntry(_Strict):
 
 
 class Manifest(_Strict):
-    """manifest.json, as the contract lists it."""
+    """manifest.json, as the contract lists it; what only a program would know may be left out."""
 
     format: Literal["tulip-measurements"]
     version: Literal[1]
@@ -83,9 +84,9 @@ class Manifest(_Strict):
     weighed_mass: MassEntry | None
     gravity: Positive
     sensors: SensorsEntry
-    created: str | None
-    software: dict[str, str] | None
-    tables: dict[str, str]
+    created: str | None = None
+    software: dict[str, str] | None = None
+    tables: dict[str, str | None] | None = None
 
 
 def write_measurements(folder: Path, measurements: Measurements) -> None:
@@ -107,42 +108,59 @@ def read_measurements(folder: Path) -> Measurements:
         InputError: the folder breaks the contract; the message names file, place, what was
             found and what was expected.
     """
+    manifest = read_manifest(folder)
+    return _measurements(manifest, Table(checked_table(folder, "postures", manifest.tables)))
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Read and check a measurement folder's manifest.json.
+
+    Raises:
+        InputError: no such folder, or a manifest that breaks the contract.
+    """
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError(f"{folder}: no such measurement folder")
     where = folder / "manifest.json"
     try:
-        manifest = Manifest.model_validate(read_json(where))
+        return Manifest.model_validate(read_json(where))
     except ValidationError as error:
         raise InputError(f"{where}: {validation_message(error)}") from None
-    return _measurements(manifest, Table(checked_table(folder, "postures", manifest.tables)))
 
 
-def checked_table(folder: Path, name: str, tables: dict[str, str]) -> Path:
-    """The table to read; its twin in the other format, where there is one, must be intact too.
+def checked_table(folder: Path, name: str, tables: Mapping[str, str | None] | None) -> Path:
+    """The table to read, intact where the manifest gives its hash.
+
+    Nobody can say which of two tables is meant, unless both are what the manifest lists.
 
     Raises:
-        InputError: no table, or one that is not what the manifest lists.
+        InputError: no table, one that is not what the manifest lists, or two without their hashes.
     """
     path = find_table(folder, name)
-    for twin in (folder / f"{name}.parquet", folder / f"{name}.csv"):
-        if twin == path or twin.is_file():
-            check_hash(twin, tables)
+    hashes = tables or {}
+    present = [twin for twin in (folder / f"{name}.parquet", folder / f"{name}.csv") if twin.is_file()]
+    for twin in present:
+        expected = hashes.get(twin.name)
+        if expected is not None:
+            check_hash(twin, expected)
+        elif len(present) > 1:
+            raise InputError(
+                f"{twin}: found beside {path.name if twin != path else present[1].name} and without a sha256 "
+                "in the manifest's 'tables', expected one of the two tables or both hashes"
+            )
     return path
 
 
-def check_hash(path: Path, tables: dict[str, str]) -> None:
+def check_hash(path: Path, expected: str) -> None:
     """Compare a table's bytes with the manifest that lists it.
 
     Raises:
-        InputError: not listed, or another hash.
+        InputError: another hash.
     """
-    if path.name not in tables:
-        raise InputError(f"{path}: the manifest's 'tables' does not list it")
-    if (found := sha256(path)) != tables[path.name]:
+    if (found := sha256(path)) != expected.lower():
         raise InputError(
             f"{path}: hash mismatch: found sha256 {found[:12]}..., "
-            f"expected {tables[path.name][:12]}... by the manifest"
+            f"expected {expected[:12]}... by the manifest"
         )
 
 
@@ -219,7 +237,9 @@ def _measurements(manifest: Manifest, table: Table) -> Measurements:
         joints=joints,
         posture=table.integers("posture"),
         placement=table.integers("placement"),
-        support=table.texts("support", SUPPORTS),
+        support=(
+            table.texts("support", SUPPORTS) if table.has("support") else np.full(len(table), SUPPORTS[0])
+        ),
         time=table.numbers("time", missing_allowed=True),
         window=table.numbers("window", missing_allowed=True),
         samples=table.numbers("samples", missing_allowed=True),

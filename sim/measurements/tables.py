@@ -18,6 +18,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from sim.errors import InputError
+from sim.measurements.spreadsheet import plain_csv
 
 Columns = dict[str, np.ndarray]
 
@@ -103,8 +104,11 @@ class Table:
     def __init__(self, path: Path):
         self.path = path
         try:
-            reader = pyarrow.parquet.read_table if path.suffix == ".parquet" else pyarrow.csv.read_csv
-            self.table: pa.Table = reader(path)
+            self.table: pa.Table = (
+                pyarrow.parquet.read_table(path)
+                if path.suffix == ".parquet"
+                else pyarrow.csv.read_csv(pa.BufferReader(plain_csv(path, path.read_bytes())))
+            )
         except (pa.ArrowException, OSError, ValueError) as error:
             raise InputError(f"{path}: broken table: {' '.join(str(error).split())}") from None
         names = self.table.column_names
@@ -125,12 +129,16 @@ class Table:
         return self.table.column(name)
 
     def numbers(self, name: str, missing_allowed: bool = False) -> np.ndarray:
-        """A column of finite numbers, (m,); NaN where a missing value is allowed."""
+        """A column of finite numbers, (m,); NaN where a missing value or column is allowed."""
+        if missing_allowed and not self.has(name):
+            return np.full(len(self), np.nan)
         column = self._column(name)
         if pa.types.is_null(column.type) and missing_allowed:
             return np.full(len(self), np.nan)
         if not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type)):
-            raise InputError(f"{self.path}: column '{name}': found {column.type}, expected numbers")
+            raise InputError(
+                f"{self.path}: column '{name}': found {column.type}, expected numbers{_first_text(column)}"
+            )
         values = column.to_numpy().astype(float)
         wrong = ~np.isfinite(values)
         if missing_allowed:
@@ -166,6 +174,17 @@ class Table:
     def matrix(self, prefix: str, names: tuple[str, ...], missing_allowed: bool = False) -> np.ndarray:
         """Columns PREFIX.NAME side by side, (m, len(names))."""
         return np.column_stack([self.numbers(f"{prefix}.{name}", missing_allowed) for name in names])
+
+
+def _first_text(column: pa.ChunkedArray) -> str:
+    """Which row holds what is no number, for a message."""
+    if pa.types.is_string(column.type):
+        for row, value in enumerate(column.to_pylist(), 1):
+            try:
+                float(value or "nan")
+            except ValueError:
+                return f" (row {row}: {value[:40]!r})"
+    return ""
 
 
 def software() -> dict[str, str]:
