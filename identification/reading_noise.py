@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from identification.center_of_pressure import cell_positions, center_of_pressure
@@ -14,18 +16,46 @@ def known(stated: float | None) -> float | None:
     return stated if stated else None
 
 
-def reading_covariance(measurements: Measurements, nominal: Nominal) -> np.ndarray:
-    """Covariance of CoP minus modelled CoM from cells and encoders, per posture, (m, 2, 2) [m2].
+@dataclass(frozen=True)
+class ReadingNoise:
+    """Stated noise of CoP minus modelled CoM.
+
+    Attributes:
+        own: covariance of a posture's own errors, of cells and encoders, (m, 2, 2) [m2].
+        shared: how one unit of standard error of each recorded plate pose moves the CoP, (m, 2, 6) [m]:
+            right plate's x, y, yaw, then the left one's; common to a placement.
+        placement: number of each posture's placement, (m,).
+    """
+
+    own: np.ndarray
+    shared: np.ndarray
+    placement: np.ndarray
+
+    def covariance(self) -> np.ndarray:
+        """Of the stacked residuals (x, then y), (2m, 2m) [m2]."""
+        size = 2 * len(self.own)
+        rows = np.arange(size).reshape(-1, 2)
+        full = np.zeros((size, size))
+        full[rows[:, :, None], rows[:, None, :]] = self.own
+        levers = self.shared.reshape(size, 6)
+        for placement in np.unique(self.placement):
+            inside = np.repeat(self.placement == placement, 2)
+            full[np.ix_(inside, inside)] += levers[inside] @ levers[inside].T
+        return full
+
+
+def reading_noise(measurements: Measurements, nominal: Nominal) -> ReadingNoise:
+    """What the data sheets state, at the measured postures; unknown s.d. count as zero.
 
     A cell's error moves the CoP by its lever over the weight; an encoder's moves the modelled CoM.
-    Unknown s.d. count as zero.
     """
     m = measurements
     lever = cell_positions(m) - center_of_pressure(m)[:, None]
     lever /= m.cell_forces.sum(axis=1)[:, None, None]
     cells = (m.sensors.cell_sd or 0.0) ** 2 * np.einsum("mca,mcb->mab", lever, lever)
     slope = jacobian(nominal.center_of_mass, m.joint_angles)
-    return cells + (m.sensors.encoder_sd or 0.0) ** 2 * slope @ slope.transpose(0, 2, 1)
+    encoders = (m.sensors.encoder_sd or 0.0) ** 2 * slope @ slope.transpose(0, 2, 1)
+    return ReadingNoise(cells + encoders, placement_levers(m) * placement_sd(m), m.placement)
 
 
 def placement_levers(measurements: Measurements) -> np.ndarray:
@@ -53,18 +83,3 @@ def placement_sd(measurements: Measurements) -> np.ndarray:
     to be laid no worse, which errs towards too much noise.
     """
     return np.tile(measurements.sensors.placement_sd or (0.0, 0.0, 0.0), 2)
-
-
-def covariance(measurements: Measurements, nominal: Nominal) -> np.ndarray:
-    """Stated covariance of the stacked CoP residuals (x, then y), (2m, 2m) [m2]."""
-    m = measurements
-    size = 2 * len(m)
-    blocks = reading_covariance(m, nominal)
-    full = np.zeros((size, size))
-    rows = np.arange(size).reshape(-1, 2)
-    full[rows[:, :, None], rows[:, None, :]] = blocks
-    levers = (placement_levers(m) * placement_sd(m)).reshape(size, 6)
-    for placement in np.unique(m.placement):
-        inside = np.repeat(m.placement == placement, 2)
-        full[np.ix_(inside, inside)] += levers[inside] @ levers[inside].T
-    return full

@@ -18,13 +18,7 @@ from scipy.stats import f as f_distribution
 from identification.center_of_pressure import center_of_pressure
 from identification.nominal import Nominal
 from identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
-from identification.reading_noise import (
-    covariance,
-    known,
-    placement_levers,
-    placement_sd,
-    reading_covariance,
-)
+from identification.reading_noise import ReadingNoise, known, placement_levers, placement_sd
 from identification.regressor import Regression
 from sim.measurements import Measurements
 from sim.model import PLATES
@@ -32,7 +26,7 @@ from sim.model import PLATES
 NO_CELL_SD = "no sensors.cell_sd in the manifest to measure by"
 
 
-def repeats(measurements: Measurements, nominal: Nominal) -> Finding:
+def repeats(measurements: Measurements, nominal: Nominal, noise: ReadingNoise) -> Finding:
     """Postures measured again: change of the CoP less what the change of the angles explains.
 
     Judged as a whole, pair by pair, and as a drift that grows with the time between.
@@ -45,10 +39,8 @@ def repeats(measurements: Measurements, nominal: Nominal) -> Finding:
     if known(m.sensors.cell_sd) is None:
         return skipped(name, NO_CELL_SD)
     error = center_of_pressure(m) - nominal.center_of_mass(m.joint_angles)
-    noise = reading_covariance(m, nominal)
-    levers = placement_levers(m) * placement_sd(m)
     groups = [np.flatnonzero(m.posture == number) for number in again]
-    differences = [_differences(error[r], noise[r], levers[r], m.placement[r]) for r in groups]
+    differences = [_differences(error[r], noise.own[r], noise.shared[r], m.placement[r]) for r in groups]
     squares = np.array([d @ np.linalg.solve(v, d) for d, v in differences])
     sizes = np.array([len(d) for d, _ in differences])
     singly = chi2.sf(squares, sizes)
@@ -111,12 +103,12 @@ class Fit:
         return float(f_distribution.sf(explained / rank / scale, rank, free)), size, error
 
 
-def fit(measurements: Measurements, nominal: Nominal, data: Regression) -> Fit | None:
+def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> Fit | None:
     """Generalised least squares; None without a stated cell_sd or without degrees of freedom."""
     dof = len(data.output) - data.matrix.shape[1]
     if known(measurements.sensors.cell_sd) is None or dof < 1:
         return None
-    whitener = np.linalg.cholesky(covariance(measurements, nominal))
+    whitener = np.linalg.cholesky(noise.covariance())
     basis, _ = np.linalg.qr(solve_triangular(whitener, data.matrix, lower=True))
     output = solve_triangular(whitener, data.output, lower=True)
     return Fit(output - basis @ (basis.T @ output), whitener, basis, dof)

@@ -5,13 +5,14 @@ from __future__ import annotations
 from identification.nominal import Nominal
 from identification.preflight.agreement import fit, repeats, scatter, single_placements, single_postures
 from identification.preflight.finding import Finding, row_name, skipped
-from identification.preflight.legs import feet_stay, legs_close
+from identification.preflight.legs import legs
 from identification.preflight.plan import identifiable
 from identification.preflight.plates import feet_on_plates, load_in_soles, plate_poses
 from identification.preflight.readings import cell_loads, resolution, stuck
 from identification.preflight.settling import series_agrees, settling, steady_windows
 from identification.preflight.units import joint_limits, same_robot, units
 from identification.preflight.weight import constant_weight, drift, weight_balance
+from identification.reading_noise import ReadingNoise, reading_noise
 from identification.regressor import regression
 from sim.errors import InputError
 from sim.measurements import Measurements, Series
@@ -54,18 +55,19 @@ def preflight(measurements: Measurements, nominal: Nominal, series: Series | Non
         findings += _skip((*LEGS, *FORCES), reason)
         advice = "Leave these postures out."
         return [*findings, Finding("identifiable", "fail", reason, "support 'double'", "support", advice)]
-    findings += [feet_on_plates(m, nominal), legs_close(m, nominal), feet_stay(m, nominal)]
+    findings += [feet_on_plates(m, nominal), *legs(m, nominal)]
     if loads.result == "fail":
         findings += _skip(FORCES, "the cells' loads have to be right first")
-    else:
-        findings += [load_in_soles(m, nominal), repeats(m, nominal), *_fits(m, nominal)]
-    return [*findings, identifiable(m, nominal)]
+        return [*findings, identifiable(m, nominal, None)]
+    noise = reading_noise(m, nominal)
+    findings += [load_in_soles(m, nominal), repeats(m, nominal, noise), *_fits(m, nominal, noise)]
+    return [*findings, identifiable(m, nominal, noise)]
 
 
-def _fits(m: Measurements, nominal: Nominal) -> list[Finding]:
+def _fits(m: Measurements, nominal: Nominal, noise: ReadingNoise) -> list[Finding]:
     """What needs a fitted model."""
     try:
-        found = fit(m, nominal, regression(nominal.parameters, m, nominal.robot))
+        found = fit(m, regression(nominal.parameters, m, nominal.robot), noise)
     except InputError as problem:
         return _skip(FORCES[2:], str(problem))
     return [single_postures(m, found), single_placements(m, found), scatter(found)]

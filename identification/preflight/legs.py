@@ -19,15 +19,24 @@ EXPLAINED = 0.8  # share of the chi-square that names a joint
 NO_ENCODER_SD = "no sensors.encoder_sd in the manifest to measure by"
 
 
-def legs_close(measurements: Measurements, nominal: Nominal) -> Finding:
+def legs(measurements: Measurements, nominal: Nominal) -> list[Finding]:
+    """Both checks of the legs."""
+    pose = nominal.swing_sole(measurements.joint_angles)
+    slope = jacobian(nominal.swing_sole, measurements.joint_angles)
+    joints = nominal.parameters.tree.joints
+    return [_legs_close(measurements, joints, pose, slope), _feet_stay(measurements, pose, slope)]
+
+
+def _legs_close(
+    measurements: Measurements, joints: tuple[str, ...], pose: np.ndarray, slope: np.ndarray
+) -> Finding:
     """Height, roll and pitch of the swing sole by forward kinematics, against the encoders' s.d."""
     name, m = "legs close", measurements
     encoder_sd = known(m.sensors.encoder_sd)
     if encoder_sd is None:
         return skipped(name, NO_ENCODER_SD)
-    pose = nominal.swing_sole(m.joint_angles)
     error = pose[:, CLOSED] - [m.top_height[1] - m.top_height[0], 0.0, 0.0]
-    slope = jacobian(nominal.swing_sole, m.joint_angles)[:, CLOSED]
+    slope = slope[:, CLOSED]
     whitener, rank = _whitener(encoder_sd**2 * slope @ slope.transpose(0, 2, 1))
     if rank.min() == 0:
         return skipped(name, "this robot's joints do not move its swing foot out of level")
@@ -40,9 +49,8 @@ def legs_close(measurements: Measurements, nominal: Nominal) -> Finding:
     advice = "Check the encoders' zeros and signs, link lengths, and that both soles lay flat."
     joint, offset, share = _one_offset(whitener @ slope, white)
     if share > EXPLAINED:
-        joint_name = nominal.parameters.tree.joints[joint]
         advice = (
-            f"An offset of {1e3 * offset:+.1f} mrad at {joint_name} would explain {100 * share:.0f} % of it. "
+            f"An offset of {1e3 * offset:+.1f} mrad at {joints[joint]} explains {100 * share:.0f} % of it. "
             + advice
         )
     return Finding(
@@ -56,11 +64,10 @@ def legs_close(measurements: Measurements, nominal: Nominal) -> Finding:
     )
 
 
-def feet_stay(measurements: Measurements, nominal: Nominal) -> Finding:
+def _feet_stay(measurements: Measurements, pose: np.ndarray, slope: np.ndarray) -> Finding:
     """Place of the swing foot, the same in all postures of a placement but for a few millimetres."""
     name, m = "feet stay", measurements
-    pose = nominal.swing_sole(m.joint_angles)[:, PLANAR]
-    slope = jacobian(nominal.swing_sole, m.joint_angles)[:, PLANAR]
+    pose, slope = pose[:, PLANAR], slope[:, PLANAR]
     encoder_sd = m.sensors.encoder_sd or 0.0
     sd = encoder_sd * np.sqrt((slope**2).sum(axis=2))
     away = np.zeros_like(pose)
