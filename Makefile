@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup validate test lint bench study-contact pictures constraints clean
+.PHONY: setup validate test lint bench study-contact study-check pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -30,6 +30,9 @@ bench: setup  ## ratios of times, in one run
 
 study-contact: setup  ## docs/contact-study.md's table: contact and gate settings against accuracy
 	$(BIN)/python tools/study_contact.py
+
+study-check: setup  ## docs/check.md's tables: false alarms and planted faults of `tulip check`
+	$(BIN)/python tools/study_check.py
 
 pictures: setup  ## the README's picture (needs libosmesa6)
 	MUJOCO_GL=osmesa $(BIN)/python tools/pictures.py

@@ -65,7 +65,7 @@ def print_report(console: Console, document: dict[str, Any]) -> None:
     if document["verdict"] == UNREADABLE:
         print_complaints(console, document)
         return
-    table = Table(title="Preflight", title_justify="left", header_style="bold", show_lines=True)
+    table = Table(title="Preflight", title_justify="left", header_style="bold")
     for header, width in (("check", 18), ("result", 9), ("what was seen", 62), ("what is expected", 48)):
         table.add_column(header, width=width)
     for check in document["checks"]:

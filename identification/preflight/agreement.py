@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
@@ -67,39 +66,37 @@ def repeats(measurements: Measurements, nominal: Nominal, noise: ReadingNoise) -
 
 @dataclass(frozen=True)
 class Fit:
-    """The best fitting model under the stated covariance, whitened.
+    """The best fitting model under the stated covariance V, ready to be tested for shifts.
 
     Attributes:
-        residual: projected out of the model, (2m,) [-].
-        whitener: lower Cholesky factor of V, (2m, 2m) [m].
-        basis: orthonormal basis of the whitened regressor, (2m, p).
+        precision: Q = V^-1 less what the model's columns take up, (2m, 2m) [1/m2].
+        score: Q y, (2m,) [1/m].
+        square: y' Q y, the chi-square of the residuals.
         dof: 2m - p.
     """
 
-    residual: np.ndarray
-    whitener: np.ndarray
-    basis: np.ndarray
+    precision: np.ndarray
+    score: np.ndarray
+    square: float
     dof: int
 
-    @property
-    def square(self) -> float:
-        return float(self.residual @ self.residual)
-
-    def shift(self, directions: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """P-value, size and standard errors of a shift of the residuals along these directions, (2m, d).
+    def shift(self, directions: np.ndarray, rows: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """P-value, size and standard errors of a shift of some residuals along given directions.
 
         F against the scatter of the rest, or against the stated one where that is larger.
+
+        Args:
+            directions: (k, d) of the residuals numbered by `rows`, (k,); zero elsewhere.
         """
-        z = solve_triangular(self.whitener, directions, lower=True)
-        z -= self.basis @ (self.basis.T @ z)
-        inverse = np.linalg.pinv(z, rcond=1e-6)
-        size, rank = inverse @ self.residual, np.linalg.matrix_rank(z, rtol=1e-6)
-        explained = float(np.sum((z @ size) ** 2))
+        power = directions.T @ self.precision[np.ix_(rows, rows)] @ directions
+        inverse = np.linalg.pinv(power, rcond=1e-9, hermitian=True)
+        size, rank = inverse @ directions.T @ self.score[rows], np.linalg.matrix_rank(inverse, hermitian=True)
+        explained = float(size @ power @ size)
         free = self.dof - rank
         if rank == 0 or free < 1:
             return 1.0, size, np.full(len(size), np.inf)
         scale = max(1.0, (self.square - explained) / free)
-        error = np.sqrt(scale * (inverse**2).sum(axis=1))
+        error = np.sqrt(scale * np.diag(inverse))
         return float(f_distribution.sf(explained / rank / scale, rank, free)), size, error
 
 
@@ -108,10 +105,12 @@ def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> Fi
     dof = len(data.output) - data.matrix.shape[1]
     if known(measurements.sensors.cell_sd) is None or dof < 1:
         return None
-    whitener = np.linalg.cholesky(noise.covariance())
-    basis, _ = np.linalg.qr(solve_triangular(whitener, data.matrix, lower=True))
-    output = solve_triangular(whitener, data.output, lower=True)
-    return Fit(output - basis @ (basis.T @ output), whitener, basis, dof)
+    whitener = np.linalg.inv(np.linalg.cholesky(noise.covariance()))
+    basis, _ = np.linalg.qr(whitener @ data.matrix)
+    rest = whitener - basis @ (basis.T @ whitener)
+    precision = rest.T @ rest
+    score = precision @ data.output
+    return Fit(precision, score, float(data.output @ score), dof)
 
 
 def single_postures(measurements: Measurements, found: Fit | None) -> Finding:
@@ -119,8 +118,7 @@ def single_postures(measurements: Measurements, found: Fit | None) -> Finding:
     name = "single postures"
     if found is None:
         return skipped(name, NO_CELL_SD)
-    directions = np.eye(2 * len(measurements)).reshape(-1, len(measurements), 2)
-    shifts = [found.shift(directions[:, row]) for row in range(len(measurements))]
+    shifts = [found.shift(np.eye(2), np.array([2 * row, 2 * row + 1])) for row in range(len(measurements))]
     p_values = np.array([p for p, _, _ in shifts])
     row = int(p_values.argmin())
     p_value = bonferroni(p_values)
@@ -146,9 +144,9 @@ def single_placements(measurements: Measurements, found: Fit | None) -> Finding:
     levers = placement_levers(m).reshape(-1, 6)
     shifts, labels = [], []
     for placement in np.unique(m.placement):
-        inside = np.repeat(m.placement == placement, 2)[:, None]
+        rows = np.flatnonzero(np.repeat(m.placement == placement, 2))
         for p, plate in enumerate(PLATES):
-            shifts.append(found.shift(levers[:, 3 * p : 3 * p + 2] * inside))
+            shifts.append(found.shift(levers[rows, 3 * p : 3 * p + 2], rows))
             labels.append(f"placement {placement}, {plate} plate")
     p_values = np.array([p for p, _, _ in shifts])
     worst = int(p_values.argmin())

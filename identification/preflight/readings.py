@@ -13,6 +13,7 @@ LEAST_TIES, TIED_SHARE = 3, 0.05  # rows at exactly the same extreme that are no
 STANDING = 0.5  # of the weight, that the cells carry in every posture
 UNLOADED = 0.01  # of the weight: a cell that never carries more is not under the board
 PULLING_WARN, PULLING_FAIL = 0.05, 0.2  # of the weight; a board's own tare allows the first (8.6 N of 226)
+UNSTATED_NOISE = 0.01  # of the weight, where no cell_sd is stated
 STEPS = tuple(sorted((k * 10.0**n for n in range(-6, 3) for k in (1, 2, 5)), reverse=True))
 
 
@@ -53,7 +54,7 @@ def cell_loads(measurements: Measurements) -> Finding:
     idle = [cell for cell, most in zip(CELLS, np.abs(share).max(axis=0), strict=True) if most < UNLOADED]
     row, cell = np.unravel_index(share.argmin(), share.shape)
     pull = -float(share[row, cell])
-    noise = 4 * (m.sensors.cell_sd or 0.0) / weight
+    noise = 4 * (known(m.sensors.cell_sd) or UNSTATED_NOISE * weight) / weight
     texts = [f"cell.{name} never carries {100 * UNLOADED:.0f} % of the weight" for name in idle]
     results = ["fail"] * len(idle)
     where = ", ".join(f"cell.{name}" for name in idle)

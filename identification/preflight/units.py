@@ -20,10 +20,13 @@ MOST_PLACEMENT_SD = 0.2  # m
 
 def same_robot(measurements: Measurements, nominal: Nominal) -> Finding:
     """Model file, feet and joint order against the nominal robot."""
-    name, robot, wrong, unsure = "robot", nominal.robot, [], []
+    name, robot, wrong = "robot", nominal.robot, []
+    seen = f"{robot.model.name}, as the manifest says"
     found, file_hash = measurements.robot, sha256(robot.model)
-    if found["sha256"] is None:
-        unsure.append(f"the manifest gives no sha256 of {found['model']}")
+    if found["sha256"] is None and found["model"] != robot.model.name:
+        wrong.append(f"model '{found['model']}'")
+    elif found["sha256"] is None:
+        seen += "; by its name only, no sha256 given"
     elif found["sha256"].lower() != file_hash:
         wrong.append(f"sha256 {found['sha256'][:12]}... of {found['model']}")
     for key, expected in (("stance_foot", robot.stance_foot), ("swing_foot", robot.swing_foot)):
@@ -40,12 +43,7 @@ def same_robot(measurements: Measurements, nominal: Nominal) -> Finding:
     if wrong:
         advice = "Give the robot that was measured as --robot, or mend the manifest."
         return Finding(name, "fail", "; ".join(wrong), expected, "manifest.json", advice)
-    if unsure:
-        advice = (
-            "Results hold for the model file as it is now; write its sha256 into 'robot' to tie them to it."
-        )
-        return Finding(name, "warn", unsure[0], expected, "manifest.json: robot.sha256", advice)
-    return Finding(name, "pass", f"{robot.model.name}, as the manifest says", expected)
+    return Finding(name, "pass", seen, expected)
 
 
 def units(measurements: Measurements, nominal: Nominal) -> Finding:
