@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 ORACLE := .venv-oracle
 
-.PHONY: setup validate test lint bench oracle study-contact pictures constraints clean
+.PHONY: setup validate test lint bench oracle study-contact study-check study-fuzz study-kill pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -44,6 +44,9 @@ $(ORACLE)/.done: constraints.txt pyproject.toml
 
 study-contact: setup  ## docs/contact-study.md's table: contact and gate settings against accuracy
 	$(BIN)/python tools/study_contact.py
+
+study-check: setup  ## docs/check.md's tables: false alarms and planted faults of `tulip check`
+	$(BIN)/python tools/study_check.py
 
 pictures: setup  ## the README's picture (needs libosmesa6)
 	MUJOCO_GL=osmesa $(BIN)/python tools/pictures.py

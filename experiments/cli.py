@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import tyro
 
+from experiments.check import UNREADABLE, check_folder, print_report
 from experiments.description import described_robot
 from experiments.run_folder import check_new, write_run
 from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED, Scenario, truth_document
@@ -171,6 +172,23 @@ def identify_command(
     return 0
 
 
+def check_command(
+    folder: Annotated[Path, tyro.conf.Positional], /, *, robot: RobotFile = TULIP, as_json: Json = False
+) -> int:
+    """Check a measurement folder before anybody trusts it: weights, drift, plates, legs, units and more.
+
+    Exit code 0: passed, perhaps with warnings; 1: a check failed; 2: could not read. What an
+    incomplete folder lacks is listed, with an example to copy.
+    Example: tulip check data/first
+    """
+    document = check_folder(folder, described_robot(robot))
+    if as_json:
+        print_json(document)
+    else:
+        print_report(console(), document)
+    return {UNREADABLE: 2, "fail": 1}.get(document["verdict"], 0)
+
+
 def postures_command(
     plan: Plan = None,
     /,
@@ -298,6 +316,7 @@ def model_command(
 COMMANDS: dict[str, Callable[..., int]] = {
     "validate": validate_command,
     "simulate": simulate_command,
+    "check": check_command,
     "identify": identify_command,
     "postures": postures_command,
     "model": model_command,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -108,6 +109,28 @@ def run_experiment(
     return Experiment(_measurements(rig, plan, attempts, mass, shared), tuple(attempts), mass)
 
 
+def read_again(rig: Rig, plan: PosturePlan, experiment: Experiment, rng: np.random.Generator) -> Measurements:
+    """The same held postures through the rig's sensors anew: readings, plate records, weighing.
+
+    Holding postures takes a minute, reading them a tenth of a second: for what needs many experiments
+    that differ in their sensor noise alone.
+    """
+    samples = round(rig.protocol.window * rig.sensors.sample_rate)
+    attempts: list[Attempt] = []
+    recorded = np.zeros((2, 3))
+    for before, attempt in zip([None, *experiment.attempts], experiment.attempts, strict=False):
+        if before is None or before.placement != attempt.placement:
+            recorded = attempt.true_plates + _record_error(rig, rng)
+        reading = _read(rig, attempt.held, samples, rng) if attempt.held else {}
+        attempts.append(dataclasses.replace(attempt, reading=reading, plates=recorded))
+    return _measurements(rig, plan, attempts, experiment.true_mass, rng)
+
+
+def _record_error(rig: Rig, rng: np.random.Generator) -> np.ndarray:
+    """Errors of both plates' recorded poses, (2, 3) [m, m, rad]."""
+    return np.array([rig.sensors.mark_sd, rig.sensors.placement_sd]) * rng.standard_normal((2, 3))
+
+
 def run_placement(
     rig: Rig, plan: PosturePlan, placement: int, repeats: frozenset[int], stream: np.random.SeedSequence
 ) -> list[Attempt]:
@@ -118,7 +141,7 @@ def run_placement(
     order = [(row, False) for row in rows] + [(row, True) for row in again]
     boards = lay_boards(_soles(rig.robot, plan.swing_pose[rows[0]]), _plate(rig).size, rig.protocol.plate_gap)
     stand = Stand(rig, boards + rig.protocol.plate_sd * rng.standard_normal((2, 3)))
-    error = np.array([rig.sensors.mark_sd, rig.sensors.placement_sd]) * rng.standard_normal((2, 3))
+    error = _record_error(rig, rng)
     attempts: list[Attempt] = []
     before, recorded = None, np.zeros((2, 3))
     samples = round(rig.protocol.window * rig.sensors.sample_rate)

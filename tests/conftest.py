@@ -14,7 +14,9 @@ import pytest
 from experiments.scenario import DEFAULT_PLAN, Scenario
 from experiments.validate import Validation, validate
 from identification.base_parameters import BaseParameters, base_parameters
-from sim.measurements import PlateGeometry, PosturePlan, read_plan
+from identification.nominal import Nominal, nominal_robot
+from sim.laboratory import read_again
+from sim.measurements import Measurements, PlateGeometry, PosturePlan, read_plan
 from sim.model import Robot, load_model, load_robot
 from sim.plates import plate_geometry
 from sim.rig import preset_rig
@@ -70,3 +72,14 @@ def ideal(robot, plan) -> Validation:
 def wii(robot, plan) -> Validation:
     """The whole default plan at preset wii, in the full dynamics."""
     return validate(Scenario(preset_rig("wii", robot), plan, 102, "wii"), workers=2)
+
+
+@pytest.fixture(scope="session")
+def nominal(robot) -> Nominal:
+    return nominal_robot(robot)
+
+
+@pytest.fixture(scope="session")
+def precise(wii, robot, plan) -> Measurements:
+    """The postures of the wii experiment, read on force plates."""
+    return read_again(preset_rig("force-plate", robot), plan, wii.experiment, np.random.default_rng(110))

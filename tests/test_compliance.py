@@ -59,7 +59,7 @@ def test_a_sole_gives_way_by_its_load(robot, model, plan):
         body = stand.data.body(sole)
         wrench, centre = stand.data.cfrc_ext[sole], stand.data.subtree_com[stand.torso]
         ankle = stand.data.body(foot)
-        point = sole_point(model, foot) + [0, 0, spring(stand, f"{foot}_sole_z")]
+        point = sole_point(model, foot) + np.array([0, 0, spring(stand, f"{foot}_sole_z")])
         point = ankle.xpos + ankle.xmat.reshape(3, 3) @ point
         moment = body.xmat.reshape(3, 3).T @ (wrench[:3] + np.cross(centre - point, wrench[3:]))
         for k, way in enumerate(("roll", "pitch")):

@@ -19,10 +19,10 @@ from sim.model import CELLS, CORNERS, PLATES, sha256
 
 SUPPORTS = ("double", "right", "left")
 
-# What no laboratory measures. Narrow enough that no figure overflows later, and that degrees
-# given for radians or millimetres for metres are noticed.
-MOST_ANGLE = 2 * np.pi  # rad
-MOST_LENGTH = 20.0  # m, of a plate from the base frame, of a cell from its plate
+# What no laboratory measures: narrow enough that no figure overflows later, wide enough that
+# the preflight can tell degrees given for radians and millimetres for metres.
+MOST_ANGLE = 1e3  # rad
+MOST_LENGTH = 1e4  # m, of a plate from the base frame, of a cell from its plate
 MOST_FORCE = 1e5  # N, on a cell
 MOST_TIME = 1e10  # s
 LEAST_WEIGHT = 1.0  # N, on the eight cells together
@@ -43,7 +43,7 @@ class _Strict(BaseModel):
 
 class RobotEntry(_Strict):
     model: str
-    sha256: str
+    sha256: str | None = None
     stance_foot: str
     swing_foot: str
 
@@ -80,7 +80,7 @@ class SensorsEntry(_Strict):
 
 
 class Manifest(_Strict):
-    """manifest.json, as the contract lists it."""
+    """manifest.json, as the contract lists it; what only a program would know may be left out."""
 
     format: Literal["tulip-measurements"]
     version: Version
@@ -90,9 +90,9 @@ class Manifest(_Strict):
     weighed_mass: MassEntry | None
     gravity: Gravity
     sensors: SensorsEntry
-    created: str | None
-    software: dict[str, str] | None
-    tables: dict[str, str]
+    created: str | None = None
+    software: dict[str, str] | None = None
+    tables: dict[str, str | None] | None = None
 
 
 def write_measurements(folder: Path, measurements: Measurements) -> None:
@@ -115,18 +115,28 @@ def read_measurements(folder: Path) -> Measurements:
             found and what was expected.
     """
     folder = Path(folder)
+    manifest = read_manifest(folder)
+    table = checked_table(folder, "postures", manifest.tables)
+    measurements = _measurements(manifest, table)
+    _check_plates(folder / "manifest.json", measurements)
+    _check_rows(table, measurements)
+    return measurements
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Read and check a measurement folder's manifest.json.
+
+    Raises:
+        InputError: no such folder, or a manifest that breaks the contract.
+    """
+    folder = Path(folder)
     if not folder.is_dir():
         raise InputError(f"{folder}: no such measurement folder")
     where = folder / "manifest.json"
     try:
-        manifest = Manifest.model_validate(read_json(where))
+        return Manifest.model_validate(read_json(where))
     except ValidationError as error:
         raise InputError(f"{where}: {validation_message(error)}") from None
-    table = checked_table(folder, "postures", manifest.tables)
-    measurements = _measurements(manifest, table)
-    _check_plates(where, measurements)
-    _check_rows(table, measurements)
-    return measurements
 
 
 def _check_plates(where: Path, measurements: Measurements) -> None:
@@ -226,7 +236,9 @@ def _measurements(manifest: Manifest, table: Table) -> Measurements:
         joints=joints,
         posture=table.integers("posture"),
         placement=table.integers("placement"),
-        support=table.texts("support", SUPPORTS),
+        support=(
+            table.texts("support", SUPPORTS) if table.has("support") else np.full(len(table), SUPPORTS[0])
+        ),
         time=table.numbers("time", True, -MOST_TIME, MOST_TIME),
         window=table.numbers("window", True, 0.0, MOST_TIME),
         samples=table.numbers("samples", True, 1.0, MOST_TIME),
