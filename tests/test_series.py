@@ -80,7 +80,7 @@ def test_a_series_that_lacks_a_column_is_named(part, tmp_path):
 def test_repeats_take_their_own_samples(part):
     series = raw_series(part, np.random.default_rng(122))
     again = np.flatnonzero(part.posture == part.posture[np.bincount(part.posture)[part.posture] > 1][0])
-    means = [series.window(part, row).mean(axis=0)[-8:] for row in again]
+    means = [series.window(part, int(row)).mean(axis=0)[-8:] for row in again]
     assert means[0] == pytest.approx(part.cell_forces[again[0]], abs=1e-9)
     assert means[1] == pytest.approx(part.cell_forces[again[1]], abs=1e-9)
 
