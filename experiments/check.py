@@ -34,14 +34,15 @@ def check_folder(folder: Path, robot: Robot) -> dict[str, Any]:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such measurement folder")
     nominal = nominal_robot(robot)
-    if wrong := complaints(folder, nominal.parameters.tree.joints):
+    wrong = complaints(folder, nominal.parameters.tree.joints)
+    if any(wrong.values()):
         return {
             "verdict": UNREADABLE,
             "complaints": wrong,
             "example_manifest": example_manifest(robot),
             "example_row": example_row(robot),
         }
-    measurements, series = read_measurements(folder), read_series(folder)
+    measurements, series = read_measurements(folder, likely=False), read_series(folder)
     return findings_document(measurements, nominal, preflight(measurements, nominal, series))
 
 
@@ -92,14 +93,16 @@ def print_complaints(console: Console, document: dict[str, Any]) -> None:
     """What is missing, and something to copy."""
     plain = {"markup": False, "highlight": False, "soft_wrap": True}
     console.print("This folder cannot be read yet:")
-    for text in document["complaints"]:
+    about, within = (document["complaints"][key] for key in ("manifest", "table"))
+    for text in (*about, *within):
         console.print(f"  - {text}", **plain)
-    console.print("\nAn example manifest.json for this robot; replace every null that you know:")
-    console.print(compact_json(document["example_manifest"]), **plain)
-    console.print("\nAn example postures.csv with one posture, all joints at zero (rad, N, m):")
-    row = document["example_row"]
-    console.print(",".join(row), **plain)
-    console.print(",".join(f"{value:g}" for value in row.values()), **plain)
-    console.print(
-        f"\nColumns that may be left out: {', '.join(MAY_LACK)}. docs/your-data.md goes step by step."
-    )
+    if about:
+        console.print("\nAn example manifest.json for this robot; replace every null that you know:")
+        console.print(compact_json(document["example_manifest"]), **plain)
+    if within:
+        console.print("\nAn example postures.csv with one posture, all joints at zero (rad, N, m):")
+        row = document["example_row"]
+        console.print(",".join(row), **plain)
+        console.print(",".join(f"{value:g}" for value in row.values()), **plain)
+        console.print(f"\nMay be left out: {', '.join(MAY_LACK)}.")
+    console.print("\ndocs/your-data.md goes step by step.")

@@ -156,7 +156,8 @@ def test_an_incomplete_folder_hears_everything_at_once(robot, tmp_path, capsys):
     (folder / "postures.csv").write_text(
         "posture,placement,q.right_knee,cell.right.front_left,cell.right.frontright\n1,1.5,bent,20.5,3\n"
     )
-    text = " ".join(check_folder(folder, robot)["complaints"])
+    found = check_folder(folder, robot)["complaints"]
+    text = " ".join(found["manifest"] + found["table"])
     for part in (
         "keys missing: robot, joints, plates, weighed_mass, sensors",
         "key 'version': found 2",

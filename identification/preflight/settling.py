@@ -9,7 +9,7 @@ from identification.preflight.finding import Finding, bonferroni, result_of, row
 from sim.measurements import Measurements, Series
 from sim.model import CELLS
 
-BATCHES = 10  # per half: batch means make the standard error honest under correlated noise
+BATCHES = 10  # per half: means of many samples are nearly independent
 UNSTEADY_WARN, UNSTEADY_FAIL = 2.0, 5.0  # times the channel's usual s.d. within a window
 LEAST_ANGLE, LEAST_FORCE = 1e-6, 1e-3  # rad, N: nobody minds movements below
 ADVICE = "Wait longer after each movement before averaging; leave these postures out."
@@ -124,14 +124,22 @@ def steady_windows(measurements: Measurements) -> Finding:
 
 
 def _halves(readings: np.ndarray, harmless: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Change from first to second half and p-value of a change beyond `harmless`, per channel."""
+    """Change from first to second half and p-value of a change beyond `harmless`, per channel.
+
+    The standard error is that of batch means about a line in each half, so that the change itself does
+    not enter it. Noise that is correlated over more than a few hundredths of the window makes it too small.
+    """
     size = len(readings) // (2 * BATCHES)
     batches = readings[: 2 * BATCHES * size].reshape(2, BATCHES, size, -1).mean(axis=2)
     change = batches[1].mean(axis=0) - batches[0].mean(axis=0)
-    error = np.sqrt(batches.var(axis=1, ddof=1).sum(axis=0) / BATCHES)
+    line = np.linspace(-1, 1, BATCHES)[:, None]
+    rest = batches - batches.mean(axis=1, keepdims=True)
+    rest -= line * (line * rest).sum(axis=1, keepdims=True) / (line**2).sum()
+    dof = 2 * (BATCHES - 2)
+    error = np.sqrt((rest**2).sum(axis=(0, 1)) / dof * 2 / BATCHES)
     beyond = np.maximum(np.abs(change) - harmless, 0.0)
     t = np.divide(beyond, error, out=np.where(beyond > 0, np.inf, 0.0), where=error > 0)
-    return change, np.where(beyond > 0, 2 * t_distribution.sf(t, 2 * BATCHES - 2), 1.0)
+    return change, np.where(beyond > 0, 2 * t_distribution.sf(t, dof), 1.0)
 
 
 def _channel(m: Measurements, channel: int, value: float) -> tuple[str, float, str]:

@@ -23,6 +23,7 @@ SUPPORTS = ("double", "right", "left")
 # the preflight can tell degrees given for radians and millimetres for metres.
 MOST_ANGLE = 1e3  # rad
 MOST_LENGTH = 1e4  # m, of a plate from the base frame, of a cell from its plate
+LIKELY_ANGLE, LIKELY_LENGTH = 2 * np.pi, 20.0  # rad, m
 MOST_FORCE = 1e5  # N, on a cell
 MOST_TIME = 1e10  # s
 LEAST_WEIGHT = 1.0  # N, on the eight cells together
@@ -107,8 +108,11 @@ def write_measurements(folder: Path, measurements: Measurements) -> None:
         write_json(working / "manifest.json", _manifest(measurements, tables).model_dump())
 
 
-def read_measurements(folder: Path) -> Measurements:
+def read_measurements(folder: Path, likely: bool = True) -> Measurements:
     """Read and check a measurement folder.
+
+    Args:
+        likely: refuse angles and lengths that no laboratory means, such as degrees and millimetres.
 
     Raises:
         InputError: the folder breaks the contract; the message names file, place, what was
@@ -120,6 +124,8 @@ def read_measurements(folder: Path) -> Measurements:
     measurements = _measurements(manifest, table)
     _check_plates(folder / "manifest.json", measurements)
     _check_rows(table, measurements)
+    if likely:
+        _check_units(table, measurements)
     return measurements
 
 
@@ -147,6 +153,17 @@ def _check_plates(where: Path, measurements: Measurements) -> None:
                 f"{where}: key 'plates.{plate}.cells': found cells on one line, "
                 "expected four that span an area"
             )
+
+
+def _check_units(table: Table, m: Measurements) -> None:
+    poses = {f"plate.{plate}": m.plate_poses[:, k] for k, plate in enumerate(PLATES)}
+    columns = [(f"q.{joint}", m.joint_angles[:, k], LIKELY_ANGLE) for k, joint in enumerate(m.joints)]
+    for plate, pose in poses.items():
+        for k, (axis, most) in enumerate((("x", LIKELY_LENGTH), ("y", LIKELY_LENGTH), ("yaw", LIKELY_ANGLE))):
+            columns.append((f"{plate}.{axis}", pose[:, k], most))
+    for name, values, most in columns:
+        expected = f"a number within [{-most:g}, {most:g}] (rad, m)"
+        table.refuse(name, np.abs(values) > most, values, expected)
 
 
 def _check_rows(table: Table, measurements: Measurements) -> None:

@@ -34,13 +34,11 @@ def plain_csv(path: Path, content: bytes) -> bytes:
         raise InputError(f"{path}: found no line with column names")
     header = lines[0][1]
     separator = ";" if header.count(";") > header.count(",") else ","
+    after_quote = re.compile(rf'"\s+({separator}|$)')
+    texts = [after_quote.sub(r'"\1', line) for _, line in lines]
     try:
-        rows = [
-            [value.strip() for value in row]
-            for row in csv.reader(
-                [line for _, line in lines], delimiter=separator, skipinitialspace=True, strict=True
-            )
-        ]
+        reader = csv.reader(texts, delimiter=separator, skipinitialspace=True, strict=True)
+        rows = [[value.strip() for value in row] for row in reader]
     except csv.Error as error:
         raise InputError(f"{path}: not a CSV file ({error})") from None
     if len(rows) < len(lines):

@@ -24,27 +24,29 @@ def required_columns(joints: tuple[str, ...]) -> tuple[str, ...]:
     return (*WHOLE, *(f"q.{joint}" for joint in joints), *(f"cell.{cell}" for cell in CELLS), *poses)
 
 
-def complaints(folder: Path, joints: tuple[str, ...]) -> list[str]:
-    """What is missing or wrong in a folder's manifest and table, in full; empty if it can be read.
+def complaints(folder: Path, joints: tuple[str, ...]) -> dict[str, list[str]]:
+    """What is missing or wrong in a folder's "manifest" and "table"; empty lists if it can be read.
 
     Args:
         joints: the robot's, whose columns are looked for.
     """
-    found: list[str] = []
     manifest: dict[str, Any] = {}
     where = folder / "manifest.json"
+    about = [f"{where}: missing"]
     if where.is_file():
-        found += _collect(lambda: manifest.update(read_json(where)))
-        if manifest:
-            found += _manifest_complaints(where, manifest)
-    else:
-        found.append(f"{where}: missing")
+        about = _collect(lambda: manifest.update(read_json(where)))
+        about += [] if about else _manifest_complaints(where, manifest)
     hashes = manifest.get("tables")
     tables: list[Table] = []
-    found += _collect(
-        lambda: tables.append(checked_table(folder, "postures", hashes if isinstance(hashes, dict) else None))
-    )
-    return found + [text for table in tables for text in _table_complaints(table, joints)]
+
+    def read() -> None:
+        tables.append(checked_table(folder, "postures", hashes if isinstance(hashes, dict) else None))
+
+    within = _collect(read)
+    return {
+        "manifest": about,
+        "table": within + [t for table in tables for t in _table_complaints(table, joints)],
+    }
 
 
 def _manifest_complaints(where: Path, manifest: dict[str, Any]) -> list[str]:
