@@ -1,8 +1,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+ORACLE := .venv-oracle
 
-.PHONY: setup validate test lint bench study-contact study-fuzz study-kill pictures constraints clean
+.PHONY: setup validate test lint bench oracle study-contact study-check study-fuzz study-kill pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -28,6 +29,19 @@ lint: setup
 bench: setup  ## ratios of times, in one run
 	$(BIN)/python -m pytest -q -s tests/benchmarks -o addopts= --benchmark-only
 
+# One BLAS thread: with more, products of small matrices wait for each other on a busy machine.
+oracle: export OPENBLAS_NUM_THREADS = 1
+oracle: $(ORACLE)/.done  ## ask Pinocchio and FIGAROH anew (2 GB), compare, time against FIGAROH
+	$(ORACLE)/bin/python -W ignore::RuntimeWarning -m tools.oracle
+	$(ORACLE)/bin/python -m pytest -q tests/test_oracle.py
+	$(ORACLE)/bin/python -m pytest -q -s tests/benchmarks/test_figaroh.py -o addopts= --benchmark-only
+
+$(ORACLE)/.done: constraints.txt pyproject.toml
+	$(PYTHON) -m venv $(ORACLE)
+	$(ORACLE)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r constraints.txt
+	$(ORACLE)/bin/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[oracle]'
+	@touch $@
+
 study-contact: setup  ## docs/contact-study.md's table: contact and gate settings against accuracy
 	$(BIN)/python tools/study_contact.py
 
@@ -36,6 +50,9 @@ study-fuzz: setup  ## docs/reliability.md's table: 1,000 broken folders, 200 bro
 
 study-kill: setup  ## docs/reliability.md's table: fifty kills while writing and before
 	$(BIN)/python -m tools.study_kill
+
+study-check: setup  ## docs/check.md's tables: false alarms and planted faults of `tulip check`
+	$(BIN)/python tools/study_check.py
 
 pictures: setup  ## the README's picture (needs libosmesa6)
 	MUJOCO_GL=osmesa $(BIN)/python tools/pictures.py
@@ -46,4 +63,4 @@ constraints: setup  ## pin the dependencies anew
 	  --python-version 3.11 -o constraints.txt
 
 clean:
-	rm -rf $(VENV) build *.egg-info
+	rm -rf $(VENV) $(ORACLE) build *.egg-info

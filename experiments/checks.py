@@ -18,10 +18,10 @@ IDEAL_MASS_ERROR = 1e-3  # kg, noise-free data only
 CORRELATION_TOLERANCE = 0.01
 CORRELATION_LIMIT = -0.95  # the paper: -0.9928 and -0.9882
 
-# Residual sigma per axis (eq. 14) of each preset on 30 placements [mm]: middle and half-width. From
-# 400 re-measured experiments on development seeds: wii 4.19 +- 0.21, force-plate 0.339 +- 0.020; the
-# half-width is 3.4 s.d. The fewer the placements, the more it scatters: as the root of their number.
-SIGMA_MM = {"wii": (4.2, 0.7), "force-plate": (0.34, 0.07), "ideal": (0.025, 0.025)}
+# Residual sigma per axis (eq. 14) without noise: middle and half-width [mm]. With noise it depends on the
+# robot's weight and size, so its description gives it, for 30 placements. The fewer the placements, the
+# more it scatters: as the root of their number.
+IDEAL_SIGMA_MM = (0.025, 0.025)
 SIGMA_PLACEMENTS = 30
 
 
@@ -60,12 +60,17 @@ def verdict(checks: list[Check]) -> str:
     return "fail" if any(check.result == "fail" for check in checks) else "pass"
 
 
-def sigma_check(preset: str, sigma: float, placements: int) -> Check:
-    """Residual sigma (eq. 14) [m] against the range of the preset."""
+def sigma_check(preset: str, sigma: float, placements: int, known: dict[str, list[float]]) -> Check:
+    """Residual sigma (eq. 14) [m] against the range of the preset.
+
+    Args:
+        known: middle and half-width [mm] by preset, from the robot's description.
+    """
     name = "residual sigma (mm)"
-    if preset not in SIGMA_MM:
-        return skipped(name, f"no range known for preset '{preset}'")
-    middle, half = SIGMA_MM[preset]
+    ranges = {"ideal": IDEAL_SIGMA_MM, **known}
+    if preset not in ranges:
+        return skipped(name, f"the robot's description gives no range for preset '{preset}'")
+    middle, half = ranges[preset]
     half *= np.sqrt(max(SIGMA_PLACEMENTS / placements, 1.0))
     source = f"range of preset {preset} for {placements} placements"
     return within(name, 1e3 * sigma, max(middle - half, 0.0), middle + half, source)

@@ -7,11 +7,12 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
 
+from experiments.check import UNREADABLE, check_folder, print_report
 from experiments.description import described_robot
 from experiments.run_folder import check_new, write_experiment, write_run
 from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
@@ -19,6 +20,7 @@ from experiments.setting_up import draw_plan, read_scenario, told_apart, tries
 from experiments.tables import (
     LEGEND,
     correlation_lines,
+    models,
     parameter_table,
     print_experiment,
     print_validation,
@@ -134,34 +136,52 @@ def identify_command(
     described = described_robot(robot)
     measurements = read_measurements(folder)
     found = identify(measurements, described, str(folder))
-    document = {
+    document: dict[str, Any] = {
         "postures": len(measurements),
         "placements": len(np.unique(measurements.placement)),
         "condition_number": found.full.condition_number,
         "total_mass": {"estimate": found.mass[0], "standard_error": found.mass[1]},
     }
     estimates = {"full": found.full, "simplified": found.simplified}
-    models = {
+    fitted = {
         model: model_document(estimate, None) | {"hardly_known": weak_directions(estimate, found.parameters)}
         for model, estimate in estimates.items()
     }
-    document |= models
+    document |= fitted
     if as_json:
         print_json(document)
         return 0
     screen = console()
-    for model, title in (("full", "Full model, mm"), ("simplified", "Simplified model, mm")):
-        screen.print(parameter_table(title, models[model], found.parameters, described, model))
-        screen.print(residual_line(models[model]))
-        pairs = models[model]["correlations"]
+    for model in models(described):
+        title = f"{model.capitalize()} model, mm"
+        screen.print(parameter_table(title, fitted[model], found.parameters, described, model))
+        screen.print(residual_line(fitted[model]))
+        pairs = fitted[model]["correlations"]
         screen.print("Correlations above 0.85 in size (eq. 15):" if pairs else "No correlation above 0.85.")
         for line in correlation_lines(pairs, found.parameters, measurements.joint_angles):
             screen.print(f"  {line}", markup=False)
-        if models[model]["hardly_known"]:
-            screen.print(f"Hardly known: {models[model]['hardly_known']}", markup=False)
+        if fitted[model]["hardly_known"]:
+            screen.print(f"Hardly known: {fitted[model]['hardly_known']}", markup=False)
     screen.print(LEGEND)
     screen.print(f"Total mass {found.mass[0]:.3f} +- {found.mass[1]:.3f} kg")
     return 0
+
+
+def check_command(
+    folder: Annotated[Path, tyro.conf.Positional], /, *, robot: RobotFile = TULIP, as_json: Json = False
+) -> int:
+    """Check a measurement folder before anybody trusts it: weights, drift, plates, legs, units and more.
+
+    Exit code 0: passed, perhaps with warnings; 1: a check failed; 2: could not read. What an
+    incomplete folder lacks is listed, with an example to copy.
+    Example: tulip check data/first
+    """
+    document = check_folder(folder, described_robot(robot))
+    if as_json:
+        print_json(document)
+    else:
+        print_report(console(), document)
+    return {UNREADABLE: 2, "fail": 1}.get(document["verdict"], 0)
 
 
 def postures_command(
@@ -287,6 +307,7 @@ def model_command(
 COMMANDS: dict[str, Callable[..., int]] = {
     "validate": validate_command,
     "simulate": simulate_command,
+    "check": check_command,
     "identify": identify_command,
     "postures": postures_command,
     "model": model_command,

@@ -51,8 +51,7 @@ def write_run(folder: Path, result: Validation) -> None:
         write_json(working / "truth.json", truth_document(result.scenario, result.experiment))
         _write_csv(working / "parameters.csv", _parameter_rows(report))
         _write_csv(working / "residuals.csv", _residual_rows(result))
-        robot = result.scenario.rig.robot
-        files = [robot.path, robot.model, robot.scene]
+        files = result.scenario.rig.robot.files
         outputs = sorted(path for path in working.rglob("*") if path.is_file())
         write_json(
             working / "run.json",

@@ -44,7 +44,7 @@ class Scenario:
             spec.delete(spec.body(f"{plate}_plate"))
         for key in list(spec.keys):
             spec.delete(key)
-        return compile_spec(spec, str(self.rig.robot.scene))
+        return compile_spec(spec, str(self.rig.robot.path))
 
     def true_base_parameters(self) -> np.ndarray:
         """Base parameters of that robot in double support, with its own lengths, (p,) [m]."""
@@ -58,6 +58,8 @@ class Scenario:
             "seed": self.seed,
             "robot": str(self.rig.robot.path.name),
             "controller": dataclasses.asdict(self.rig.controller),
+            "drives": dataclasses.asdict(self.rig.drives),
+            "compliance": dataclasses.asdict(self.rig.compliance),
             "sensors": dataclasses.asdict(self.rig.sensors),
             "protocol": dataclasses.asdict(self.rig.protocol),
             "edited": self.rig.edit is not None,

@@ -67,6 +67,11 @@ def paper_table(robot: Robot) -> dict[int, dict[str, str]]:
     return table
 
 
+def models(robot: Robot) -> tuple[str, ...]:
+    """The models that are worth a table: without a simplified one the second would be the first."""
+    return ("full", "simplified") if "simplified" in robot.settings else ("full",)
+
+
 def parameter_table(
     title: str, document: dict[str, Any], parameters: BaseParameters, robot: Robot, column: str
 ) -> Table:
@@ -77,7 +82,8 @@ def parameter_table(
     table.add_column("nr", justify="right")
     table.add_column("parameter", no_wrap=True, min_width=27)
     headers = ["truth", "estimate", "error"] if known else ["estimate"]
-    for header in [*headers, "s.e.", "clustered", "rel. %", "paper %", "paper s.e.", "ratio"]:
+    beside = ["paper %", "paper s.e.", "ratio"] if paper else []
+    for header in [*headers, "s.e.", "clustered", "rel. %", *beside]:
         table.add_column(header, justify="right", no_wrap=True)
     table.add_column("well id.", no_wrap=True)
     for row in document["parameters"]:
@@ -90,6 +96,11 @@ def parameter_table(
         if known:
             values = [f"{1e3 * truth:.2f}", *values, f"{estimate - 1e3 * truth:+.2f}"]
         well = row["relative_standard_error"] < WELL_IDENTIFIED
+        theirs = [
+            relative,
+            "" if paper_se is None else f"{paper_se:.2f}",
+            "" if paper_se is None else f"{1e3 * row['standard_error'] / paper_se:.2f}",
+        ]
         table.add_row(
             str(number),
             escape(_meaning(parameters, number)),
@@ -97,9 +108,7 @@ def parameter_table(
             f"{1e3 * row['standard_error']:.2f}",
             f"{1e3 * row['clustered_standard_error']:.2f}",
             f"{row['relative_standard_error']:.1f}" if row["relative_standard_error"] < 1e4 else ">10000",
-            relative,
-            "" if paper_se is None else f"{paper_se:.2f}",
-            "" if paper_se is None else f"{1e3 * row['standard_error'] / paper_se:.2f}",
+            *(theirs if paper else []),
             "[green]yes[/]" if well else "no",
         )
     return table
@@ -185,6 +194,16 @@ def sag_line(experiment: Experiment) -> str:
     )
 
 
+def books_line(books: dict[str, float]) -> str:
+    return (
+        f"Largest imbalance in any hold: cells against weight {books['weight']:.1e} N, "
+        f"plates' moments against the feet's wrench {books['moments']:.1e} Nm, "
+        f"torques against statics {books['torques']:.1e} Nm, "
+        f"CoP against CoM {1e3 * books['centre']:.1e} mm, "
+        f"energy left in motion {books['kinetic']:.1e} J."
+    )
+
+
 def residual_line(document: dict[str, Any], beside: str = "") -> str:
     norms, condition = document["residual_mm"], document["condition_number"]
     return (
@@ -197,7 +216,8 @@ def print_validation(console: Console, result: Validation, document: dict[str, A
     """The whole report."""
     found, robot = result.identification, result.scenario.rig.robot
     paper = robot.settings.get("paper", {})
-    for model, title in (("full", "Full model beside Table II, mm"), ("simplified", "Simplified model, mm")):
+    for model in models(robot):
+        title = f"{model.capitalize()} model{' beside Table II' if paper else ''}, mm"
         console.print(parameter_table(title, document[model], found.parameters, robot, model))
         reported = paper.get(f"residual_{model}_mm")
         beside = " (paper {}, {}, {})".format(*reported) if reported else ""
@@ -217,6 +237,7 @@ def print_validation(console: Console, result: Validation, document: dict[str, A
         f"(truth {mass['truth']:.3f} kg)."
     )
     console.print(sag_line(result.experiment))
+    console.print(books_line(document["books"]))
     console.print(check_table(result.checks))
     colour = COLOURS[result.verdict]
     console.print(f"Verdict: [{colour}]{result.verdict}[/] after {result.wall_s:.0f} s")

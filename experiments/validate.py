@@ -109,7 +109,8 @@ def evaluate(
     # With noise-free sensors the statistical checks have nothing to measure errors by.
     noisy = dataclasses.replace(scenario.rig.sensors, cell_gain={}) != Sensors()
     checks = []
-    for name, estimate in (("full model", full), ("simplified model", simplified)):
+    described = [("full model", full), ("simplified model", simplified)]
+    for name, estimate in described if "simplified" in settings else described[:1]:
         kept = truth[estimate.numbers - 1]
         lost = np.delete(truth, estimate.numbers - 1)
         if len(lost) and np.abs(lost).max() > NEGLIGIBLE:
@@ -123,7 +124,7 @@ def evaluate(
         checks.append(skipped("joint chi-square and |z|", "noise-free data have no standard errors to test"))
     checks += correlation_checks(full, planned_correlations(scenario, experiment, found.parameters), pairs)
     placements = len(np.unique(experiment.measurements.placement))
-    checks.append(sigma_check(scenario.preset, full.sigma, placements))
+    checks.append(sigma_check(scenario.preset, full.sigma, placements, settings.get("residual_sigma_mm", {})))
     paper = settings.get("paper", {})
     usable = 1 - len(experiment.dropped) / len(scenario.plan)
     if paper:
@@ -173,6 +174,16 @@ def model_document(estimate: Estimate, truth: np.ndarray | None) -> dict[str, An
     }
 
 
+def worst_books(experiment: Experiment) -> dict[str, float]:
+    """The worst of every balance that the laboratory keeps, over all held postures."""
+    books = [dataclasses.asdict(held.books) for held in experiment.held]
+    worst = {
+        name: max(abs(b[name]) for b in books)
+        for name in ("weight", "moments", "torques", "centre", "kinetic")
+    }
+    return worst | {"least_dissipated": min(b["dissipated"] for b in books)}
+
+
 def report_document(result: Validation) -> dict[str, Any]:
     """The JSON report of a validation."""
     found, experiment = result.identification, result.experiment
@@ -191,5 +202,6 @@ def report_document(result: Validation) -> dict[str, Any]:
         },
         "full": model_document(found.full, result.truth),
         "simplified": model_document(found.simplified, result.truth),
+        "books": worst_books(experiment),
         "wall_s": result.wall_s,
     }

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from scipy.linalg import solve_triangular
 
-from identification.kinematics import Step, Tree, link_rotations, tree_of, walk
+from identification.kinematics import Tree, link_rotations, tree_of, walk
 from sim.errors import InputError
 from sim.model import Robot, load_model, sole_point
 
@@ -144,22 +145,25 @@ def _derive(
         mix=signs[:, None] * mix,
         from_frames=from_frames[rows],
         from_standard=from_standard[rows],
-        joined=size - len(_eliminate(hinges)[1]),
+        joined=size - len(hinges),  # independent: each is the first with its child's columns
     )
 
 
 def _independent_rows(matrix: np.ndarray) -> tuple[list[int], np.ndarray]:
     """The first independent rows, in order, and `mix` with matrix = mix @ matrix[rows]."""
-    rows: list[int] = []
-    mix = np.zeros((len(matrix), len(matrix)))
-    for i, row in enumerate(matrix):
-        weights = np.linalg.lstsq(matrix[rows].T, row, rcond=None)[0] if rows else np.zeros(0)
-        if np.abs(row - weights @ matrix[rows]).max() > 1e-9:
+    left, rows = matrix.copy(), []
+    for i, row in enumerate(left):
+        pivot = abs(row).argmax()
+        if abs(row[pivot]) > 1e-9:
             rows.append(i)
-            mix[i, len(rows) - 1] = 1.0
-        else:
-            mix[i, : len(rows)] = weights
-    return rows, mix[:, : len(rows)]
+            below = i + 1 + left[i + 1 :, pivot].nonzero()[0]
+            left[below] -= left[below, pivot, None] / row[pivot] * row
+    others = [i for i in range(len(matrix)) if i not in rows]
+    mix = np.zeros((len(matrix), len(rows)))
+    mix[rows] = np.eye(len(rows))
+    orthogonal, triangle = np.linalg.qr(matrix[rows].T)
+    mix[others] = np.transpose(solve_triangular(triangle, orthogonal.T @ matrix[others].T))
+    return rows, mix
 
 
 def _hinge_relations(tree: Tree) -> np.ndarray:
@@ -182,14 +186,17 @@ def _eliminate(relations: np.ndarray) -> tuple[np.ndarray, list[int]]:
     """
     rows, eliminated, done = relations.copy(), [], 0
     for column in reversed(range(rows.shape[1])):
-        candidates = np.flatnonzero(np.abs(rows[done:, column]) > 1e-9)
-        if done == len(rows) or len(candidates) == 0:
+        if done == len(rows):
+            break
+        candidates = (abs(rows[done:, column]) > 1e-9).nonzero()[0]
+        if len(candidates) == 0:
             continue
         pivot = done + candidates[0]
         rows[[done, pivot]] = rows[[pivot, done]]
         rows[done] /= rows[done, column]
-        others = np.arange(len(rows)) != done
-        rows[others] -= np.outer(rows[others, column], rows[done])
+        others = rows[:, column].nonzero()[0]
+        others = others[others != done]
+        rows[others] -= rows[others, column, None] * rows[done]
         eliminated.append(column)
         done += 1
     return rows[:done], eliminated
@@ -197,20 +204,18 @@ def _eliminate(relations: np.ndarray) -> tuple[np.ndarray, list[int]]:
 
 def _frame_matrix(tree: Tree, base: int, base_point: np.ndarray) -> np.ndarray:
     """Standard parameters to M times the frame parameters beta, (3 n_frames, 4 n_links)."""
-    into: dict[int, tuple[Step | None, np.ndarray]] = {base: (None, base_point)}
+    count, frames = len(tree.frames), np.array(tree.frame_of_link)
+    carried = np.zeros((count, count, 3))  # [f, g]: what a unit mass in frame f adds to beta_g
+    carried[base, base] = -base_point
     for step in walk(tree, base):
-        into[step.new] = (step, step.anchor_new)
-    matrix = np.zeros((3 * len(tree.frames), 4 * len(tree.links)))
-    for link, frame in enumerate(tree.frame_of_link):
-        rows = slice(3 * frame, 3 * frame + 3)
-        step, entry = into[frame]
-        matrix[rows, 4 * link + 1 : 4 * link + 4] = np.eye(3)
-        matrix[rows, 4 * link] = -entry
-        while step is not None:
-            before, entry = into[step.known]
-            matrix[3 * step.known : 3 * step.known + 3, 4 * link] = step.anchor_known - entry
-            step = before
-    return matrix
+        carried[step.new] = carried[step.known]
+        carried[step.new, step.known] += step.anchor_known
+        carried[step.new, step.new] = -step.anchor_new
+    matrix = np.zeros((count, 3, len(frames), 4))
+    matrix[..., 0] = carried[frames].transpose(1, 2, 0)
+    for axis in range(3):
+        matrix[frames, axis, np.arange(len(frames)), 1 + axis] = 1.0
+    return matrix.reshape(3 * count, -1)
 
 
 def _group(tree: Tree, row: np.ndarray) -> str:

@@ -6,7 +6,7 @@ import mink
 import mujoco
 import numpy as np
 
-from sim.model import Robot, joint_names, sole_point
+from sim.model import Robot, between_feet, joint_names, sole_point
 
 TOLERANCE = 1e-9  # of every task's error [m, rad]
 ITERATIONS = 15
@@ -23,8 +23,17 @@ class InverseKinematics:
         self.torso = model.body(model.jnt_bodyid[free]).name
         self.orientation = mink.FrameTask(self.torso, "body", 0.0, 1.0)
         self.com = mink.ComTask(1.0)
-        self.tasks = [*self.feet, self.orientation, self.com]
-        self.joints = np.array([model.joint(name).qposadr[0] for name in joint_names(model)])
+        self.tasks: list[mink.Task] = [*self.feet, self.orientation, self.com]
+        joints = [model.joint(name) for name in joint_names(model)]
+        self.joints = np.array([joint.qposadr[0] for joint in joints])
+        # Where the tasks leave joints a choice: those not between the feet stay at the guess, the
+        # others move as little as they can (Newton's steps are least-norm).
+        free_joints = ~between_feet(model, robot)
+        cost = np.zeros(model.nv)
+        cost[[joint.dofadr[0] for joint, free in zip(joints, free_joints, strict=True) if free]] = 1.0
+        self.posture = mink.PostureTask(model, cost)
+        if free_joints.any():
+            self.tasks.append(self.posture)
         self.sole = [sole_point(model, foot) for foot in robot.feet]
 
     def solve(
@@ -36,7 +45,8 @@ class InverseKinematics:
             swing_pose: planar pose of the swing foot in the base frame, (3,) [m, m, rad].
             com: nominal centre of mass over the ground, (3,) [m].
             torso_rpy: roll, pitch, yaw of the torso, (3,) [rad].
-            guess: whole configuration to start from, (nq,).
+            guess: whole configuration to start from, (nq,); joints that are not between the feet
+                stay there.
         """
         poses = (np.zeros(3), swing_pose)
         for task, pose, sole in zip(self.feet, poses, self.sole, strict=True):
@@ -46,6 +56,7 @@ class InverseKinematics:
         torso = mink.SO3.from_rpy_radians(*torso_rpy)
         self.orientation.set_target(mink.SE3.from_rotation(torso))
         self.com.set_target(com)
+        self.posture.set_target(guess)
         self.configuration.update(guess)
         for _ in range(ITERATIONS):
             # dt = 1 and unit gain: a Newton step.

@@ -143,16 +143,17 @@ class Step:
 
 def walk(tree: Tree, base: int) -> list[Step]:
     """Steps that visit every frame from the base frame, nearest first."""
+    beside: list[list[tuple[int, Edge, bool]]] = [[] for _ in tree.frames]
+    for edge in tree.edges:
+        beside[edge.parent].append((edge.child, edge, True))
+        beside[edge.child].append((edge.parent, edge, False))
     steps, seen, queue = [], {base}, [base]
-    while queue:
-        known = queue.pop(0)
-        for edge in tree.edges:
-            for new, forward in ((edge.child, True), (edge.parent, False)):
-                other = edge.parent if forward else edge.child
-                if other == known and new not in seen:
-                    steps.append(Step(known, new, edge, forward))
-                    seen.add(new)
-                    queue.append(new)
+    for known in queue:  # grows on the way
+        for new, edge, forward in beside[known]:
+            if new not in seen:
+                steps.append(Step(known, new, edge, forward))
+                seen.add(new)
+                queue.append(new)
     return steps
 
 

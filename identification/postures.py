@@ -21,9 +21,9 @@ from identification.feasibility import (
     support_polygon,
 )
 from identification.inverse_kinematics import InverseKinematics
-from sim.errors import InputError
+from sim.errors import InputError, listed, look_up
 from sim.measurements import PlateGeometry, PosturePlan, lay_boards
-from sim.model import Robot, joint_names, load_model, sha256, sole_corners
+from sim.model import Robot, between_feet, joint_names, joint_ranges, load_model, sha256, sole_corners
 
 ATTEMPTS = 3000  # without a single feasible posture: the ranges are taken to be impossible
 ATTEMPTS_HERE = 200  # for the next posture of a placement that has some: the placement is given up
@@ -43,6 +43,8 @@ class PlanningRanges:
         sole_margin: of each foot's predicted CoP inside its own sole.
         least_cell_load: on any cell, its share of the board included.
         plate_gap: between the boards.
+        joints: ranges of joints that are not between the feet, by name; drawn from the model's
+            own range where not named.
     """
 
     swing_x: Range
@@ -57,6 +59,7 @@ class PlanningRanges:
     sole_margin: float
     least_cell_load: float
     plate_gap: float = 0.01
+    joints: dict[str, Range] = dataclasses.field(default_factory=dict)
 
 
 def planning_ranges(robot: Robot) -> PlanningRanges:
@@ -67,12 +70,13 @@ def planning_ranges(robot: Robot) -> PlanningRanges:
     """
     where = f"{robot.path}: [planning]"
     table = dict(robot.settings.get("planning", {}))
+    joints = _joint_table(where, table.pop("joints_deg", {}))
     for key in [key for key in table if key.endswith("_deg")]:
         table[key.removesuffix("_deg")] = np.deg2rad(table.pop(key)).tolist()
-    fields = {f.name: f for f in dataclasses.fields(PlanningRanges)}
+    fields = {f.name: f for f in dataclasses.fields(PlanningRanges) if f.name != "joints"}
     for key, value in table.items():
         if key not in fields:
-            raise InputError(f"{where}: unknown key '{key}'; valid: {', '.join(fields)}")
+            raise InputError(f"{where}: unknown key '{key}'; valid: {listed([*fields, 'joints_deg'])}")
         numbers = value if isinstance(value, list) else [value]
         is_range = fields[key].type == "Range"
         expected = "[low, high]" if is_range else "a number"
@@ -84,7 +88,49 @@ def planning_ranges(robot: Robot) -> PlanningRanges:
         if name not in table and f.default is dataclasses.MISSING:
             raise InputError(f"{where}: key '{name}' is missing")
     values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else float(v) for k, v in table.items()}
-    return PlanningRanges(**values)
+    return PlanningRanges(**values, joints=joints)
+
+
+def _joint_table(where: str, table: Any) -> dict[str, Range]:
+    if not isinstance(table, dict):
+        raise InputError(
+            f"{where}: key 'joints_deg': found {table!r}, expected a table of JOINT = [low, high]"
+        )
+    for joint, value in table.items():
+        if not (
+            isinstance(value, list)
+            and len(value) == 2
+            and all(isinstance(v, int | float) for v in value)
+            and value[0] <= value[1]
+        ):
+            raise InputError(
+                f"{where}: key 'joints_deg.{joint}': found {value!r}, expected [low, high] with low <= high"
+            )
+    return {joint: (float(np.deg2rad(low)), float(np.deg2rad(high))) for joint, (low, high) in table.items()}
+
+
+def free_joint_ranges(robot: Robot, model: mujoco.MjModel, ranges: PlanningRanges) -> dict[str, Range]:
+    """What the joints are drawn from that are not between the feet [rad].
+
+    Raises:
+        InputError: a range for a joint that is none of those, outside the model's range, or none
+            at all.
+    """
+    where = f"{robot.path}: [planning]: key 'joints_deg"
+    free = ~between_feet(model, robot)
+    limits = {name: tuple(r) for name, r in zip(joint_names(model), joint_ranges(model), strict=True)}
+    drawn = {name: limits[name] for name, is_free in zip(limits, free, strict=True) if is_free}
+    for name, (low, high) in ranges.joints.items():
+        look_up("joint", name, drawn, f"{where}' (joints that are not between the feet)")
+        if low < limits[name][0] - 1e-9 or high > limits[name][1] + 1e-9:
+            raise InputError(
+                f"{where}.{name}': found {np.rad2deg([low, high]).tolist()}, expected within the model's "
+                f"range {np.round(np.rad2deg(limits[name]), 3).tolist()}"
+            )
+        drawn[name] = (low, high)
+    if endless := [name for name, interval in drawn.items() if not np.isfinite(interval).all()]:
+        raise InputError(f"{where}': found no range for joint '{endless[0]}', and the model gives it none")
+    return drawn
 
 
 def random_postures(
@@ -149,14 +195,15 @@ class _Search:
         self.solver = InverseKinematics(robot, model)
         self.corners = [sole_corners(model, foot)[:, :2] for foot in robot.feet]
         names = joint_names(model)
-        self.limits = np.array([model.joint(name).range for name in names])
+        self.limits = joint_ranges(model)
         self.names = names
+        self.free_joints = free_joint_ranges(robot, model, ranges)
         self.weight = float(model.body_subtreemass[0] * -model.opt.gravity[2])
         self.guess = self._bent_knees()
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
-        standing = data.body(self.solver.torso).xpos[2]
-        highest = data.subtree_com[0, 2] - _lowest_sole(model, data, robot)
+        ground = _lowest_sole(model, data, robot)
+        standing, highest = data.body(self.solver.torso).xpos[2] - ground, data.subtree_com[0, 2] - ground
         # From standing straight down to the least height of the hip; IK decides what is reachable.
         self.com_height = (highest - max(standing - ranges.least_height, 0.0), highest)
         self.rejected: Counter[str] = Counter()
@@ -209,6 +256,9 @@ class _Search:
         com = self.rng.uniform(polygon.min(axis=0), polygon.max(axis=0))
         height = self._draw(self.com_height)
         rpy = np.array([self._draw(x) for x in (r.torso_roll, r.torso_pitch, r.torso_yaw)])
+        guess = self.guess.copy()
+        for name, interval in self.free_joints.items():
+            guess[self.model.joint(name).qposadr[0]] = self._draw(interval)
         if stability_margin(com, polygon) < r.stability_margin:
             return "stability margin"
         share, cop = predicted_foot_loads(com, np.array([np.zeros(2), pose[:2]]))
@@ -216,7 +266,7 @@ class _Search:
             return "a sole would lift"
         if predicted_cell_loads(share, cop, self.boards, self.plate, self.weight).min() < r.least_cell_load:
             return "a cell would unload"
-        angles = self.solver.solve(pose, np.array([*com, height]), rpy, self.guess)
+        angles = self.solver.solve(pose, np.array([*com, height]), rpy, guess)
         if angles is None:
             return "out of reach"
         outside = (angles < self.limits[:, 0]) | (angles > self.limits[:, 1])

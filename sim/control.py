@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import mujoco
 
+from sim.errors import InputError
+
 
 @dataclass(frozen=True)
 class Controller:
@@ -24,9 +26,48 @@ class Controller:
 
 
 def add_servos(spec: mujoco.MjSpec, controller: Controller) -> None:
-    """Make every motor of `spec` a PD servo that saturates at the motor's torque limit."""
+    """Make every actuator of `spec` a PD servo on its joint's angle that saturates at its torque limit.
+
+    Raises:
+        InputError: an actuator without a torque limit.
+    """
     for actuator in spec.actuators:
-        limit = actuator.forcerange[1]
+        limit = torque_limit(spec, actuator)
         kp = limit / controller.error_at_full_torque
         actuator.set_to_position(kp=kp, kv=kp * controller.derivative_time)
+        actuator.gear = [1, 0, 0, 0, 0, 0]
+        actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+        actuator.forcerange = [-limit, limit]
         actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
+
+
+def torque_limit(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> float:
+    """Torque on its joint that an actuator cannot exceed [Nm]: the least of the limits that are given.
+
+    Raises:
+        InputError: none is given.
+    """
+    gear, joint = abs(actuator.gear[0]), spec.joint(actuator.target)
+    plain_motor = (
+        actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED
+        and actuator.biastype == mujoco.mjtBias.mjBIAS_NONE
+        and actuator.dyntype == mujoco.mjtDyn.mjDYN_NONE
+    )
+    limits = [
+        (actuator.forcelimited, gear, actuator.forcerange),
+        (actuator.ctrllimited, gear * actuator.gainprm[0] * plain_motor, actuator.ctrlrange),
+        (joint.actfrclimited, 1.0, joint.actfrcrange),
+    ]
+    torques = [scale * min(-low, high) for limited, scale, (low, high) in limits if limited]
+    if not (torques := [torque for torque in torques if torque > 0]):
+        raise InputError(
+            f"model '{spec.modelname}': actuator '{actuator.name}': found no torque limit, "
+            "expected forcerange, a motor's ctrlrange, or the joint's actuatorfrcrange"
+        )
+    return min(torques)
+
+
+def remove_servos(spec: mujoco.MjSpec) -> None:
+    """Make every servo of `spec` a plain motor again: its control is a torque [Nm]."""
+    for actuator in spec.actuators:
+        actuator.set_to_motor()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -9,13 +10,14 @@ import joblib
 import numpy as np
 
 from sim.errors import InputError
-from sim.hold import Held, Stand
+from sim.hold import Held, hold, move, put_down
 from sim.measurements import Measurements, PlateGeometry, PosturePlan, SensorSheet, lay_boards
 from sim.model import PLATES, Robot, load_model, sha256, sole_corners
 from sim.plates import plate_geometry
 from sim.rig import Rig
 from sim.scene import load_scene
 from sim.sensors import averaged_sd, read_cells, read_encoders
+from sim.stand import Stand
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,28 @@ def run_experiment(
     return Experiment(_measurements(rig, plan, attempts, mass, shared), tuple(attempts), mass)
 
 
+def read_again(rig: Rig, plan: PosturePlan, experiment: Experiment, rng: np.random.Generator) -> Measurements:
+    """The same held postures through the rig's sensors anew: readings, plate records, weighing.
+
+    Holding postures takes a minute, reading them a tenth of a second: for what needs many experiments
+    that differ in their sensor noise alone.
+    """
+    samples = round(rig.protocol.window * rig.sensors.sample_rate)
+    attempts: list[Attempt] = []
+    recorded = np.zeros((2, 3))
+    for before, attempt in zip([None, *experiment.attempts], experiment.attempts, strict=False):
+        if before is None or before.placement != attempt.placement:
+            recorded = attempt.true_plates + _record_error(rig, rng)
+        reading = _read(rig, attempt.held, samples, rng) if attempt.held else {}
+        attempts.append(dataclasses.replace(attempt, reading=reading, plates=recorded))
+    return _measurements(rig, plan, attempts, experiment.true_mass, rng)
+
+
+def _record_error(rig: Rig, rng: np.random.Generator) -> np.ndarray:
+    """Errors of both plates' recorded poses, (2, 3) [m, m, rad]."""
+    return np.array([rig.sensors.mark_sd, rig.sensors.placement_sd]) * rng.standard_normal((2, 3))
+
+
 def run_placement(
     rig: Rig, plan: PosturePlan, placement: int, repeats: frozenset[int], stream: np.random.SeedSequence
 ) -> list[Attempt]:
@@ -118,7 +142,7 @@ def run_placement(
     order = [(row, False) for row in rows] + [(row, True) for row in again]
     boards = lay_boards(_soles(rig.robot, plan.swing_pose[rows[0]]), _plate(rig).size, rig.protocol.plate_gap)
     stand = Stand(rig, boards + rig.protocol.plate_sd * rng.standard_normal((2, 3)))
-    error = np.array([rig.sensors.mark_sd, rig.sensors.placement_sd]) * rng.standard_normal((2, 3))
+    error = _record_error(rig, rng)
     attempts: list[Attempt] = []
     before, recorded = None, np.zeros((2, 3))
     samples = round(rig.protocol.window * rig.sensors.sample_rate)
@@ -126,12 +150,12 @@ def run_placement(
         planned = plan.joint_angles[row]
         command = planned + rig.controller.command_sd * rng.standard_normal(len(planned))
         if before is None:
-            stand.put_down(command)
+            put_down(stand, command)
             if not attempts:
                 recorded = stand.plates_in_base() + error
         else:
-            stand.move(before, planned, command)
-        held, reason = stand.hold(planned)
+            move(stand, before, planned, command)
+        held, reason = hold(stand, planned)
         before = planned if held else None
         reading = _read(rig, held, samples, rng) if held else {}
         number, true_plates = int(plan.posture[row]), stand.plates_in_base()
@@ -140,7 +164,7 @@ def run_placement(
 
 
 def _read(rig: Rig, held: Held, samples: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    angles, angles_sd, motor = read_encoders(rig.sensors, held.joint_angles, samples, rng)
+    angles, angles_sd, motor = read_encoders(rig.sensors, held.joint_angles, held.motor_angles, samples, rng)
     forces, forces_sd = read_cells(rig.sensors, held.cell_forces, samples, rng)
     return {"q": angles, "q_std": angles_sd, "motor": motor, "cell": forces, "cell_std": forces_sd}
 

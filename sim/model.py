@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,12 @@ from sim.trial import try_to_compile
 
 ASSETS = Path(__file__).resolve().parent.parent / "assets"
 TULIP = ASSETS / "tulip_mjcf" / "tulip.toml"
+PLATE = ASSETS / "tulip_mjcf" / "plate.xml"
 
 KEYS = (
-    *("name", "model", "scene", "stance_foot", "swing_foot"),
-    *("z_down", "simplified", "correlated", "planning", "paper"),
+    *("name", "model", "scene", "plate", "stance_foot", "swing_foot"),
+    *("z_down", "simplified", "correlated", "residual_sigma_mm", "planning", "paper"),
+    *("drives", "compliance"),
 )
 MOST_TOML = 2**20  # bytes
 BROKEN = (
@@ -46,17 +49,19 @@ class Robot:
     Attributes:
         path: the description (TOML).
         model: MJCF of the robot alone.
-        scene: MJCF of the robot on two plates.
+        scene: MJCF of the robot on two plates; None: built from `model` and `plate`.
         stance_foot, swing_foot: body names; the plate under the stance foot is the right one.
         settings: the whole description.
+        plate: MJCF of one plate.
     """
 
     path: Path
     model: Path
-    scene: Path
+    scene: Path | None
     stance_foot: str
     swing_foot: str
     settings: dict[str, Any] = field(repr=False)
+    plate: Path = PLATE
 
     @property
     def folder(self) -> Path:
@@ -67,6 +72,11 @@ class Robot:
     def feet(self) -> tuple[str, str]:
         """Stance and swing foot, in the order of `PLATES`."""
         return self.stance_foot, self.swing_foot
+
+    @property
+    def files(self) -> list[Path]:
+        """The description and the MJCF files that it names."""
+        return [self.path, self.model, self.scene or self.plate]
 
 
 def load_robot(path: Path = TULIP) -> Robot:
@@ -82,20 +92,26 @@ def load_robot(path: Path = TULIP) -> Robot:
         raise InputError(f"{path}: not a TOML file ({error})") from None
     except RecursionError:
         raise InputError(f"{path}: not a robot description: nested too deep") from None
-    for key in ("model", "scene", "stance_foot", "swing_foot"):
+    if unknown := [key for key in settings if key not in KEYS]:
+        raise InputError(f"{path}: unknown key '{unknown[0]}'; valid: {listed(KEYS)}")
+    optional = [key for key in ("scene", "plate") if key in settings]
+    for key in ("model", "stance_foot", "swing_foot", *optional):
         if not isinstance(settings.get(key), str):
             found = repr(settings[key]) if key in settings else "nothing"
             raise InputError(f"{path}: key '{key}': found {found}, expected a text")
-    if unknown := [key for key in settings if key not in KEYS]:
-        raise InputError(f"{path}: unknown key '{unknown[0]}'; valid: {listed(KEYS)}")
+    if len(optional) == 2:
+        raise InputError(
+            f"{path}: found keys 'scene' and 'plate', expected one: a scene holds its own plates"
+        )
     folder = path.resolve().parent
     return Robot(
         path,
         folder / settings["model"],
-        folder / settings["scene"],
+        folder / settings["scene"] if "scene" in settings else None,
         settings["stance_foot"],
         settings["swing_foot"],
         settings,
+        folder / settings.get("plate", PLATE),
     )
 
 
@@ -151,18 +167,37 @@ def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:
     )
 
 
+def between_feet(model: mujoco.MjModel, robot: Robot) -> np.ndarray:
+    """Which hinges lie between the feet, so that standing on both couples them, (n_joints,) bool."""
+    paths = [set(_to_root(model, model.body(foot).id)) for foot in robot.feet]
+    bodies = paths[0] ^ paths[1]
+    return np.array([int(model.joint(name).bodyid[0]) in bodies for name in joint_names(model)])
+
+
+def joint_ranges(model: mujoco.MjModel) -> np.ndarray:
+    """Limits of the hinges, infinite where there are none, (n_joints, 2) [rad]."""
+    joints = [model.joint(name) for name in joint_names(model)]
+    return np.array([j.range if j.limited[0] else [-np.inf, np.inf] for j in joints]).reshape(-1, 2)
+
+
 def sole_corners(model: mujoco.MjModel, foot: str) -> np.ndarray:
     """Corners of a foot's sole in the foot's frame, (4, 3) [m], in the order of `CORNERS`.
 
     Raises:
-        InputError: a geom FOOT_CORNER is missing.
+        InputError: a geom FOOT_CORNER is missing, or the foot's x does not point forward.
     """
-    geoms = [model.geom(i).name for i in range(model.ngeom)]
     wanted = [f"{foot}_{corner}" for corner in CORNERS]
-    if missing := [name for name in wanted if name not in geoms]:
+    if missing := [n for n in wanted if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, n) < 0]:
         raise InputError(f"foot '{foot}' lacks the sole corners (geoms) {listed(missing)}")
     corners = np.array([model.geom(name).pos for name in wanted])
     corners[:, 2] -= [model.geom(name).size[0] for name in wanted]
+    x, y = corners[:, 0], corners[:, 1]
+    if min(x[:2]) <= max(x[2:]) or min(y[[0, 3]]) <= max(y[[1, 2]]):
+        raise InputError(
+            f"foot '{foot}': found the sole corners {listed(CORNERS)} at (x, y) = "
+            f"{listed(map(tuple, np.round(corners[:, :2], 4).tolist()))} m in its frame, "
+            "expected x forward and y to the left"
+        )
     return corners
 
 
@@ -184,3 +219,9 @@ def sole_point(model: mujoco.MjModel, foot: str) -> np.ndarray:
 def sha256(path: Path) -> str:
     """Hash of a file's bytes, in hexadecimal."""
     return hashlib.sha256(read_bytes(Path(path))).hexdigest()
+
+
+def _to_root(model: mujoco.MjModel, body: int) -> Iterator[int]:
+    while body:
+        yield body
+        body = int(model.body_parentid[body])

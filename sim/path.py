@@ -5,89 +5,108 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from sim.model import Robot, joint_names, sole_point
+from sim.model import Robot, between_feet, joint_names, sole_point
 
-NEWTON_STEPS = 8
-
-
-def base_pose(model: mujoco.MjModel, robot: Robot, angles: np.ndarray) -> np.ndarray:
-    """Pose of the free body that puts the stance sole on the origin, flat, (7,) [m, quaternion]."""
-    data = _at(model, angles)
-    inverse = np.zeros(4)
-    mujoco.mju_negQuat(inverse, data.body(robot.stance_foot).xquat)
-    position = np.zeros(3)
-    mujoco.mju_rotVecQuat(position, -_sole(model, data, robot.stance_foot), inverse)
-    return np.concatenate([position, inverse])
+NEWTON_STEPS = 12
+TOLERANCE = 1e-8  # of the feet's places [m, rad]
 
 
-def closed_path(
-    model: mujoco.MjModel, robot: Robot, start: np.ndarray, end: np.ndarray, steps: int
-) -> np.ndarray:
-    """Joint angles from `start` (excluded) to `end`, (steps, n) [rad].
+class ClosedChain:
+    """The robot alone as a mechanism between its two feet. A class because it keeps MuJoCo's data."""
 
-    The torso goes straight at minimum jerk while the feet stay; so the load goes over from
-    foot to foot without detours, as it would not on a line in joint space. Newton's method
-    finds the joint angles, from step to step.
-    """
-    s = np.arange(1, steps + 1) / steps
-    s = s**3 * (10 - 15 * s + 6 * s**2)
-    pose = [base_pose(model, robot, angles) for angles in (start, end)]
-    turn = np.zeros(3)
-    mujoco.mju_subQuat(turn, pose[1][3:], pose[0][3:])
-    poses = np.tile(pose[0], (steps, 1))
-    poses[:, :3] += s[:, None] * (pose[1][:3] - pose[0][:3])
-    for row, part in zip(poses, s, strict=True):
-        mujoco.mju_quatIntegrate(row[3:], turn, part)
-    feet = [_foot_poses(model, _at(model, q, p), robot) for q, p in ((start, pose[0]), (end, pose[1]))]
-    columns = [model.joint(name).dofadr[0] for name in joint_names(model)]
-    path = np.empty((steps, len(start)))
-    angles = start.copy()
-    for k, part in enumerate(s):
-        # The two ends' feet differ by the plan's rounding only; go over from one to the other.
-        wanted = [a + part * (b - a) for a, b in zip(*feet, strict=True)]
+    def __init__(self, model: mujoco.MjModel, robot: Robot):
+        self.model, self.data = model, mujoco.MjData(model)
+        names = joint_names(model)
+        self.qpos = np.array([model.joint(name).qposadr[0] for name in names])
+        self.dofs = np.array([model.joint(name).dofadr[0] for name in names])
+        self.coupled = np.asarray(between_feet(model, robot))
+        self.feet = [model.body(foot).id for foot in robot.feet]
+        self.soles = [sole_point(model, foot) for foot in robot.feet]
+
+    def base_pose(self, angles: np.ndarray) -> np.ndarray:
+        """Pose of the free body that puts the stance sole on the origin, flat, (7,) [m, quaternion]."""
+        (sole, _), _ = self._feet(angles, np.array([0.0, 0, 0, 1, 0, 0, 0]))
+        inverse, position = np.zeros(4), np.zeros(3)
+        mujoco.mju_negQuat(inverse, self.data.xquat[self.feet[0]])
+        mujoco.mju_rotVecQuat(position, -sole, inverse)
+        return np.concatenate([position, inverse])
+
+    def path(self, start: np.ndarray, end: np.ndarray, steps: int) -> np.ndarray:
+        """Joint angles from `start` (excluded) to `end`, (steps, n) [rad].
+
+        The torso goes straight at minimum jerk while the feet stay; so the load goes over from
+        foot to foot without detours, as it would not on a line in joint space. Joints that are not
+        between the feet go straight too; Newton's method finds the others' angles.
+        """
+        s = np.arange(1, steps + 1) / steps
+        s = s**3 * (10 - 15 * s + 6 * s**2)
+        first, last = self.base_pose(start), self.base_pose(end)
+        turn = np.zeros(3)
+        mujoco.mju_subQuat(turn, last[3:], first[3:])
+        ends = [self._feet(start, first), self._feet(end, last)]
+        path, corrections = np.empty((steps, len(start))), np.zeros((3, len(start)))
+        for k, part in enumerate(s):
+            pose = first.copy()
+            pose[:3] += part * (last[:3] - first[:3])
+            mujoco.mju_quatIntegrate(pose[3:], turn, part)
+            # The two ends' feet differ by the plan's rounding only; go over from one to the other.
+            wanted = [
+                (p + part * (p1 - p), r + part * (r1 - r)) for (p, r), (p1, r1) in zip(*ends, strict=True)
+            ]
+            straight = start + part * (end - start)
+            # Three steps back tell, by a parabola, nearly where this one goes.
+            guess = straight + np.array([3.0, -3.0, 1.0]) @ corrections
+            path[k] = self._close(guess, pose, wanted)
+            corrections = np.vstack([path[k] - straight, corrections[:2]])
+        path[-1] = end
+        return path
+
+    def _close(self, angles: np.ndarray, pose: np.ndarray, wanted: list) -> np.ndarray:
+        """Angles near `angles` that put the soles where they are wanted, the torso at `pose`."""
         for _ in range(NEWTON_STEPS):
-            data = _at(model, angles, poses[k])
-            error, jacobian = _foot_errors(model, data, robot, wanted)
-            if np.abs(error).max() < 1e-8:
+            actual = self._feet(angles, pose)
+            error = np.concatenate([_difference(a, w) for a, w in zip(actual, wanted, strict=True)])
+            if np.abs(error).max() < TOLERANCE:
                 break
-            angles = angles - np.linalg.lstsq(jacobian[:, columns], error, rcond=1e-6)[0]
-        path[k] = angles
-    path[-1] = end
-    return path
+            jacobian = np.vstack(
+                [self._jacobian(foot, sole) for foot, (sole, _) in zip(self.feet, actual, strict=True)]
+            )
+            change = np.linalg.lstsq(jacobian[:, self.dofs[self.coupled]], error, rcond=1e-6)[0]
+            angles = angles.copy()
+            angles[self.coupled] -= change
+        return angles
+
+    def _feet(self, angles: np.ndarray, pose: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Point below the ankle (3,) and rotation (3, 3) of both soles; leaves the data there."""
+        data = self.data
+        data.qpos[:7], data.qpos[self.qpos] = pose, angles
+        mujoco.mj_kinematics(self.model, data)
+        mujoco.mj_comPos(self.model, data)
+        rotations = [data.xmat[foot].reshape(3, 3).copy() for foot in self.feet]
+        return [
+            (data.xpos[foot] + rotation @ sole, rotation)
+            for foot, rotation, sole in zip(self.feet, rotations, self.soles, strict=True)
+        ]
+
+    def _jacobian(self, foot: int, point: np.ndarray) -> np.ndarray:
+        jacobian = np.zeros((6, self.model.nv))
+        mujoco.mj_jac(self.model, self.data, jacobian[:3], jacobian[3:], point, foot)
+        return jacobian
 
 
-def _at(model: mujoco.MjModel, angles: np.ndarray, pose: np.ndarray | None = None) -> mujoco.MjData:
-    data = mujoco.MjData(model)
-    for name, angle in zip(joint_names(model), angles, strict=True):
-        data.qpos[model.joint(name).qposadr[0]] = angle
-    data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0] if pose is None else pose
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    return data
+def tipped(pose: np.ndarray, planned: np.ndarray, tilt_limit: float) -> bool:
+    """Whether the free body leans `tilt_limit` [rad] more than planned or hangs a fifth off its height.
+
+    Args:
+        pose, planned: of the free body, (7,) [m, quaternion].
+    """
+    lean = np.zeros(3)
+    mujoco.mju_subQuat(lean, pose[3:], planned[3:])
+    return bool(np.linalg.norm(lean[:2]) > tilt_limit or abs(pose[2] - planned[2]) > 0.2 * planned[2])
 
 
-def _sole(model: mujoco.MjModel, data: mujoco.MjData, foot: str) -> np.ndarray:
-    body = data.body(foot)
-    return body.xpos + body.xmat.reshape(3, 3) @ sole_point(model, foot)
-
-
-def _foot_poses(model: mujoco.MjModel, data: mujoco.MjData, robot: Robot) -> list[np.ndarray]:
-    """Position and rotation of each sole side by side, (3, 4)."""
-    return [
-        np.column_stack([_sole(model, data, foot), data.body(foot).xmat.reshape(3, 3)]) for foot in robot.feet
-    ]
-
-
-def _foot_errors(
-    model: mujoco.MjModel, data: mujoco.MjData, robot: Robot, wanted: list[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """How far both soles are from where they should be (12,), and its Jacobian (12, nv)."""
-    errors, jacobians = [], []
-    for foot, actual, target in zip(robot.feet, _foot_poses(model, data, robot), wanted, strict=True):
-        r = actual[:, 1:] @ target[:, 1:].T
-        errors += [actual[:, 0] - target[:, 0]]
-        errors += [np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / 2]
-        jacobian = np.zeros((6, model.nv))
-        mujoco.mj_jac(model, data, jacobian[:3], jacobian[3:], actual[:, 0], model.body(foot).id)
-        jacobians.append(jacobian)
-    return np.concatenate(errors), np.vstack(jacobians)
+def _difference(actual: tuple[np.ndarray, np.ndarray], wanted: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """How far a sole is from where it should be: translation and small rotation, (6,)."""
+    r = actual[1] @ wanted[1].T
+    turned = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / 2
+    return np.concatenate([actual[0] - wanted[0], turned])

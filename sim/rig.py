@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import mujoco
+import numpy as np
 
+from sim.compliance import Compliance
 from sim.control import Controller
-from sim.errors import look_up
+from sim.drives import Drives
+from sim.errors import InputError, look_up
 from sim.model import Robot, load_robot
 from sim.sensors import PRESETS, Sensors
 
@@ -25,10 +28,10 @@ class Protocol:
         placement_time: time to lift the robot and set up the next placement [s].
         speed_gate: a control period is calm when every joint and the torso move slower than
             this [rad/s, m/s] ...
-        force_gate: ... and no cell's force changes by more than this from period to period [N].
-        calm_time: settled after being calm for this long without a break [s].
-        gated: average over the calm time and stop, since nothing changes any more; else hold
-            to the end and average over the window.
+        calm_time: at rest after being calm for this long without a break [s]; then friction sticks ...
+        force_gate: ... and the posture counts when no cell's force varies by more than this in 0.2 s [N].
+        gated: average over 0.1 s and stop, since nothing changes any more; else hold to the end
+            and average over the window.
         slip_limit: a foot that moved further than this off its mark slipped [m].
         tilt_limit: the torso tips when it leans this much more than planned [rad].
         lift_limit: a sole corner or a cell further than this off its ground is lifted [m].
@@ -42,8 +45,8 @@ class Protocol:
     hold_time: float = 60.0
     window: float = 30.0
     placement_time: float = 120.0
-    speed_gate: float = 1e-4
-    force_gate: float = 1e-3
+    speed_gate: float = 2e-5
+    force_gate: float = 3e-4
     calm_time: float = 0.5
     gated: bool = True
     slip_limit: float = 1e-4
@@ -60,7 +63,7 @@ class Rig:
 
     Attributes:
         robot: the nominal robot's files.
-        sensors, controller, protocol: see there.
+        sensors, controller, drives, compliance, protocol: see there.
         edit: changes the scene before it is compiled, so that the true robot or the physics
             differ from the nominal model; it edits by name.
     """
@@ -68,15 +71,35 @@ class Rig:
     robot: Robot = field(default_factory=load_robot)
     sensors: Sensors = field(default_factory=Sensors)
     controller: Controller = field(default_factory=Controller)
+    drives: Drives = field(default_factory=Drives)
+    compliance: Compliance = field(default_factory=Compliance)
     protocol: Protocol = field(default_factory=Protocol)
     edit: Callable[[mujoco.MjSpec], None] | None = None
 
 
 def preset_rig(name: str, robot: Robot | None = None) -> Rig:
-    """The default laboratory with a sensor preset.
+    """The default laboratory with a sensor preset; drives and compliance are the robot file's.
 
     Raises:
-        InputError: unknown preset.
+        InputError: unknown preset, or a [drives] or [compliance] table that cannot be understood.
     """
     look_up("preset", name, PRESETS, "--preset")
-    return Rig(robot=robot or load_robot(), sensors=PRESETS[name])
+    robot = robot or load_robot()
+    return Rig(
+        robot=robot,
+        sensors=PRESETS[name],
+        drives=Drives(**_table(robot, "drives", Drives)),
+        compliance=Compliance(**_table(robot, "compliance", Compliance)),
+    )
+
+
+def _table(robot: Robot, name: str, kind: type) -> dict[str, float]:
+    """A table of the robot's description as arguments of a dataclass of numbers."""
+    where, table = f"{robot.path}: [{name}]", robot.settings.get(name, {})
+    if not isinstance(table, dict):
+        raise InputError(f"{where}: found {table!r}, expected a table")
+    for key, value in table.items():
+        look_up("key", key, [field.name for field in fields(kind)], where)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < np.inf:
+            raise InputError(f"{where}: key '{key}': found {value!r}, expected a number, 0 or more")
+    return table

@@ -2,36 +2,110 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 
+from sim.compliance import Compliance, add_compliance
 from sim.control import add_servos
-from sim.model import Robot, load_spec
-from sim.plates import place_plates
+from sim.drives import Drives, add_drives
+from sim.errors import InputError, listed
+from sim.model import CORNERS, PLATES, Robot, load_model, load_spec
+from sim.plates import place_plates, plate_geometry
 from sim.rig import Rig
+
+TIMESTEP = 0.001  # s
+# At MuJoCo's 1e-8 the solver stops so early that forces flicker and feet creep several times faster.
+SOLVER_TOLERANCE = 1e-12
+PLATE_GAP = 0.01  # m, between the boards' long edges until `place_plates` moves them
+# As in the hand-written scene; docs/contact-study.md says why.
+SOLE_ON_BOARD = {
+    "condim": 3,
+    "friction": [1.0, 1.0, 0.005, 0.0001, 0.0001],
+    "solref": [0.02, 1.0],
+    "solimp": [0.9999, 0.9999, 0.001, 0.5, 2.0],
+    "solreffriction": [0.002, 1.0],
+}
 
 
 def load_scene(robot: Robot) -> mujoco.MjSpec:
-    """The nominal robot on two plates, driven by plain motors.
+    """The nominal robot on two plates, driven by plain motors; z = 0 is the boards' top.
 
     Raises:
-        InputError: the file is missing or is no MJCF.
+        InputError: a file is missing, is no MJCF, or does not hold what it should.
     """
-    return load_spec(robot.scene, robot.folder)
+    return build_scene(robot) if robot.scene is None else load_spec(robot.scene, robot.folder)
+
+
+def build_scene(robot: Robot) -> mujoco.MjSpec:
+    """Put the robot alone and two plates into one scene, for a robot that names none.
+
+    Of the robot, only the sole corners touch anything. Integrator, time step and friction cone
+    are the laboratory's, not the robot's.
+
+    Raises:
+        InputError: a file is missing, is no MJCF, or does not hold what it should.
+    """
+    load_model(robot)  # checks the feet
+    spec = load_spec(robot.model, robot.folder)
+    if spec.worldbody.geoms:
+        names = listed(f"'{geom.name}'" for geom in spec.worldbody.geoms)
+        raise InputError(f"{robot.model}: found geoms {names} in the world, expected the robot alone")
+    spec.option.timestep = TIMESTEP
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    soles = [f"{foot}_{corner}" for foot in robot.feet for corner in CORNERS]
+    for geom in spec.geoms:
+        geom.contype, geom.conaffinity = int(geom.name in soles), 0
+    for plate in PLATES:
+        frame = spec.worldbody.add_frame(name=f"{plate}_plate_place")
+        frame.attach_body(_load_plate(robot.plate), f"{plate}_", "")
+    board = plate_geometry(spec, PLATES[0])
+    for plate, side in zip(PLATES, (-0.5, 0.5), strict=True):
+        spec.frame(f"{plate}_plate_place").pos = [0, side * (board.size[1] + PLATE_GAP), -board.top_height]
+    spec.worldbody.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[0, 0, 0.05],
+        pos=[0, 0, -board.top_height],
+        contype=0,
+        conaffinity=3,
+    )
+    for k, sole in enumerate(soles):
+        spec.add_pair(name=sole, geomname1=f"{PLATES[k // 4]}_plate_top", geomname2=sole, **SOLE_ON_BOARD)
+    return spec
+
+
+def _load_plate(path: Path) -> mujoco.MjsBody:
+    """The body of a plate's MJCF, checked for the names that the laboratory looks up."""
+    spec = load_spec(path)
+    wanted = {"body": ["plate"], "geom": ["plate_top"]}
+    wanted |= {kind: [f"plate_{corner}" for corner in CORNERS] for kind in ("site", "sensor")}
+    for kind, names in wanted.items():
+        if missing := [name for name in names if getattr(spec, kind)(name) is None]:
+            raise InputError(f"{path}: no {kind} named {listed(missing)}")
+    return spec.body("plate")
 
 
 def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
-    """The scene with the rig's servos, the plates where they lie, and the rig's own edit.
+    """The scene with the rig's drives, servos and compliance, the plates where they lie, and its edit.
 
     Args:
         plate_poses: of the right and left plate in the base frame, (2, 3) [m, m, rad].
 
     Raises:
-        InputError: the scene is missing or is no MJCF.
+        InputError: the scene is missing or is no MJCF, or a motor has no torque limit.
     """
     spec = load_scene(rig.robot)
+    add_drives(spec, rig.drives)
+    add_compliance(spec, rig.robot, rig.compliance)
+    if rig.drives != Drives() or rig.compliance != Compliance():
+        for key in list(spec.keys):  # keyframes of the robot as it was
+            spec.delete(key)
     add_servos(spec, rig.controller)
     place_plates(spec, plate_poses)
+    spec.option.tolerance = SOLVER_TOLERANCE
     if rig.edit is not None:
         rig.edit(spec)
     return spec

@@ -82,6 +82,19 @@ PRESETS: dict[str, Sensors] = {
 }
 
 
+def corrupted(
+    signal: np.ndarray, noise: float, resolution: float, rng: np.random.Generator | np.random.RandomState
+) -> np.ndarray:
+    """One reading of every quantity in `signal`: noise, then rounding; same shape."""
+    readings = signal + noise * rng.standard_normal(signal.shape)
+    return np.round(readings / resolution) * resolution if resolution > 0 else readings
+
+
+def cell_gains(sensors: Sensors) -> np.ndarray:
+    """True gains of the eight cells in the order of `CELLS`, (8,)."""
+    return np.array([sensors.cell_gain.get(cell, 1.0) for cell in CELLS])
+
+
 def sample(
     truth: np.ndarray,
     repeatability: float,
@@ -92,24 +105,23 @@ def sample(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean and s.d. of `samples` readings of constant quantities, both (n,)."""
     offset = truth + repeatability * rng.standard_normal(truth.shape)
-    readings = offset + noise * rng.standard_normal((samples, *truth.shape))
-    if resolution > 0:
-        readings = np.round(readings / resolution) * resolution
+    readings = corrupted(np.broadcast_to(offset, (samples, *truth.shape)), noise, resolution, rng)
     return readings.mean(axis=0), readings.std(axis=0)
 
 
 def read_encoders(
-    sensors: Sensors, angles: np.ndarray, samples: int, rng: np.random.Generator
+    sensors: Sensors, angles: np.ndarray, motors: np.ndarray, samples: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Joint encoders' mean and s.d. and the motor encoders' mean over a window, each (n,) [rad].
 
-    The drives are rigid: both encoders see the same angle.
+    Args:
+        angles, motors: true angles of the joints and of the motors over the gear ratio, (n,).
     """
     mean, sd = sample(
         angles, sensors.encoder_repeatability, sensors.encoder_noise, sensors.encoder_resolution, samples, rng
     )
     motor, _ = sample(
-        angles, sensors.motor_repeatability, sensors.motor_noise, sensors.motor_resolution, samples, rng
+        motors, sensors.motor_repeatability, sensors.motor_noise, sensors.motor_resolution, samples, rng
     )
     return mean, sd, motor
 
@@ -118,9 +130,13 @@ def read_cells(
     sensors: Sensors, forces: np.ndarray, samples: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """The cells' mean and s.d. over a window, each (8,) [N]."""
-    gain = np.array([sensors.cell_gain.get(cell, 1.0) for cell in CELLS])
     return sample(
-        gain * forces, sensors.cell_repeatability, sensors.cell_noise, sensors.cell_resolution, samples, rng
+        cell_gains(sensors) * forces,
+        sensors.cell_repeatability,
+        sensors.cell_noise,
+        sensors.cell_resolution,
+        samples,
+        rng,
     )
 
 

@@ -14,11 +14,14 @@ import pytest
 from experiments.scenario import DEFAULT_PLAN, Scenario
 from experiments.validate import Validation, validate
 from identification.base_parameters import BaseParameters, base_parameters
-from sim.measurements import PlateGeometry, PosturePlan, read_plan
+from identification.nominal import Nominal, nominal_robot
+from sim.laboratory import read_again
+from sim.measurements import Measurements, PlateGeometry, PosturePlan, read_plan
 from sim.model import Robot, load_model, load_robot
 from sim.plates import plate_geometry
 from sim.rig import preset_rig
 from sim.scene import load_scene
+from tools.foreign_robots import ROBOTS, write_robot
 
 
 def part_of(plan: PosturePlan, rows: np.ndarray) -> PosturePlan:
@@ -53,6 +56,13 @@ def plan(robot, model) -> PosturePlan:
 
 
 @pytest.fixture(scope="session")
+def foreign(tmp_path_factory) -> dict[str, Robot]:
+    """Humanoids that nobody here wrote."""
+    folder = tmp_path_factory.mktemp("foreign")
+    return {name: load_robot(write_robot(name, folder / name)) for name in ROBOTS}
+
+
+@pytest.fixture(scope="session")
 def ideal(robot, plan) -> Validation:
     """The whole default plan without sensor noise, in the full dynamics."""
     return validate(Scenario(preset_rig("ideal", robot), plan, 101, "ideal"), workers=2)
@@ -62,3 +72,14 @@ def ideal(robot, plan) -> Validation:
 def wii(robot, plan) -> Validation:
     """The whole default plan at preset wii, in the full dynamics."""
     return validate(Scenario(preset_rig("wii", robot), plan, 102, "wii"), workers=2)
+
+
+@pytest.fixture(scope="session")
+def nominal(robot) -> Nominal:
+    return nominal_robot(robot)
+
+
+@pytest.fixture(scope="session")
+def precise(wii, robot, plan) -> Measurements:
+    """The postures of the wii experiment, read on force plates."""
+    return read_again(preset_rig("force-plate", robot), plan, wii.experiment, np.random.default_rng(110))

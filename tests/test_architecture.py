@@ -33,7 +33,7 @@ def test_nothing_imports_against_the_flow(package, forbidden):
 
 def test_identification_sees_of_sim_only_model_measurements_and_errors():
     allowed = ("sim.model", "sim.measurements", "sim.errors")
-    for path in (ROOT / "identification").glob("*.py"):
+    for path in (ROOT / "identification").rglob("*.py"):
         for name in imported(path):
             assert not name.startswith("sim") or name.startswith(allowed), f"{path.name} imports {name}"
 
@@ -42,3 +42,9 @@ def test_identification_sees_of_sim_only_model_measurements_and_errors():
 def test_a_library_has_one_importer(module, owner):
     for package in ("sim", "identification", "experiments"):
         assert all(path.endswith(owner) for path in importers(package, module))
+
+
+@pytest.mark.parametrize("library", ["dm_control", "dm_env"])
+def test_dm_control_is_for_the_composer_laboratory_alone(library):
+    for package in ("sim", "identification", "experiments"):
+        assert all(Path(path).parent.name == "composer" for path in importers(package, library))

@@ -137,7 +137,7 @@ def random_tree(seed: int, bodies: int) -> tuple[mujoco.MjModel, Robot]:
                 name=f"{foot}_{corner}",
                 type=mujoco.mjtGeom.mjGEOM_SPHERE,
                 size=[0.001, 0, 0],
-                pos=[0, 0, -0.05],
+                pos=[0.1 if "front" in corner else -0.1, 0.05 if "left" in corner else -0.05, -0.05],
             )
     return spec.compile(), Robot(Path("x.toml"), Path("x.xml"), Path("x.xml"), feet[0], feet[1], {})
 

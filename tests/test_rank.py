@@ -16,7 +16,7 @@ ENCODER = 4e-4  # rad
 
 
 def judged(parameters, angles, sd=ENCODER):
-    """The message on postures (m, n_joints), "" where there is none."""
+    """The message on postures (m, n_joints), or ""."""
     matrix = stacked_regressor(parameters, angles)
     try:
         require_told_apart(matrix, parameters.names, "data", encoder_blur(parameters, angles, sd))

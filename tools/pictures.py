@@ -9,12 +9,13 @@ import numpy as np
 from PIL import Image
 
 from experiments.scenario import DEFAULT_PLAN
-from sim.hold import Stand
+from sim.hold import put_down
 from sim.measurements import lay_boards, read_plan
 from sim.model import load_model, load_robot, sole_corners
 from sim.plates import plate_geometry
 from sim.rig import preset_rig
 from sim.scene import load_scene
+from sim.stand import Stand
 
 ROWS = (2, 26, 58, 121)
 SIZE = (420, 560)
@@ -32,7 +33,7 @@ def main() -> None:
         turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
         soles = np.array([corners[0], corners[1] @ turn + [x, y]])
         stand = Stand(preset_rig("ideal", robot), lay_boards(soles, size, 0.01))
-        stand.put_down(plan.joint_angles[row])
+        put_down(stand, plan.joint_angles[row])
         camera = mujoco.MjvCamera()
         camera.azimuth, camera.elevation, camera.distance = 145, -14, 2.2
         camera.lookat[:] = [0.0, 0.1, 0.52]

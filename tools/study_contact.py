@@ -14,6 +14,8 @@ import numpy as np
 
 from experiments.scenario import DEFAULT_PLAN
 from identification.center_of_pressure import center_of_pressure
+from sim.compliance import Compliance
+from sim.drives import Drives
 from sim.laboratory import run_experiment
 from sim.measurements import PosturePlan, read_plan
 from sim.model import load_model
@@ -62,20 +64,28 @@ def cases(rig: Rig) -> dict[str, Rig]:
         "solimp 0.9, 0.95 (MuJoCo's default)": contacts(solimp=[0.9, 0.95, 0.001, 0.5, 2]),
         "solimp 0.99": contacts(solimp=[0.99, 0.99, 0.001, 0.5, 2]),
         "sole friction as stiff as the normal (solreffriction 0.02 s)": friction(0.02),
-        "solreffriction 0.002 s": friction(0.002),
+        "solreffriction 0.005 s": friction(0.005),
+        "solver tolerance 1e-8 (MuJoCo's default)": options(tolerance=1e-8),
         "implicitfast": options(integrator=implicit),
         "impratio 10": options(impratio=10.0),
         "time step 2 ms": options(timestep=0.002),
     }
-    levels = ((1.0, 100.0, 0.02), (1e-2, 1.0, 0.1), (1e-3, 1e-1, 0.2), (3e-5, 1e-4, 1.0))
+    levels = ((1e-3, 1e-1, 0.1), (1e-4, 1e-2, 0.2), (5e-6, 1e-4, 1.0))
     gates = {
-        f"gate {v:g} m/s, {force:g} N for {calm:g} s": dataclasses.replace(
+        f"gate {v:g} rad/s for {calm:g} s, then {force:g} N": dataclasses.replace(
             rig.protocol, speed_gate=v, force_gate=force, calm_time=calm
         )
         for v, force, calm in levels
     }
     table = {"as shipped": rig}
     table |= {name: dataclasses.replace(rig, edit=edit) for name, edit in edits.items()}
+    table["drives wind up by 1 deg at full torque"] = dataclasses.replace(rig, drives=Drives(wind_up=0.0175))
+    table["... and have 0.1 deg of backlash"] = dataclasses.replace(
+        rig, drives=Drives(wind_up=0.0175, backlash=0.00175)
+    )
+    table["soles give way by 0.033 deg/Nm"] = dataclasses.replace(
+        rig, compliance=Compliance(sole_tilt=5.76e-4)
+    )
     gates["60 s held, last 30 s averaged"] = dataclasses.replace(rig.protocol, gated=False)
     return table | {name: dataclasses.replace(rig, protocol=protocol) for name, protocol in gates.items()}
 

@@ -4,15 +4,18 @@ from sim.measurements.boards import PlateGeometry, lay_boards
 from sim.measurements.data import Measurements, PosturePlan, SensorSheet
 from sim.measurements.measurement_folder import read_measurements, write_measurements
 from sim.measurements.plan_folder import read_plan, write_plan
+from sim.measurements.series import Series, read_series
 
 __all__ = [
     "Measurements",
     "PlateGeometry",
     "PosturePlan",
     "SensorSheet",
+    "Series",
     "lay_boards",
     "read_measurements",
     "read_plan",
+    "read_series",
     "write_measurements",
     "write_plan",
 ]

@@ -68,7 +68,7 @@ class Measurements:
         weighed_mass: value and s.d. [kg], or None.
         gravity: [m/s2].
         sensors: data-sheet figures.
-        robot: {"model", "sha256", "stance_foot", "swing_foot"} of the nominal robot.
+        robot: {"model", "sha256", "stance_foot", "swing_foot"} of the nominal robot; sha256 None: not given.
     """
 
     joints: tuple[str, ...]
@@ -90,7 +90,7 @@ class Measurements:
     weighed_mass: tuple[float, float] | None
     gravity: float
     sensors: SensorSheet
-    robot: dict[str, str]
+    robot: dict[str, str | None]
 
     def __len__(self) -> int:
         return len(self.posture)

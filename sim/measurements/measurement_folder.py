@@ -19,10 +19,11 @@ from sim.model import CELLS, CORNERS, PLATES, sha256
 
 SUPPORTS = ("double", "right", "left")
 
-# What no laboratory measures. Narrow enough that no figure overflows later, and that degrees
-# given for radians or millimetres for metres are noticed.
-MOST_ANGLE = 2 * np.pi  # rad
-MOST_LENGTH = 20.0  # m, of a plate from the base frame, of a cell from its plate
+# What no laboratory measures: narrow enough that no figure overflows later, wide enough that
+# the preflight can tell degrees given for radians and millimetres for metres.
+MOST_ANGLE = 1e3  # rad
+MOST_LENGTH = 1e4  # m, of a plate from the base frame, of a cell from its plate
+LIKELY_ANGLE, LIKELY_LENGTH = 2 * np.pi, 20.0  # rad, m
 MOST_FORCE = 1e5  # N, on a cell
 MOST_TIME = 1e10  # s
 LEAST_WEIGHT = 1.0  # N, on the eight cells together
@@ -43,7 +44,7 @@ class _Strict(BaseModel):
 
 class RobotEntry(_Strict):
     model: str
-    sha256: str
+    sha256: str | None = None
     stance_foot: str
     swing_foot: str
 
@@ -80,7 +81,7 @@ class SensorsEntry(_Strict):
 
 
 class Manifest(_Strict):
-    """manifest.json, as the contract lists it."""
+    """manifest.json, as the contract lists it; what only a program would know may be left out."""
 
     format: Literal["tulip-measurements"]
     version: Version
@@ -90,9 +91,9 @@ class Manifest(_Strict):
     weighed_mass: MassEntry | None
     gravity: Gravity
     sensors: SensorsEntry
-    created: str | None
-    software: dict[str, str] | None
-    tables: dict[str, str]
+    created: str | None = None
+    software: dict[str, str] | None = None
+    tables: dict[str, str | None] | None = None
 
 
 def write_measurements(folder: Path, measurements: Measurements) -> None:
@@ -107,26 +108,41 @@ def write_measurements(folder: Path, measurements: Measurements) -> None:
         write_json(working / "manifest.json", _manifest(measurements, tables).model_dump())
 
 
-def read_measurements(folder: Path) -> Measurements:
+def read_measurements(folder: Path, likely: bool = True) -> Measurements:
     """Read and check a measurement folder.
+
+    Args:
+        likely: refuse angles and lengths that no laboratory means, such as degrees and millimetres.
 
     Raises:
         InputError: the folder breaks the contract; the message names file, place, what was
             found and what was expected.
     """
     folder = Path(folder)
+    manifest = read_manifest(folder)
+    table = checked_table(folder, "postures", manifest.tables)
+    measurements = _measurements(manifest, table)
+    _check_plates(folder / "manifest.json", measurements)
+    _check_rows(table, measurements)
+    if likely:
+        _check_units(table, measurements)
+    return measurements
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Read and check a measurement folder's manifest.json.
+
+    Raises:
+        InputError: no such folder, or a manifest that breaks the contract.
+    """
+    folder = Path(folder)
     if not folder.is_dir():
         raise InputError(f"{folder}: no such measurement folder")
     where = folder / "manifest.json"
     try:
-        manifest = Manifest.model_validate(read_json(where))
+        return Manifest.model_validate(read_json(where))
     except ValidationError as error:
         raise InputError(f"{where}: {validation_message(error)}") from None
-    table = checked_table(folder, "postures", manifest.tables)
-    measurements = _measurements(manifest, table)
-    _check_plates(where, measurements)
-    _check_rows(table, measurements)
-    return measurements
 
 
 def _check_plates(where: Path, measurements: Measurements) -> None:
@@ -137,6 +153,17 @@ def _check_plates(where: Path, measurements: Measurements) -> None:
                 f"{where}: key 'plates.{plate}.cells': found cells on one line, "
                 "expected four that span an area"
             )
+
+
+def _check_units(table: Table, m: Measurements) -> None:
+    poses = {f"plate.{plate}": m.plate_poses[:, k] for k, plate in enumerate(PLATES)}
+    columns = [(f"q.{joint}", m.joint_angles[:, k], LIKELY_ANGLE) for k, joint in enumerate(m.joints)]
+    for plate, pose in poses.items():
+        for k, (axis, most) in enumerate((("x", LIKELY_LENGTH), ("y", LIKELY_LENGTH), ("yaw", LIKELY_ANGLE))):
+            columns.append((f"{plate}.{axis}", pose[:, k], most))
+    for name, values, most in columns:
+        expected = f"a number within [{-most:g}, {most:g}] (rad, m)"
+        table.refuse(name, np.abs(values) > most, values, expected)
 
 
 def _check_rows(table: Table, measurements: Measurements) -> None:
@@ -226,7 +253,9 @@ def _measurements(manifest: Manifest, table: Table) -> Measurements:
         joints=joints,
         posture=table.integers("posture"),
         placement=table.integers("placement"),
-        support=table.texts("support", SUPPORTS),
+        support=(
+            table.texts("support", SUPPORTS) if table.has("support") else np.full(len(table), SUPPORTS[0])
+        ),
         time=table.numbers("time", True, -MOST_TIME, MOST_TIME),
         window=table.numbers("window", True, 0.0, MOST_TIME),
         samples=table.numbers("samples", True, 1.0, MOST_TIME),

@@ -96,13 +96,13 @@ def read_plan(folder: Path, robot: Robot, model: mujoco.MjModel) -> PosturePlan:
     return plan
 
 
-def check_model(where: Path | str, expected: str, robot: Robot) -> None:
-    """Refuse data that was made with another nominal model.
+def check_model(where: Path | str, expected: str | None, robot: Robot) -> None:
+    """Refuse data that was made with another nominal model; None: whoever wrote it did not say.
 
     Raises:
         InputError: hash mismatch.
     """
-    if (found := sha256(robot.model)) != expected:
+    if expected is not None and (found := sha256(robot.model)) != expected:
         raise InputError(
             f"{where}: hash mismatch of the robot's model: {robot.model.name} has sha256 {found[:12]}..., "
             f"expected {expected[:12]}..."

@@ -16,6 +16,7 @@ import pyarrow.parquet
 
 from sim.errors import InputError, shortened
 from sim.files import read_text, write_text
+from sim.measurements.spreadsheet import plain_csv
 
 Columns = dict[str, np.ndarray]
 
@@ -104,8 +105,8 @@ class Table:
         types: type of each column; those that cannot be used as numbers or short texts are not read.
     """
 
-    def __init__(self, path: Path, content: bytes):
-        self.path = path
+    def __init__(self, path: Path, content: bytes, most_rows: int = MOST_ROWS):
+        self.path, self.most_rows = path, most_rows
         try:
             if path.suffix == ".parquet":
                 self.types, self.table = self._parquet(content)
@@ -122,9 +123,9 @@ class Table:
         """Unpack only what is declared small; texts stay a dictionary, as one may stand in every row."""
         file = pyarrow.parquet.ParquetFile(pa.BufferReader(content))
         said, schema = file.metadata, file.schema_arrow
-        groups = [said.row_group(k) for k in range(min(said.num_row_groups, MOST_ROWS))]
+        groups = [said.row_group(k) for k in range(min(said.num_row_groups, self.most_rows))]
         unpacked = sum(max(group.total_byte_size, 0) for group in groups)
-        self._limit("rows", max(said.num_rows, said.num_row_groups), MOST_ROWS)
+        self._limit("rows", max(said.num_rows, said.num_row_groups), self.most_rows)
         self._limit("columns", said.num_columns, MOST_COLUMNS)
         self._limit("unpacked bytes", unpacked, MOST_UNPACKED)
         self._unique([said.schema.column(k).path for k in range(said.num_columns)])
@@ -135,8 +136,9 @@ class Table:
         return types, file.read(columns=chosen, use_threads=False)
 
     def _csv(self, content: bytes) -> tuple[dict[str, pa.DataType], pa.Table]:
-        self._limit("lines", content.count(b"\n"), MOST_ROWS + 1)
+        self._limit("lines", content.count(b"\n"), self.most_rows + 1)
         self._limit("columns", content.partition(b"\n")[0].count(b",") + 1, MOST_COLUMNS)
+        content = plain_csv(self.path, content)
         # One block, so that a column's type is inferred from all of its rows.
         options = pyarrow.csv.ReadOptions(use_threads=False, block_size=len(content) + 1)
         table = pyarrow.csv.read_csv(pa.BufferReader(content), read_options=options)
@@ -182,18 +184,32 @@ class Table:
         low: float = -math.inf,
         high: float = math.inf,
     ) -> np.ndarray:
-        """A column of finite numbers in [low, high], (m,); NaN where a missing value is allowed."""
+        """A column of finite numbers in [low, high], (m,); NaN where a missing value or column is allowed."""
+        if missing_allowed and not self.has(name):
+            return np.full(len(self), np.nan)
         kind = self._type(name)
         if pa.types.is_null(kind) and missing_allowed:
             return np.full(len(self), np.nan)
         if not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
-            raise InputError(f"{self.path}: column '{name}': found {kind}, expected numbers")
+            raise InputError(
+                f"{self.path}: column '{name}': found {kind}, expected numbers{self._first_text(name)}"
+            )
         values = self.table.column(name).to_numpy().astype(float)
         missing = np.isnan(values) & missing_allowed
         self.refuse(name, ~(np.isfinite(values) | missing), values, "a finite number")
         outside = (values < low) | (values > high)
         self.refuse(name, outside, values, f"a number within [{low:g}, {high:g}]")
         return values
+
+    def _first_text(self, name: str) -> str:
+        """Which row holds what is no number, for a message."""
+        if name in self.table.column_names and pa.types.is_string(self.types[name]):
+            for row, value in enumerate(self.table.column(name).to_pylist(), 1):
+                try:
+                    float(value or "nan")
+                except ValueError:
+                    return f" (row {row}: {shortened(repr(value), 40)})"
+        return ""
 
     def integers(self, name: str) -> np.ndarray:
         """A column of whole numbers that a float holds exactly, (m,)."""

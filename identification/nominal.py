@@ -1,0 +1,88 @@
+"""The nominal robot as a preflight needs it: its feet, its weight, its centre of mass."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from identification.base_parameters import BaseParameters, base_parameters, standard_parameters
+from identification.kinematics import frame_positions, link_rotations
+from sim.model import Robot, load_model, sole_corners, sole_point
+
+STEP = 1e-5  # rad, of central differences
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """What the robot's own files say, before anything is identified.
+
+    Attributes:
+        parameters: base parameters in double support.
+        value: their nominal values, (p,) [m].
+        mass: total mass [kg].
+        soles: sole corners of the stance and the swing foot in their feet's frames, (2, 4, 2) [m].
+        points: the sole point below either ankle in its foot's frame, (2, 3) [m].
+        swing_frame: frame number of the swing foot.
+    """
+
+    robot: Robot
+    parameters: BaseParameters
+    value: np.ndarray
+    mass: float
+    soles: np.ndarray
+    points: np.ndarray
+    swing_frame: int
+
+    def center_of_mass(self, joint_angles: np.ndarray) -> np.ndarray:
+        """Its projection in the base frame, (m, 2) [m]."""
+        return self.parameters.regressor(joint_angles) @ self.value
+
+    def swing_sole(self, joint_angles: np.ndarray) -> np.ndarray:
+        """Pose of the swing foot's sole in the base frame: x, y, z, roll, pitch, yaw, (m, 6) [m, rad]."""
+        tree, base = self.parameters.tree, self.parameters.base
+        rotations = link_rotations(tree, base, joint_angles)
+        positions = frame_positions(tree, base, rotations, -self.points[0])
+        foot = rotations[:, self.swing_frame]
+        place = positions[:, self.swing_frame] + foot @ self.points[1]
+        roll = np.arctan2(foot[:, 2, 1], foot[:, 2, 2])
+        pitch = -np.arcsin(np.clip(foot[:, 2, 0], -1.0, 1.0))
+        yaw = np.arctan2(foot[:, 1, 0], foot[:, 0, 0])
+        return np.column_stack([place, roll, pitch, yaw])
+
+    def soles_in_base(self, joint_angles: np.ndarray) -> np.ndarray:
+        """Corners of both soles in the base frame, stance foot first, (m, 2, 4, 2) [m]."""
+        pose = self.swing_sole(joint_angles)
+        c, s = np.cos(pose[:, 5]), np.sin(pose[:, 5])
+        turn = np.array([[c, -s], [s, c]]).transpose(2, 0, 1)
+        swing = self.soles[1] @ turn.transpose(0, 2, 1) + pose[:, None, :2]
+        stance = np.broadcast_to(self.soles[0], swing.shape)
+        return np.stack([stance, swing], axis=1)
+
+
+def nominal_robot(robot: Robot) -> Nominal:
+    """Read it from the robot's files.
+
+    Raises:
+        InputError: a broken model, or one whose feet or joints do not fit.
+    """
+    model = load_model(robot)
+    parameters = base_parameters(robot, model)
+    standard = standard_parameters(model)
+    return Nominal(
+        robot=robot,
+        parameters=parameters,
+        value=parameters.values(standard),
+        mass=float(standard[:, 0].sum()),
+        soles=np.array([sole_corners(model, foot)[:, :2] for foot in robot.feet]),
+        points=np.array([sole_point(model, foot) for foot in robot.feet]),
+        swing_frame=parameters.tree.frame(robot.swing_foot),
+    )
+
+
+def jacobian(function: Callable[[np.ndarray], np.ndarray], joint_angles: np.ndarray) -> np.ndarray:
+    """Derivative of a function (m, n) -> (m, k) by the joint angles, (m, k, n), by central differences."""
+    steps = STEP * np.eye(joint_angles.shape[1])
+    columns = [(function(joint_angles + step) - function(joint_angles - step)) / (2 * STEP) for step in steps]
+    return np.stack(columns, axis=-1)

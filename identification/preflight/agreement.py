@@ -1,0 +1,218 @@
+"""Preflight: do repeated postures, placements and postures agree with each other?
+
+All on e = y - H theta with the covariance V that the data sheets state. Repeats compare e for the
+nominal theta, so that tracking errors, which differ legitimately from one approach to the next, drop out.
+Placements and postures are tested one by one as mean shifts in the best fitting model (Cook and Weisberg
+1982), and against the scatter of the rest where that exceeds the stated one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+from scipy.stats import f as f_distribution
+
+from identification.center_of_pressure import center_of_pressure
+from identification.nominal import Nominal
+from identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
+from identification.reading_noise import ReadingNoise, known, placement_levers, placement_sd
+from identification.regressor import Regression
+from sim.measurements import Measurements
+from sim.model import PLATES
+
+NO_CELL_SD = "no sensors.cell_sd in the manifest to measure by"
+
+
+def repeats(measurements: Measurements, nominal: Nominal, noise: ReadingNoise) -> Finding:
+    """Postures measured again: change of the CoP less what the change of the angles explains.
+
+    Judged as a whole, pair by pair, and as a drift that grows with the time between.
+    """
+    name, m = "repeats", measurements
+    numbers, counts = np.unique(m.posture, return_counts=True)
+    again = numbers[counts > 1]
+    if not len(again):
+        return skipped(name, "no posture was measured twice; repeat five or more")
+    if known(m.sensors.cell_sd) is None:
+        return skipped(name, NO_CELL_SD)
+    error = center_of_pressure(m) - nominal.center_of_mass(m.joint_angles)
+    groups = [np.flatnonzero(m.posture == number) for number in again]
+    differences = [_differences(error[r], noise.own[r], noise.shared[r], m.placement[r]) for r in groups]
+    squares = np.array([d @ np.linalg.solve(v, d) for d, v in differences])
+    sizes = np.array([len(d) for d, _ in differences])
+    singly = chi2.sf(squares, sizes)
+    worst = int(singly.argmin())
+    rows, moved = groups[worst], np.linalg.norm(differences[worst][0].reshape(-1, 2), axis=1).max()
+    p_value = bonferroni(
+        np.array(
+            [chi2.sf(squares.sum(), sizes.sum()), bonferroni(singly), _wandering(m.time, groups, differences)]
+        )
+    )
+    change = max(float(np.ptp(m.joint_angles[r], axis=0).max()) for r in groups)
+    return Finding(
+        name,
+        result_of(p_value),
+        f"{len(again)} postures repeated, chi-square {squares.sum():.0f}; "
+        f"their joints differ by up to {1e3 * change:.1f} mrad",
+        f"chi-square about {sizes.sum()} at the stated s.d.; joints may differ (friction)",
+        f"worst: posture {again[worst]}, rows {', '.join(str(r + 1) for r in rows)}, "
+        f"CoP {1e3 * moved:.1f} mm apart",
+        "A tare that wandered, a board or foot that moved, or a stated cell_sd that is too small.",
+        p_value,
+    )
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The best fitting model under the stated covariance V, ready to be tested for shifts.
+
+    Attributes:
+        precision: Q = V^-1 less what the model's columns take up, (2m, 2m) [1/m2].
+        score: Q y, (2m,) [1/m].
+        square: y' Q y, the chi-square of the residuals.
+        dof: 2m - p.
+    """
+
+    precision: np.ndarray
+    score: np.ndarray
+    square: float
+    dof: int
+
+    def shift(self, directions: np.ndarray, rows: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """P-value, size and standard errors of a shift of some residuals along given directions.
+
+        F against the scatter of the rest, or against the stated one where that is larger.
+
+        Args:
+            directions: (k, d) of the residuals numbered by `rows`, (k,); zero elsewhere.
+        """
+        power = directions.T @ self.precision[np.ix_(rows, rows)] @ directions
+        inverse = np.linalg.pinv(power, rcond=1e-9, hermitian=True)
+        size, rank = inverse @ directions.T @ self.score[rows], np.linalg.matrix_rank(inverse, hermitian=True)
+        explained = float(size @ power @ size)
+        free = self.dof - rank
+        if rank == 0 or free < 1:
+            return 1.0, size, np.full(len(size), np.inf)
+        scale = max(1.0, (self.square - explained) / free)
+        error = np.sqrt(scale * np.diag(inverse))
+        return float(f_distribution.sf(explained / rank / scale, rank, free)), size, error
+
+
+def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> Fit | None:
+    """Generalised least squares; None without a stated cell_sd or without degrees of freedom."""
+    dof = len(data.output) - data.matrix.shape[1]
+    if known(measurements.sensors.cell_sd) is None or dof < 1:
+        return None
+    whitener = np.linalg.inv(np.linalg.cholesky(noise.covariance()))
+    basis, _ = np.linalg.qr(whitener @ data.matrix)
+    rest = whitener - basis @ (basis.T @ whitener)
+    precision = rest.T @ rest
+    score = precision @ data.output
+    return Fit(precision, score, float(data.output @ score), dof)
+
+
+def single_postures(measurements: Measurements, found: Fit | None) -> Finding:
+    """Any posture whose CoP all the others contradict: a typing error, a foot touched, a wrong row."""
+    name = "single postures"
+    if found is None:
+        return skipped(name, NO_CELL_SD)
+    shifts = [found.shift(np.eye(2), np.array([2 * row, 2 * row + 1])) for row in range(len(measurements))]
+    p_values = np.array([p for p, _, _ in shifts])
+    row = int(p_values.argmin())
+    p_value = bonferroni(p_values)
+    far = int((p_values * len(p_values) < 0.01).sum())
+    return Finding(
+        name,
+        result_of(p_value),
+        f"{far} of {len(measurements)} postures stand out",
+        "every posture's CoP agrees with the model that fits the others",
+        f"worst: {row_name(measurements, row)}, CoP off by {_millimetres(*shifts[row][1:])}",
+        "Compare the row with the notebook; leave the posture out if it cannot be mended.",
+        p_value,
+    )
+
+
+def single_placements(measurements: Measurements, found: Fit | None) -> Finding:
+    """Any placement whose postures are shifted together: a plate that lies elsewhere than recorded."""
+    name, m = "single placements", measurements
+    if found is None:
+        return skipped(name, NO_CELL_SD)
+    if known(max(placement_sd(m)[:2])) is None:
+        return skipped(name, "no sensors.placement_sd in the manifest to measure by")
+    levers = placement_levers(m).reshape(-1, 6)
+    shifts, labels = [], []
+    for placement in np.unique(m.placement):
+        rows = np.flatnonzero(np.repeat(m.placement == placement, 2))
+        for p, plate in enumerate(PLATES):
+            shifts.append(found.shift(levers[rows, 3 * p : 3 * p + 2], rows))
+            labels.append(f"placement {placement}, {plate} plate")
+    p_values = np.array([p for p, _, _ in shifts])
+    worst = int(p_values.argmin())
+    p_value = bonferroni(p_values)
+    return Finding(
+        name,
+        result_of(p_value),
+        f"largest shift: {labels[worst]} by {_millimetres(*shifts[worst][1:])}",
+        f"shifts of placement_sd, {1e3 * placement_sd(m)[:2].max():.1f} mm",
+        labels[worst],
+        "Measure that placement's plate poses again (sign, origin, a board that was moved), or leave it out.",
+        p_value,
+    )
+
+
+def scatter(found: Fit | None) -> Finding:
+    """Residuals of the best fit against the stated noise; the most it says is warn.
+
+    Too much of it need not be the folder's fault: the robot may not be the model's.
+    """
+    name = "scatter about the model"
+    if found is None:
+        return skipped(name, NO_CELL_SD)
+    ratio = np.sqrt(found.square / found.dof)
+    p_value = float(chi2.sf(found.square, found.dof))
+    return Finding(
+        name,
+        "pass" if result_of(p_value) == "pass" else "warn",
+        f"{ratio:.2f} times the stated noise (chi-square {found.square:.0f}, {found.dof} degrees of freedom)",
+        "about 1; less where the right plate was recorded better than the left",
+        "",
+        "Stated s.d. too small, swapped cells or columns, or an effect that the model lacks "
+        "(elasticity, an encoder's zero, link lengths): standard errors will be too small.",
+        p_value,
+    )
+
+
+def _differences(
+    error: np.ndarray, noise: np.ndarray, levers: np.ndarray, placement: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of a posture's k rows to its first one, (2k - 2,) [m], and their covariance."""
+    count = len(error)
+    full = np.zeros((count, 2, count, 2))
+    for i in range(count):
+        full[i, :, i] += noise[i]
+        for j in range(count):
+            if placement[i] == placement[j]:
+                full[i, :, j] += levers[i] @ levers[j].T
+    contrasts = np.kron(np.column_stack([-np.ones(count - 1), np.eye(count - 1)]), np.eye(2))
+    return contrasts @ error.ravel(), contrasts @ full.reshape(2 * count, 2 * count) @ contrasts.T
+
+
+def _wandering(
+    time: np.ndarray, groups: list[np.ndarray], differences: list[tuple[np.ndarray, np.ndarray]]
+) -> float:
+    """P-value of a CoP that wanders in proportion to the time between repeats."""
+    if not np.isfinite(time).all():
+        return 1.0
+    power, along = np.zeros((2, 2)), np.zeros(2)
+    for rows, (difference, spread) in zip(groups, differences, strict=True):
+        passed = np.kron((time[rows[1:]] - time[rows[0]])[:, None], np.eye(2))
+        power += passed.T @ np.linalg.solve(spread, passed)
+        along += passed.T @ np.linalg.solve(spread, difference)
+    return float(chi2.sf(along @ np.linalg.solve(power, along), 2)) if power[0, 0] > 0 else 1.0
+
+
+def _millimetres(shift: np.ndarray, error: np.ndarray) -> str:
+    x, y = (f"{1e3 * s:+.1f} +- {1e3 * e:.1f}" for s, e in zip(shift, error, strict=True))
+    return f"({x}, {y}) mm"

@@ -1,0 +1,77 @@
+"""The preflight: is a measurement folder fit to be identified from?"""
+
+from __future__ import annotations
+
+from identification.nominal import Nominal
+from identification.preflight.agreement import fit, repeats, scatter, single_placements, single_postures
+from identification.preflight.finding import Finding, row_name, skipped
+from identification.preflight.legs import legs
+from identification.preflight.plan import identifiable
+from identification.preflight.plates import feet_on_plates, load_in_soles, plate_poses
+from identification.preflight.readings import cell_loads, resolution, stuck
+from identification.preflight.settling import series_agrees, settling, steady_windows
+from identification.preflight.units import joint_limits, same_robot, units
+from identification.preflight.weight import constant_weight, drift, weight_balance
+from identification.reading_noise import ReadingNoise, reading_noise
+from identification.regressor import regression
+from sim.errors import InputError
+from sim.measurements import Measurements, Series
+
+FORCES = ("load inside soles", "repeats", "single postures", "single placements", "scatter about the model")
+LEGS = ("feet on plates", "legs close", "feet stay")
+READINGS = (
+    *("joint limits", "stuck readings", "cell loads", "stated noise", "steady windows", "settling"),
+    *("series and table", "weight balance", "constant weight", "drift", "plate poses"),
+)
+
+
+def preflight(measurements: Measurements, nominal: Nominal, series: Series | None = None) -> list[Finding]:
+    """Every check, in the order in which a laboratory should mend what they find."""
+    m = measurements
+    findings = [same_robot(m, nominal)]
+    rest = (*READINGS, *LEGS, *FORCES, "identifiable")
+    if m.joints != nominal.parameters.tree.joints:
+        return [*findings, *_skip(("units", *rest), "the joints have to be the robot's first")]
+    findings.append(units(m, nominal))
+    if findings[-1].result == "fail":
+        return [*findings, *_skip(rest, "the units have to be right first")]
+    loads = cell_loads(m)
+    findings += [
+        joint_limits(m, nominal),
+        stuck(m),
+        loads,
+        resolution(m),
+        steady_windows(m),
+        settling(m, series),
+        series_agrees(m, series),
+        weight_balance(m),
+        constant_weight(m),
+        drift(m, nominal),
+        plate_poses(m),
+    ]
+    if (single := m.support != "double").any():
+        row = int(single.argmax())
+        reason = f"{row_name(m, row)} stands on '{m.support[row]}', only double support can be used so far"
+        findings += _skip((*LEGS, *FORCES), reason)
+        advice = "Leave these postures out."
+        return [*findings, Finding("identifiable", "fail", reason, "support 'double'", "support", advice)]
+    findings += [feet_on_plates(m, nominal), *legs(m, nominal)]
+    if loads.result == "fail":
+        findings += _skip(FORCES, "the cells' loads have to be right first")
+        return [*findings, identifiable(m, nominal, None)]
+    noise = reading_noise(m, nominal)
+    findings += [load_in_soles(m, nominal), repeats(m, nominal, noise), *_fits(m, nominal, noise)]
+    return [*findings, identifiable(m, nominal, noise)]
+
+
+def _fits(m: Measurements, nominal: Nominal, noise: ReadingNoise) -> list[Finding]:
+    """What needs a fitted model."""
+    try:
+        found = fit(m, regression(nominal.parameters, m, nominal.robot), noise)
+    except InputError as problem:
+        return _skip(FORCES[2:], str(problem))
+    return [single_postures(m, found), single_placements(m, found), scatter(found)]
+
+
+def _skip(names: tuple[str, ...], reason: str) -> list[Finding]:
+    return [skipped(name, reason) for name in names]

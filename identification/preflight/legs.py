@@ -1,0 +1,110 @@
+"""Preflight: do the legs close, and do the feet stay where they stand?"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from identification.nominal import Nominal, jacobian
+from identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
+from identification.reading_noise import known
+from sim.measurements import Measurements
+
+CLOSED = [2, 3, 4]  # of x, y, z, roll, pitch, yaw: what both soles flat on level tops fix
+PLANAR = [0, 1, 5]
+# A robot that is put down anew stands a millimetre beside its marks (simulated laboratory), and the
+# CoP does not mind; a foot that moves by more has slipped.
+STAY = np.array([0.005, 0.005, 0.02])  # m, m, rad
+EXPLAINED = 0.8  # share of the chi-square that names a joint
+NO_ENCODER_SD = "no sensors.encoder_sd in the manifest to measure by"
+
+
+def legs(measurements: Measurements, nominal: Nominal) -> list[Finding]:
+    """Both checks of the legs."""
+    pose = nominal.swing_sole(measurements.joint_angles)
+    slope = jacobian(nominal.swing_sole, measurements.joint_angles)
+    joints = nominal.parameters.tree.joints
+    return [_legs_close(measurements, joints, pose, slope), _feet_stay(measurements, pose, slope)]
+
+
+def _legs_close(
+    measurements: Measurements, joints: tuple[str, ...], pose: np.ndarray, slope: np.ndarray
+) -> Finding:
+    """Height, roll and pitch of the swing sole by forward kinematics, against the encoders' s.d."""
+    name, m = "legs close", measurements
+    encoder_sd = known(m.sensors.encoder_sd)
+    if encoder_sd is None:
+        return skipped(name, NO_ENCODER_SD)
+    error = pose[:, CLOSED] - [m.top_height[1] - m.top_height[0], 0.0, 0.0]
+    slope = slope[:, CLOSED]
+    whitener, rank = _whitener(encoder_sd**2 * slope @ slope.transpose(0, 2, 1))
+    if rank.min() == 0:
+        return skipped(name, "this robot's joints do not move its swing foot out of level")
+    white = (whitener @ error[..., None])[..., 0]
+    squares = (white**2).sum(axis=1)
+    row = int(squares.argmax())
+    p_value = bonferroni(np.array([chi2.sf(squares.sum(), rank.sum()), bonferroni(chi2.sf(squares, rank))]))
+    rms = 1e3 * np.sqrt((error**2).mean(axis=0))
+    usual = 1e3 * np.sqrt(np.einsum("mki,mki->k", slope, slope) / len(m)) * encoder_sd
+    advice = "Check the encoders' zeros and signs, link lengths, and that both soles lay flat."
+    joint, offset, share = _one_offset(whitener @ slope, white)
+    if share > EXPLAINED:
+        advice = (
+            f"An offset of {1e3 * offset:+.1f} mrad at {joints[joint]} explains {100 * share:.0f} % of it. "
+            + advice
+        )
+    return Finding(
+        name,
+        result_of(p_value),
+        f"swing sole's height {rms[0]:.2f} mm, roll {rms[1]:.2f}, pitch {rms[2]:.2f} mrad r.m.s.",
+        f"{usual[0]:.2f} mm, {usual[1]:.2f}, {usual[2]:.2f} mrad by encoder_sd",
+        f"worst: {row_name(m, row)}",
+        advice,
+        p_value,
+    )
+
+
+def _feet_stay(measurements: Measurements, pose: np.ndarray, slope: np.ndarray) -> Finding:
+    """Place of the swing foot, the same in all postures of a placement but for a few millimetres."""
+    name, m = "feet stay", measurements
+    pose, slope = pose[:, PLANAR], slope[:, PLANAR]
+    encoder_sd = m.sensors.encoder_sd or 0.0
+    sd = encoder_sd * np.sqrt((slope**2).sum(axis=2))
+    away = np.zeros_like(pose)
+    for placement in np.unique(m.placement):
+        rows = m.placement == placement
+        away[rows] = pose[rows] - np.median(pose[rows], axis=0)
+    beyond = np.maximum(np.abs(away) - STAY, 0.0)
+    # sqrt 2: the median that it is compared with is noisy too.
+    z = np.divide(beyond, np.sqrt(2) * sd, out=np.where(beyond > 0, np.inf, 0.0), where=sd > 0)
+    p_values = np.where(beyond > 0, 2 * norm.sf(z), 1.0)
+    p_value = bonferroni(p_values)
+    row = int(p_values.min(axis=1).argmin()) if p_value < 1 else int((np.abs(away) / STAY).max(1).argmax())
+    x, y, yaw = 1e3 * away[row]
+    return Finding(
+        name,
+        result_of(p_value),
+        f"furthest from its placement's median: ({x:+.1f}, {y:+.1f}) mm, {yaw:+.1f} mrad",
+        "within ({:.0f}, {:.0f}) mm, {:.0f} mrad, but for encoder noise".format(*(1e3 * STAY)),
+        row_name(m, row),
+        "A foot slipped or was set down elsewhere: measure the plates again and number a new placement.",
+        p_value,
+    )
+
+
+def _whitener(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """W with W V W' = 1 on the range of each V, (m, k, k), and its rank, (m,)."""
+    values, vectors = np.linalg.eigh(covariance)
+    usable = values > 1e-9 * values.max(axis=1, keepdims=True)
+    scale = np.where(usable, 1 / np.sqrt(np.where(usable, values, 1.0)), 0.0)
+    return scale[:, :, None] * vectors.transpose(0, 2, 1), usable.sum(axis=1)
+
+
+def _one_offset(slope: np.ndarray, white: np.ndarray) -> tuple[int, float, float]:
+    """The joint whose constant offset explains most: joint, offset [rad], share of the chi-square."""
+    power = (slope**2).sum(axis=(0, 1))
+    along = np.einsum("mkn,mk->n", slope, white)
+    offsets = np.divide(along, power, out=np.zeros_like(along), where=power > 0)
+    gained = offsets * along
+    joint = int(gained.argmax())
+    return joint, float(offsets[joint]), float(gained[joint] / max((white**2).sum(), 1e-300))

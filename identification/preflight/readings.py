@@ -1,0 +1,204 @@
+"""Preflight: sensors that are stuck, saturated, not connected, too coarse, or better than they can be."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from identification.preflight.finding import Finding, bonferroni, result_of, row_name, worst_of
+from identification.reading_noise import known
+from sim.measurements import Measurements
+from sim.model import CELLS
+
+LEAST_TIES, TIED_SHARE = 3, 0.05  # rows at exactly the same extreme that are no coincidence
+STANDING = 0.5  # of the weight, that the cells carry in every posture
+UNLOADED = 0.01  # of the weight: a cell that never carries more is not under the board
+PULLING_WARN, PULLING_FAIL = 0.05, 0.2  # of the weight; a board's own tare allows the first (8.6 N of 226)
+UNSTATED_NOISE = 0.01  # of the weight, where no cell_sd is stated
+STEPS = tuple(sorted((k * 10.0**n for n in range(-6, 3) for k in (1, 2, 5)), reverse=True))
+
+
+def stuck(measurements: Measurements) -> Finding:
+    """Readings at a constant extreme, or the same over and over: saturated, frozen or pasted."""
+    m = measurements
+    faults: list[tuple[str, str, str]] = [*_constant(m), *_extremes(m), *_copies(m)]
+    moved = np.ones(max(len(m) - 1, 0), dtype=bool)
+    runs = [(name, *longest_run(values, moved)) for name, values in _columns("cell", CELLS, m.cell_forces)]
+    if m.command is not None:
+        step = 10 * (m.sensors.encoder_sd or 1e-3)
+        for k, (name, values) in enumerate(_columns("q", m.joints, m.joint_angles)):
+            runs.append((name, *longest_run(values, np.abs(np.diff(m.command[:, k])) > step)))
+    p_value = bonferroni(np.array([chance for _, _, chance in runs]))
+    faults += [
+        (result_of(min(1.0, chance * len(runs))), name, f"{name} repeats one value in {length} rows on end")
+        for name, length, chance in runs
+        if result_of(min(1.0, chance * len(runs))) != "pass"
+    ]
+    return Finding(
+        "stuck readings",
+        worst_of([result for result, _, _ in faults]),
+        "; ".join(text for _, _, text in faults) or "every sensor's readings differ between postures",
+        "no sensor at one value, no cell at one extreme, no row or column twice",
+        ", ".join(dict.fromkeys(place for _, place, _ in faults)),
+        "Saturated amplifier or converter, loose plug, a frozen log, a row or column pasted twice; "
+        "a joint that really was not moved tells nothing about its links.",
+        p_value,
+    )
+
+
+def cell_loads(measurements: Measurements) -> Finding:
+    """Cells that never carry anything, and cells that pull more than a board weighs."""
+    m = measurements
+    total = m.cell_forces.sum(axis=1)
+    weight = float(np.median(total))
+    share = m.cell_forces / weight
+    idle = [cell for cell, most in zip(CELLS, np.abs(share).max(axis=0), strict=True) if most < UNLOADED]
+    row, cell = np.unravel_index(share.argmin(), share.shape)
+    pull = -float(share[row, cell])
+    noise = 4 * (known(m.sensors.cell_sd) or UNSTATED_NOISE * weight) / weight
+    texts = [f"cell.{name} never carries {100 * UNLOADED:.0f} % of the weight" for name in idle]
+    results = ["fail"] * len(idle)
+    where = ", ".join(f"cell.{name}" for name in idle)
+    light = np.flatnonzero(total < STANDING * weight)
+    if light.size:
+        results.append("fail")
+        texts.append(f"the cells sum to {total[light[0]]:.1f} N in {row_name(m, int(light[0]))}")
+        where = where or row_name(m, int(light[0]))
+    if pull > PULLING_WARN + noise:
+        results.append("fail" if pull > PULLING_FAIL + noise else "warn")
+        texts.append(f"cell.{CELLS[cell]} pulls with {pull * weight:.1f} N in {row_name(m, int(row))}")
+        where = where or f"cell.{CELLS[cell]}"
+    lowest = f"lowest reading {m.cell_forces.min():.1f} N (less than 0: part of the board's tare)"
+    return Finding(
+        "cell loads",
+        worst_of(results),
+        "; ".join(texts) or lowest,
+        f"every cell loaded, none below {-(PULLING_WARN + noise) * weight:.0f} N (a board's share)",
+        where,
+        "Check plug, sign and tare of the cell; a board on three corners; a foot beyond its cells.",
+    )
+
+
+def resolution(measurements: Measurements) -> Finding:
+    """Stated s.d. against what rounding and the noise within a window leave at least."""
+    m, sheet, texts, where = measurements, measurements.sensors, [], []
+    for key, prefix, stated, step, values, spread in (
+        ("encoder_sd", "q", sheet.encoder_sd, sheet.encoder_resolution, m.joint_angles, m.joint_angles_sd),
+        ("cell_sd", "cell", sheet.cell_sd, sheet.cell_resolution, m.cell_forces, m.cell_forces_sd),
+    ):
+        if stated == 0:
+            texts.append(f"sensors.{key} is 0, which no sensor has: its checks are left out")
+            where.append(f"sensors.{key}")
+        if not known(stated):
+            continue
+        assert stated is not None
+        noise = _median(spread)
+        left = rounding_sd(step or 0.0, noise)
+        written = decimal_step(values)
+        count = _median(m.samples)
+        mean_noise = noise / np.sqrt(count) if np.isfinite(noise) and np.isfinite(count) else 0.0
+        for what, least in (
+            (f"a resolution of {step:g} at noise {noise:.2g}" if step else "", left),
+            (f"{prefix}.* written in steps of {written:g}", written / np.sqrt(12)),
+            (f"noise of {noise:.2g} over {count:g} samples", mean_noise),
+        ):
+            if what and least > 1.1 * stated:
+                texts.append(f"{what} leaves {least:.2g}, sensors.{key} says {stated:.2g}")
+                where.append(f"sensors.{key}")
+    return Finding(
+        "stated noise",
+        "warn" if texts else "pass",
+        "; ".join(texts) or "stated s.d. no smaller than rounding and noise allow",
+        "s.d. of the averaged readings as they are in the table",
+        ", ".join(dict.fromkeys(where)),
+        "Write more digits, average longer, or state a larger s.d. (null if unknown).",
+    )
+
+
+def longest_run(values: np.ndarray, moved: np.ndarray) -> tuple[int, float]:
+    """Longest run of one value in consecutive rows, and a bound on its chance in shuffled order.
+
+    Args:
+        values: (m,).
+        moved: whether the value should have changed from each row to the next, (m - 1,).
+    """
+    same = (values[1:] == values[:-1]) & moved
+    length = best = 1
+    for equal in same:
+        length = length + 1 if equal else 1
+        best = max(best, length)
+    _, counts = np.unique(values, return_counts=True)
+    share = counts / len(values)
+    alike = float((share**2).sum())
+    return best, 1.0 if best == 1 else min(1.0, len(values) * alike ** (best - 1))
+
+
+def decimal_step(values: np.ndarray) -> float:
+    """The coarsest of 1, 2, 5 times a power of ten that divides all values; 0 below 1e-6."""
+    for step in STEPS:
+        parts = values / step
+        if (np.abs(parts - np.round(parts)) < 1e-9 * np.maximum(np.abs(parts), 1)).all():
+            return step
+    return 0.0
+
+
+def rounding_sd(step: float, noise: float) -> float:
+    """S.d. that rounding leaves on a mean of many samples; noise dithers it away (Widrow's series)."""
+    if step == 0:
+        return 0.0
+    k = np.arange(1, 200)
+    noise = noise if np.isfinite(noise) else 0.0
+    terms = np.exp(-4 * (np.pi * k * noise / step) ** 2) / (2 * np.pi**2 * k**2)
+    return float(step * np.sqrt(terms.sum()))
+
+
+def _columns(prefix: str, names: tuple[str, ...], values: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    return [(f"{prefix}.{name}", values[:, k]) for k, name in enumerate(names)]
+
+
+def _constant(m: Measurements) -> list[tuple[str, str, str]]:
+    """Channels that read one value throughout; a joint may have been left alone, a cell may not."""
+    faults = []
+    if len(m) > 1:
+        for k, (name, values) in enumerate(_columns("q", m.joints, m.joint_angles)):
+            sent = m.command is not None and np.ptp(m.command[:, k]) > 10 * (m.sensors.encoder_sd or 1e-3)
+            if np.ptp(values) == 0:
+                text = f"{name} reads {values[0]:g} in all postures"
+                text += ", though it was commanded to move" if sent else ""
+                faults.append(("fail" if sent else "warn", name, text))
+        for name, values in _columns("cell", CELLS, m.cell_forces):
+            if np.ptp(values) == 0:
+                faults.append(("fail", name, f"{name} reads {values[0]:g} N in all postures"))
+    return faults
+
+
+def _extremes(m: Measurements) -> list[tuple[str, str, str]]:
+    """Cells whose largest or smallest reading comes again and again."""
+    faults = []
+    for name, values in _columns("cell", CELLS, m.cell_forces):
+        for extreme, what in ((values.max(), "largest"), (values.min(), "smallest")):
+            ties = int((values == extreme).sum())
+            if np.ptp(values) > 0 and ties >= max(LEAST_TIES, TIED_SHARE * len(m)):
+                text = f"{name} reads its {what} value {extreme:g} N in {ties} postures"
+                faults.append(("fail", name, text))
+    return faults
+
+
+def _copies(m: Measurements) -> list[tuple[str, str, str]]:
+    """Columns of cells that are equal, and rows whose readings are."""
+    faults = []
+    columns = _columns("cell", CELLS, m.cell_forces)
+    for k, (name, values) in enumerate(columns):
+        for other, others in columns[:k]:
+            if len(m) > 1 and np.array_equal(values, others):
+                faults.append(("fail", name, f"{other} and {name} are the same column"))
+    rows = np.column_stack([m.joint_angles, m.cell_forces])
+    _, first, back = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    for row in np.flatnonzero(first[back.ravel()] != np.arange(len(m))):
+        text = f"rows {first[back.ravel()[row]] + 1} and {row + 1} hold the same readings"
+        faults.append(("fail", f"row {row + 1}", text))
+    return faults
+
+
+def _median(values: np.ndarray) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else np.nan

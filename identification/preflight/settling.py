@@ -1,0 +1,149 @@
+"""Preflight: was every averaged window steady?"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import t as t_distribution
+
+from identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
+from sim.measurements import Measurements, Series
+from sim.model import CELLS
+
+BATCHES = 10  # per half: means of many samples are nearly independent
+UNSTEADY_WARN, UNSTEADY_FAIL = 2.0, 5.0  # times the channel's usual s.d. within a window
+LEAST_ANGLE, LEAST_FORCE = 1e-6, 1e-3  # rad, N: nobody minds movements below
+ADVICE = "Wait longer after each movement before averaging; leave these postures out."
+
+
+def settling(measurements: Measurements, series: Series | None) -> Finding:
+    """First against second half of every window; a change below the stated s.d. is harmless."""
+    name, m = "settling", measurements
+    if series is None:
+        return skipped(name, "no series.parquet with the raw readings; 'steady windows' stands in")
+    harmless = np.concatenate(
+        [np.full(len(m.joints), m.sensors.encoder_sd or 0.0), np.full(len(CELLS), m.sensors.cell_sd or 0.0)]
+    )
+    p_values = np.ones((len(m), len(harmless)))
+    change = np.zeros_like(p_values)
+    seen = np.zeros(len(m), dtype=bool)
+    for row in range(len(m)):
+        readings = series.window(m, row)
+        if len(readings) >= 4 * BATCHES:
+            change[row], p_values[row] = _halves(readings, harmless)
+            seen[row] = True
+    if not seen.any():
+        return skipped(name, f"series.parquet holds {4 * BATCHES} samples in no posture's window")
+    row, channel = np.unravel_index(p_values.argmin(), p_values.shape)
+    label, size, unit = _channel(m, int(channel), change[row, channel])
+    p_value = bonferroni(p_values[seen])
+    count = int(((p_values * p_values[seen].size) < 0.01).any(axis=1).sum())
+    return Finding(
+        name,
+        result_of(p_value),
+        f"{count} of {int(seen.sum())} windows still change; most: {label} by {size:+.3g} {unit} "
+        "from the first half to the second",
+        "no change beyond the stated s.d. of an averaged reading",
+        row_name(m, int(row)),
+        ADVICE,
+        p_value,
+    )
+
+
+def series_agrees(measurements: Measurements, series: Series | None) -> Finding:
+    """Averages of the raw readings against the table's."""
+    name, m = "series and table", measurements
+    if series is None:
+        return skipped(name, "no series.parquet")
+    worst, where, missing = 0.0, "", 0
+    table = np.column_stack([m.joint_angles, m.cell_forces])
+    scale = np.concatenate(
+        [np.full(len(m.joints), m.sensors.encoder_sd or 1e-3), np.full(len(CELLS), m.sensors.cell_sd or 1.0)]
+    )
+    for row in range(len(m)):
+        readings = series.window(m, row)
+        if not len(readings):
+            missing += 1
+            continue
+        off = np.abs(readings.mean(axis=0) - table[row])
+        ratio = off / np.maximum(scale, 5 * readings.std(axis=0) / np.sqrt(len(readings)))
+        if ratio.max() > worst:
+            worst = float(ratio.max())
+            label, size, unit = _channel(m, int(ratio.argmax()), off[ratio.argmax()])
+            where = f"{label}, {row_name(m, row)}: {size:.3g} {unit} apart"
+    seen = f"{len(m) - missing} of {len(m)} postures have raw readings"
+    if worst > 1:
+        seen += "; their averages are not the table's"
+    return Finding(
+        name,
+        "fail" if worst > 1 else "warn" if missing else "pass",
+        seen,
+        "raw readings of every window, whose averages are the table's",
+        where if worst > 1 else "",
+        "Check posture numbers, the clock of t, and which window was averaged.",
+    )
+
+
+def steady_windows(measurements: Measurements) -> Finding:
+    """S.d. within each window against what that sensor usually shows: a rule of thumb."""
+    name, m = "steady windows", measurements
+    spread = np.column_stack([m.joint_angles_sd, m.cell_forces_sd])
+    given = np.isfinite(spread).sum(axis=0) >= 3
+    if not given.any():
+        return skipped(name, "no q_std.* or cell_std.* columns")
+    sheet = m.sensors
+    step = np.concatenate(
+        [
+            np.full(len(m.joints), sheet.encoder_resolution or 0.0),
+            np.full(len(CELLS), sheet.cell_resolution or 0.0),
+        ]
+    )
+    usual = np.full(spread.shape[1], np.nan)
+    usual[given] = np.nanmedian(spread[:, given], axis=0)
+    # A reading between two steps of a coarse sensor jumps by half a step without any movement.
+    floor = np.concatenate([np.full(len(m.joints), LEAST_ANGLE), np.full(len(CELLS), LEAST_FORCE)])
+    limit = np.sqrt(usual**2 + (step / 2) ** 2 + floor**2)
+    frozen = [_channel(m, int(k), 0.0)[0] for k in np.flatnonzero(given & (usual == 0))]
+    ratio = np.nan_to_num(spread / limit)
+    row, channel = np.unravel_index(ratio.argmax(), ratio.shape)
+    worst = float(ratio[row, channel])
+    result = "fail" if worst > UNSTEADY_FAIL else "warn" if worst > UNSTEADY_WARN else "pass"
+    label, size, unit = _channel(m, int(channel), spread[row, channel])
+    seen = f"largest: {label} with {size:.3g} {unit}, {worst:.1f} times its usual"
+    dead = [label for label in frozen if label.startswith("cell.")]
+    if dead:
+        seen += f"; s.d. exactly 0: {', '.join(dead)}"
+        result = "warn" if result == "pass" else result
+    return Finding(
+        name,
+        result,
+        seen,
+        f"within {UNSTEADY_WARN:g} times the sensor's median over the postures",
+        row_name(m, int(row)) if worst > UNSTEADY_WARN else ", ".join(dead),
+        ADVICE + " An s.d. of 0: leave the column out rather than writing zeros.",
+    )
+
+
+def _halves(readings: np.ndarray, harmless: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Change from first to second half and p-value of a change beyond `harmless`, per channel.
+
+    The standard error is that of batch means about a line in each half, so that the change itself does
+    not enter it. Noise that is correlated over more than a few hundredths of the window makes it too small.
+    """
+    size = len(readings) // (2 * BATCHES)
+    batches = readings[: 2 * BATCHES * size].reshape(2, BATCHES, size, -1).mean(axis=2)
+    change = batches[1].mean(axis=0) - batches[0].mean(axis=0)
+    line = np.linspace(-1, 1, BATCHES)[:, None]
+    rest = batches - batches.mean(axis=1, keepdims=True)
+    rest -= line * (line * rest).sum(axis=1, keepdims=True) / (line**2).sum()
+    dof = 2 * (BATCHES - 2)
+    error = np.sqrt((rest**2).sum(axis=(0, 1)) / dof * 2 / BATCHES)
+    beyond = np.maximum(np.abs(change) - harmless, 0.0)
+    t = np.divide(beyond, error, out=np.where(beyond > 0, np.inf, 0.0), where=error > 0)
+    return change, np.where(beyond > 0, 2 * t_distribution.sf(t, dof), 1.0)
+
+
+def _channel(m: Measurements, channel: int, value: float) -> tuple[str, float, str]:
+    """Column name, value in a handy unit, and that unit."""
+    if channel < len(m.joints):
+        return f"q.{m.joints[channel]}", 1e3 * value, "mrad"
+    return f"cell.{CELLS[channel - len(m.joints)]}", value, "N"

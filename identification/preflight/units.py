@@ -1,0 +1,156 @@
+"""Preflight: is this the robot, in SI units, within its joints' limits?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from identification.nominal import Nominal
+from identification.preflight.finding import Finding, row_name
+from sim.measurements import Measurements
+from sim.model import CORNERS, PLATES, sha256
+
+# Beyond a limit: drives sag under gravity by up to 0.02 rad in the simulated laboratory.
+LIMIT_WARN, LIMIT_FAIL = 0.03, 0.1  # rad
+MOST_CELL, MOST_POSE = 2.0, 3.0  # m: a cell from its plate's middle, a plate from the stance foot
+LEAST_CELLS = 2e-3  # m: twice the r.m.s. distance of a plate's cells from one line
+MOST_YAW = np.pi / 2
+MOST_ENCODER_SD = 0.1  # rad
+MOST_PLACEMENT_SD = 0.2  # m
+
+
+def same_robot(measurements: Measurements, nominal: Nominal) -> Finding:
+    """Model file, feet and joint order against the nominal robot."""
+    name, robot, wrong = "robot", nominal.robot, []
+    seen = f"{robot.model.name}, as the manifest says"
+    found, file_hash = measurements.robot, sha256(robot.model)
+    if found["sha256"] is None and found["model"] != robot.model.name:
+        wrong.append(f"model '{found['model']}'")
+    elif found["sha256"] is None:
+        seen += "; by its name only, no sha256 given"
+    elif found["sha256"].lower() != file_hash:
+        wrong.append(f"sha256 {found['sha256'][:12]}... of {found['model']}")
+    for key, expected in (("stance_foot", robot.stance_foot), ("swing_foot", robot.swing_foot)):
+        if found[key] != expected:
+            wrong.append(f"{key} '{found[key]}'")
+    joints = nominal.parameters.tree.joints
+    if measurements.joints != joints:
+        wrong.append(f"joints {', '.join(measurements.joints)}")
+    expected = (
+        f"{robot.model.name} with sha256 {file_hash[:12]}..., on {robot.stance_foot} and {robot.swing_foot}"
+    )
+    if measurements.joints != joints:
+        expected += f", joints {', '.join(joints)}"
+    if wrong:
+        advice = "Give the robot that was measured as --robot, or mend the manifest."
+        return Finding(name, "fail", "; ".join(wrong), expected, "manifest.json", advice)
+    return Finding(name, "pass", seen, expected)
+
+
+def units(measurements: Measurements, nominal: Nominal) -> Finding:
+    """Degrees for radians, millimetres for metres, kilograms for newtons: told by what would fit."""
+    complaints = [
+        *_angles(measurements, nominal),
+        *_lengths(measurements),
+        *_masses(measurements, nominal),
+    ]
+    expected = "rad, m, N, kg, s"
+    if not complaints:
+        return Finding("units", "pass", "angles, lengths, forces and mass of plausible size", expected)
+    where = ", ".join(dict.fromkeys(place for place, _ in complaints))
+    advice = "Convert these and check again; everything else waits for it."
+    return Finding("units", "fail", "; ".join(text for _, text in complaints), expected, where, advice)
+
+
+def joint_limits(measurements: Measurements, nominal: Nominal) -> Finding:
+    """Joint angles against the model's ranges."""
+    tree = nominal.parameters.tree
+    angles = measurements.joint_angles
+    beyond = np.maximum(tree.joint_range[:, 0] - angles, angles - tree.joint_range[:, 1])
+    row, joint = np.unravel_index(beyond.argmax(), beyond.shape)
+    worst = float(beyond[row, joint])
+    expected = f"within the model's ranges, to {LIMIT_WARN} rad"
+    if worst <= LIMIT_WARN:
+        return Finding("joint limits", "pass", f"closest to a limit: {tree.joints[joint]}", expected)
+    low, high = tree.joint_range[joint]
+    count = int((beyond > LIMIT_WARN).any(axis=1).sum())
+    return Finding(
+        "joint limits",
+        "fail" if worst > LIMIT_FAIL else "warn",
+        f"q.{tree.joints[joint]} = {angles[row, joint]:.4f} rad, range [{low:.4f}, {high:.4f}]; {count} rows",
+        expected,
+        row_name(measurements, int(row)),
+        "Look for an encoder's zero or sign, or a swapped column; else correct the model's range.",
+    )
+
+
+def _angles(measurements: Measurements, nominal: Nominal) -> list[tuple[str, str]]:
+    tree, complaints = nominal.parameters.tree, []
+    for k, joint in enumerate(tree.joints):
+        angles, (low, high) = measurements.joint_angles[:, k], tree.joint_range[k]
+        most = np.abs(angles).max()
+        # A wrong sign or zero leaves the range too, but not by as much: 'joint limits' says that.
+        if most > min(2 * max(abs(low), abs(high)), 2 * np.pi) and np.deg2rad(most) <= np.pi:
+            text = (
+                f"q.{joint} reads {angles.min():.4g} to {angles.max():.4g} where [{low:.2f}, {high:.2f}] rad"
+            )
+            complaints.append((f"q.{joint}", f"{text} is possible: degrees?"))
+    yaw = np.abs(measurements.plate_poses[:, :, 2])
+    complaints += [
+        (f"plate.{plate}.yaw", f"plate.{plate}.yaw reads up to {yaw[:, p].max():.4g}: degrees?")
+        for p, plate in enumerate(PLATES)
+        if yaw[:, p].max() > MOST_YAW
+    ]
+    stated = measurements.sensors.encoder_sd
+    if stated is not None and stated > MOST_ENCODER_SD:
+        complaints.append(("sensors.encoder_sd", f"sensors.encoder_sd is {stated:g}: degrees?"))
+    return complaints
+
+
+def _lengths(measurements: Measurements) -> list[tuple[str, str]]:
+    complaints = []
+    for p, plate in enumerate(PLATES):
+        spread = measurements.cells[p] - measurements.cells[p].mean(axis=0)
+        if np.linalg.svd(spread, compute_uv=False)[1] < LEAST_CELLS:
+            place = f"plates.{plate}.cells"
+            complaints.append((place, f"{place} lie on one line, expected the corners of a board"))
+        for corner, cell in zip(CORNERS, np.abs(measurements.cells[p]).max(axis=1), strict=True):
+            if cell > MOST_CELL:
+                place = f"plates.{plate}.cells.{corner}"
+                complaints.append((place, f"{place} lies {cell:g} from the plate's middle: millimetres?"))
+        for k, axis in enumerate("xy"):
+            far = np.abs(measurements.plate_poses[:, p, k]).max()
+            if far > MOST_POSE:
+                place = f"plate.{plate}.{axis}"
+                complaints.append((place, f"{place} reads up to {far:g}: millimetres?"))
+    if np.abs(measurements.top_height).max() > MOST_CELL:
+        height = np.abs(measurements.top_height).max()
+        complaints.append(("plates.top_height", f"plates.top_height is {height:g}: millimetres?"))
+    stated = measurements.sensors.placement_sd
+    if stated is not None and max(stated[:2]) > MOST_PLACEMENT_SD:
+        complaints.append(("sensors.placement_sd", f"sensors.placement_sd is {stated[:2]}: millimetres?"))
+    return complaints
+
+
+def _masses(measurements: Measurements, nominal: Nominal) -> list[tuple[str, str]]:
+    mass, gravity, complaints = nominal.mass, measurements.gravity, []
+    if measurements.weighed_mass is not None:
+        weighed = measurements.weighed_mass[0]
+        if not 0.5 < weighed / mass < 2:
+            guess = _guess(weighed / mass, {gravity: "newtons", 1000.0: "grams"})
+            text = f"weighed_mass is {weighed:g} where the model weighs {mass:.4g} kg{guess}"
+            complaints.append(("weighed_mass", text))
+        else:
+            mass = weighed
+    total = float(np.median(measurements.cell_forces.sum(axis=1)))
+    if not 0.5 < total / (mass * gravity) < 2:
+        guess = _guess(total / (mass * gravity), {1 / gravity: "kilograms", 1000 / gravity: "grams"})
+        text = f"the cells sum to {total:.4g} where {mass:.4g} kg weigh {mass * gravity:.4g} N{guess}"
+        complaints.append(("cell.*", text))
+    return complaints
+
+
+def _guess(ratio: float, factors: dict[float, str]) -> str:
+    for factor, unit in factors.items():
+        if 0.5 < ratio / factor < 2:
+            return f": {unit}?"
+    return ""

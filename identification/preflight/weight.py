@@ -1,0 +1,138 @@
+"""Preflight: do the cells carry the robot, and always the same robot?"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2, norm
+from scipy.stats import t as t_distribution
+
+from identification.nominal import Nominal
+from identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
+from identification.reading_noise import known
+from sim.measurements import Measurements
+
+NEGLIGIBLE = 1e-3  # of the weight: an error below does no harm where no cell_sd says what is usual
+CELL_ADVICE = (
+    "Weigh a known mass over every cell: gain (error grows with the load), tare (a constant), "
+    "a swapped, dead or saturated cell; something else touching robot or boards."
+)
+
+
+def weight_balance(measurements: Measurements) -> Finding:
+    """Sum of the cells against the weighed mass: on average, in scatter, and posture by posture."""
+    name, m = "weight balance", measurements
+    if m.weighed_mass is None:
+        return skipped(name, "no weighed_mass in the manifest; 'constant weight' stands in")
+    mass, mass_sd = m.weighed_mass
+    total = m.cell_forces.sum(axis=1)
+    error = total - mass * m.gravity
+    sd = _total_sd(m)
+    if sd is None:
+        if len(m) < 3:
+            return skipped(name, "no sensors.cell_sd in the manifest, and too few postures to estimate it")
+        spread = float(np.hypot(total.std(ddof=1) / np.sqrt(len(m)), m.gravity * mass_sd))
+        beyond = max(abs(float(error.mean())) - NEGLIGIBLE * mass * m.gravity, 0.0)
+        p_value = float(2 * t_distribution.sf(beyond / max(spread, 1e-12), len(m) - 1)) if beyond else 1.0
+        seen = f"mean {error.mean():+.2f} +- {spread:.2f} N off {mass * m.gravity:.2f} N"
+        expected = "within the cells' own scatter (no sensors.cell_sd stated)"
+        return Finding(name, result_of(p_value), seen, expected, "", CELL_ADVICE, p_value)
+    spread = float(np.hypot(sd / np.sqrt(len(m)), m.gravity * mass_sd))
+    row, scatter, p_scatter = _scatter(total, sd)
+    p_value = bonferroni(np.array([2 * norm.sf(abs(error.mean()) / spread), p_scatter]))
+    return Finding(
+        name,
+        result_of(p_value),
+        f"mean {error.mean():+.2f} N off {mass * m.gravity:.2f} N; scatter {scatter:.2f} N",
+        f"mean 0 +- {spread:.2f} N, scatter {sd:.2f} N by cell_sd x root 8",
+        f"worst: {row_name(m, row)}, {error[row]:+.1f} N",
+        CELL_ADVICE,
+        p_value,
+    )
+
+
+def constant_weight(measurements: Measurements) -> Finding:
+    """Without a weighed mass: is the total at least the same in all postures?"""
+    name, m = "constant weight", measurements
+    if m.weighed_mass is not None:
+        return skipped(name, "'weight balance' says it all")
+    sd = _total_sd(m)
+    if sd is None or len(m) < 2:
+        return skipped(name, "needs weighed_mass or sensors.cell_sd in the manifest, and two postures")
+    total = m.cell_forces.sum(axis=1)
+    row, scatter, p_value = _scatter(total, sd)
+    return Finding(
+        name,
+        result_of(p_value),
+        f"scatter {scatter:.2f} N about {total.mean():.2f} N",
+        f"{sd:.2f} N by cell_sd x root 8",
+        f"worst: {row_name(m, row)}, {total[row] - total.mean():+.1f} N",
+        CELL_ADVICE,
+        p_value,
+    )
+
+
+def drift(measurements: Measurements, nominal: Nominal) -> Finding:
+    """Slopes over the experiment of what should not change: total force, level of the swing sole.
+
+    Against their own scatter (Student's t), so that no data sheet is needed.
+    """
+    name, m = "drift", measurements
+    timed = bool(np.isfinite(m.time).all())
+    clock = m.time if timed else np.arange(len(m), dtype=float)
+    if len(m) < 5 or np.ptp(clock) == 0:
+        return skipped(name, "needs five postures at different times")
+    total = m.cell_forces.sum(axis=1)
+    level = 1e3 * nominal.swing_sole(m.joint_angles)[:, 3:5]
+    channels = {
+        "total force": (total, NEGLIGIBLE * abs(float(total.mean())), "N"),
+        "swing sole's roll": (level[:, 0], 1.0, "mrad"),
+        "swing sole's pitch": (level[:, 1], 1.0, "mrad"),
+    }
+    p_values, texts = [], []
+    for label, (values, harmless, unit) in channels.items():
+        change, error, p_value = _change(clock, values, harmless)
+        p_values.append(p_value)
+        texts.append(f"{label} {change:+.2f} +- {error:.2f} {unit}")
+    p_value = bonferroni(np.array(p_values))
+    hours = f"{np.ptp(clock) / 3600:.1f} h" if timed else "the experiment (row order; no times given)"
+    return Finding(
+        name,
+        result_of(p_value),
+        f"over {hours}: {'; '.join(texts)}",
+        "no change beyond its standard error",
+        list(channels)[int(np.argmin(p_values))],
+        "Let cells and amplifiers warm up, tare between placements, check the encoders' zeros at the end.",
+        p_value,
+    )
+
+
+def _total_sd(measurements: Measurements) -> float | None:
+    cell_sd = known(measurements.sensors.cell_sd)
+    return None if cell_sd is None else cell_sd * np.sqrt(measurements.cell_forces.shape[1])
+
+
+def _scatter(total: np.ndarray, sd: float) -> tuple[int, float, float]:
+    """Worst row, s.d. about the mean, and the smaller p-value of the chi-square and of the worst row."""
+    deviation = total - total.mean()
+    row, dof = int(np.abs(deviation).argmax()), len(total) - 1
+    if dof == 0:
+        return row, 0.0, 1.0
+    square = float(deviation @ deviation)
+    outlier = bonferroni(2 * norm.sf(np.abs(deviation) / sd / np.sqrt(dof / len(total))))
+    return row, np.sqrt(square / dof), bonferroni(np.array([chi2.sf(square / sd**2, dof), outlier]))
+
+
+def _change(clock: np.ndarray, values: np.ndarray, harmless: float) -> tuple[float, float, float]:
+    """Change over the whole time by a straight line, its standard error, and its p-value.
+
+    The null hypothesis is a change of at most `harmless`.
+    """
+    span = np.ptp(clock)
+    unit = (clock - clock.mean()) / span
+    slope = float(unit @ values / (unit @ unit))
+    rest = values - values.mean() - slope * unit
+    error = float(np.sqrt(rest @ rest / (len(values) - 2) / (unit @ unit)))
+    beyond = max(abs(slope) - harmless, 0.0)
+    if beyond == 0:
+        return slope, error, 1.0
+    return slope, error, float(2 * t_distribution.sf(beyond / error, len(values) - 2)) if error else 0.0

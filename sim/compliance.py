@@ -1,0 +1,84 @@
+"""Soles and load cells that give way: springs between the foot and its sole, the board and its cells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from sim.model import CORNERS, PLATES, Robot
+
+# Springs are critically damped at this rate, which an inertia on the spring itself makes: slow enough
+# for the time step, fast against what settles. It carries no weight.
+RATE = 50.0  # 1/s; at 150, together with flexible drives, contacts made energy out of nothing
+SHAPE = ("type", "size", "quat", "group", "rgba")
+CONTACT = ("contype", "conaffinity", "condim", "priority", "friction", "solref", "solimp", "margin")
+
+
+@dataclass(frozen=True)
+class Compliance:
+    """How far soles and cells give way; all zero: rigid.
+
+    Attributes:
+        sole: of a foot's sole, straight down [m/N].
+        sole_tilt: of a foot's sole, roll and pitch about the point below the ankle [rad/(N m)].
+        cell: of every load cell [m/N].
+    """
+
+    sole: float = 0.0
+    sole_tilt: float = 0.0
+    cell: float = 0.0
+
+
+def add_compliance(spec: mujoco.MjSpec, robot: Robot, compliance: Compliance) -> None:
+    """Hang every foot's sole corners and every board's cells on springs, where these are asked for."""
+    if compliance.sole > 0 or compliance.sole_tilt > 0:
+        for foot in robot.feet:
+            corners = [spec.geom(f"{foot}_{corner}") for corner in CORNERS]
+            height = float(corners[0].pos[2] - corners[0].size[0])
+            sole = _hang(spec, spec.body(foot), f"{foot}_sole", [0.0, 0.0, height], corners)
+            if compliance.sole > 0:
+                _spring(sole, "z", mujoco.mjtJoint.mjJNT_SLIDE, [0, 0, 1], compliance.sole)
+            if compliance.sole_tilt > 0:
+                _spring(sole, "roll", mujoco.mjtJoint.mjJNT_HINGE, [1, 0, 0], compliance.sole_tilt)
+                _spring(sole, "pitch", mujoco.mjtJoint.mjJNT_HINGE, [0, 1, 0], compliance.sole_tilt)
+    if compliance.cell > 0:
+        for plate in PLATES:
+            for corner in CORNERS:
+                name = f"{plate}_plate_{corner}"
+                parts = [spec.geom(name), spec.site(name)]
+                cell = _hang(spec, spec.body(f"{plate}_plate"), f"{name}_cell", parts[1].pos, parts)
+                _spring(cell, "z", mujoco.mjtJoint.mjJNT_SLIDE, [0, 0, 1], compliance.cell)
+
+
+def _hang(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, position: list[float], parts: list
+) -> mujoco.MjsBody:
+    """A weightless body at `position` in `body` that takes over its geoms and sites `parts`."""
+    child = body.add_body(name=name, pos=position, mass=1e-9, inertia=[1e-9] * 3, ipos=[0, 0, 0])
+    child.explicitinertial = True
+    for part in parts:
+        add = child.add_geom if isinstance(part, mujoco.MjsGeom) else child.add_site
+        copied = add(part.classname)
+        for attribute in SHAPE + (CONTACT if isinstance(part, mujoco.MjsGeom) else ()):
+            setattr(copied, attribute, getattr(part, attribute))
+        copied.pos = part.pos - np.asarray(position)
+        own_name = part.name
+        spec.delete(part)
+        copied.name = own_name
+    return child
+
+
+def _spring(
+    body: mujoco.MjsBody, way: str, kind: mujoco.mjtJoint, axis: list[int], compliance: float
+) -> None:
+    inertia = 1.0 / (compliance * RATE**2)
+    body.add_joint(
+        name=f"{body.name}_{way}",
+        type=kind,
+        axis=axis,
+        stiffness=1.0 / compliance,
+        armature=inertia,
+        damping=2.0 * inertia * RATE,
+    )

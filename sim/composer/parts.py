@@ -1,0 +1,159 @@
+"""The laboratory's scene, cut into MJCF models that dm_control's entities can own."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass
+from xml.etree.ElementTree import Element, SubElement, tostring
+
+import mujoco
+import numpy as np
+from dm_control import mjcf
+
+from sim.composer.scene_xml import scene_xml
+
+# What refers to bodies, in an order in which every name is known before it is referred to.
+SECTIONS = ("tendon", "actuator", "equality", "contact", "sensor")
+REFERENCES = ("body", "joint", "geom", "site", "tendon", "actuator")
+
+
+@dataclass(frozen=True)
+class Part:
+    """A body of the scene's world as a model of its own.
+
+    Attributes:
+        root: its MJCF; the names in it are the scene's.
+        position, quaternion: where it stands in the world, (3,) [m] and (4,).
+        free: whether it moves freely; then its free joint belongs to the attachment.
+    """
+
+    root: mjcf.RootElement
+    position: np.ndarray
+    quaternion: np.ndarray
+    free: bool
+
+
+@dataclass(frozen=True)
+class SceneParts:
+    """A scene in parts.
+
+    Attributes:
+        arena: MJCF of all that belongs to no part.
+        parts: by name.
+        between: section and element of what joins parts with each other or with the world, such as
+            contact pairs.
+    """
+
+    arena: mjcf.RootElement
+    parts: dict[str, Part]
+    between: tuple[tuple[str, Element], ...]
+
+
+def split_scene(spec: mujoco.MjSpec, model: mujoco.MjModel, bodies: Mapping[str, str]) -> SceneParts:
+    """Cut a compiled scene into an arena and one part per body; keyframes are left out.
+
+    Args:
+        bodies: by the part's name the body of the world that it is made of.
+    """
+    arena = scene_xml(spec)
+    for keyframe in arena.findall("keyframe"):
+        arena.remove(keyframe)
+    common = copy.deepcopy(arena)
+    for section in ("worldbody", *SECTIONS):
+        for element in common.findall(section):
+            common.remove(element)
+    for sky in common.findall("asset/texture[@type='skybox']"):
+        _child(common, "asset").remove(sky)
+    taken = {name: _take(_child(arena, "worldbody"), body) for name, body in bodies.items()}
+    owner = {
+        e.get("name", ""): name for name, body in taken.items() for e in body.iter() if "name" in e.attrib
+    }
+    trees = {name: copy.deepcopy(common) for name in bodies}
+    between = _share_out(arena, trees, owner)
+    parts = {}
+    for name, body in taken.items():
+        free = body.find("joint[@type='free']")
+        if free is not None:
+            body.remove(free)
+        for key in ("pos", "quat"):
+            body.attrib.pop(key, None)
+        trees[name].set("model", name)
+        _child(trees[name], "worldbody").append(body)
+        place = model.body(bodies[name])
+        parts[name] = Part(
+            _parse(trees[name], spec.modelfiledir), place.pos.copy(), place.quat.copy(), free is not None
+        )
+    return SceneParts(_parse(arena, spec.modelfiledir), parts, tuple(between))
+
+
+def join(scene: SceneParts) -> None:
+    """Add to the arena what joins its parts, once they are attached to it."""
+    for section, element in scene.between:
+        attributes: dict[str, object] = {}
+        for key, value in element.attrib.items():
+            kind = key.rstrip("12")
+            roots = [part.root for part in scene.parts.values()] if kind in REFERENCES else []
+            found = [e for root in roots if (e := root.find(kind, value)) is not None]
+            attributes["dclass" if key == "class" else key] = found[0] if found else value
+        getattr(scene.arena, section).add(element.tag, **attributes)
+
+
+def _take(world: Element, name: str) -> Element:
+    """Remove a body from the world or from a frame in it; a frame left empty goes as well."""
+    for parent in (world, *world.findall("frame")):
+        for body in parent.findall("body"):
+            if body.get("name") == name:
+                parent.remove(body)
+                if parent.tag == "frame" and len(parent) == 0:
+                    world.remove(parent)
+                return body
+    raise ValueError(f"no body '{name}' in the scene's world")
+
+
+def _share_out(arena: Element, trees: dict[str, Element], owner: dict[str, str]) -> list[tuple[str, Element]]:
+    """Move what refers to one part alone there; take out and return what joins parts."""
+    between = []
+    for section in SECTIONS:
+        for element in arena.findall(f"{section}/*"):
+            values = {v for e in element.iter() for k, v in e.attrib.items() if k not in ("name", "class")}
+            owners = {owner[value] for value in values if value in owner}
+            if not owners:
+                continue
+            _child(arena, section).remove(element)
+            if len(owners) > 1 or "world" in values:
+                between.append((section, element))
+            else:
+                part = owners.pop()
+                _child(trees[part], section).append(element)
+                owner.setdefault(element.get("name", ""), part)
+    return between
+
+
+def _child(parent: Element, tag: str) -> Element:
+    found = parent.find(tag)
+    return SubElement(parent, tag) if found is None else found
+
+
+def _parse(tree: Element, folder: str) -> mjcf.RootElement:
+    _drop_unused(tree)
+    return mjcf.from_xml_string(tostring(tree, encoding="unicode"), model_dir=folder)
+
+
+def _drop_unused(tree: Element) -> None:
+    """Drop default classes and assets that nothing refers to: every part has a copy of all."""
+    classes = {e.get(key) for e in tree.iter() if e.tag != "default" for key in ("class", "childclass")}
+    for default in tree.findall("default"):
+        _drop_classes(default, classes)
+    for _ in range(2):  # a texture goes once its material has gone
+        used = {value for e in tree.iter() for key, value in e.attrib.items() if key != "name"}
+        for asset in tree.findall("asset/*"):
+            if "name" in asset.attrib and asset.get("name") not in used:
+                _child(tree, "asset").remove(asset)
+
+
+def _drop_classes(default: Element, used: set[str | None]) -> None:
+    for inner in default.findall("default"):
+        _drop_classes(inner, used)
+        if inner.get("class") not in used and inner.find("default") is None:
+            default.remove(inner)

@@ -1,0 +1,130 @@
+"""The composer task: the robot stands on its two plates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+from dm_control import composer, mjcf
+from dm_env import specs
+
+from sim.composer.channel import Channel
+from sim.composer.force_plate import ForcePlate
+from sim.composer.parts import SceneParts, join, split_scene
+from sim.composer.robot import RobotEntity
+from sim.control import torque_limit
+from sim.errors import InputError
+from sim.model import PLATES, Robot, compile_spec, joint_names, joint_ranges, load_spec
+from sim.path import ClosedChain, tipped
+from sim.plates import cell_names, tare
+from sim.rig import Rig
+from sim.sensors import cell_gains
+from sim.stand import hoist_damping
+
+
+class LaboratoryTask(composer.Task):
+    """Stand on the plates: an episode begins at a posture and ends when the robot tips.
+
+    Attributes:
+        robot: the robot's entity. plates: the right and the left plate's entity.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        nominal: mujoco.MjModel,
+        spec: mujoco.MjSpec,
+        joint_angles: np.ndarray,
+        actuation: str,
+        reward: Callable[[mjcf.Physics], float],
+        control_timestep: float,
+    ):
+        """Args are those of `laboratory_environment`; `spec` is the scene, `nominal` the robot alone.
+
+        Raises:
+            InputError: a control time step that is no multiple of the physics' one, or a broken scene.
+        """
+        model = compile_spec(spec, str(rig.robot.path))
+        torso = model.body(model.body_rootid[model.body(rig.robot.stance_foot).id]).name
+        scene = split_scene(
+            spec, model, {"robot": torso} | {f"{plate}_plate": f"{plate}_plate" for plate in PLATES}
+        )
+        interval = max(1, round(1 / (rig.sensors.sample_rate * model.opt.timestep)))
+        self.robot = RobotEntity(scene.parts["robot"], rig.robot, nominal, rig.sensors, interval)
+        self.plates = _plates(scene, rig, tare(model), interval)
+        self._arena = composer.ModelWrapperEntity(scene.arena)
+        for entity, part in zip((self.robot, *self.plates), scene.parts.values(), strict=True):
+            frame = self._arena.attach(entity)
+            frame.pos, frame.quat = part.position, part.quaternion
+            if part.free:
+                frame.add("freejoint")
+        join(scene)
+        self._torso = mjcf.get_frame_freejoint(self.robot.mjcf_model)
+        self._angles, self._pose = joint_angles, ClosedChain(nominal, rig.robot).base_pose(joint_angles)
+        self._tilt_limit = rig.protocol.tilt_limit
+        self._hoist_damping = hoist_damping(rig)
+        self._bounds, self._reward = _bounds(rig.robot, nominal, actuation), reward
+        try:
+            self.control_timestep = control_timestep
+        except ValueError as error:
+            raise InputError(f"control_timestep: {error}") from None
+
+    @property
+    def root_entity(self) -> composer.Entity:
+        return self._arena
+
+    def after_compile(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        physics.bind(self._torso).damping += self._hoist_damping
+
+    def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        physics.bind(self._torso).qpos = self._pose
+        physics.bind(self.robot.motors).qpos = self._angles
+        physics.bind(self.robot.joints).qpos = self._angles
+
+    def action_spec(self, physics: mjcf.Physics) -> specs.BoundedArray:
+        """Commanded angles [rad] or torques [Nm] in the order of the joints, (n,).
+
+        The bounds are the nominal robot's; a command beyond them is not refused.
+        """
+        names = "\t".join(joint.full_identifier for joint in self.robot.joints)
+        low, high = self._bounds
+        return specs.BoundedArray(low.shape, float, low, high, names)
+
+    def before_step(
+        self, physics: mjcf.Physics, action: np.ndarray, random_state: np.random.RandomState
+    ) -> None:
+        # Written past the binding, which would have the next reading compute the whole state anew.
+        physics.data.ctrl[physics.bind(self.robot.actuators).element_id] = action
+
+    def get_reward(self, physics: mjcf.Physics) -> float:
+        return self._reward(physics)
+
+    def should_terminate_episode(self, physics: mjcf.Physics) -> bool:
+        return tipped(np.asarray(physics.bind(self._torso).qpos), self._pose, self._tilt_limit)
+
+
+def _plates(scene: SceneParts, rig: Rig, empty: np.ndarray, interval: int) -> tuple[ForcePlate, ...]:
+    sensors = rig.sensors
+    names, gains = np.array(cell_names()).reshape(2, 4), cell_gains(sensors).reshape(2, 4)
+    return tuple(
+        ForcePlate(
+            scene.parts[f"{plate}_plate"],
+            names[k].tolist(),
+            empty.reshape(2, 4)[k],
+            Channel(gains[k], sensors.cell_repeatability, sensors.cell_noise, sensors.cell_resolution),
+            interval,
+        )
+        for k, plate in enumerate(PLATES)
+    )
+
+
+def _bounds(robot: Robot, nominal: mujoco.MjModel, actuation: str) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest action by the nominal robot, each (n,): joint ranges or torque limits."""
+    if actuation == "angles":
+        low, high = joint_ranges(nominal).clip(-np.pi, np.pi).T
+        return low, high
+    spec = load_spec(robot.model)
+    limits = {actuator.target: torque_limit(spec, actuator) for actuator in spec.actuators}
+    high = np.array([limits[name] for name in joint_names(nominal)])
+    return -high, high

@@ -1,0 +1,80 @@
+"""What lies between motor and joint: flexibility and backlash of the drives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+
+from sim.control import torque_limit
+from sim.errors import InputError
+
+SUFFIX = "_motor"
+# Damping over stiffness of the flexible element, so that the links do not ring [s], assumed. It acts on
+# the joint's own speed, where it is integrated implicitly; at rest it makes no difference.
+LOSS_TIME = 0.001
+# Share of the drive's reflected inertia on the joint's side of the spring, assumed.
+LINK_SHARE = 0.2
+
+
+@dataclass(frozen=True)
+class Drives:
+    """One rule for all drives, as `Controller` has one for all servos.
+
+    Attributes:
+        wind_up: angle between motor and joint at the full torque [rad]; stiffness = torque limit /
+            this; 0: rigid.
+        backlash: free play between them, its whole width at the joint [rad].
+    """
+
+    wind_up: float = 0.0
+    backlash: float = 0.0
+
+
+def add_drives(spec: mujoco.MjSpec, drives: Drives) -> None:
+    """Put a rotor before every actuated joint and a spring with a dead band between them.
+
+    The rotor takes over the drive's inertia and friction and the actuator; it turns the joint by
+    a fixed tendon whose length is joint minus motor angle. Rigid drives are left as they are.
+
+    Raises:
+        InputError: backlash without flexibility, or an actuator without a torque limit.
+    """
+    if drives.wind_up <= 0 and drives.backlash > 0:
+        raise InputError(f"drives: found a backlash of {drives.backlash} rad and no wind_up, expected both")
+    if drives.wind_up <= 0:
+        return
+    for actuator in spec.actuators:
+        joint = spec.joint(actuator.target)
+        body = joint.parent.parent.add_body(name=f"{joint.name}{SUFFIX}", mass=1e-9, inertia=[1e-9] * 3)
+        body.explicitinertial, body.ipos = True, [0, 0, 0]
+        motor = body.add_joint(
+            name=f"{joint.name}{SUFFIX}",
+            type=mujoco.mjtJoint.mjJNT_HINGE,
+            axis=joint.axis,
+            ref=joint.ref,
+            armature=(1 - LINK_SHARE) * joint.armature,
+            actfrclimited=joint.actfrclimited,
+            actfrcrange=joint.actfrcrange,
+            frictionloss=joint.frictionloss,
+            damping=joint.damping,
+            solref_friction=joint.solref_friction,
+            solimp_friction=joint.solimp_friction,
+        )
+        stiffness = torque_limit(spec, actuator) / drives.wind_up
+        spring = spec.add_tendon(
+            name=motor.name,
+            stiffness=stiffness,
+            springlength=[-drives.backlash / 2, drives.backlash / 2],
+        )
+        spring.wrap_joint(joint.name, 1.0)
+        spring.wrap_joint(motor.name, -1.0)
+        actuator.target = motor.name
+        joint.frictionloss, joint.armature = 0.0, LINK_SHARE * joint.armature
+        joint.damping = [LOSS_TIME * stiffness, 0.0, 0.0]
+
+
+def motor_joint(model: mujoco.MjModel, joint: str) -> str:
+    """The joint that a joint's motor turns: its rotor's, or the joint itself where it is rigid."""
+    rotor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, f"{joint}{SUFFIX}")
+    return f"{joint}{SUFFIX}" if rotor >= 0 else joint

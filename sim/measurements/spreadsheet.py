@@ -1,0 +1,85 @@
+"""CSV as spreadsheets and people write it, brought into the one form that is read."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from pathlib import Path
+
+from sim.errors import InputError
+
+DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?")
+
+
+def plain_csv(path: Path, content: bytes) -> bytes:
+    """Bytes of a CSV with commas between and points within numbers, one line per posture.
+
+    Allowed beside that: a byte order mark, any line ends, spaces around names and values, empty lines
+    and columns, lines that begin with #, semicolons between values, and with those decimal commas.
+
+    Args:
+        path: for messages only.
+
+    Raises:
+        InputError: not UTF-8, a line with more or fewer values than names, decimal commas and points mixed.
+    """
+    lines = [
+        (number, line)
+        for number, line in enumerate(_text(path, content).splitlines(), 1)
+        if not line.lstrip(' "').startswith("#") and line.strip(' \t,;"')
+    ]
+    if not lines:
+        raise InputError(f"{path}: found no line with column names")
+    header = lines[0][1]
+    separator = ";" if header.count(";") > header.count(",") else ","
+    after_quote = re.compile(rf'"\s+({separator}|$)')
+    texts = [after_quote.sub(r'"\1', line) for _, line in lines]
+    try:
+        reader = csv.reader(texts, delimiter=separator, skipinitialspace=True, strict=True)
+        rows = [[value.strip() for value in row] for row in reader]
+    except csv.Error as error:
+        raise InputError(f"{path}: not a CSV file ({error})") from None
+    if len(rows) < len(lines):
+        raise InputError(f"{path}: found a value that spans two lines, expected one line per posture")
+    width = len(rows[0])
+    while width and not rows[0][width - 1] and not any(any(row[width - 1 : width]) for row in rows):
+        width -= 1
+    for (number, _), row in zip(lines, rows, strict=True):
+        found = max((k + 1 for k, value in enumerate(row) if value), default=0)
+        if found > width or len(row) < width:
+            raise InputError(
+                f"{path}: line {number}: found {len(row)} values, expected {width}, one per column name"
+            )
+    if separator == ";":
+        rows = _decimal_points(path, rows)
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows(row[:width] for row in rows)
+    return out.getvalue().encode()
+
+
+def _text(path: Path, content: bytes) -> str:
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: byte {error.start} is not UTF-8; save it as 'CSV UTF-8' (Excel) or UTF-8 (LibreOffice)"
+        ) from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _decimal_points(path: Path, rows: list[list[str]]) -> list[list[str]]:
+    """Decimal commas to points; a file that uses both could mean thousands by one of them."""
+    values = [value for row in rows[1:] for value in row]
+    comma = next((value for value in values if DECIMAL_COMMA.fullmatch(value)), None)
+    point = next((value for value in values if DECIMAL_POINT.fullmatch(value)), None)
+    if comma and point:
+        raise InputError(
+            f"{path}: found both {comma} and {point}, expected one decimal sign; "
+            "set all columns to plain numbers before exporting"
+        )
+    return [
+        [value.replace(",", ".") if DECIMAL_COMMA.fullmatch(value) else value for value in row]
+        for row in rows
+    ]

@@ -1,0 +1,92 @@
+"""Everything at once that keeps a measurement folder from being read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from sim.errors import InputError, listed
+from sim.measurements.measurement_folder import SUPPORTS, Manifest
+from sim.measurements.tables import Table, read_json
+from sim.measurements.twins import checked_table
+from sim.model import CELLS, PLATES
+
+WHOLE = ("posture", "placement")
+MAY_LACK = ("support", "time", "window", "samples", "q_std", "q_command", "motor", "cell_std")
+
+
+def required_columns(joints: tuple[str, ...]) -> tuple[str, ...]:
+    """Columns without which a posture cannot be used."""
+    poses = [f"plate.{plate}.{axis}" for plate in PLATES for axis in ("x", "y", "yaw")]
+    return (*WHOLE, *(f"q.{joint}" for joint in joints), *(f"cell.{cell}" for cell in CELLS), *poses)
+
+
+def complaints(folder: Path, joints: tuple[str, ...]) -> dict[str, list[str]]:
+    """What is missing or wrong in a folder's "manifest" and "table"; empty lists if it can be read.
+
+    Args:
+        joints: the robot's, whose columns are looked for.
+    """
+    manifest: dict[str, Any] = {}
+    where = folder / "manifest.json"
+    about = [f"{where}: missing"]
+    if where.is_file():
+        about = _collect(lambda: manifest.update(read_json(where)))
+        about += [] if about else _manifest_complaints(where, manifest)
+    hashes = manifest.get("tables")
+    tables: list[Table] = []
+
+    def read() -> None:
+        tables.append(checked_table(folder, "postures", hashes if isinstance(hashes, dict) else None))
+
+    within = _collect(read)
+    return {
+        "manifest": about,
+        "table": within + [t for table in tables for t in _table_complaints(table, joints)],
+    }
+
+
+def _manifest_complaints(where: Path, manifest: dict[str, Any]) -> list[str]:
+    try:
+        Manifest.model_validate(manifest)
+    except ValidationError as error:
+        problems = error.errors()
+        missing = [".".join(map(str, p["loc"])) for p in problems if p["type"] == "missing"]
+        texts = [f"{where}: keys missing: {listed(missing)} (null if unknown)"] if missing else []
+        return texts + [
+            f"{where}: key '{'.'.join(map(str, p['loc']))}': found {repr(p['input'])[:60]}; {p['msg']}"
+            for p in problems
+            if p["type"] != "missing"
+        ]
+    return []
+
+
+def _table_complaints(table: Table, joints: tuple[str, ...]) -> list[str]:
+    required = required_columns(joints)
+    missing = [name for name in required if not table.has(name)]
+    texts = [f"{table.path}: columns missing: {listed(missing)}"] if missing else []
+    names = list(table.types)
+    known = {*required, *MAY_LACK}
+    strange = [name for name in names if name not in known and name.partition(".")[0] not in MAY_LACK]
+    if missing and strange:
+        texts.append(f"{table.path}: columns that the format does not know: {listed(strange)}")
+    for name in [name for name in required if table.has(name)]:
+        texts += _collect(lambda name=name: table.integers(name) if name in WHOLE else table.numbers(name))
+    for name in [name for name in names if name.partition(".")[0] in MAY_LACK]:
+        if name == "support":
+            texts += _collect(lambda: table.texts("support", SUPPORTS))
+        else:
+            gaps = not name.startswith(("q_command.", "motor."))
+            texts += _collect(lambda name=name, gaps=gaps: table.numbers(name, missing_allowed=gaps))
+    return texts
+
+
+def _collect(action: Callable[[], Any]) -> list[str]:
+    try:
+        action()
+    except InputError as error:
+        return [str(error)]
+    return []

@@ -1,0 +1,185 @@
+"""tulip check: silent on healthy folders, loud on planted faults, and right about its own figures."""
+
+import dataclasses
+import json
+import re
+
+import numpy as np
+import pytest
+
+from experiments.check import check_folder
+from experiments.cli import main
+from identification.preflight import preflight
+from identification.preflight.finding import STATISTICAL_CHECKS
+from sim.measurements import write_measurements
+from tools.study_check import FAULTS, HEALTHY
+
+
+def found(measurements, nominal):
+    return {finding.name: finding for finding in preflight(measurements, nominal)}
+
+
+def results(measurements, nominal):
+    return {finding.name: finding.result for finding in preflight(measurements, nominal)}
+
+
+@pytest.mark.parametrize("variant", HEALTHY)
+def test_healthy_folders_pass(wii, precise, nominal, variant):
+    for measured in (wii.experiment.measurements, precise):
+        seen = results(HEALTHY[variant](measured), nominal)
+        assert set(seen.values()) <= {"pass", "not evaluated"}, seen
+
+
+def test_noise_free_data_are_told_so_and_nothing_fails(ideal, nominal):
+    seen = results(ideal.experiment.measurements, nominal)
+    assert {name for name, result in seen.items() if result in ("warn", "fail")} == {"stated noise"}
+
+
+def test_every_statistical_check_has_its_share_of_the_level(wii, nominal):
+    """Weight balance and constant weight exclude each other; settling wants a series."""
+    with_p = [f for f in preflight(wii.experiment.measurements, nominal) if f.p_value is not None]
+    assert len(with_p) + 1 == STATISTICAL_CHECKS
+
+
+CAUGHT_BY = {
+    "fault": "check",
+    "one cell's gain 10 % high": "weight balance",
+    "one cell's tare off by 5 N": "weight balance",
+    "one cell drifts by 5 N": "drift",
+    "one cell saturates in a fifth of the postures": "stuck readings",
+    "one cell unplugged": "cell loads",
+    "two cells of a plate swapped": "load inside soles",
+    "two cells of different plates swapped": "load inside soles",
+    "right and left plate swapped": "load inside soles",
+    "one force with two digits transposed": "single postures",
+    "one row pasted over another": "stuck readings",
+    "forces of two postures interchanged": "single postures",
+    "one encoder in degrees": "units",
+    "all encoders in degrees": "units",
+    "one encoder's zero off by 1 degree": "legs close",
+    "one encoder's sign wrong": "legs close",
+    "one encoder frozen from halfway": "stuck readings",
+    "one placement's plate recorded 30 mm off": "single placements",
+    "one placement's left plate with the sign of x wrong": "single placements",
+    "one placement's left plate with the sign of y wrong": "plate poses",
+    "forces in kilograms": "units",
+    "weighed mass 1 kg too high": "weight balance",
+    "stated cell s.d. half of the true one": "weight balance",
+    "stated encoder s.d. half of the true one": "legs close",
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_planted_fault_is_caught_by_its_check(precise, nominal, fault):
+    finding = found(FAULTS[fault](precise, np.random.default_rng(111)), nominal)[CAUGHT_BY[fault]]
+    assert finding.result == "fail"
+    assert finding.seen
+
+
+def test_words_say_what_where_and_what_to_do(precise, nominal):
+    """The joint with a wrong zero, the placement with a shifted plate, the posture with a wrong figure."""
+    angles = precise.joint_angles.copy()
+    angles[:, 3] += 0.02
+    finding = found(dataclasses.replace(precise, joint_angles=angles), nominal)["legs close"]
+    assert "offset of +20." in finding.advice or "offset of +19." in finding.advice
+    assert "right_knee" in finding.advice
+    poses = precise.plate_poses.copy()
+    poses[precise.placement == 7, 1, 0] += 0.03
+    finding = found(dataclasses.replace(precise, plate_poses=poses), nominal)["single placements"]
+    assert finding.where == "placement 7, left plate"
+    forces = precise.cell_forces.copy()
+    forces[40, 2] += 18
+    forces[40, 3] -= 18
+    finding = found(dataclasses.replace(precise, cell_forces=forces), nominal)["single postures"]
+    assert f"posture {precise.posture[40]} (row 41" in finding.where
+    angles = precise.joint_angles.copy()
+    angles[:, 9] = np.rad2deg(angles[:, 9])
+    finding = found(dataclasses.replace(precise, joint_angles=angles), nominal)["units"]
+    assert "q.left_knee reads" in finding.seen
+    assert finding.seen.endswith("degrees?")
+
+
+@pytest.mark.parametrize(
+    ("changes", "seen"),
+    [
+        (lambda m: {"cells": 1e3 * m.cells}, "plates.right.cells.front_left lies 216.5 .* millimetres?"),
+        (
+            lambda m: {"plate_poses": m.plate_poses * [1e3, 1e3, 1]},
+            "plate.left.y reads up to .* millim",
+        ),
+        (lambda m: {"weighed_mass": (23e3, 20.0)}, "weighed_mass is 23000 where .* grams?"),
+        (lambda m: {"weighed_mass": (225.6, 0.2)}, "weighed_mass is 225.6 where .* newtons?"),
+        (lambda m: {"cell_forces": m.cell_forces / 9.81 * 1e3}, "the cells sum to .* grams?"),
+        (lambda m: {"cells": 0 * m.cells}, "plates.right.cells lie on one line"),
+        (
+            lambda m: {"plate_poses": m.plate_poses + np.array([0, 0, 3.0])},
+            "plate.right.yaw reads up to .* degrees?",
+        ),
+    ],
+)
+def test_units_are_guessed(precise, nominal, changes, seen):
+    finding = found(dataclasses.replace(precise, **changes(precise)), nominal)["units"]
+    assert finding.result == "fail"
+    assert re.search(seen, finding.seen)
+
+
+def test_another_robot_is_found_out(precise, nominal):
+    other = dataclasses.replace(precise, robot=precise.robot | {"sha256": "0" * 64})
+    assert results(other, nominal)["robot"] == "fail"
+    unsaid = dataclasses.replace(precise, robot=precise.robot | {"sha256": None})
+    assert results(unsaid, nominal)["robot"] == "pass"
+    turned = dataclasses.replace(precise, joints=precise.joints[::-1])
+    assert results(turned, nominal)["robot"] == "fail"
+
+
+def test_command_line_passes_fails_and_cannot_read(precise, tmp_path, capsys):
+    write_measurements(tmp_path / "good", precise)
+    assert main(["check", str(tmp_path / "good")]) == 0
+    assert "Verdict: pass" in capsys.readouterr().out
+    write_measurements(tmp_path / "bad", FAULTS["forces in kilograms"](precise, np.random.default_rng(0)))
+    assert main(["check", str(tmp_path / "bad"), "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert document["verdict"] == "fail"
+    assert document["counts"]["fail"] == 1
+    assert set(document["checks"][0]) == {"name", "result", "seen", "expected", "where", "advice", "p_value"}
+    (tmp_path / "empty").mkdir()
+    assert main(["check", str(tmp_path / "empty"), "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["verdict"] == "could not read"
+    assert main(["check", str(tmp_path / "nowhere")]) == 2
+    assert "no such measurement folder" in capsys.readouterr().err
+
+
+def test_an_incomplete_folder_hears_everything_at_once(robot, tmp_path, capsys):
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / "manifest.json").write_text('{"format": "tulip-measurements", "version": 2, "gravity": 9.81}')
+    (folder / "postures.csv").write_text(
+        "posture,placement,q.right_knee,cell.right.front_left,cell.right.frontright\n1,1.5,bent,20.5,3\n"
+    )
+    found = check_folder(folder, robot)["complaints"]
+    text = " ".join(found["manifest"] + found["table"])
+    for part in (
+        "keys missing: robot, joints, plates, weighed_mass, sensors",
+        "key 'version': found 2",
+        "columns missing: q.right_hip_yaw, q.right_hip_roll",
+        "plate.left.yaw",
+        "columns that the format does not know: cell.right.frontright",
+        "column 'placement', row 1: found 1.5, expected a whole number",
+        "column 'q.right_knee': found string, expected numbers (row 1: 'bent')",
+    ):
+        assert part in text
+    assert main(["check", str(folder)]) == 2
+    assert '"stance_foot": "right_foot"' in capsys.readouterr().out
+
+
+def test_the_printed_example_can_be_read(robot, tmp_path):
+    """Copied into an empty folder it is a measurement, of one posture that lies over its plates."""
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    document = check_folder(folder, robot)
+    (folder / "manifest.json").write_text(json.dumps(document["example_manifest"]))
+    row = document["example_row"]
+    (folder / "postures.csv").write_text(",".join(row) + "\n" + ",".join(map(str, row.values())) + "\n")
+    checks = {check["name"]: check["result"] for check in check_folder(folder, robot)["checks"]}
+    assert {name for name, result in checks.items() if result == "fail"} == {"identifiable"}
+    assert checks["feet on plates"] == "pass"

@@ -1,0 +1,167 @@
+"""Springs, dead bands and lifting corners against their closed forms."""
+
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim.compliance import Compliance
+from sim.control import Controller, add_servos
+from sim.drives import Drives, add_drives
+from sim.errors import InputError
+from sim.hold import hold, put_down
+from sim.measurements import lay_boards
+from sim.model import CORNERS, load_robot, sole_corners, sole_point
+from sim.rig import preset_rig
+from sim.scene import load_scene
+from sim.stand import Stand
+
+PENDULUM = """
+<mujoco>
+  <option timestep="0.001"/>
+  <worldbody>
+    <body name="frame">
+      <inertial pos="0 0 0" mass="1" diaginertia="0.1 0.1 0.1"/>
+      <body name="arm">
+        <joint name="arm" axis="0 1 0" armature="0.05" damping="0.5"/>
+        <inertial pos="0.2 0 0" mass="2" diaginertia="0.01 0.01 0.01"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor name="arm" joint="arm" forcerange="-20 20"/></actuator>
+</mujoco>"""
+
+
+def standing(robot, model, plan, **changes) -> Stand:
+    """The robot held at the plan's first posture in a changed laboratory."""
+    soles = np.array([sole_corners(model, foot)[:, :2] for foot in robot.feet])
+    soles[1] += plan.swing_pose[0, :2]
+    rig = dataclasses.replace(preset_rig("ideal", robot), **changes)
+    stand = Stand(rig, lay_boards(soles, np.array([0.5, 0.3]), 0.01))
+    put_down(stand, plan.joint_angles[0])
+    held, reason = hold(stand, plan.joint_angles[0])
+    assert held is not None, reason
+    return stand
+
+
+def spring(stand: Stand, name: str) -> float:
+    return float(stand.data.joint(name).qpos[0])
+
+
+def test_a_sole_gives_way_by_its_load(robot, model, plan):
+    stand = standing(robot, model, plan, compliance=Compliance(sole=1e-5, sole_tilt=5e-4))
+    # The cells carry the foot's load; its moments about the point below the ankle tilt the sole.
+    loads = stand.cell_forces().reshape(2, 4).sum(axis=1)
+    mujoco.mj_rnePostConstraint(stand.model, stand.data)
+    for foot, sole, load in zip(robot.feet, stand.soles, loads, strict=True):
+        assert spring(stand, f"{foot}_sole_z") == pytest.approx(1e-5 * load, rel=1e-3)
+        body = stand.data.body(sole)
+        wrench, centre = stand.data.cfrc_ext[sole], stand.data.subtree_com[stand.torso]
+        ankle = stand.data.body(foot)
+        point = sole_point(model, foot) + np.array([0, 0, spring(stand, f"{foot}_sole_z")])
+        point = ankle.xpos + ankle.xmat.reshape(3, 3) @ point
+        moment = body.xmat.reshape(3, 3).T @ (wrench[:3] + np.cross(centre - point, wrench[3:]))
+        for k, way in enumerate(("roll", "pitch")):
+            assert spring(stand, f"{foot}_sole_{way}") == pytest.approx(5e-4 * moment[k], rel=2e-3, abs=1e-7)
+
+
+def test_a_cell_gives_way_by_its_reading(robot, model, plan):
+    stand = standing(robot, model, plan, compliance=Compliance(cell=1e-6))
+    loads = stand.cell_forces() + stand.tare
+    for name, load in zip([f"{p}_plate_{c}" for p in ("right", "left") for c in CORNERS], loads, strict=True):
+        assert spring(stand, f"{name}_cell_z") == pytest.approx(1e-6 * load, rel=1e-3)
+
+
+def test_a_corner_lifts_and_the_other_three_carry_the_load(robot):
+    """20 kg near a corner of a rigid board: a tripod, solved by three equations."""
+    spec = load_scene(robot)
+    spec.delete(spec.body("torso"))
+    for key in list(spec.keys):
+        spec.delete(key)
+    x, y = 0.15, 0.09
+    load = spec.body("right_plate").add_body(name="load", pos=[x, y, 0.05])
+    load.mass, load.ipos, load.inertia, load.explicitinertial = 20.0, [0, 0, 0], [1e-3] * 3, True
+    scene = spec.compile()
+    data = mujoco.MjData(scene)
+    mujoco.mj_step(scene, data, 4000)
+    forces = np.array([data.sensor(f"right_plate_{corner}").data[0] for corner in CORNERS])
+    cells = np.array([scene.site(f"right_plate_{corner}").pos[:2] for corner in CORNERS])
+    bilinear = 9.81 * (23.5 + 20 * (x * cells[:, 0] / 0.2165**2 + y * cells[:, 1] / 0.119**2)) / 4
+    assert bilinear[2] < -10  # what four glued cells would read
+    touching = [0, 1, 3]
+    moments = 9.81 * np.array([23.5, 20 * x, 20 * y])
+    expected = np.linalg.solve(np.vstack([np.ones(3), cells[touching].T]), moments)
+    assert forces[2] == 0.0
+    assert forces[touching] == pytest.approx(expected, abs=0.02)
+    assert data.site("right_plate_rear_right").xpos[2] > data.geom("floor").xpos[2] + 5e-8
+
+
+@pytest.mark.parametrize("backlash", [0.0, 0.01])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_drive_winds_up_by_its_torque_and_half_its_backlash(side, backlash):
+    spec = mujoco.MjSpec.from_string(PENDULUM)
+    add_drives(spec, Drives(wind_up=0.02, backlash=backlash))
+    pendulum = spec.compile()
+    data = mujoco.MjData(pendulum)
+    pendulum.opt.gravity[2] *= side
+    pendulum.dof_armature[pendulum.joint("arm_motor").dofadr[0]] = 1e6  # a motor that holds still
+    mujoco.mj_step(pendulum, data, 20_000)
+    joint, motor = data.joint("arm").qpos[0], data.joint("arm_motor").qpos[0]
+    torque = side * 2 * 9.81 * 0.2 * np.cos(joint)
+    assert joint - motor == pytest.approx(torque * 0.02 / 20 + side * backlash / 2, rel=1e-3)
+
+
+def test_a_torque_limit_on_the_joint_goes_with_the_motor():
+    spec = mujoco.MjSpec.from_string(PENDULUM)
+    joint = spec.joint("arm")
+    joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-10, 10]
+    add_drives(spec, Drives(wind_up=0.02))
+    add_servos(spec, Controller())
+    assert spec.actuators[0].forcerange[1] == 10
+    assert spec.tendons[0].stiffness[0] == pytest.approx(10 / 0.02)
+
+
+def test_backlash_without_flexibility_is_refused():
+    with pytest.raises(InputError, match=r"found a backlash of 0\.01 rad and no wind_up"):
+        add_drives(mujoco.MjSpec.from_string(PENDULUM), Drives(backlash=0.01))
+
+
+def test_motor_encoders_differ_by_the_load_on_flexible_drives(robot, model, plan):
+    """The spring's torque is the joint's load, which inverse dynamics gives without any spring."""
+    stand = standing(robot, model, plan, drives=Drives(wind_up=0.0175))
+    drives = stand.data.qpos[stand.qpos] - stand.data.qpos[stand.motors]
+    assert 1e-3 < np.abs(drives).max() < 0.0175
+    limits = stand.model.actuator_forcerange[stand.servos, 1]
+    data = stand.data
+    contact = np.zeros(stand.model.nv)
+    for body in (*stand.soles, *[stand.model.body(f"{p}_plate").id for p in ("right", "left")]):
+        wrench = data.cfrc_ext[body]
+        centre = data.subtree_com[stand.model.body_rootid[body]]
+        mujoco.mj_applyFT(stand.model, data, wrench[3:], wrench[:3], centre, body, contact)
+    joints = [stand.model.joint(name).dofadr[0] for name in plan.joints]
+    load = data.qfrc_bias[joints] - contact[joints]
+    assert -drives * limits / 0.0175 == pytest.approx(load, abs=2e-3)
+
+
+def test_rigid_is_the_default_and_the_robot_file_says_otherwise(tmp_path, robot):
+    assert preset_rig("wii").drives == Drives()
+    assert preset_rig("wii").compliance == Compliance()
+    settings = robot.settings | {"drives": {"wind_up": 0.01, "backlash": 0.001}}
+    flexible = preset_rig("wii", dataclasses.replace(robot, settings=settings))
+    assert flexible.drives == Drives(0.01, 0.001)
+    for wrong, message in (
+        ({"windup": 0.01}, "unknown key 'windup'; valid: wind_up, backlash"),
+        ({"wind_up": "soft"}, "key 'wind_up': found 'soft', expected a number, 0 or more"),
+        ({"wind_up": -1.0}, "found -1.0"),
+    ):
+        with pytest.raises(InputError, match=message):
+            preset_rig("wii", dataclasses.replace(robot, settings=robot.settings | {"drives": wrong}))
+
+
+def test_load_robot_knows_the_tables(tmp_path):
+    path = tmp_path / "robot.toml"
+    path.write_text(
+        'model = "a.xml"\nscene = "b.xml"\nstance_foot = "r"\nswing_foot = "l"\n[compliance]\nsole = 1e-5\n'
+    )
+    assert load_robot(path).settings["compliance"] == {"sole": 1e-5}

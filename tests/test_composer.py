@@ -1,0 +1,303 @@
+"""The laboratory as a dm_env environment: it reads what the fast path reads."""
+
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim.compliance import Compliance
+from sim.composer import laboratory_environment
+from sim.drives import Drives
+from sim.hold import hold, put_down
+from sim.model import load_robot
+from sim.rig import preset_rig
+from sim.sensors import PRESETS, Sensors, averaged_sd
+from sim.stand import Stand
+
+POSES = np.array([[0.0301, -0.1552, 0.0113], [0.0322, 0.1553, -0.0207]])
+PERIOD = 20  # physics steps from action to action
+
+
+@pytest.fixture(scope="module")
+def rig(robot):
+    return preset_rig("ideal", robot)
+
+
+@pytest.fixture(scope="module")
+def stand(model):
+    """The asset's standing posture, (n,)."""
+    return model.key("stand").qpos[7:]
+
+
+def heavier(spec: mujoco.MjSpec) -> None:
+    """Another robot, with numbers that six digits do not hold, and a strap between its knees."""
+    rng = np.random.default_rng(110)
+    for body in spec.bodies:
+        if body.mass > 0:
+            body.mass *= rng.uniform(0.9, 1.1)
+            body.ipos = body.ipos + rng.uniform(-0.01, 0.01, 3)
+    for joint in spec.joints:
+        joint.damping = joint.damping * rng.uniform(0.9, 1.1)
+        joint.frictionloss *= rng.uniform(0.9, 1.1)
+    for pair in spec.pairs:
+        pair.friction[:2] = rng.uniform(0.8, 1.2)
+    for actuator in spec.actuators:
+        actuator.biasprm[2] *= rng.uniform(0.9, 1.1)
+    strap = spec.add_tendon(name="strap", stiffness=rng.uniform(1, 2), springlength=[0, 0])
+    strap.wrap_joint("right_knee", 1.0)
+    strap.wrap_joint("left_knee", -rng.uniform(0.9, 1.1))
+
+
+def cells(step, name: str = "cells") -> np.ndarray:
+    """The eight readings of a time step."""
+    return np.concatenate([step.observation[f"{side}_plate/{name}"] for side in ("right", "left")])
+
+
+def start(stand: Stand, command: np.ndarray) -> None:
+    """On the fast path: what a reset does."""
+    model, data = stand.model, stand.data
+    stand.reset(command, stand.chain.base_pose(command))
+    # dm_control computes a reset state without the actuators; the solver starts from that.
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
+    mujoco.mj_forward(model, data)
+    model.opt.disableflags ^= mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
+
+
+def assert_same(step, stand: Stand) -> None:
+    """To the last bit."""
+    qpos = stand.data.qpos
+    assert step.observation["robot/joint_encoders"].tobytes() == qpos[stand.qpos].tobytes()
+    assert step.observation["robot/motor_encoders"].tobytes() == qpos[stand.motors].tobytes()
+    assert cells(step).tobytes() == stand.cell_forces().tobytes()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"edit": heavier},
+        {"drives": Drives(0.013, 0.0021), "compliance": Compliance(1.3e-6, 1.7e-4, 3.3e-7)},
+    ],
+    ids=["shipped", "edited", "springs"],
+)
+def test_both_paths_go_the_same_way_bit_for_bit(rig, plan, changes):
+    """The same steps of the same model: no tolerance, over three seconds with a moving command."""
+    rig = dataclasses.replace(rig, **changes)
+    posture = plan.joint_angles[7]
+    environment, fast = laboratory_environment(rig, posture, POSES), Stand(rig, POSES)
+    environment.reset()
+    start(fast, posture)
+    for k in range(150):
+        command = posture + 0.02 * np.sin(0.1 * k) * np.arange(12) / 12
+        step = environment.step(command)
+        fast.command = command
+        mujoco.mj_step(fast.model, fast.data, PERIOD)
+        assert not step.last()
+        assert_same(step, fast)
+    assert environment.physics.data.qvel.tobytes() == fast.data.qvel.tobytes()
+
+
+def test_a_held_posture_reads_the_same(rig, plan):
+    """Given the fast path's hold, with what sticks in it, both go on alike and read what was held."""
+    posture = plan.joint_angles[7]
+    fast = Stand(rig, POSES)
+    put_down(fast, posture)
+    held, reason = hold(fast, posture)
+    assert held, reason
+
+    def at_rest(physics, random_state):
+        for name in ("qpos", "qvel", "qacc_warmstart", "qfrc_applied"):
+            getattr(physics.data, name)[:] = getattr(fast.data, name)
+        physics.model.dof_frictionloss[:] = fast.model.dof_frictionloss
+        for i in np.flatnonzero(fast.data.xfrc_applied.any(axis=1)):
+            name = fast.model.body(i).name
+            part = name if name.endswith("_plate") else "robot"
+            physics.named.data.xfrc_applied[f"{part}/{name}"] = fast.data.xfrc_applied[i]
+
+    environment = laboratory_environment(rig, posture, POSES)
+    environment.add_extra_hook("initialize_episode", at_rest)
+    environment.reset()
+    for _ in range(50):
+        step = environment.step(posture)
+        mujoco.mj_step(fast.model, fast.data, PERIOD)
+        assert_same(step, fast)
+    # As still as the hold's own gate asks for.
+    assert cells(step) == pytest.approx(held.cell_forces, abs=rig.protocol.force_gate)
+    assert step.observation["robot/joint_encoders"] == pytest.approx(held.joint_angles, abs=1e-7)
+
+
+def test_torques_by_the_servos_law_do_what_the_servos_do(rig, plan):
+    """With its own controller at every physics step, the torque environment repeats the other."""
+    posture = plan.joint_angles[7]
+    angles = laboratory_environment(rig, posture, control_timestep=0.001)
+    torques = laboratory_environment(rig, posture, control_timestep=0.001, actuation="torques")
+    limit = torques.action_spec().maximum
+    assert limit[3] == 25.4
+    kp = limit / rig.controller.error_at_full_torque
+    angles.reset()
+    torques.reset()
+    for _ in range(1000):
+        data = torques.physics.data
+        speed = rig.controller.derivative_time * data.qvel[6:18]
+        torques.step(np.clip(kp * (posture - data.qpos[7:19] - speed), -limit, limit))
+        angles.step(posture)
+    assert torques.physics.data.qpos == pytest.approx(angles.physics.data.qpos, abs=1e-9)
+
+
+def test_truth_is_there_when_asked_for_and_balances(rig, stand):
+    options = {name: {"enabled": True} for name in ("centre_of_mass", "sole_forces", "true_cells")}
+    environment = laboratory_environment(rig, stand, observable_options=options)
+    environment.reset()
+    for _ in range(150):
+        step = environment.step(stand)
+    forces = step.observation["robot/sole_forces"].reshape(2, 3)
+    assert forces.sum(axis=0) == pytest.approx([0, 0, 23 * 9.81], abs=1e-2)
+    assert forces[:, 2] == pytest.approx(cells(step).reshape(2, 4).sum(axis=1), abs=1e-2)
+    # The robot is symmetric: it stands in the middle between its feet.
+    assert step.observation["robot/centre_of_mass"][1] == pytest.approx(0.0624, abs=1e-4)
+    plain = laboratory_environment(rig, stand).observation_spec()
+    assert sorted(plain) == [
+        "left_plate/cells",
+        "right_plate/cells",
+        "robot/joint_encoders",
+        "robot/motor_encoders",
+    ]
+
+
+# Once with errors that averaging leaves, once with those that it removes.
+SENSORS = {
+    "wii": PRESETS["wii"],
+    "noise": Sensors(
+        encoder_noise=1e-3,
+        encoder_resolution=1e-4,
+        motor_noise=2e-3,
+        motor_resolution=1e-4,
+        cell_noise=1.5,
+        cell_resolution=0.1,
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def rest(rig, stand):
+    """The standing posture come to rest: the state's positions, (nq,)."""
+    environment = laboratory_environment(rig, stand)
+    environment.reset()
+    for _ in range(100):
+        environment.step(stand)
+    return environment.physics.data.qpos.copy()
+
+
+@pytest.mark.parametrize("sensors", SENSORS.values(), ids=SENSORS)
+def test_readings_have_the_spread_that_averaged_sd_predicts(rig, stand, rest, sensors):
+    """40 episodes at rest, each channel the mean of 30 samples, against the true mean.
+
+    Per kind of sensor the errors' mean, and the sum of their squares over the predicted variance:
+    chi-square with 40 x (12 or 8) degrees of freedom. Both within 4 s.d.; the two sets of sensors
+    together raise a false alarm on one seed in 900.
+    """
+    episodes, samples = 40, 30
+
+    def begin(physics, random_state):
+        physics.data.qpos[:] = rest
+
+    kinds = {"joint_encoders": "encoder", "motor_encoders": "motor", "cells": "cell"}
+    window = {"buffer_size": samples, "aggregator": "mean"}
+    truth = {"true_cells": {"enabled": True, "update_interval": 10, **window}}
+    environment = laboratory_environment(
+        dataclasses.replace(rig, sensors=sensors),
+        stand,
+        control_timestep=0.3,
+        seed=111,
+        observable_options=dict.fromkeys(kinds, window) | truth,
+    )
+    environment.add_extra_hook("initialize_episode", begin)
+    errors: dict[str, list[np.ndarray]] = {name: [] for name in kinds}
+    for _ in range(episodes):
+        environment.reset()
+        step = environment.step(stand)
+        # At rest the joints creep by less than a microradian in the window.
+        for name in ("joint_encoders", "motor_encoders"):
+            errors[name].append(step.observation[f"robot/{name}"] - environment.physics.data.qpos[7:19])
+        errors["cells"].append(cells(step) - cells(step, "true_cells"))
+    for name, kind in kinds.items():
+        repeatability, noise, resolution = (
+            getattr(sensors, f"{kind}_{figure}") for figure in ("repeatability", "noise", "resolution")
+        )
+        z = np.array(errors[name]) / averaged_sd(repeatability, noise, resolution, samples)
+        assert abs(z.mean()) < 4 / np.sqrt(z.size)
+        assert abs((z**2).sum() - z.size) < 4 * np.sqrt(2 * z.size)
+
+
+def test_every_sample_is_rounded_and_cells_have_their_gain(rig, stand):
+    sensors = Sensors(encoder_resolution=1e-3, motor_resolution=3e-4, cell_gain={"left.rear_right": 2.0})
+    options = {"true_cells": {"enabled": True}}
+    environment = laboratory_environment(
+        dataclasses.replace(rig, sensors=sensors), stand, observable_options=options
+    )
+    environment.reset()
+    for _ in range(10):
+        seen = environment.step(stand).observation
+    for name, resolution in (("robot/joint_encoders", 1e-3), ("robot/motor_encoders", 3e-4)):
+        counts = seen[name] / resolution
+        assert counts == pytest.approx(counts.round(), abs=1e-6)
+        assert np.abs(counts).max() > 100
+    assert seen["right_plate/cells"] == pytest.approx(seen["right_plate/true_cells"])
+    assert seen["left_plate/cells"] == pytest.approx(seen["left_plate/true_cells"] * [1, 1, 2, 1])
+
+
+def test_parts_lose_nothing_of_the_scene(rig, stand):
+    """Elements across parts, and of the arena's own, are all there, with their names."""
+
+    def furnished(spec: mujoco.MjSpec) -> None:
+        heavier(spec)
+        weld = {"type": mujoco.mjtEq.mjEQ_WELD, "objtype": mujoco.mjtObj.mjOBJ_BODY, "active": False}
+        spec.add_equality(name="moored", name1="world", name2="right_foot", **weld)
+        spec.add_equality(name="stuck", name1="left_plate", name2="left_foot", **weld)
+        spec.add_exclude(bodyname1="torso", bodyname2="left_plate")
+        table = spec.worldbody.add_body(name="table", pos=[2, 0, 0])
+        table.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.1])
+        table.add_site(name="table")
+        spec.add_sensor(
+            name="table",
+            type=mujoco.mjtSensor.mjSENS_FRAMEPOS,
+            objtype=mujoco.mjtObj.mjOBJ_SITE,
+            objname="table",
+        )
+
+    rig = dataclasses.replace(rig, edit=furnished)
+    environment = laboratory_environment(rig, stand, POSES)
+    whole, parts = Stand(rig, POSES).model, environment.physics.model.ptr
+    for count in ("nq", "nv", "nu", "ngeom", "nsite", "npair", "nexclude", "ntendon", "nwrap", "nsensor"):
+        assert getattr(parts, count) == getattr(whole, count), count
+    assert parts.neq == whole.neq - 2  # the fast path's clamps
+    assert parts.joint("robot/right_knee").range == pytest.approx(whole.joint("right_knee").range)
+    assert parts.body("robot/torso").mass == whole.body("torso").mass
+    assert parts.tendon("robot/strap").name == "robot/strap"
+    assert parts.tendon_stiffness.tolist() == whole.tendon_stiffness.tolist()
+    assert parts.geom("table").bodyid == parts.body("table").id
+    assert [parts.pair(i).name for i in range(8)] == [whole.pair(i).name for i in range(8)]
+    assert parts.equality("moored").id != parts.equality("stuck").id
+
+
+def test_meshes_are_found_beside_the_robot(robot, stand, tmp_path):
+    """One is the torso's, one the floor's; each is loaded once."""
+    for path in robot.path.parent.iterdir():
+        if path.is_file():
+            (tmp_path / path.name).write_bytes(path.read_bytes())
+    (tmp_path / "shape.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    )
+    other = load_robot(tmp_path / robot.path.name)
+
+    def shaped(spec: mujoco.MjSpec) -> None:
+        for body, size in (("torso", 0.1), ("world", 0.2)):
+            mesh = spec.add_mesh(name=f"{body}_shape", file="shape.obj", scale=[size] * 3)
+            kind = {"type": mujoco.mjtGeom.mjGEOM_MESH, "contype": 0, "conaffinity": 0}
+            spec.body(body).add_geom(name=mesh.name, meshname=mesh.name, **kind)
+
+    rig = dataclasses.replace(preset_rig("ideal", other), edit=shaped)
+    environment = laboratory_environment(rig, stand)
+    model = environment.physics.model.ptr
+    assert sorted(model.mesh(i).name for i in range(model.nmesh)) == ["robot/torso_shape", "world_shape"]

@@ -1,0 +1,183 @@
+"""The laboratory as a dm_env environment: the interface's rules, its options, its example."""
+
+import dataclasses
+import os
+import re
+import runpy
+import subprocess
+import sys
+import unittest
+from pathlib import Path
+
+import numpy as np
+import pytest
+from dm_env import test_utils
+
+from sim.composer import laboratory_environment
+from sim.errors import InputError
+from sim.measurements import lay_boards
+from sim.model import sole_corners
+from sim.rig import preset_rig
+from tests.test_composer import PERIOD, cells
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="module")
+def rig(robot):
+    return preset_rig("ideal", robot)
+
+
+@pytest.fixture(scope="module")
+def stand(model):
+    """The asset's standing posture, (n,)."""
+    return model.key("stand").qpos[7:]
+
+
+def test_an_episode_keeps_its_repeatability_and_a_seed_its_readings(robot, stand):
+    """With repeatability as the only error, the error stays through an episode and changes with it."""
+    rig = preset_rig("ideal", robot)
+    rig = dataclasses.replace(rig, sensors=dataclasses.replace(rig.sensors, cell_repeatability=1.0))
+    options = {"true_cells": {"enabled": True, "update_interval": 10}}
+
+    def errors(seed: int) -> list[np.ndarray]:
+        environment = laboratory_environment(rig, stand, seed=seed, observable_options=options)
+        found = []
+        for _ in range(2):
+            step = environment.reset()
+            for _ in range(3):
+                found.append(step.observation["left_plate/cells"] - step.observation["left_plate/true_cells"])
+                step = environment.step(stand)
+        return found
+
+    first, again, other = errors(112), errors(112), errors(113)
+    assert first[0] == pytest.approx(first[2])
+    assert first[3] == pytest.approx(first[5])
+    assert np.abs(first[0] - first[3]).min() > 1e-3
+    assert np.array_equal(first, again)
+    assert np.abs(first[0] - other[0]).min() > 1e-3
+
+
+def test_delay_and_buffer_are_dm_controls(rig, stand):
+    options = {
+        "joint_encoders": {"delay": 2 * PERIOD},
+        "motor_encoders": {"buffer_size": 4, "update_interval": PERIOD},
+    }
+    environment = laboratory_environment(rig, stand, observable_options=options)
+    plain = laboratory_environment(rig, stand)
+    late, prompt = [environment.reset()], [plain.reset()]
+    for k in range(6):
+        command = stand + 0.01 * k
+        late.append(environment.step(command))
+        prompt.append(plain.step(command))
+    assert np.array_equal(late[0].observation["robot/motor_encoders"], np.tile(stand, (4, 1)))
+    angles = [step.observation["robot/joint_encoders"] for step in prompt]
+    assert np.array_equal(late[6].observation["robot/joint_encoders"], angles[4])
+    assert np.array_equal(late[6].observation["robot/motor_encoders"], angles[3:7])
+
+
+def test_sensors_read_at_their_sample_rate(rig, stand):
+    """100 Hz: every tenth millisecond a new reading, in between the last one."""
+    environment = laboratory_environment(rig, stand, control_timestep=0.001)
+    environment.reset()
+    readings = np.array([cells(environment.step(stand)) for _ in range(40)])
+    changed = (np.diff(readings, axis=0) != 0).any(axis=1)
+    assert np.flatnonzero(changed).tolist() == [8, 18, 28, 38]
+
+
+def test_boards_lie_under_the_soles(rig, model, plan):
+    """Where the laboratory lays them for the plan's own pose of the swing foot."""
+    x, y, yaw = plan.swing_pose[7]
+    right, left = (sole_corners(model, foot)[:, :2] for foot in rig.robot.feet)
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    boards = lay_boards(np.array([right, left @ turn.T + [x, y]]), np.array([0.5, 0.3]), 0.01)
+    environment = laboratory_environment(rig, plan.joint_angles[7])
+    for plate, board in zip(environment.task.plates, boards, strict=True):
+        position = np.asarray(environment.physics.bind(plate.root_body).xpos)
+        assert position[:2] == pytest.approx(board[:2], abs=1e-6)
+
+
+@pytest.mark.parametrize("actuation", ["angles", "torques"])
+def test_an_episode_ends_when_the_robot_tips(rig, stand, actuation):
+    environment = laboratory_environment(rig, stand, actuation=actuation, reward=lambda physics: 2.5)
+    environment.reset()
+    limp = np.zeros(12) if actuation == "torques" else np.where(np.arange(12) % 6 == 4, 0.3, stand)
+    while not (step := environment.step(limp)).last():
+        assert environment.physics.time() < 5
+    assert (step.reward, step.discount) == (2.5, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"joint_angles": np.zeros(11)}, r"joint_angles: found shape \(11,\), expected \(12,\)"),
+        ({"joint_angles": np.full(12, np.nan)}, "joint_angles: found a number that is not finite"),
+        ({"joint_angles": 0.1 * (np.arange(12) == 3)}, "heights .* expected both soles flat"),
+        ({"plate_poses": np.zeros(3)}, r"plate_poses: found shape \(3,\), expected \(2, 3\)"),
+        ({"actuation": "speeds"}, "unknown actuation 'speeds'; valid: angles, torques"),
+        ({"control_timestep": 0.0123}, "control_timestep: .*multiple"),
+        ({"observable_options": {"cell": {}}}, "unknown observable 'cell'; valid: .*cells"),
+        ({"observable_options": {"cells": {"lag": 1}}}, "'cells': unknown option 'lag'; valid: .*delay"),
+    ],
+)
+def test_what_does_not_fit_is_refused(rig, stand, arguments, message):
+    with pytest.raises(InputError, match=message):
+        laboratory_environment(rig, **({"joint_angles": stand} | arguments))
+
+
+def test_no_display_no_warning():
+    """Without a display and without MUJOCO_GL, as on a server."""
+    environment = {
+        k: v for k, v in os.environ.items() if k not in ("MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY")
+    }
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", "import sim.composer"],
+        cwd=ROOT,
+        env=environment | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_example_balances_the_load(capsys):
+    runpy.run_path(str(ROOT / "examples" / "drive_laboratory.py"), run_name="__main__")
+    lines = capsys.readouterr().out.splitlines()
+    shares = [float(line.split()[3]) for line in lines[1:-1]]
+    assert shares[0] < 0.45
+    assert abs(shares[-1] - 0.5) < 0.01
+    assert lines[-1].startswith("both plates carry half of the load")
+
+
+def test_the_documentations_code_runs():
+    text = (ROOT / "docs" / "composer.md").read_text(encoding="utf-8")
+    names: dict = {}
+    for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
+        exec(block, names)
+    names["environment"].reset()
+    assert names["step"].observation["robot/centre_of_mass"].shape == (3,)
+
+
+class Conformance(test_utils.EnvironmentTestMixin, unittest.TestCase):
+    """dm_env's own rules, with episodes that end by time, in angles."""
+
+    def make_object_under_test(self, **unused_kwargs):
+        return self.environment_of()
+
+    @staticmethod
+    def environment_of(**arguments):
+        standing = np.array([0, 0, -0.16075, 0.34907, -0.18832, 0] * 2)
+        return laboratory_environment(preset_rig("wii"), standing, time_limit=0.2, seed=114, **arguments)
+
+
+class ConformanceInTorques(Conformance):
+    """The same in torques, every observable there is, averaged and late."""
+
+    def make_object_under_test(self, **unused_kwargs):
+        options = {
+            "cells": {"buffer_size": 5, "aggregator": "mean", "delay": 7},
+            "true_cells": {"enabled": True, "buffer_size": 3},
+            "centre_of_mass": {"enabled": True},
+            "sole_forces": {"enabled": True},
+        }
+        return self.environment_of(actuation="torques", observable_options=options)

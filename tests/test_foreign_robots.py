@@ -1,0 +1,197 @@
+"""The whole project on robots that nobody here wrote: dm_control's two humanoids."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from experiments.cli import main
+from identification.base_parameters import base_parameters, standard_parameters
+from identification.postures import free_joint_ranges, planning_ranges, random_postures
+from identification.regressor import stacked_regressor
+from sim.errors import InputError
+from sim.model import between_feet, joint_names, load_model, load_robot, sole_corners
+from sim.path import ClosedChain
+from sim.plates import plate_geometry
+from sim.scene import load_scene
+from tools.foreign_robots import ROBOTS, original_model, write_robot
+
+NAMES = sorted(ROBOTS)
+
+
+@pytest.fixture(scope="module")
+def plans(foreign):
+    """Ten placements of five postures each."""
+    return {
+        name: random_postures(robot, plate_geometry(load_scene(robot), "right"), 10, 5, 110)
+        for name, robot in foreign.items()
+    }
+
+
+def feet_and_com(model, robot, angles):
+    """Both sole frames (2, 4, 4) and the CoM (3,), the free body at the world's origin, by MuJoCo."""
+    data = mujoco.MjData(model)
+    data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
+    data.qpos[[model.joint(name).qposadr[0] for name in joint_names(model)]] = angles
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    frames = []
+    for foot in robot.feet:
+        body = data.body(foot)
+        frames.append(np.eye(4))
+        frames[-1][:3, :3], frames[-1][:3, 3] = body.xmat.reshape(3, 3), body.xpos
+    return np.array(frames), data.subtree_com[1].copy()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_bodies_masses_and_joints_are_the_originals(name, foreign):
+    """At random angles every body and the CoM lie where dm_control's own model puts them."""
+    original = original_model(name)
+    model, rng = load_model(foreign[name]), np.random.default_rng(111)
+    joints = joint_names(model)
+    assert joints == joint_names(original)
+    assert len(joints) == {"humanoid": 21, "humanoid_CMU": 56}[name]
+    assert model.body_mass == pytest.approx(original.body_mass, rel=1e-5)
+    root = ROBOTS[name].turned.get(model.body(1).name, np.eye(3))
+    turn = np.zeros(4)
+    mujoco.mju_mat2Quat(turn, root.ravel())
+    for _ in range(5):
+        angles = rng.uniform(-1, 1, len(joints))
+        positions = []
+        for m, quaternion in ((original, [1, 0, 0, 0]), (model, turn)):
+            data = mujoco.MjData(m)
+            data.qpos[:7] = [0, 0, 0, *quaternion]
+            data.qpos[[m.joint(joint).qposadr[0] for joint in joints]] = angles
+            mujoco.mj_kinematics(m, data)
+            mujoco.mj_comPos(m, data)
+            positions.append(np.vstack([data.xpos[1:], data.subtree_com[1]]))
+        assert positions[0] == pytest.approx(positions[1], abs=1e-5)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_planned_postures_stand_on_both_soles_and_move_every_joint(name, foreign, plans):
+    robot, plan = foreign[name], plans[name]
+    model, ranges = load_model(robot), planning_ranges(robot)
+    for angles, pose in zip(plan.joint_angles, plan.swing_pose, strict=True):
+        (stance, swing), com = feet_and_com(model, robot, angles)
+        relative = np.linalg.inv(stance) @ swing
+        assert relative[:2, 3] == pytest.approx(pose[:2], abs=1e-7)
+        heights = [sole_corners(model, foot)[0, 2] for foot in robot.feet]
+        assert relative[2, 3] == pytest.approx(heights[0] - heights[1], abs=1e-7)
+        assert relative[:3, 2] == pytest.approx([0, 0, 1], abs=1e-7)
+        com = (np.linalg.inv(stance) @ [*com, 1])[:2]
+        corners = np.vstack([sole_corners(model, robot.feet[0])[:, :2], pose[:2]])
+        assert (corners.min(axis=0) - 0.2 < com).all()
+        assert (com < corners.max(axis=0) + 0.2).all()
+    names = joint_names(model)
+    drawn = free_joint_ranges(robot, model, ranges)
+    assert set(drawn) == {
+        n for n, between in zip(names, between_feet(model, robot), strict=True) if not between
+    }
+    for joint, (low, high) in drawn.items():
+        angles = plan.joint_angles[:, names.index(joint)]
+        assert low <= angles.min() < angles.max() <= high
+        assert np.ptp(angles) > 0.5 * (high - low)
+    # So every base parameter shows: 50 postures are 100 rows for 34 and 75 columns.
+    assert np.linalg.cond(stacked_regressor(base_parameters(robot), plan.joint_angles)) < 1e4
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_paths_keep_the_feet_and_do_not_jump(name, foreign, plans):
+    robot, plan = foreign[name], plans[name]
+    model = load_model(robot)
+    start, end = plan.joint_angles[:2]
+    path = ClosedChain(model, robot).path(start, end, 50)
+    ways = []
+    for angles in path:
+        (stance, swing), _ = feet_and_com(model, robot, angles)
+        ways.append(np.linalg.inv(stance) @ swing)
+    assert np.array(ways) == pytest.approx(np.tile(ways[-1], (50, 1, 1)), abs=1e-6)
+    assert path[-1] == pytest.approx(end)
+    steps = np.abs(np.diff(np.vstack([start, path]), axis=0))
+    assert steps.max() < 0.1 * np.abs(end - start).max()
+
+
+def test_the_main_job_on_a_foreign_robot(foreign, tmp_path, capsys):
+    """Plan, simulate in full, identify, compare with the truth; all by the command line."""
+    robot, plan, run = foreign["humanoid"], str(tmp_path / "plan"), tmp_path / "run"
+    drawing = ["--random", "--placements", "7", "--per-placement", "5", "--seed", "112", "--out", plan]
+    assert main(["postures", *drawing, "--robot", str(robot.path), "--json"]) == 0
+    options = ["--preset", "ideal", "--seed", "113", "--workers", "2", "--out", str(run)]
+    assert main(["validate", plan, "--robot", str(robot.path), *options]) == 0
+    out = capsys.readouterr().out
+    assert "Verdict: pass" in out
+    assert "Table II" not in out
+    report = json.loads((run / "report.json").read_text())
+    estimate = np.array([row["estimate"] for row in report["full"]["parameters"]])
+    truth = base_parameters(robot).values(standard_parameters(load_model(robot)))
+    assert len(estimate) == 34
+    assert np.abs(estimate - truth).max() < 1e-3
+    assert report["total_mass"]["estimate"] == pytest.approx(40.844, abs=1e-3)
+
+
+def edited(robot, folder, **texts):
+    """A copy of the robot with other texts in its files; texts by the file's ending, (old, new)."""
+    for path in (robot.path, robot.model):
+        text = path.read_text()
+        old, new = texts.get(path.suffix[1:], ("", ""))
+        assert old in text
+        (folder / path.name).write_text(text.replace(old, new) if old else text)
+    return load_robot(folder / robot.path.name)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "abdomen_z = [-25, 25]",
+            "abdomen_z = [25, -25]",
+            r"'joints_deg.abdomen_z': found \[25, -25\], expected",
+        ),
+        (
+            "abdomen_z = [-25, 25]",
+            "abdomen_z = 3",
+            r"'joints_deg.abdomen_z': found 3, expected \[low, high\]",
+        ),
+        (
+            "abdomen_z = [-25, 25]",
+            "abdomen_z = [-25, 46]",
+            r"found \[-25.0, 46.0\], expected within .* \[-45",
+        ),
+        ("abdomen_z", "right_knee", r"unknown joint 'right_knee'; valid: abdomen_z"),
+        (
+            "[planning.joints_deg]",
+            "joints_deg = 3\n[residual_sigma_mm]",
+            "'joints_deg': found 3, expected a table",
+        ),
+    ],
+)
+def test_bad_joint_ranges_are_refused(foreign, tmp_path, old, new, message):
+    robot = edited(foreign["humanoid"], tmp_path, toml=(old, new))
+    with pytest.raises(InputError, match=message):
+        free_joint_ranges(robot, load_model(robot), planning_ranges(robot))
+
+
+def test_a_joint_without_any_range_is_refused(foreign, tmp_path):
+    endless = ('joint name="left_elbow"', 'joint name="left_elbow" limited="false"')
+    robot = edited(foreign["humanoid"], tmp_path, xml=endless)
+    with pytest.raises(
+        InputError, match=r"found no range for joint 'left_elbow', and the model gives it none"
+    ):
+        free_joint_ranges(robot, load_model(robot), planning_ranges(robot))
+
+
+def test_the_example_in_the_documentation_is_this_robots(foreign):
+    text = (Path(__file__).parent.parent / "docs" / "your-robot.md").read_text()
+    example = text.split("```toml\n")[1].split("```")[0]
+    assert tomllib.loads(example) == foreign["humanoid"].settings
+
+
+def test_another_robots_folder_is_left_alone(tmp_path):
+    (tmp_path / "mine.txt").write_text("keep")
+    with pytest.raises(InputError, match="exists already"):
+        write_robot("humanoid", tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]

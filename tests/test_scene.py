@@ -1,0 +1,160 @@
+"""The scene that is built for a robot without one against the scene that was written by hand."""
+
+import dataclasses
+import re
+import shutil
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim.control import Controller, add_servos, torque_limit
+from sim.errors import InputError
+from sim.model import CORNERS, PLATE, TULIP, load_robot
+from sim.plates import cell_addresses
+from sim.rig import preset_rig
+from sim.scene import laboratory_scene, load_scene
+
+POSES = np.array([[0.03, -0.16, 0.02], [0.05, 0.17, -0.01]])
+# What is seen and what things are called; everything else is physics.
+LOOKS = re.compile(
+    r"(n?(light|mat|tex|names?|skin|vis)(_|$|map|data))|nnames_map|nbuffer|signature|geom_matid|paths|ntex|nmat"
+)
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    """A copy of TULip's files."""
+    return shutil.copytree(TULIP.parent, tmp_path / "robot")
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+@pytest.fixture(scope="module")
+def models(robot):
+    """Shipped and built, compiled as the laboratory compiles them."""
+    robots = (robot, dataclasses.replace(robot, scene=None))
+    return [laboratory_scene(preset_rig("ideal", r), POSES).compile() for r in robots]
+
+
+def test_every_physical_number_is_the_same(models):
+    shipped, built = models
+    compared = 0
+    for owner in ("", "opt"):
+        a, b = (getattr(m, owner) if owner else m for m in models)
+        for name in dir(a):
+            value = None if name.startswith("_") or LOOKS.match(name) else getattr(a, name)
+            if isinstance(value, int | float | np.ndarray):
+                assert np.array_equal(value, getattr(b, name)), name
+                compared += 1
+    assert compared > 300
+    assert shipped.npair == built.npair == 8
+
+
+def test_names_are_the_same(models):
+    counts = {"body": "nbody", "joint": "njnt", "geom": "ngeom", "site": "nsite", "sensor": "nsensor"}
+    counts |= {"pair": "npair", "actuator": "nu", "key": "nkey"}
+    for kind, count in counts.items():
+        names = [[getattr(m, kind)(i).name for i in range(getattr(m, count))] for m in models]
+        assert names[0] == names[1]
+
+
+def test_both_read_the_same_while_the_robot_lands(models):
+    readings = []
+    for model in models:
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, model.key("stand").id)
+        data.ctrl[:] = data.qpos[7:19]
+        mujoco.mj_step(model, data, 300)
+        readings.append(data.sensordata[cell_addresses(model)].copy())
+    assert readings[0].sum() > 200
+    assert np.array_equal(*readings)
+
+
+def test_the_boards_top_is_at_zero_and_only_soles_touch(foreign):
+    for robot in foreign.values():
+        model = load_scene(robot).compile()
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        top = data.geom("left_plate_top")
+        assert top.xpos[2] + model.geom("left_plate_top").size[2] == pytest.approx(0, abs=1e-15)
+        soles = {f"{foot}_{corner}" for foot in robot.feet for corner in CORNERS}
+        touching = {model.geom(i).name for i in range(model.ngeom) if model.geom_contype[i] == 1}
+        assert touching == soles
+        assert model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
+
+
+def test_own_plate(folder):
+    edit(folder / "tulip.toml", 'scene = "scene_plates.xml"', 'plate = "plate.xml"')
+    edit(folder / "plate.xml", 'size="0.25 0.15 0.015"', 'size="0.3 0.2 0.015"')
+    robot = load_robot(folder / "tulip.toml")
+    spec = load_scene(robot)
+    assert spec.geom("right_plate_top").size[:2] == pytest.approx([0.3, 0.2])
+    assert [path.name for path in robot.files] == ["tulip.toml", "tulip.xml", "plate.xml"]
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "message"),
+    [
+        ("tulip.toml", 'scene = "', 'plate = "plate.xml"\nscene = "', "'scene' and 'plate', expected one"),
+        ("tulip.toml", 'scene = "scene_plates.xml"', "plate = 3", "key 'plate': found 3, expected a text"),
+        ("tulip.xml", "<worldbody>", '<worldbody><geom name="ground" type="plane" size="1 1 1"/>',
+         "tulip.xml: found geoms 'ground' in the world, expected the robot alone"),
+        ("plate.xml", '"plate_top"', '"board"', "plate.xml: no geom named plate_top"),
+        ("plate.xml", '<touch name="plate_rear_left"', '<touch name="4th"', "no sensor named plate_rear"),
+        ("tulip.xml", 'pos="0.13 0.05 -0.058"', 'pos="-0.13 0.05 -0.058"', "expected x forward and y to the"),
+    ],
+)  # fmt: skip
+def test_what_is_missing_is_named(folder, file, old, new, message):
+    if file != "tulip.toml":
+        edit(folder / "tulip.toml", 'scene = "scene_plates.xml"', 'plate = "plate.xml"')
+    edit(folder / file, old, new)
+    with pytest.raises(InputError, match=message):
+        load_scene(load_robot(folder / "tulip.toml"))
+
+
+MOTORS = {
+    '<motor gear="40" ctrlrange="-0.5 0.5"': 20.0,
+    '<motor gear="-40" ctrlrange="-1 1" forcerange="-2 2"': 40.0,
+    '<motor gear="2" forcerange="-5 3"': 6.0,
+    '<position kp="9" forcerange="-7 7"': 7.0,
+    '<general gainprm="4" ctrlrange="-2 2"': 8.0,
+    '<motor gear="2" ctrlrange="-100 100"': 50.0,  # the joint's own limit
+}
+
+
+def one_joint(motor: str, limit: str = "") -> mujoco.MjSpec:
+    return mujoco.MjSpec.from_string(
+        f'<mujoco model="arm"><worldbody><body><joint name="elbow" {limit}/><geom size="0.1"/></body>'
+        f'</worldbody><actuator>{motor} name="m" joint="elbow"/></actuator></mujoco>'
+    )
+
+
+@pytest.mark.parametrize("motor", MOTORS)
+def test_torque_limit_is_that_on_the_joint(motor):
+    """Held against what MuJoCo does: the servo, far off its command, pushes with this torque."""
+    spec = one_joint(motor, 'actuatorfrcrange="-50 50"')
+    assert torque_limit(spec, spec.actuators[0]) == pytest.approx(MOTORS[motor])
+    add_servos(spec, Controller())
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.ctrl[:] = 1.0
+    mujoco.mj_forward(model, data)
+    assert data.qfrc_actuator[0] == pytest.approx(MOTORS[motor])
+
+
+@pytest.mark.parametrize("motor", ["<motor", '<position kp="9" ctrlrange="-1 1"', '<muscle ctrlrange="0 1"'])
+def test_no_torque_limit_is_refused(motor):
+    with pytest.raises(
+        InputError, match=r"model 'arm': actuator 'm': found no torque limit, expected forcerange"
+    ):
+        add_servos(one_joint(motor), Controller())
+
+
+def test_default_plate_is_the_shipped_one(foreign):
+    assert all(robot.plate == PLATE for robot in foreign.values())

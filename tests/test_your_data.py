@@ -1,0 +1,109 @@
+"""docs/your-data.md does what it says; hand-written folders need no more than it asks for."""
+
+import json
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.cli import main
+from sim.errors import InputError
+from sim.measurements import read_measurements, write_measurements
+from sim.model import sha256
+
+ROOT = Path(__file__).parent.parent
+GUIDE = (ROOT / "docs" / "your-data.md").read_text()
+EXAMPLE = ROOT / "docs" / "your-data"
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", GUIDE, flags=re.DOTALL)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    shutil.copytree(EXAMPLE, tmp_path / "mine")
+    return tmp_path / "mine"
+
+
+def edit_manifest(folder, change):
+    content = json.loads((folder / "manifest.json").read_text())
+    change(content)
+    (folder / "manifest.json").write_text(json.dumps(content))
+
+
+def test_the_guide_shows_the_example_folder():
+    assert blocks("json") == [(EXAMPLE / "manifest.json").read_text()]
+    assert (EXAMPLE / "postures.csv").read_text().startswith(blocks("csv")[0])
+
+
+def test_the_guides_commands_run_and_say_what_it_shows(monkeypatch, capsys):
+    monkeypatch.chdir(ROOT)
+    out = []
+    for command in "".join(blocks("sh")).splitlines():
+        tulip, *arguments = shlex.split(command)
+        assert tulip == "tulip"
+        assert main(arguments) == 0
+        out.append(capsys.readouterr().out)
+    assert len(out) == 2
+    assert out[0].endswith(blocks("text")[0])
+    assert "below 15 % of the nominal value for" in out[0]
+    assert len(re.findall(r"│ yes\s+│", out[1].partition("Simplified model")[0])) == 3
+
+
+def test_the_guide_lists_the_columns_that_may_be_left_out(folder):
+    """The example lacks all of them but the time; without it, it still reads."""
+    measured = read_measurements(folder)
+    assert set(measured.support) == {"double"}
+    assert np.isnan(measured.window).all()
+    assert np.isnan(measured.cell_forces_sd).all()
+    assert measured.motor is None
+    assert measured.robot["sha256"] is None
+    header, *rows = (folder / "postures.csv").read_text().splitlines()[2:]
+    at = header.split(",").index("time")
+    lines = [",".join(np.delete(line.split(","), at)) for line in (header, *rows)]
+    (folder / "postures.csv").write_text("\n".join(lines))
+    assert np.isnan(read_measurements(folder).time).all()
+    assert main(["check", str(folder)]) == 0
+
+
+def test_a_hash_is_checked_where_it_is_given(folder):
+    path = folder / "postures.csv"
+    edit_manifest(folder, lambda m: m.update(tables={path.name: sha256(path).upper()}))
+    read_measurements(folder)
+    for table in ({path.name: None}, {}, None):
+        edit_manifest(folder, lambda m, table=table: m.update(tables=table))
+        read_measurements(folder)
+    edit_manifest(folder, lambda m: m.update(tables={path.name: "0" * 64}))
+    with pytest.raises(InputError, match=r"postures\.csv: hash mismatch"):
+        read_measurements(folder)
+
+
+def test_two_tables_without_hashes_are_refused(folder, tmp_path):
+    write_measurements(tmp_path / "whole", read_measurements(folder))
+    edit_manifest(tmp_path / "whole", lambda m: m.pop("tables"))
+    with pytest.raises(InputError, match=r"found beside postures\.csv and without a sha256"):
+        read_measurements(tmp_path / "whole")
+
+
+def test_a_hand_written_folder_survives_being_written_anew(folder, tmp_path):
+    measured = read_measurements(folder)
+    write_measurements(tmp_path / "again", measured)
+    again = read_measurements(tmp_path / "again")
+    assert np.array_equal(again.cell_forces, measured.cell_forces)
+    assert np.isnan(again.samples).all()
+
+
+def test_a_german_spreadsheet_says_the_same(folder):
+    before = read_measurements(folder)
+    path = folder / "postures.csv"
+    text = path.read_text().replace(",", ";").replace(".", ",")
+    header = next(line for line in text.splitlines() if not line.startswith("#"))
+    text = text.replace(header, header.replace(",", "."))
+    path.write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
+    after = read_measurements(folder)
+    assert np.array_equal(before.joint_angles, after.joint_angles)
+    assert np.array_equal(before.cell_forces, after.cell_forces)
