@@ -551,4 +551,4 @@ def drives_that_cannot_be(folder: Path, rng: Rng) -> Expected:
         ],
     )
     replaced(folder / ROBOT, old, new, 1)
-    return refused("scene")
+    return refused()

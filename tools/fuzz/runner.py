@@ -204,7 +204,8 @@ def _judge_refusal(expected: Expected, run: Run, home: Path) -> tuple[str, str]:
         return "refused in error", run.err
     if missing := [word for word in expected.words if word not in run.err]:
         return "message lacks " + ", ".join(missing), run.err
-    if not any(sign in run.err for sign in (str(home), "base", "--")):
+    # That no posture could be held is a finding, not a fault of one file.
+    if not any(sign in run.err for sign in (str(home), "base", "--", "postures could be measured")):
         return "message names no file", run.err
     return "refused", run.err
 
