@@ -164,7 +164,9 @@ def _judge(case: Case, bases: Bases, before: dict[str, Any], main: Any, brief: b
                 runs.append(_call(main, arguments))
                 if brief or runs[-1].code != 0:
                     break
-            checked = _call(main, ["check", str(folder), "--json"]) if case.target == "measurements" else None
+            checked = None
+            if case.target == "measurements" and not brief:
+                checked = _call(main, ["check", str(folder), "--json"])
         last = runs[-1]
         if isinstance(last.code, str):
             return last.code, last.err
