@@ -45,6 +45,12 @@ $(ORACLE)/.done: constraints.txt pyproject.toml
 study-contact: setup  ## docs/contact-study.md's table: contact and gate settings against accuracy
 	$(BIN)/python tools/study_contact.py
 
+study-fuzz: setup  ## docs/reliability.md's table: 1,000 broken folders, 200 broken robots
+	$(BIN)/python -m tools.study_fuzz
+
+study-kill: setup  ## docs/reliability.md's table: fifty kills while writing and before
+	$(BIN)/python -m tools.study_kill
+
 study-check: setup  ## docs/check.md's tables: false alarms and planted faults of `tulip check`
 	$(BIN)/python tools/study_check.py
 

@@ -14,8 +14,9 @@ import tyro
 
 from experiments.check import UNREADABLE, check_folder, print_report
 from experiments.description import described_robot
-from experiments.run_folder import check_new, write_run
-from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED, Scenario, truth_document
+from experiments.run_folder import check_new, write_experiment, write_run
+from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
+from experiments.setting_up import draw_plan, read_scenario, told_apart, tries
 from experiments.tables import (
     LEGEND,
     correlation_lines,
@@ -28,21 +29,14 @@ from experiments.tables import (
 )
 from experiments.terminal import ERR, console, print_json, printable, progress
 from experiments.validate import HIGH_CORRELATION, identify, model_document, report_document, validate
-from identification.base_parameters import BaseParameters, base_parameters, standard_parameters
+from identification.base_parameters import base_parameters, standard_parameters
 from identification.estimators import solve_least_squares
-from identification.postures import random_postures
-from identification.rank import labels, require_told_apart
-from identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
 from identification.statistics import high_correlations
 from sim.errors import InputError
 from sim.laboratory import run_experiment
-from sim.measurements import PosturePlan, read_measurements, read_plan, write_measurements, write_plan
-from sim.measurements.tables import software, write_json
-from sim.model import TULIP, Robot, load_model
-from sim.plates import plate_geometry
-from sim.rig import preset_rig
-from sim.scene import load_scene
-from sim.scene_check import check_scene
+from sim.measurements import read_measurements, read_plan, write_plan
+from sim.measurements.tables import software
+from sim.model import TULIP, load_model
 
 Preset = Literal["wii", "force-plate", "ideal"]
 Plan = Annotated[
@@ -75,8 +69,9 @@ def validate_command(
     Example: tulip validate --out runs/first
     """
     check_new(out)
-    scenario = _scenario(plan, preset, seed, robot, workers)
-    with progress("holding postures", _tries(scenario)) as advance:
+    scenario = read_scenario(plan, preset, seed, robot, workers)
+    told_apart(str(plan or DEFAULT_PLAN), scenario.plan, base_parameters(scenario.rig.robot))
+    with progress("holding postures", tries(scenario)) as advance:
         result = validate(scenario, workers, advance)
     write_run(out, result)
     document = report_document(result)
@@ -110,12 +105,12 @@ def simulate_command(
         check_new(truth)
     if truth is not None and truth.resolve().is_relative_to(out.resolve()):
         raise InputError(f"{truth}: lies inside the measurement folder, which must not hold the truth")
-    scenario = _scenario(plan, preset, seed, robot, workers)
-    with progress("holding postures", _tries(scenario)) as advance:
+    if truth is not None and out.resolve().is_relative_to(truth.resolve()):
+        raise InputError(f"{out}: lies inside {truth}, which is to be a file")
+    scenario = read_scenario(plan, preset, seed, robot, workers)
+    with progress("holding postures", tries(scenario)) as advance:
         experiment = run_experiment(scenario.rig, scenario.plan, seed, workers, advance)
-    if truth is not None:  # before the folder: where that stands, its truth stands too
-        write_json(truth, truth_document(scenario, experiment))
-    write_measurements(out, experiment.measurements)
+    write_experiment(out, truth, scenario, experiment)
     if as_json:
         print_json(
             {
@@ -209,20 +204,16 @@ def postures_command(
     parameters = base_parameters(described)
     source = str(out or plan or DEFAULT_PLAN)
     if random:
-        made = _draw(described, parameters, placements, per_placement, seed, plan, out)
+        made = draw_plan(described, parameters, placements, per_placement, seed, plan, out)
     else:
         if out is not None:
             raise InputError("--out: found without --random, expected both or neither")
         made = read_plan(plan or DEFAULT_PLAN, described, load_model(described))
-        _enough(source, len(made), parameters)
-    matrix = stacked_regressor(parameters, made.joint_angles)
-    numbers = np.arange(1, len(parameters.names) + 1)
-    blur = encoder_blur(parameters, made.joint_angles, ENCODER_SD)
-    require_told_apart(matrix, labels(numbers, parameters.names), source, blur)
+    matrix = told_apart(source, made, parameters)
     if random and out is not None:
         write_plan(out, made)
     _, c = solve_least_squares(matrix, np.zeros(len(matrix)))
-    pairs = high_correlations(c, numbers, HIGH_CORRELATION)
+    pairs = high_correlations(c, np.arange(1, len(c) + 1), HIGH_CORRELATION)
     document = {
         "plan": source,
         "postures": len(made),
@@ -339,53 +330,6 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         ERR.print("tulip: interrupted; nothing was written")
         return 130
-
-
-def _scenario(plan: Path | None, preset: str, seed: int, robot: Path, workers: int) -> Scenario:
-    at_least("--seed", seed, 0)
-    at_least("--workers", workers, 1)
-    described = described_robot(robot)
-    made = read_plan(plan or DEFAULT_PLAN, described, load_model(described))
-    rig = preset_rig(preset, described)
-    check_scene(rig)
-    return Scenario(rig, made, seed, preset)
-
-
-def at_least(option: str, value: int, least: int) -> None:
-    """Refuse a number below `least`."""
-    if value < least:
-        raise InputError(f"{option}: found {value}, expected {least} or more")
-
-
-def _tries(scenario: Scenario) -> int:
-    return len(scenario.plan) + min(scenario.rig.protocol.repeats, len(scenario.plan))
-
-
-def _enough(where: str, postures: int, parameters: BaseParameters) -> None:
-    if 2 * postures < (count := len(parameters.names)):
-        raise InputError(f"{where}: found {postures} postures, too few for {count} base parameters")
-
-
-def _draw(
-    robot: Robot,
-    parameters: BaseParameters,
-    placements: int,
-    per: int,
-    seed: int,
-    plan: Path | None,
-    out: Path | None,
-) -> PosturePlan:
-    if plan is not None or out is None:
-        raise InputError("--random: give the name of the new plan as --out PLAN, and no plan to read")
-    at_least("--placements", placements, 1)
-    at_least("--per-placement", per, 1)
-    at_least("--seed", seed, 0)
-    _enough("--placements, --per-placement", placements * per, parameters)
-    check_new(out)
-    check_scene(preset_rig("ideal", robot))
-    geometry = plate_geometry(load_scene(robot), "right")
-    with progress("drawing postures", placements * per) as advance:
-        return random_postures(robot, geometry, placements, per, seed, progress=advance)
 
 
 def run() -> None:

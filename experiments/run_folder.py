@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from experiments.scenario import truth_document
+from experiments.scenario import Scenario, truth_document
 from experiments.validate import Validation, report_document
 from sim.errors import InputError
 from sim.files import new_folder, present
+from sim.laboratory import Experiment
 from sim.measurements import write_measurements, write_plan
 from sim.measurements.tables import software, write_json
 from sim.model import sha256
@@ -26,9 +27,10 @@ def check_new(path: Path) -> None:
         InputError: the path exists, or lies where nothing can be written.
     """
     path = Path(path)
-    if present(path):
+    real = Path(os.path.realpath(path))
+    if present(path) or real.exists():
         raise InputError(f"{path}: exists already; give a new name")
-    parent = next(folder for folder in Path(os.path.realpath(path)).parents if folder.exists())
+    parent = next(folder for folder in real.parents if folder.exists())
     try:
         os.rmdir(tempfile.mkdtemp(dir=parent, prefix=f".{path.name}.", suffix=".partial"))
     except OSError as error:
@@ -63,6 +65,18 @@ def write_run(folder: Path, result: Validation) -> None:
                 "outputs": {str(path.relative_to(working)): sha256(path) for path in outputs},
             },
         )
+
+
+def write_experiment(out: Path, truth: Path | None, scenario: Scenario, experiment: Experiment) -> None:
+    """The truth first: where the folder stands, its truth stands too."""
+    if truth is not None:
+        write_json(truth, truth_document(scenario, experiment))
+    try:
+        write_measurements(out, experiment.measurements)
+    except InputError:
+        if truth is not None:
+            truth.unlink()
+        raise
 
 
 def _parameter_rows(report: dict[str, Any]) -> list[dict[str, Any]]:

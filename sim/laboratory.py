@@ -101,7 +101,8 @@ def run_experiment(
         for placement, stream in zip(placements, streams, strict=False)
     )
     attempts: list[Attempt] = []
-    for done in joblib.Parallel(n_jobs=workers, return_as="generator")(jobs):
+    # More workers than placements would all be started, and wait.
+    for done in joblib.Parallel(n_jobs=min(workers, len(placements)), return_as="generator")(jobs):
         attempts += done
         progress(len(done))
     stand = Stand(rig, np.zeros((2, 3)))

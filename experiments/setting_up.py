@@ -1,0 +1,95 @@
+"""From the command line's options to a scenario or a plan; what cannot work is refused before it begins."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from experiments.description import described_robot
+from experiments.run_folder import check_new
+from experiments.scenario import DEFAULT_PLAN, Scenario
+from experiments.terminal import progress
+from identification.base_parameters import BaseParameters
+from identification.postures import random_postures
+from identification.rank import labels, require_told_apart
+from identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
+from sim.errors import InputError
+from sim.measurements import PosturePlan, read_plan
+from sim.model import Robot, load_model
+from sim.plates import plate_geometry
+from sim.rig import preset_rig
+from sim.scene import load_scene
+from sim.scene_check import check_scene
+
+
+def at_least(option: str, value: int, least: int) -> None:
+    """Refuse a number below `least`."""
+    if value < least:
+        raise InputError(f"{option}: found {value}, expected {least} or more")
+
+
+def read_scenario(plan: Path | None, preset: str, seed: int, robot: Path, workers: int) -> Scenario:
+    """A laboratory with a plan that fits it; the shipped plan if `plan` is None.
+
+    Raises:
+        InputError: what cannot be run.
+    """
+    at_least("--seed", seed, 0)
+    at_least("--workers", workers, 1)
+    described = described_robot(robot)
+    made = read_plan(plan or DEFAULT_PLAN, described, load_model(described))
+    rig = preset_rig(preset, described)
+    check_scene(rig)
+    return Scenario(rig, made, seed, preset)
+
+
+def tries(scenario: Scenario) -> int:
+    """How many postures will be held, repeats included."""
+    return len(scenario.plan) + min(scenario.rig.protocol.repeats, len(scenario.plan))
+
+
+def enough(where: str, postures: int, parameters: BaseParameters) -> None:
+    """Refuse fewer data points than parameters."""
+    if 2 * postures < (count := len(parameters.names)):
+        raise InputError(f"{where}: found {postures} postures, too few for {count} base parameters")
+
+
+def told_apart(source: str, plan: PosturePlan, parameters: BaseParameters) -> np.ndarray:
+    """The regressor (2m, p) of a plan whose postures, if all could be held, would identify the robot.
+
+    Raises:
+        InputError: too few postures, or such that cannot tell all parameters apart.
+    """
+    enough(source, len(plan), parameters)
+    matrix = stacked_regressor(parameters, plan.joint_angles)
+    names = labels(np.arange(1, matrix.shape[1] + 1), parameters.names)
+    require_told_apart(matrix, names, source, encoder_blur(parameters, plan.joint_angles, ENCODER_SD))
+    return matrix
+
+
+def draw_plan(
+    robot: Robot,
+    parameters: BaseParameters,
+    placements: int,
+    per: int,
+    seed: int,
+    plan: Path | None,
+    out: Path | None,
+) -> PosturePlan:
+    """Random postures for `--random`; nothing is written yet.
+
+    Raises:
+        InputError: options that do not go together, or ranges that admit nothing.
+    """
+    if plan is not None or out is None:
+        raise InputError("--random: give the name of the new plan as --out PLAN, and no plan to read")
+    at_least("--placements", placements, 1)
+    at_least("--per-placement", per, 1)
+    at_least("--seed", seed, 0)
+    enough("--placements, --per-placement", placements * per, parameters)
+    check_new(out)
+    check_scene(preset_rig("ideal", robot))
+    geometry = plate_geometry(load_scene(robot), "right")
+    with progress("drawing postures", placements * per) as advance:
+        return random_postures(robot, geometry, placements, per, seed, progress=advance)
