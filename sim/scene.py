@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import mujoco
 import numpy as np
 
@@ -11,7 +9,7 @@ from sim.compliance import Compliance, add_compliance
 from sim.control import add_servos
 from sim.drives import Drives, add_drives
 from sim.errors import InputError, listed
-from sim.model import CORNERS, PLATES, Robot, load_model, load_spec
+from sim.model import CORNERS, PLATE, PLATES, Robot, load_model, load_spec
 from sim.plates import place_plates, plate_geometry
 from sim.rig import Rig
 
@@ -60,7 +58,7 @@ def build_scene(robot: Robot) -> mujoco.MjSpec:
         geom.contype, geom.conaffinity = int(geom.name in soles), 0
     for plate in PLATES:
         frame = spec.worldbody.add_frame(name=f"{plate}_plate_place")
-        frame.attach_body(_load_plate(robot.plate), f"{plate}_", "")
+        frame.attach_body(_load_plate(robot), f"{plate}_", "")
     board = plate_geometry(spec, PLATES[0])
     for plate, side in zip(PLATES, (-0.5, 0.5), strict=True):
         spec.frame(f"{plate}_plate_place").pos = [0, side * (board.size[1] + PLATE_GAP), -board.top_height]
@@ -77,9 +75,10 @@ def build_scene(robot: Robot) -> mujoco.MjSpec:
     return spec
 
 
-def _load_plate(path: Path) -> mujoco.MjsBody:
+def _load_plate(robot: Robot) -> mujoco.MjsBody:
     """The body of a plate's MJCF, checked for the names that the laboratory looks up."""
-    spec = load_spec(path)
+    path = robot.plate
+    spec = load_spec(path, path.parent if path == PLATE else robot.folder)
     wanted = {"body": ["plate"], "geom": ["plate_top"]}
     wanted |= {kind: [f"plate_{corner}" for corner in CORNERS] for kind in ("site", "sensor")}
     for kind, names in wanted.items():

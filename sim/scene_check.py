@@ -21,7 +21,7 @@ def check_scene(rig: Rig) -> None:
     Raises:
         InputError: broken MJCF, a missing name, or a joint without a drive of its own.
     """
-    where = str(rig.robot.scene)
+    where = str(rig.robot.scene or rig.robot.model)
     nominal = load_model(rig.robot)
     try:
         spec = laboratory_scene(rig, np.zeros((2, 3)))

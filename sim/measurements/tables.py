@@ -136,8 +136,9 @@ class Table:
         return types, file.read(columns=chosen, use_threads=False)
 
     def _csv(self, content: bytes) -> tuple[dict[str, pa.DataType], pa.Table]:
-        self._limit("lines", content.count(b"\n"), self.most_rows + 1)
-        self._limit("columns", content.partition(b"\n")[0].count(b",") + 1, MOST_COLUMNS)
+        self._limit("lines", max(content.count(b"\n"), content.count(b"\r")), self.most_rows + 1)
+        widest = max(max(line.count(b","), line.count(b";")) for line in content.split(b"\n"))
+        self._limit("columns", widest + 1, MOST_COLUMNS)
         content = plain_csv(self.path, content)
         # One block, so that a column's type is inferred from all of its rows.
         options = pyarrow.csv.ReadOptions(use_threads=False, block_size=len(content) + 1)

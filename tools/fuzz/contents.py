@@ -139,6 +139,7 @@ def _write_csv(folder: Path, path: Path, content: str | bytes) -> None:
 @mutation
 def csv_dialects_that_are_fine(folder: Path, rng: Rng) -> Expected:
     path, text = _csv_text(folder, rng)
+    header, _, body = text.partition("\n")
     rows = list(csv.reader(io.StringIO(text)))
     quoted = io.StringIO()
     csv.writer(quoted, quoting=csv.QUOTE_ALL, lineterminator="\n").writerows([rows[0]])
@@ -150,6 +151,11 @@ def csv_dialects_that_are_fine(folder: Path, rng: Rng) -> Expected:
             "\ufeff" + text,
             text.rstrip("\n"),
             text + "\n\n\n",
+            text.replace(",", ";"),
+            text.replace(",", " , "),
+            header.replace(",", ";") + "\n" + body.replace(",", ";").replace(".", ","),
+            "# made by hand\n" + text,
+            text + "," * text.splitlines()[0].count(",") + "\n",
             quoted.getvalue(),
             "\n".join(",".join(row) for row in rows) + "\n",
         ],
@@ -166,21 +172,20 @@ def csv_dialects_that_are_not(folder: Path, rng: Rng) -> Expected:
     made = pick(
         rng,
         [
-            text.replace(",", ";"),
             text.replace(",", "\t"),
             text.encode("utf-16"),
             "\n".join([*lines[:middle], lines[middle] + ",1", *lines[middle + 1 :]]),
             "\n".join([*lines[:middle], lines[middle].rpartition(",")[0], *lines[middle + 1 :]]),
             "\n".join([lines[0], *lines]),
             "\n".join(lines[1:]),
-            "# made by hand\n" + text,
             text.replace("double", "double\x00", 1),
             text.encode().replace(b"double", b"d\xff\xfeuble", 1),
             text.encode().replace(b"posture", b"post\xff\xfe", 1),
             text.replace('"double"', '"double', 1),
             ",".join(f"c{k}" for k in range(100_000)) + "\n" + text,
             text + "x" * 5_000_000,
-            "\n".join([*lines, "," * lines[0].count(",")]),
+            text.replace(",", ";").replace("0.", "0,", 1),
+            " " * 1_000_000 + '"' + " " * 1_000_000 + text,
         ],
     )
     _write_csv(folder, path, made)

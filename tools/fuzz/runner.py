@@ -164,9 +164,12 @@ def _judge(case: Case, bases: Bases, before: dict[str, Any], main: Any, brief: b
                 runs.append(_call(main, arguments))
                 if brief or runs[-1].code != 0:
                     break
+            checked = _call(main, ["check", str(folder), "--json"]) if case.target == "measurements" else None
         last = runs[-1]
         if isinstance(last.code, str):
             return last.code, last.err
+        if checked and (text := _wrong_check(checked, last)):
+            return "tulip check", text
         new = {path for path in set(home.rglob("*")) - there if "made" not in path.parts}
         if new:
             return "left something behind", str(new)
@@ -177,6 +180,17 @@ def _judge(case: Case, bases: Bases, before: dict[str, Any], main: Any, brief: b
         if last.code == 2:
             return _judge_refusal(expected, last, home)
         return _judge_result(case, expected, json.loads(runs[0].out), before, folder)
+
+
+def _wrong_check(checked: Run, identified: Run) -> str:
+    """What is wrong with a preflight; it may list what identify refuses at once, and judge more strictly."""
+    if checked.code not in (0, 1, 2) or checked.err.count("\n") or (checked.code != 2 and checked.err):
+        return f"{checked.code}: {checked.err}"
+    if checked.out and not isinstance(json.loads(checked.out), dict):
+        return checked.out[:300]
+    if identified.code == 0 and checked.code == 2:
+        return f"cannot read what identify can: {checked.out[:300]} {checked.err}"
+    return ""
 
 
 def _judge_refusal(expected: Expected, run: Run, home: Path) -> tuple[str, str]:
