@@ -12,6 +12,7 @@ from identification.base_parameters import BaseParameters, base_parameters
 from identification.postures import planning_ranges
 from sim.errors import InputError, listed, validation_message
 from sim.model import Robot, load_model, load_robot
+from sim.sensors import PRESETS
 
 Number = Annotated[int, Strict(), Field(ge=1)]
 Text = Annotated[str, Strict()]
@@ -41,6 +42,7 @@ class Tables(BaseModel):
     z_down: list[Text] = []
     simplified: list[Number] | None = Field(default=None, min_length=1)
     correlated: list[Correlated] = []
+    residual_sigma_mm: dict[str, tuple[Millimetres, Millimetres]] = {}
     planning: dict[str, Any] | None = None
     paper: Paper | None = None
 
@@ -84,6 +86,7 @@ def _check_names(path: Path, tables: Tables, parameters: BaseParameters) -> None
     for key, names, valid in (
         ("correlated.joint", [entry.joint for entry in tables.correlated], joints),
         ("z_down", tables.z_down, links),
+        ("residual_sigma_mm", tables.residual_sigma_mm, PRESETS),
     ):
         if unknown := [name for name in names if name not in valid]:
             raise InputError(f"{path}: key '{key}': found '{unknown[0]}', expected one of {listed(valid)}")

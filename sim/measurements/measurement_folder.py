@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError
 
 from sim.errors import InputError, validation_message
 from sim.files import new_folder
@@ -29,12 +29,21 @@ MOST_TIME = 1e10  # s
 LEAST_WEIGHT = 1.0  # N, on the eight cells together
 LEAST_CELL_SPREAD = 1e-3  # m, r.m.s. of a plate's cells about their best line
 LEAST_GRAVITY, MOST_GRAVITY = 0.1, 100.0  # m/s2
+LEAST_MASS = 1e-3  # kg
+LEAST_DEVIATION = 1e-12  # rad, N, m, kg: what lies below vanishes when squared, or makes a quotient overflow
+
+
+def _not_tiny(deviation: float) -> float:
+    if 0 < deviation < LEAST_DEVIATION:
+        raise ValueError(f"expected 0 or at least {LEAST_DEVIATION:g}")
+    return deviation
+
 
 Length = Annotated[float, Strict(), Field(ge=-MOST_LENGTH, le=MOST_LENGTH)]
 Point = tuple[Length, Length]
 Gravity = Annotated[float, Strict(), Field(ge=LEAST_GRAVITY, le=MOST_GRAVITY)]
-Mass = Annotated[float, Strict(), Field(gt=0, le=MOST_FORCE)]
-Deviation = Annotated[float, Strict(), Field(ge=0, le=MOST_FORCE)]
+Mass = Annotated[float, Strict(), Field(ge=LEAST_MASS, le=MOST_FORCE)]
+Deviation = Annotated[float, Strict(), Field(ge=0, le=MOST_FORCE), AfterValidator(_not_tiny)]
 Version = Annotated[int, Strict(), Field(ge=1, le=1)]
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sim.files import present
 from sim.measurements.data import Measurements
 from sim.measurements.measurement_folder import read_manifest
 from sim.measurements.twins import checked_table
@@ -49,7 +50,7 @@ def read_series(folder: Path) -> Series | None:
         InputError: not what the manifest lists, a missing column, a value that is no number.
     """
     folder = Path(folder)
-    if not any((folder / f"series.{suffix}").is_file() for suffix in ("parquet", "csv")):
+    if not any(present(folder / f"series.{suffix}") for suffix in ("parquet", "csv")):
         return None
     manifest = read_manifest(folder)
     table = checked_table(folder, "series", manifest.tables, MOST_SAMPLES)

@@ -9,6 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from sim.errors import InputError, listed
+from sim.files import present
 from sim.measurements.measurement_folder import SUPPORTS, Manifest
 from sim.measurements.tables import Table, read_json
 from sim.measurements.twins import checked_table
@@ -33,14 +34,16 @@ def complaints(folder: Path, joints: tuple[str, ...]) -> dict[str, list[str]]:
     manifest: dict[str, Any] = {}
     where = folder / "manifest.json"
     about = [f"{where}: missing"]
-    if where.is_file():
+    if present(where):
         about = _collect(lambda: manifest.update(read_json(where)))
         about += [] if about else _manifest_complaints(where, manifest)
-    hashes = manifest.get("tables")
+    listed_hashes = manifest.get("tables")
+    hashes = listed_hashes if isinstance(listed_hashes, dict) else {}
+    hashes = {name: value for name, value in hashes.items() if isinstance(value, str)}
     tables: list[Table] = []
 
     def read() -> None:
-        tables.append(checked_table(folder, "postures", hashes if isinstance(hashes, dict) else None))
+        tables.append(checked_table(folder, "postures", hashes))
 
     within = _collect(read)
     return {

@@ -163,7 +163,7 @@ class Table:
 
     def _type(self, name: str) -> pa.DataType:
         if not self.has(name):
-            raise InputError(f"{self.path}: column '{name}' is missing")
+            raise InputError(f"{self.path}: column '{shortened(name)}' is missing")
         return self.types[name]
 
     def refuse(self, name: str, rows: np.ndarray, values: np.ndarray, expected: str) -> None:

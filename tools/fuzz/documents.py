@@ -181,6 +181,21 @@ def degenerate_plates(folder: Path, rng: Rng) -> Expected:
 
 
 @measurements_only
+def strange_data_sheets(folder: Path, rng: Rng) -> Expected:
+    """Of the same sensors, so that the estimates stay."""
+    path = manifest_of(folder)
+    content = json.loads(path.read_text())
+    key = pick(rng, ("encoder_resolution", "cell_sd", "cell_resolution", "placement_sd", "weighed_mass"))
+    if key == "weighed_mass":
+        content[key] = pick(rng, (None, {"value": 1e-3, "sd": 0.0}, {"value": 1e5, "sd": 1e-12}))
+    else:
+        value = pick(rng, (None, 0.0, 0, 1e-12, 1e5, 1))
+        content["sensors"][key] = [value] * 3 if key == "placement_sd" and value is not None else value
+    path.write_text(json.dumps(content))
+    return same()
+
+
+@measurements_only
 def strange_gravity(folder: Path, rng: Rng) -> Expected:
     path = manifest_of(folder)
     content = json.loads(path.read_text())

@@ -64,7 +64,9 @@ STRANGE_TOML = (
 def drop_a_toml_key(folder: Path, rng: Rng) -> Expected:
     path = folder / TOML
     lines = path.read_text().splitlines()
-    keys = [k for k, line in enumerate(lines) if re.match(r"\w+ = [^\[]*$|\w+ = \[.*\]\s*(#.*)?$", line)]
+    keys = [
+        k for k, line in enumerate(lines) if re.match(r"[\w-]+ = [^\[]*$|[\w-]+ = \[.*\]\s*(#.*)?$", line)
+    ]
     del lines[pick(rng, keys)]
     path.write_text("\n".join(lines))
     return Expected("either", (TOML,))
@@ -74,7 +76,9 @@ def drop_a_toml_key(folder: Path, rng: Rng) -> Expected:
 def strange_toml_values(folder: Path, rng: Rng) -> Expected:
     path = folder / TOML
     lines = path.read_text().splitlines()
-    keys = [k for k, line in enumerate(lines) if re.match(r"\w+ = [^\[]*$|\w+ = \[.*\]\s*(#.*)?$", line)]
+    keys = [
+        k for k, line in enumerate(lines) if re.match(r"[\w-]+ = [^\[]*$|[\w-]+ = \[.*\]\s*(#.*)?$", line)
+    ]
     at = pick(rng, keys)
     lines[at] = f"{lines[at].split(' = ')[0]} = {pick(rng, STRANGE_TOML)}"
     path.write_text("\n".join(lines))
@@ -120,7 +124,9 @@ def harmless_toml_text(folder: Path, rng: Rng) -> Expected:
 
 @robot_mutation
 def paths_that_lead_elsewhere(folder: Path, rng: Rng) -> Expected:
-    key, name = pick(rng, (("model", ROBOT), ("scene", SCENE)))
+    key, name = pick(rng, (("model", ROBOT), ("scene", SCENE), ("plate", PLATE)))
+    if key == "plate":
+        replaced(folder / TOML, f'scene = "{SCENE}"', f'plate = "{PLATE}"')
     outside = folder.parent / "outside"
     shutil.copytree(folder, outside)
     file = folder / name
@@ -144,6 +150,25 @@ def paths_that_lead_elsewhere(folder: Path, rng: Rng) -> Expected:
 
 
 @robot_mutation
+def scenes_that_are_built(folder: Path, rng: Rng) -> Expected:
+    """From the robot and a plate, its own or the one that is shipped."""
+    made = pick(rng, ("", f'plate = "{PLATE}"'))
+    replaced(folder / TOML, f'scene = "{SCENE}"', made)
+    return same()
+
+
+@robot_mutation
+def strange_drives(folder: Path, rng: Rng) -> Expected:
+    value = pick(rng, STRANGE_TOML + ("0.0", "0.02", "1e-300", "1e-3"))
+    table = pick(
+        rng, ("[drives]\nwind_up", "[drives]\nbacklash", "[compliance]\nsole", "[compliance]\nsole_tilt")
+    )
+    path = folder / TOML
+    path.write_text(f"{path.read_text()}\n{table} = {value}\n")
+    return Expected("either", ())
+
+
+@robot_mutation
 def parameters_that_are_not_there(folder: Path, rng: Rng) -> Expected:
     path = folder / TOML
     old, new = pick(
@@ -159,6 +184,10 @@ def parameters_that_are_not_there(folder: Path, rng: Rng) -> Expected:
             ('joint = "right_ankle_roll"', 'joint = "nose"'),
             ('"right_hip", "right_upper_leg"', '"nose", "right_upper_leg"'),
             ("postures_planned = 150", "postures_planned = 0"),
+            ("wii = [4.2, 0.7]", "wii = [4.2]"),
+            ("wii = [4.2, 0.7]", "wii = 4.2"),
+            ("wii = [4.2, 0.7]", "wij = [4.2, 0.7]"),
+            (f'scene = "{SCENE}"', f'scene = "{SCENE}"\nplate = "{PLATE}"'),
             ("[4.2, 3.6, 10.7]", "[4.2, 3.6]"),
             ("[4.2, 3.6, 10.7]", '["4.2", 3.6, 1]'),
             ('stance_foot = "right_foot"', 'stance_foot = "left_foot"'),

@@ -80,6 +80,29 @@ def tiny_values(folder: Path, rng: Rng) -> Expected:
     return Expected("accepted")
 
 
+@measurements_only
+def tiny_spreads(folder: Path, rng: Rng) -> Expected:
+    table = load_table(folder)
+    name = pick(rng, [n for n in columns_of(table, "may_miss") if n != "samples"])
+    values = [float(v) for v in values_of(table, name)]
+    for row in rng.integers(0, len(values), 5):
+        values[row] = pick(rng, (0.0, 5e-324, 1e-300, 1e-160))
+    if name == "time":  # the same posture at the same time would be another mutation
+        values = [1e-300 * k for k in range(len(values))]
+    store(folder, with_column(table, name, values), rng)
+    return same()
+
+
+@measurements_only
+def equal_readings(folder: Path, rng: Rng) -> Expected:
+    """Every posture weighs the same to the last bit."""
+    table = load_table(folder)
+    for plate, force in (("right", 20.0), ("left", 36.25)):
+        table = set_all(table, f"cell.{plate}", lambda v, force=force: 0 * v + force)
+    store(folder, table, rng)
+    return Expected("accepted")
+
+
 @mutation
 def wrong_numbers_of_postures(folder: Path, rng: Rng) -> Expected:
     table = load_table(folder)
