@@ -159,7 +159,7 @@ def scenes_that_are_built(folder: Path, rng: Rng) -> Expected:
 
 @robot_mutation
 def strange_drives(folder: Path, rng: Rng) -> Expected:
-    value = pick(rng, STRANGE_TOML + ("0.0", "0.02", "1e-300", "1e-3"))
+    value = pick(rng, (*STRANGE_TOML, "0.0", "0.02", "1e-300", "1e-3"))
     table = pick(
         rng, ("[drives]\nwind_up", "[drives]\nbacklash", "[compliance]\nsole", "[compliance]\nsole_tilt")
     )
