@@ -35,6 +35,7 @@ def insert(folder: Path, section: str, text: str, name: str = ROBOT) -> None:
 
 # --- the description ---------------------------------------------------------------------------
 
+WHOLE_LINE = re.compile(r"[\w-]+ = [^\[]*$|[\w-]+ = \[.*\]\s*(#.*)?$")  # a key with its value
 STRANGE_TOML = (
     "true",
     "-1",
@@ -160,9 +161,8 @@ def scenes_that_are_built(folder: Path, rng: Rng) -> Expected:
 @robot_mutation
 def strange_drives(folder: Path, rng: Rng) -> Expected:
     value = pick(rng, (*STRANGE_TOML, "0.0", "0.02", "1e-300", "1e-3"))
-    table = pick(
-        rng, ("[drives]\nwind_up", "[drives]\nbacklash", "[compliance]\nsole", "[compliance]\nsole_tilt")
-    )
+    keys = ("[drives]\nwind_up", "[drives]\nbacklash", "[compliance]\nsole", "[compliance]\nsole_tilt")
+    table = pick(rng, keys)
     path = folder / TOML
     path.write_text(f"{path.read_text()}\n{table} = {value}\n")
     return Expected("either", ())
