@@ -16,7 +16,7 @@ CLAMP_IMPEDANCE = 0.9999
 AVERAGED_PERIODS = 5  # when gated
 STILL_PERIODS = 10  # in which no cell's force may change
 STICKING_PERIODS = 500  # at most, in which dry friction takes over the load
-CREATED_ENERGY = 1e-6  # J: more than this out of nothing is a fault of the simulation
+CREATED_ENERGY = 1e-3  # J: more than contacts store; what comes out of nothing is a fault of the simulation
 SERVO_PERIOD = 0.002  # s, at which the commanded angles are updated while moving
 PATH_KNOTS = 30
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 
+from sim.drives import motor_joint
 from sim.errors import InputError, listed
 from sim.model import CORNERS, PLATES, compile_spec, joint_names, load_model
 from sim.model_check import check_options
@@ -58,7 +59,8 @@ def _check_drives(where: str, model: mujoco.MjModel, joints: tuple[str, ...]) ->
         if joint in driven:
             raise InputError(f"{where}: joint '{joint}': found two actuators, expected one")
         driven[joint] = actuator
-    _all_there(where, "actuator for joint", joints, driven)
+    motors = {joint for joint in joints if motor_joint(model, joint) in driven}
+    _all_there(where, "actuator for joint", joints, motors)
     for joint in joints:
         if model.joint(joint).type[0] != mujoco.mjtJoint.mjJNT_HINGE:
             raise InputError(f"{where}: joint '{joint}': found no hinge, as it is in the robot alone")

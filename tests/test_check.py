@@ -105,7 +105,7 @@ def test_words_say_what_where_and_what_to_do(precise, nominal):
         (lambda m: {"cells": 1e3 * m.cells}, "plates.right.cells.front_left lies 216.5 .* millimetres?"),
         (
             lambda m: {"plate_poses": m.plate_poses * [1e3, 1e3, 1]},
-            "plate.left.y reads up to .* millim",
+            "plate.right.x reads up to .* millim",
         ),
         (lambda m: {"weighed_mass": (23e3, 20.0)}, "weighed_mass is 23000 where .* grams?"),
         (lambda m: {"weighed_mass": (225.6, 0.2)}, "weighed_mass is 225.6 where .* newtons?"),

@@ -138,23 +138,26 @@ def test_a_run_is_as_improbable_as_it_says():
 
 
 @given(
-    st.integers(1, 30),
-    st.floats(-3, 3),
-    st.floats(-300, 300),
-    st.floats(-1, 1),
-    st.sampled_from([None, 0.0, 1e-4, 1.0]),
-    st.booleans(),
+    count=st.integers(1, 30),
+    scale=st.sampled_from([0.01, 1.0]),  # small enough to pass the check of units, or anything
+    angle=st.floats(-3, 3),
+    force=st.floats(-300, 300),
+    pose=st.floats(-1, 1),
+    sd=st.sampled_from([None, 0.0, 1e-4, 1.0]),
+    flat=st.booleans(),
+    alike=st.booleans(),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_no_folder_that_can_be_read_breaks_the_preflight(
-    precise, nominal, count, angle, force, pose, sd, flat
+    precise, nominal, count, scale, angle, force, pose, sd, flat, alike
 ):
-    part = rows_of(precise, np.arange(count))
+    part = rows_of(precise, np.zeros(count, dtype=int) if alike else np.arange(count))
+    rest = 1e-9 if flat else 1.0
     odd = dataclasses.replace(
         part,
-        joint_angles=part.joint_angles * (0 if flat else 1) + angle,
-        cell_forces=part.cell_forces * (0 if flat else 1) + force,
-        plate_poses=part.plate_poses + pose,
+        joint_angles=rest * part.joint_angles + scale * angle,
+        cell_forces=part.cell_forces * [rest, 1, 1, 1, 1, 1, 1, 1] + scale * force,
+        plate_poses=part.plate_poses + scale * pose,
         sensors=SensorSheet(sd, sd, sd, sd, None if sd is None else (sd, sd, sd)),
     )
     assert len(preflight(odd, nominal)) == 22

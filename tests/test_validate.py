@@ -33,10 +33,10 @@ def test_noise_free_truth_is_recovered_within_1_mm(ideal):
 
 
 def test_the_error_shrinks_as_settling_is_tightened(robot, plan):
-    """Same postures, clamps let go at once, three gates; CoP against the CoM of the same moment."""
+    """Same postures, clamps let go at once, two gates; CoP against the CoM of the same moment."""
     part = part_of(plan, plan.placement <= 4)
     errors = []
-    for speed, force, calm in ((1.0, 100.0, 0.02), (1e-1, 1e-1, 0.02), (2e-5, 3e-4, 0.5)):
+    for speed, force, calm in ((1.0, 100.0, 0.02), (2e-5, 3e-4, 0.5)):
         rig = preset_rig("ideal", robot)
         gate = {"speed_gate": speed, "force_gate": force, "calm_time": calm, "repeats": 0, "rest_time": 0.04}
         rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, **gate))
@@ -45,8 +45,8 @@ def test_the_error_shrinks_as_settling_is_tightened(robot, plan):
         placed = dataclasses.replace(experiment.measurements, plate_poses=lying)
         truth = np.array([held.com for held in experiment.held])
         errors.append(np.sqrt(((center_of_pressure(placed) - truth) ** 2).mean()))
-    assert errors[0] > 5 * errors[1] > 25 * errors[2]
-    assert errors[2] < 1e-7
+    assert errors[0] > 100 * errors[1]
+    assert errors[1] < 1e-7
 
 
 def test_wii_passes_and_looks_like_the_paper(wii):

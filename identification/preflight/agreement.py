@@ -69,12 +69,14 @@ class Fit:
     """The best fitting model under the stated covariance V, ready to be tested for shifts.
 
     Attributes:
+        information: V^-1, (2m, 2m) [1/m2].
         precision: Q = V^-1 less what the model's columns take up, (2m, 2m) [1/m2].
         score: Q y, (2m,) [1/m].
         square: y' Q y, the chi-square of the residuals.
         dof: 2m - p.
     """
 
+    information: np.ndarray
     precision: np.ndarray
     score: np.ndarray
     square: float
@@ -88,9 +90,15 @@ class Fit:
         Args:
             directions: (k, d) of the residuals numbered by `rows`, (k,); zero elsewhere.
         """
-        power = directions.T @ self.precision[np.ix_(rows, rows)] @ directions
-        inverse = np.linalg.pinv(power, rcond=1e-9, hermitian=True)
-        size, rank = inverse @ directions.T @ self.score[rows], np.linalg.matrix_rank(inverse, hermitian=True)
+        block = np.ix_(rows, rows)
+        power = directions.T @ self.precision[block] @ directions
+        values, vectors = np.linalg.eigh(power)
+        # What the model can follow altogether cannot be tested; rounding leaves a little of it.
+        whole = np.trace(directions.T @ self.information[block] @ directions)
+        usable = values > 1e-9 * whole
+        axes, rank = vectors[:, usable], int(usable.sum())
+        inverse = axes / values[usable] @ axes.T
+        size = inverse @ directions.T @ self.score[rows]
         explained = float(size @ power @ size)
         free = self.dof - rank
         if rank == 0 or free < 1:
@@ -108,9 +116,8 @@ def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> Fi
     whitener = np.linalg.inv(np.linalg.cholesky(noise.covariance()))
     basis, _ = np.linalg.qr(whitener @ data.matrix)
     rest = whitener - basis @ (basis.T @ whitener)
-    precision = rest.T @ rest
-    score = precision @ data.output
-    return Fit(precision, score, float(data.output @ score), dof)
+    residual = rest @ data.output
+    return Fit(whitener.T @ whitener, rest.T @ rest, rest.T @ residual, float(residual @ residual), dof)
 
 
 def single_postures(measurements: Measurements, found: Fit | None) -> Finding:

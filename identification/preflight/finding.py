@@ -63,3 +63,8 @@ def bonferroni(p_values: np.ndarray) -> float:
 def row_name(measurements: Measurements, row: int) -> str:
     """A posture as a laboratory finds it again."""
     return f"posture {measurements.posture[row]} (row {row + 1}, placement {measurements.placement[row]})"
+
+
+def few(texts: list[str], most: int = 3) -> list[str]:
+    """The first few texts, and how many more there are."""
+    return texts if len(texts) <= most else [*texts[:most], f"and {len(texts) - most} more"]

@@ -8,7 +8,7 @@ from scipy.stats import norm
 from identification.center_of_pressure import cell_positions
 from identification.feasibility import foot_clearance
 from identification.nominal import Nominal
-from identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
+from identification.preflight.finding import Finding, bonferroni, few, result_of, row_name, skipped
 from identification.reading_noise import known, placement_levers, placement_sd
 from sim.measurements import Measurements
 from sim.model import PLATES
@@ -56,9 +56,9 @@ def plate_poses(measurements: Measurements) -> Finding:
     return Finding(
         name,
         "fail" if failures else "warn",
-        "; ".join(_few([*failures, *warnings])),
+        "; ".join(few([*failures, *warnings])),
         expected,
-        ", ".join(_few(list(dict.fromkeys(where)))),
+        ", ".join(few(list(dict.fromkeys(where)))),
         POSE_ADVICE + " A plate that was moved begins a new placement.",
     )
 
@@ -156,7 +156,3 @@ def _outside(cop: np.ndarray, soles: np.ndarray, spread: np.ndarray) -> tuple[np
     edge = distance.argmax(axis=2)[..., None]
     sd = np.sqrt(np.einsum("mpka,mpab,mpkb->mpk", normals, spread, normals))
     return np.take_along_axis(distance, edge, 2)[..., 0], np.take_along_axis(sd, edge, 2)[..., 0]
-
-
-def _few(texts: list[str], most: int = 3) -> list[str]:
-    return texts if len(texts) <= most else [*texts[:most], f"and {len(texts) - most} more"]

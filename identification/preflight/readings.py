@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.preflight.finding import Finding, bonferroni, result_of, row_name, worst_of
+from identification.preflight.finding import Finding, bonferroni, few, result_of, row_name, worst_of
 from identification.reading_noise import known
 from sim.measurements import Measurements
 from sim.model import CELLS
@@ -36,9 +36,9 @@ def stuck(measurements: Measurements) -> Finding:
     return Finding(
         "stuck readings",
         worst_of([result for result, _, _ in faults]),
-        "; ".join(text for _, _, text in faults) or "every sensor's readings differ between postures",
+        "; ".join(few([text for _, _, text in faults])) or "every sensor's readings differ between postures",
         "no sensor at one value, no cell at one extreme, no row or column twice",
-        ", ".join(dict.fromkeys(place for _, place, _ in faults)),
+        ", ".join(few(list(dict.fromkeys(place for _, place, _ in faults)))),
         "Saturated amplifier or converter, loose plug, a frozen log, a row or column pasted twice; "
         "a joint that really was not moved tells nothing about its links.",
         p_value,

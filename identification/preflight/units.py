@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from identification.nominal import Nominal
-from identification.preflight.finding import Finding, row_name
+from identification.preflight.finding import Finding, few, row_name
 from sim.measurements import Measurements
 from sim.model import CORNERS, PLATES, sha256
 
@@ -58,7 +58,8 @@ def units(measurements: Measurements, nominal: Nominal) -> Finding:
         return Finding("units", "pass", "angles, lengths, forces and mass of plausible size", expected)
     where = ", ".join(dict.fromkeys(place for place, _ in complaints))
     advice = "Convert these and check again; everything else waits for it."
-    return Finding("units", "fail", "; ".join(text for _, text in complaints), expected, where, advice)
+    seen = "; ".join(few([text for _, text in complaints]))
+    return Finding("units", "fail", seen, expected, where, advice)
 
 
 def joint_limits(measurements: Measurements, nominal: Nominal) -> Finding:

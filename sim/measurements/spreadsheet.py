@@ -27,7 +27,7 @@ def plain_csv(path: Path, content: bytes) -> bytes:
     """
     lines = [
         (number, line)
-        for number, line in enumerate(_text(path, content).splitlines(), 1)
+        for number, line in enumerate(_text(path, content).split("\n"), 1)
         if not line.lstrip(' "').startswith("#") and line.strip(' \t,;"')
     ]
     if not lines:
@@ -46,6 +46,8 @@ def plain_csv(path: Path, content: bytes) -> bytes:
     width = len(rows[0])
     while width and not rows[0][width - 1] and not any(any(row[width - 1 : width]) for row in rows):
         width -= 1
+    if width == 0:
+        raise InputError(f"{path}: found no line with column names")
     for (number, _), row in zip(lines, rows, strict=True):
         found = max((k + 1 for k, value in enumerate(row) if value), default=0)
         if found > width or len(row) < width:

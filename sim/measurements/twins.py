@@ -32,8 +32,9 @@ def checked_table(
         if expected is not None:
             _check_hash(path, content, expected)
         elif len(found) > 1:
+            twin = next(other.name for other in found if other != path)
             raise InputError(
-                f"{path}: found beside its twin and without a sha256 in the manifest's 'tables', "
+                f"{path}: found beside {twin} and without a sha256 in the manifest's 'tables', "
                 "expected one of the two tables or both hashes"
             )
     return Table(found[0], contents[0], most_rows)
