@@ -1,0 +1,31 @@
+"""`tulip check`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from experiments.check import UNREADABLE, check_folder, print_report
+from experiments.commands.options import Json, RobotFile
+from experiments.description import described_robot
+from experiments.terminal import console, print_json
+from sim.model import TULIP
+
+
+def check_command(
+    folder: Annotated[Path, tyro.conf.Positional], /, *, robot: RobotFile = TULIP, as_json: Json = False
+) -> int:
+    """Check a measurement folder before anybody trusts it: weights, drift, plates, legs, units and more.
+
+    Exit code 0: passed, perhaps with warnings; 1: a check failed; 2: could not read. What an
+    incomplete folder lacks is listed, with an example to copy.
+    Example: tulip check data/first
+    """
+    document = check_folder(folder, described_robot(robot))
+    if as_json:
+        print_json(document)
+    else:
+        print_report(console(), document)
+    return {UNREADABLE: 2, "fail": 1}.get(document["verdict"], 0)

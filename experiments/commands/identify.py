@@ -1,0 +1,65 @@
+"""`tulip identify`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+
+from experiments.commands.options import Json, RobotFile
+from experiments.description import described_robot
+from experiments.tables import (
+    LEGEND,
+    correlation_lines,
+    models,
+    parameter_table,
+    residual_line,
+    weak_directions,
+)
+from experiments.terminal import console, print_json
+from experiments.validate import identify, model_document
+from sim.measurements import read_measurements
+from sim.model import TULIP
+
+
+def identify_command(
+    folder: Annotated[Path, tyro.conf.Positional], /, *, robot: RobotFile = TULIP, as_json: Json = False
+) -> int:
+    """Identify the robot from a measurement folder: base parameters and what they are worth.
+
+    Example: tulip identify data/first
+    """
+    described = described_robot(robot)
+    measurements = read_measurements(folder)
+    found = identify(measurements, described, str(folder))
+    document: dict[str, Any] = {
+        "postures": len(measurements),
+        "placements": len(np.unique(measurements.placement)),
+        "condition_number": found.full.condition_number,
+        "total_mass": {"estimate": found.mass[0], "standard_error": found.mass[1]},
+    }
+    estimates = {"full": found.full, "simplified": found.simplified}
+    fitted = {
+        model: model_document(estimate, None) | {"hardly_known": weak_directions(estimate, found.parameters)}
+        for model, estimate in estimates.items()
+    }
+    document |= fitted
+    if as_json:
+        print_json(document)
+        return 0
+    screen = console()
+    for model in models(described):
+        title = f"{model.capitalize()} model, mm"
+        screen.print(parameter_table(title, fitted[model], found.parameters, described, model))
+        screen.print(residual_line(fitted[model]))
+        pairs = fitted[model]["correlations"]
+        screen.print("Correlations above 0.85 in size (eq. 15):" if pairs else "No correlation above 0.85.")
+        for line in correlation_lines(pairs, found.parameters, measurements.joint_angles):
+            screen.print(f"  {line}", markup=False)
+        if fitted[model]["hardly_known"]:
+            screen.print(f"Hardly known: {fitted[model]['hardly_known']}", markup=False)
+    screen.print(LEGEND)
+    screen.print(f"Total mass {found.mass[0]:.3f} +- {found.mass[1]:.3f} kg")
+    return 0

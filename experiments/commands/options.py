@@ -1,0 +1,22 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+Preset = Literal["wii", "force-plate", "ideal"]
+Plan = Annotated[
+    Path | None,
+    tyro.conf.Positional,
+    tyro.conf.arg(metavar="PLAN", help="plan folder; the shipped plan if left out"),
+]
+RobotFile = Annotated[Path, tyro.conf.arg(name="robot", help="robot description (TOML)")]
+Json = Annotated[bool, tyro.conf.arg(name="json", help="one JSON document on stdout instead of tables")]
+Seed = Annotated[int, tyro.conf.arg(help="seed of everything random")]
+Workers = Annotated[int, tyro.conf.arg(help="processes; results do not depend on it")]
+
+CORES = os.cpu_count() or 1

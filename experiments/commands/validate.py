@@ -1,0 +1,48 @@
+"""`tulip validate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from experiments.commands.options import CORES, Json, Plan, Preset, RobotFile, Seed, Workers
+from experiments.run_folder import check_new, write_run
+from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
+from experiments.setting_up import read_scenario, told_apart, tries
+from experiments.tables import (
+    print_validation,
+)
+from experiments.terminal import ERR, console, print_json, progress
+from experiments.validate import report_document, validate
+from identification.base_parameters import base_parameters
+from sim.model import TULIP
+
+
+def validate_command(
+    plan: Plan = None,
+    /,
+    *,
+    out: Path,
+    preset: Preset = "wii",
+    seed: Seed = DEFAULT_SEED,
+    workers: Workers = CORES,
+    robot: RobotFile = TULIP,
+    as_json: Json = False,
+) -> int:
+    """Simulate a plan, identify the robot, compare with the truth and give a verdict.
+
+    Exit code 0: every check passed; 1: a check failed; 2: could not run.
+    Example: tulip validate --out runs/first
+    """
+    check_new(out)
+    scenario = read_scenario(plan, preset, seed, robot, workers)
+    told_apart(str(plan or DEFAULT_PLAN), scenario.plan, base_parameters(scenario.rig.robot))
+    with progress("holding postures", tries(scenario)) as advance:
+        result = validate(scenario, workers, advance)
+    write_run(out, result)
+    document = report_document(result)
+    if as_json:
+        print_json(document)
+    else:
+        print_validation(console(), result, document)
+    ERR.print(f"Run folder: {out}")
+    return 0 if result.verdict == "pass" else 1
