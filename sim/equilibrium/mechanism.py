@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -96,7 +96,8 @@ class Mechanism:
         cells: the cells' places on their plates, (2, 4, 2) [m].
         plate_weight: share of its plate's weight on every cell, (2,) [N].
         top_height: of the boards over the floor [m].
-        softness: of the plates' cells, [m/N].
+        board_give, sole_give: height, roll and pitch of each board on its cells, and of each sole on
+            its board, by force and moments about the plate's origin and the sole point, (2, 3, 3).
         names: of the coordinates.
     """
 
@@ -121,8 +122,17 @@ class Mechanism:
     cells: np.ndarray
     plate_weight: np.ndarray
     top_height: float
-    softness: float
+    board_give: np.ndarray
+    sole_give: np.ndarray
     names: tuple[str, ...]
+
+    def with_play(self, part: float) -> Mechanism:
+        """The same with this part of the springs' free play, about its middle."""
+        springs = [
+            (k, ((low + high - part * (high - low)) / 2, (low + high + part * (high - low)) / 2), row)
+            for k, (low, high), row in self.springs
+        ]
+        return replace(self, springs=tuple(springs))
 
 
 def mechanism(rig: Rig) -> Mechanism:
@@ -150,6 +160,8 @@ def mechanism(rig: Rig) -> Mechanism:
     weight = np.array([-model.body_subtreemass[plate] * model.opt.gravity[2] / 4 for plate in plates])
     top = [plate_geometry(spec, plate).top_height for plate in PLATES]
     dofs = np.array([model.jnt_dofadr[j] for j in turning])
+    cells = np.array([[_on_plate(model, s, p) for s in row] for row, p in zip(sites, plates, strict=True)])
+    corners = np.array([sole_corners(nominal, foot)[:, :2] for foot in rig.robot.feet])
     springs, ropes = _tendons(model, number, column, root)
     return Mechanism(
         bodies=tuple(_body(model, body, number, column) for body in members),
@@ -173,14 +185,27 @@ def mechanism(rig: Rig) -> Mechanism:
                 for sole, foot in zip(soles, rig.robot.feet, strict=True)
             ]
         ),
-        corners=np.array([sole_corners(nominal, foot)[:, :2] for foot in rig.robot.feet]),
+        corners=corners,
         sole_friction=np.array(
             [BREAKAWAY * sliding_friction(model, pair) for pair in zip(soles, plates, strict=True)]
         ),
-        cells=np.array([[_on_plate(model, s, p) for s in row] for row, p in zip(sites, plates, strict=True)]),
+        cells=cells,
         plate_weight=weight,
         top_height=float(top[0] if np.ptp(top) == 0 else np.nan),
-        softness=rig.compliance.cell,
+        board_give=np.array(
+            [
+                _give(
+                    cells[k], rig.compliance.cell + _contact_give(model, f"{plate}_plate_{CORNERS[0]}", None)
+                )
+                for k, plate in enumerate(PLATES)
+            ]
+        ),
+        sole_give=np.array(
+            [
+                _give(corners[k], _contact_give(model, f"{foot}_{CORNERS[0]}", f"{PLATES[k]}_plate_top"))
+                for k, foot in enumerate(rig.robot.feet)
+            ]
+        ),
         names=tuple(model.joint(j).name for j in turning),
     )
 
@@ -220,6 +245,34 @@ def _stops(model: mujoco.MjModel, joints: list[int], dofs: np.ndarray) -> Stops:
         width=impedance[:, 2],
         mobility=model.dof_invweight0[dofs],
     )
+
+
+def _give(points: np.ndarray, softness: float) -> np.ndarray:
+    """Height, roll and pitch of a board on equal springs at points (4, 2), by force and moments, (3, 3)."""
+    levers = np.column_stack([np.ones(len(points)), points[:, 1], -points[:, 0]])
+    return softness * np.linalg.inv(levers.T @ levers)
+
+
+def _contact_give(model: mujoco.MjModel, geom: str, other: str | None) -> float:
+    """How far a contact at rest gives way, (1 - d) mobility / (K d^2) as in `Stops` [m/N].
+
+    Args:
+        other: the geom that it touches by an explicit pair; None: the floor.
+    """
+    this = model.geom(geom)
+    mobility = model.body_invweight0[this.bodyid[0], 0]
+    reference, impedance = this.solref, this.solimp
+    if other is not None:
+        that = model.geom(other)
+        mobility = mobility + model.body_invweight0[that.bodyid[0], 0]
+        geoms = {int(this.id), int(that.id)}
+        pair = next(
+            k for k in range(model.npair) if {int(model.pair_geom1[k]), int(model.pair_geom2[k])} == geoms
+        )
+        reference, impedance = model.pair_solref[pair], model.pair_solimp[pair]
+    d = min(float(impedance[0]), 0.9999)
+    rate = 1 / (min(float(impedance[1]), 0.9999) * reference[0] * reference[1]) ** 2
+    return float((1 - d) * mobility / (rate * d**2))
 
 
 def _tendons(model, number, column, root):

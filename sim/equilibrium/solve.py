@@ -12,6 +12,7 @@ from sim.equilibrium.statics import Load, State, residual
 STEP = 1e-6  # rad or m, of differences
 NEWTON_STEPS = 25
 CHORD_STEPS = 10
+FREE_PLAY = (0.0, 0.25, 0.5, 0.75)
 LARGEST_STEP = 0.1  # rad or m, of Newton's method
 TOLERANCE = 1e-9  # rad or m, of the last change
 
@@ -34,7 +35,16 @@ class Reference:
 
 
 def reference(mechanism: Mechanism, start: State, load: Load) -> Reference:
-    """Newton's method from states near the solutions, every one by itself."""
+    """Newton's method from states near the solutions, every one by itself.
+
+    Free play opens little by little: its torque has a kink, beyond which the derivative is another one.
+    """
+    for part in FREE_PLAY if any(low < high for _, (low, high), _ in mechanism.springs) else ():
+        start = _newton(mechanism.with_play(part), start, load).state
+    return _newton(mechanism, start, load)
+
+
+def _newton(mechanism: Mechanism, start: State, load: Load) -> Reference:
     state = start
     for _ in range(NEWTON_STEPS):
         slope = derivative(mechanism, state, load)

@@ -53,7 +53,7 @@ class Load:
         command: of the robot's joints, (..., n_joints) [rad].
         friction: torque of dry friction on every coordinate, (..., n) [Nm].
         feet: planar poses of both soles, (..., 2, 3) [m, m, rad].
-        plates: planar poses of both plates, (..., 2, 3) [m, m, rad]; where their cells are soft.
+        plates: planar poses of both plates, (..., 2, 3) [m, m, rad].
         mass, center: of the bodies, (..., nb) [kg], (..., nb, 3) [m].
     """
 
@@ -248,24 +248,28 @@ def _closure(m: Mechanism, state: State, load: Load, frames: list) -> np.ndarray
             / 2
         )
         row = np.concatenate([place + rotation @ point - wanted, turned], axis=-1)
-        if m.softness > 0:
-            row = row + _sunk(m, side, state.wrench[..., side, :], foot, load.plates[..., side, :])
+        row[..., 2:5] -= sunk(m, side, state.wrench[..., side, :], foot, load.plates[..., side, :])
         rows.append(row)
     return np.stack(rows, axis=-2)
 
 
-def _sunk(m: Mechanism, side: int, wrench: np.ndarray, foot: np.ndarray, plate: np.ndarray) -> np.ndarray:
-    """How far a board on four equal springs has sunk and tilted under a foot, at the sole point, (..., 6)."""
+def sunk(m: Mechanism, side: int, wrench: np.ndarray, foot: np.ndarray, plate: np.ndarray) -> np.ndarray:
+    """How contacts give way: height, roll and pitch of a sole at its point, (..., 3) [m, rad, rad]."""
     down, tip = board_wrench(m, wrench, foot, plate)
-    x, y = m.cells[side].T
-    c, s = np.cos(plate[..., 2]), np.sin(plate[..., 2])
-    z = down / 4
-    roll, pitch = tip[..., 0] / (y @ y), tip[..., 1] / (x @ x)
+    board = np.concatenate([-down[..., None], tip], axis=-1) @ m.board_give[side].T
     ox, oy = foot[..., 0] - plate[..., 0], foot[..., 1] - plate[..., 1]
-    roll, pitch = c * roll - s * pitch, s * roll + c * pitch
-    height = z - roll * oy + pitch * ox
-    zero = np.zeros_like(height)
-    return m.softness * np.stack([zero, zero, height, -roll, -pitch, zero], axis=-1)
+    tilt = _turned_about_z(board[..., 1:], plate[..., 2])
+    height = board[..., 0] + tilt[..., 0] * oy - tilt[..., 1] * ox
+    press = np.concatenate([-wrench[..., 2:3], -_turned_about_z(wrench[..., 3:5], -foot[..., 2])], axis=-1)
+    sole = press @ m.sole_give[side].T
+    tilt = tilt + _turned_about_z(sole[..., 1:], foot[..., 2])
+    return np.concatenate([(height + sole[..., 0])[..., None], tilt], axis=-1)
+
+
+def _turned_about_z(vector: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+    c, s = np.cos(yaw), np.sin(yaw)
+    x, y = vector[..., 0], vector[..., 1]
+    return np.stack([c * x - s * y, s * x + c * y], axis=-1)
 
 
 def board_wrench(
@@ -281,8 +285,7 @@ def board_wrench(
     ox, oy = foot[..., 0] - plate[..., 0], foot[..., 1] - plate[..., 1]
     mx = moment[..., 0] + oy * force[..., 2] - m.top_height * force[..., 1]
     my = moment[..., 1] + m.top_height * force[..., 0] - ox * force[..., 2]
-    c, s = np.cos(plate[..., 2]), np.sin(plate[..., 2])
-    return -force[..., 2], np.stack([c * mx + s * my, c * my - s * mx], axis=-1)
+    return -force[..., 2], _turned_about_z(np.stack([mx, my], axis=-1), -plate[..., 2])
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -1,0 +1,231 @@
+"""The static equilibrium against MuJoCo's statics, its full dynamics, and itself."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import ks_2samp
+
+from sim.equilibrium import Load, State, mechanism, reference, residual
+from sim.equilibrium.statics import turn
+from sim.errors import InputError
+from sim.laboratory import run_experiment
+from sim.model import load_model
+from sim.path import ClosedChain
+from sim.rig import preset_rig
+from sim.scene import laboratory_scene
+from sim.sensors import PRESETS, averaged_sd, sample, sample_mean
+from sim.static_laboratory import prepare, run_static
+from tests.conftest import part_of
+from tools.study_equilibrium import EDGE, centers_at, compare, edge_distance, excess_sag, laboratories, pulled
+
+# Backlash is in docs/equilibrium.md: where a load turns within the play there is more than one equilibrium.
+LABORATORIES = [
+    "as it is",
+    "gravity 2 deg off",
+    "torso 1 kg heavier",
+    "shank 1 mm longer",
+    "pulled by ropes",
+    "flexible drives",
+    "soft soles",
+    "soft cells",
+]
+LEVEL = 0.01
+
+
+@pytest.fixture(scope="module")
+def rig(robot):
+    return preset_rig("ideal", robot)
+
+
+@pytest.fixture(scope="module")
+def prepared(rig, plan):
+    return prepare(rig, plan)
+
+
+@pytest.mark.parametrize("name", LABORATORIES)
+def test_the_dynamics_come_to_rest_in_it(rig, plan, name):
+    one = part_of(plan, np.flatnonzero(plan.placement == 2))
+    changed = laboratories(rig)[name]
+    quiet = dataclasses.replace(changed, protocol=dataclasses.replace(changed.protocol, repeats=0))
+    found = compare(prepare(quiet, one), list(run_experiment(quiet, one, 1).attempts))
+    assert len(found.held) >= 3
+    assert np.abs(found.angles).max() < 1e-4
+    assert np.abs(found.cells).max() < 0.05
+    assert found.center.max() < 1e-5
+
+
+def test_with_dry_friction_the_center_of_pressure_follows_from_the_angles(prepared, ideal):
+    held = [a for a in ideal.experiment.attempts if a.held is not None]
+    inside = edge_distance(prepared, held) > EDGE
+    assert inside.mean() > 0.9
+    assert np.linalg.norm(centers_at(prepared, held), axis=1)[inside].max() < 1e-5
+
+
+def test_with_dry_friction_sag_and_load_share_are_distributed_alike(prepared, ideal):
+    """Kolmogorov and Smirnov's test for every joint and the load share, familywise level 1 %."""
+    held = [a for a in ideal.experiment.attempts if a.held is not None]
+    actual, predicted = excess_sag(prepared, held, np.random.default_rng(301))
+    chances = [ks_2samp(a, p).pvalue for a, p in zip(actual.T, predicted.T, strict=True)]
+    assert min(chances) > LEVEL / len(chances)
+
+
+def test_that_test_sees_friction_that_always_stands_at_its_limit(prepared, ideal, monkeypatch):
+    monkeypatch.setattr("sim.equilibrium.approach.SHORT_WAY", 1e-6)
+    monkeypatch.setattr("sim.equilibrium.approach.SCATTER", (0.0, 0.0))
+    monkeypatch.setattr("sim.equilibrium.approach.PUT_DOWN_SCATTER", 1e6)
+    held = [a for a in ideal.experiment.attempts if a.held is not None]
+    actual, predicted = excess_sag(prepared, held, np.random.default_rng(301))
+    chances = [ks_2samp(a, p).pvalue for a, p in zip(actual.T, predicted.T, strict=True)]
+    assert min(chances) < LEVEL / len(chances)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**31))
+def test_gravity_and_ropes_are_what_mujoco_says(rig, seed):
+    """The generalised forces against `qfrc_bias` and `qfrc_passive` at rest, anywhere."""
+    rng = np.random.default_rng(seed)
+    roped = dataclasses.replace(rig, edit=pulled)
+    m = mechanism(roped)
+    model = laboratory_scene(roped, np.zeros((2, 3))).compile()
+    data = mujoco.MjData(model)
+    free = int(np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)[0])
+    first, dof = int(model.jnt_qposadr[free]), int(model.jnt_dofadr[free])
+    angles = rng.uniform(-0.1, 0.1, len(m.names))  # within all limits but the knees'
+    angles[[3, 9]] = rng.uniform(0.1, 1.0, 2)
+    pose, quaternion = rng.uniform(-1, 1, 3), rng.standard_normal(4)
+    data.qpos[first : first + 3] = pose
+    data.qpos[first + 3 : first + 7] = quaternion / np.linalg.norm(quaternion)
+    for name, angle in zip(m.names, angles, strict=True):
+        data.joint(name).qpos[:] = angle
+    mujoco.mj_fwdPosition(model, data)
+    mujoco.mj_fwdVelocity(model, data)
+    rotation = data.body("torso").xmat.reshape(3, 3)
+    state = State(pose, rotation, angles, np.zeros((2, 6)))
+    load = Load(angles[m.joints], np.zeros(12), np.zeros((2, 3)), np.zeros((2, 3)), m.mass, m.center)
+    left = residual(m, state, load)
+    expected = data.qfrc_passive - data.qfrc_bias
+    rows = [model.joint(name).dofadr[0] for name in m.names]
+    np.testing.assert_allclose(left[6:18], expected[rows], atol=1e-9)
+    np.testing.assert_allclose(left[:3], expected[dof : dof + 3], atol=1e-9)
+    np.testing.assert_allclose(rotation.T @ left[3:6], expected[dof + 3 : dof + 6], atol=1e-9)
+
+
+def test_the_feet_bear_the_weight_under_the_center_of_mass(prepared, robot):
+    m, state = prepared.mechanism, prepared.near.state
+    push, twist = state.wrench[..., :3], state.wrench[..., 3:]
+    np.testing.assert_allclose(push.sum(axis=1), np.tile([0, 0, 9.81 * m.mass.sum()], (150, 1)), atol=1e-8)
+    feet = np.stack([np.zeros_like(prepared.plan.swing_pose), prepared.plan.swing_pose], axis=1)
+    moment = (twist[..., :2] + np.stack([feet[..., 1], -feet[..., 0]], axis=-1) * push[..., 2:]).sum(axis=1)
+    pressure = np.column_stack([-moment[:, 1], moment[:, 0]]) / push[..., 2].sum(axis=1)[:, None]
+    model = load_model(robot)
+    data = mujoco.MjData(model)
+    for k in range(0, 150, 10):
+        data.qpos[:3] = state.position[k]
+        mujoco.mju_mat2Quat(data.qpos[3:7], state.rotation[k].ravel())
+        data.qpos[7:] = state.angles[k]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        # The contacts sink by 0.1 um, on which the forces along the ground have a lever.
+        np.testing.assert_allclose(pressure[k], data.subtree_com[1, :2], atol=1e-8)
+
+
+def test_runs_are_the_same_bits_however_they_are_grouped(robot, plan):
+    few = part_of(plan, np.flatnonzero(plan.placement <= 4))
+    prepared = prepare(preset_rig("wii", robot), few)
+    streams = np.random.SeedSequence(5).spawn(5)
+    together = run_static(prepared, streams)
+    for run, stream in zip(together, streams, strict=True):
+        (alone,) = run_static(prepared, [stream])
+        assert alone.dropped == run.dropped
+        for name in ("joint_angles", "cell_forces", "plate_poses", "time", "command"):
+            assert np.array_equal(getattr(alone.measurements, name), getattr(run.measurements, name))
+
+
+def test_its_readings_scatter_as_sampled_ones_do():
+    s = PRESETS["wii"]
+    rng = np.random.default_rng(7)
+    truth = rng.uniform(0, 50, 20000)
+    for noise in (s.cell_noise, 0.01):
+        arguments = (s.cell_repeatability, noise, s.cell_resolution, 30)
+        slow = sample(truth, *arguments, rng)[0] - truth
+        fast = sample_mean(truth, *arguments, rng)[0] - truth
+        sd = averaged_sd(*arguments)
+        for error in (slow, fast):
+            assert abs(error.std() / sd - 1) < 5 / np.sqrt(2 * len(truth))
+            assert abs(error.mean()) < 5 * sd / np.sqrt(len(truth))
+
+
+def test_a_robot_it_is_told_of_is_the_one_that_stands_there(prepared, robot, plan):
+    """Doubling every mass doubles what the cells read; the truth goes with the run."""
+    m = prepared.mechanism
+    standard = np.column_stack([m.mass, m.mass[:, None] * m.center])[prepared.links]
+    streams = np.random.SeedSequence(6).spawn(1)
+    (nominal,) = run_static(prepared, streams)
+    (told,) = run_static(prepared, streams, standard[None])
+    assert np.array_equal(nominal.measurements.cell_forces, told.measurements.cell_forces)
+    (heavy,) = run_static(prepared, streams, 1.1 * standard[None])
+    assert heavy.true_mass == pytest.approx(1.1 * nominal.true_mass)
+    total = heavy.measurements.cell_forces.sum(axis=1)
+    np.testing.assert_allclose(total, 9.81 * heavy.true_mass, atol=1e-6)
+
+
+def test_a_posture_that_nobody_can_hold_is_not_solved(rig, plan):
+    """Leaning so far that the torque limits do not carry it, with a sole outside its corners."""
+    few = part_of(plan, np.arange(5))
+    angles = few.joint_angles.copy()
+    angles[2, [4, 10]] += 0.6
+    prepared = prepare(rig, dataclasses.replace(few, joint_angles=angles))
+    (run,) = run_static(prepared, np.random.SeedSequence(1).spawn(1))
+    assert int(few.posture[2]) in [number for number, _ in run.dropped]
+
+
+def test_what_it_does_not_know_is_refused(rig, plan):
+    def odd(spec: mujoco.MjSpec) -> None:
+        spec.body("torso").add_site(name="a", pos=[0, 0, 0.1])
+        spec.body("left_foot").add_site(name="b")
+        tendon = spec.add_tendon(name="between", stiffness=10.0)
+        tendon.wrap_site("a")
+        tendon.wrap_site("b")
+
+    with pytest.raises(InputError, match="tendon 'between': expected joints, or one site on the robot"):
+        mechanism(dataclasses.replace(rig, edit=odd))
+    single = dataclasses.replace(plan, support=np.full(len(plan), "right"))
+    with pytest.raises(InputError, match="found support 'right', expected 'double'"):
+        prepare(rig, single)
+
+
+def test_small_turns_are_rotations():
+    rng = np.random.default_rng(0)
+    vector = rng.uniform(-3, 3, (50, 3))
+    matrix = turn(vector)
+    np.testing.assert_allclose(
+        matrix @ matrix.transpose(0, 2, 1), np.broadcast_to(np.eye(3), (50, 3, 3)), atol=1e-12
+    )
+    for v, r in zip(vector, matrix, strict=True):
+        quaternion, expected = np.zeros(4), np.zeros(9)
+        mujoco.mju_axisAngle2Quat(quaternion, v / np.linalg.norm(v), np.linalg.norm(v))
+        mujoco.mju_quat2Mat(expected, quaternion)
+        np.testing.assert_allclose(r.ravel(), expected, atol=1e-12)
+
+
+def test_newton_ends_where_it_began_if_that_is_the_solution(prepared):
+    m, near = prepared.mechanism, prepared.near
+    feet = np.stack([np.zeros_like(prepared.plan.swing_pose), prepared.plan.swing_pose], axis=1)
+    load = Load(
+        prepared.plan.joint_angles, np.zeros(12), feet, prepared.boards[prepared.placement], m.mass, m.center
+    )
+    again = reference(m, near.state, load)
+    assert np.abs(again.state.angles - near.state.angles).max() < 1e-12
+    assert np.abs(residual(m, near.state, load)).max() < 1e-9
+
+
+def test_the_chain_starts_from_the_same_torso(prepared, robot, plan):
+    chain = ClosedChain(load_model(robot), robot)
+    lifted = [chain.base_pose(angles)[2] for angles in plan.joint_angles]
+    assert np.abs(prepared.near.state.position[:, 2] - lifted).max() < 0.03  # sag
