@@ -1,0 +1,35 @@
+"""A posture's static equilibrium against its hold in full dynamics, in one run."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+import numpy as np
+
+from sim.hold import hold, put_down
+from sim.laboratory import boards_under
+from sim.rig import preset_rig
+from sim.stand import Stand
+from sim.static_laboratory import prepare, run_static
+
+RUNS = 50
+
+
+def test_a_posture_in_statics_and_held_for_a_minute(benchmark, robot, plan):
+    rig = preset_rig("wii", robot)
+    prepared = prepare(rig, plan)
+    streams = np.random.SeedSequence(1).spawn(RUNS)
+    runs = benchmark.pedantic(run_static, (prepared, streams), rounds=3, warmup_rounds=1)
+    postures = sum(len(run.measurements) + len(run.dropped) for run in runs)
+    static = benchmark.stats.stats.min / postures
+    whole = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, gated=False))
+    stand = Stand(whole, boards_under(whole, plan.swing_pose[0]))
+    put_down(stand, plan.joint_angles[0])
+    began = time.perf_counter()
+    held, reason = hold(stand, plan.joint_angles[0])
+    dynamic = time.perf_counter() - began
+    assert held is not None, reason
+    benchmark.extra_info["static_us"] = round(1e6 * static, 1)
+    benchmark.extra_info["dynamic_over_static"] = round(dynamic / static)
+    print(f"\nstatics {1e6 * static:.0f} us a posture, hold {dynamic:.2f} s: {dynamic / static:.0f} times")
