@@ -15,7 +15,7 @@ from pathlib import Path
 from experiments.cli import main as tulip
 from sim.model import ASSETS
 from tools.fuzz.cases import MEASUREMENTS_ONLY, MUTATIONS
-from tools.fuzz.robots import ROBOT_MUTATIONS
+from tools.fuzz.robot_cases import ROBOT_MUTATIONS
 from tools.fuzz.runner import Bases, Case, Outcome, run_cases
 
 
