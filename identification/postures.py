@@ -82,11 +82,12 @@ def planning_ranges(robot: Robot) -> PlanningRanges:
         if name in values:
             raise InputError(f"{where}: found '{name}' and '{name}_deg', expected one of them")
         numbers = _numbers(f"{where}: key '{key}'", value, is_range=fields[name].type == "Range")
-        values[name] = np.deg2rad(numbers).tolist() if key != name else numbers
+        in_rad = numbers if key == name else np.deg2rad(numbers).tolist()
+        values[name] = tuple(in_rad) if isinstance(in_rad, list) else in_rad
     for name, f in fields.items():
         if name not in values and f.default is dataclasses.MISSING:
             raise InputError(f"{where}: key '{name}' is missing")
-    return PlanningRanges(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+    return PlanningRanges(**values)
 
 
 def _joint_table(where: str, table: Any) -> dict[str, Range]:
@@ -94,11 +95,11 @@ def _joint_table(where: str, table: Any) -> dict[str, Range]:
         raise InputError(
             f"{where}: key 'joints_deg': found {table!r}, expected a table of JOINT = [low, high]"
         )
-    ranges = {
-        joint: _numbers(f"{where}: key 'joints_deg.{joint}'", value, is_range=True)
-        for joint, value in table.items()
-    }
-    return {joint: (float(np.deg2rad(low)), float(np.deg2rad(high))) for joint, (low, high) in ranges.items()}
+    ranges = {}
+    for joint, value in table.items():
+        low, high = _numbers(f"{where}: key 'joints_deg.{joint}'", value, is_range=True)
+        ranges[joint] = (float(np.deg2rad(low)), float(np.deg2rad(high)))
+    return ranges
 
 
 def _numbers(where: str, value: Any, is_range: bool) -> Any:
