@@ -14,8 +14,10 @@ from rich.table import Table
 from experiments.example import compact_json, example_manifest, example_row
 from identification.nominal import Nominal, nominal_robot
 from identification.preflight import RESULTS, Finding, preflight, worst_of
-from sim.errors import InputError
+from sim.errors import InputError, shortened
 from sim.measurements import Measurements, read_measurements, read_series
+from sim.measurements.folder_kind import check_kind
+from sim.measurements.measurement_folder import read_manifest
 from sim.measurements.survey import MAY_LACK, complaints
 from sim.model import Robot
 
@@ -31,9 +33,9 @@ def check_folder(folder: Path, robot: Robot) -> dict[str, Any]:
             that no list of columns and keys would mend.
     """
     folder = Path(folder)
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such measurement folder")
+    check_kind(folder, "measurement")
     nominal = nominal_robot(robot)
+    _refuse_other_robot(folder, nominal)
     wrong = complaints(folder, nominal.parameters.tree.joints)
     if any(wrong.values()):
         return {
@@ -44,6 +46,24 @@ def check_folder(folder: Path, robot: Robot) -> dict[str, Any]:
         }
     measurements, series = read_measurements(folder, likely=False), read_series(folder)
     return findings_document(measurements, nominal, preflight(measurements, nominal, series))
+
+
+def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:
+    """Another robot's folder would lack column after column; name the robot instead.
+
+    Raises:
+        InputError: another model file and other joints.
+    """
+    try:
+        manifest = read_manifest(folder)
+    except InputError:
+        return  # the complaints say more
+    robot, joints = nominal.robot, nominal.parameters.tree.joints
+    if manifest.robot.model != robot.model.name and set(manifest.joints) != set(joints):
+        raise InputError(
+            f"{folder / 'manifest.json'}: found robot '{shortened(manifest.robot.model)}' with other joints, "
+            f"expected {robot.model.name}; give the robot that was measured as --robot FILE"
+        )
 
 
 def findings_document(
