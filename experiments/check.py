@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from experiments.example import compact_json, example_manifest, example_row
+from experiments.terminal import print_table
 from identification.nominal import Nominal, nominal_robot
 from identification.preflight import RESULTS, Finding, preflight, worst_of
 from sim.errors import InputError, shortened
@@ -86,14 +87,19 @@ def print_report(console: Console, document: dict[str, Any]) -> None:
     if document["verdict"] == UNREADABLE:
         print_complaints(console, document)
         return
-    table = Table(title="Preflight", title_justify="left", header_style="bold")
-    for header, width in (("check", 18), ("result", 9), ("what was seen", 62), ("what is expected", 48)):
-        table.add_column(header, width=width)
+    table = Table(title="Preflight", title_justify="left", header_style="bold", expand=True)
+    for header, width, share in (
+        ("check", 18, None),
+        ("result", 9, None),
+        ("what was seen", None, 5),
+        ("what is expected", None, 4),
+    ):
+        table.add_column(header, width=width, ratio=share)
     for check in document["checks"]:
         colour = COLOURS[check["result"]]
         texts = [escape(check[key]) for key in ("seen", "expected")]
         table.add_row(check["name"], f"[{colour}]{check['result']}[/]", *texts)
-    console.print(table)
+    print_table(console, table)
     for check in document["checks"]:
         if check["result"] in ("warn", "fail"):
             colour = COLOURS[check["result"]]

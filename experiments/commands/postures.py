@@ -9,12 +9,10 @@ import numpy as np
 import tyro
 
 from experiments.commands.options import Json, Plan, RobotFile
+from experiments.correlation_table import print_correlations
 from experiments.description import described_robot
 from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
 from experiments.setting_up import draw_plan, plan_for, told_apart
-from experiments.tables import (
-    correlation_lines,
-)
 from experiments.terminal import console, print_json
 from experiments.validate import HIGH_CORRELATION
 from identification.base_parameters import base_parameters
@@ -80,7 +78,5 @@ def postures_command(
         f"{document['postures']} postures on {document['placements']} placements, "
         f"condition number {document['condition_number']:.0f}"
     )
-    screen.print("Correlations above 0.85 in size (eq. 15):")
-    for line in correlation_lines(document["correlations"], parameters, made.joint_angles):
-        screen.print(f"  {line}", markup=False)
+    print_correlations(screen, document["correlations"], parameters, made.joint_angles)
     return 0
