@@ -13,7 +13,8 @@ from identification.preflight import preflight
 from identification.preflight.finding import STATISTICAL_CHECKS
 from sim.errors import InputError
 from sim.measurements import write_measurements
-from tools.study_check import FAULTS, HEALTHY, rows_of
+from tools.study import rows_of
+from tools.study_check import FAULTS, HEALTHY
 
 
 def found(measurements, nominal):

@@ -22,7 +22,7 @@ from sim.rig import preset_rig
 from sim.scene import load_scene
 from sim.sensors import PRESETS, averaged_sd, sample
 from sim.stand import Stand
-from tests.conftest import part_of
+from tools.study import part_of
 
 
 def test_centre_of_pressure_is_the_com_within_0_05_mm(ideal):
