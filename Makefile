@@ -43,7 +43,7 @@ $(ORACLE)/.done: constraints.txt pyproject.toml
 	@touch $@
 
 study-contact: setup  ## docs/contact-study.md's table: contact and gate settings against accuracy
-	$(BIN)/python tools/study_contact.py
+	$(BIN)/python -m tools.study_contact
 
 study-fuzz: setup  ## docs/reliability.md's table: 1,000 broken folders, 200 broken robots
 	$(BIN)/python -m tools.study_fuzz
@@ -52,7 +52,7 @@ study-kill: setup  ## docs/reliability.md's table: fifty kills while writing and
 	$(BIN)/python -m tools.study_kill
 
 study-check: setup  ## docs/check.md's tables: false alarms and planted faults of `tulip check`
-	$(BIN)/python tools/study_check.py
+	$(BIN)/python -m tools.study_check
 
 pictures: setup  ## the README's picture (needs libosmesa6)
 	MUJOCO_GL=osmesa $(BIN)/python tools/pictures.py

@@ -12,10 +12,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from experiments.example import compact_json, example_manifest, example_row
+from experiments.terminal import print_table
 from identification.nominal import Nominal, nominal_robot
 from identification.preflight import RESULTS, Finding, preflight, worst_of
-from sim.errors import InputError
+from sim.errors import InputError, shortened
 from sim.measurements import Measurements, read_measurements, read_series
+from sim.measurements.folder_kind import check_kind
+from sim.measurements.measurement_folder import read_manifest
 from sim.measurements.survey import MAY_LACK, complaints
 from sim.model import Robot
 
@@ -31,9 +34,9 @@ def check_folder(folder: Path, robot: Robot) -> dict[str, Any]:
             that no list of columns and keys would mend.
     """
     folder = Path(folder)
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such measurement folder")
+    check_kind(folder, "measurement")
     nominal = nominal_robot(robot)
+    _refuse_other_robot(folder, nominal)
     wrong = complaints(folder, nominal.parameters.tree.joints)
     if any(wrong.values()):
         return {
@@ -44,6 +47,24 @@ def check_folder(folder: Path, robot: Robot) -> dict[str, Any]:
         }
     measurements, series = read_measurements(folder, likely=False), read_series(folder)
     return findings_document(measurements, nominal, preflight(measurements, nominal, series))
+
+
+def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:
+    """Another robot's folder would lack column after column; name the robot instead.
+
+    Raises:
+        InputError: another model file and other joints.
+    """
+    try:
+        manifest = read_manifest(folder)
+    except InputError:
+        return  # the complaints say more
+    robot, joints = nominal.robot, nominal.parameters.tree.joints
+    if manifest.robot.model != robot.model.name and set(manifest.joints) != set(joints):
+        raise InputError(
+            f"{folder / 'manifest.json'}: found robot '{shortened(manifest.robot.model)}' with other joints, "
+            f"expected {robot.model.name}; give the robot that was measured as --robot FILE"
+        )
 
 
 def findings_document(
@@ -66,14 +87,19 @@ def print_report(console: Console, document: dict[str, Any]) -> None:
     if document["verdict"] == UNREADABLE:
         print_complaints(console, document)
         return
-    table = Table(title="Preflight", title_justify="left", header_style="bold")
-    for header, width in (("check", 18), ("result", 9), ("what was seen", 62), ("what is expected", 48)):
-        table.add_column(header, width=width)
+    table = Table(title="Preflight", title_justify="left", header_style="bold", expand=True)
+    for header, width, share in (
+        ("check", 18, None),
+        ("result", 9, None),
+        ("what was seen", None, 5),
+        ("what is expected", None, 4),
+    ):
+        table.add_column(header, width=width, ratio=share)
     for check in document["checks"]:
         colour = COLOURS[check["result"]]
         texts = [escape(check[key]) for key in ("seen", "expected")]
         table.add_row(check["name"], f"[{colour}]{check['result']}[/]", *texts)
-    console.print(table)
+    print_table(console, table)
     for check in document["checks"]:
         if check["result"] in ("warn", "fail"):
             colour = COLOURS[check["result"]]

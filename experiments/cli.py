@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import errno
 import os
 import sys
@@ -16,7 +17,7 @@ from experiments.commands.postures import postures_command
 from experiments.commands.simulate import simulate_command
 from experiments.commands.validate import validate_command
 from experiments.terminal import ERR, printable
-from sim.errors import InputError
+from sim.errors import InputError, listed, shortened
 from sim.measurements.tables import software
 
 COMMANDS: dict[str, Callable[..., int]] = {
@@ -32,6 +33,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; returns the exit code."""
     try:
+        _known_command((sys.argv[1:] if arguments is None else arguments)[:1])
         return tyro.extras.subcommand_cli_from_dict(
             COMMANDS,
             prog="tulip",
@@ -45,6 +47,13 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         ERR.print("tulip: interrupted; nothing was written")
         return 130
+
+
+def _known_command(first: list[str]) -> None:
+    if first and not first[0].startswith("-") and first[0] not in COMMANDS:
+        close = difflib.get_close_matches(first[0], COMMANDS, n=1)
+        meant = f"did you mean '{close[0]}'? " if close else ""
+        raise InputError(f"unknown command '{shortened(first[0])}'; {meant}valid: {listed(COMMANDS)}")
 
 
 def run() -> None:

@@ -10,6 +10,8 @@ def run() -> None:
     """Load the command line and hand over to it."""
     # An exception in the middle of an import would show a traceback, or be lost in a library's own handler.
     signal.signal(signal.SIGINT, _leave)
+    # Nothing here draws. Else MuJoCo loads GLFW, whose helper process shows a traceback of its own.
+    os.environ.setdefault("MUJOCO_GL", "disable")
     from experiments import cli
 
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -16,7 +16,7 @@ from identification.rank import labels, require_told_apart
 from identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
 from sim.errors import InputError
 from sim.measurements import PosturePlan, read_plan
-from sim.model import Robot, load_model
+from sim.model import Robot, load_model, load_robot, sha256
 from sim.plates import plate_geometry
 from sim.rig import preset_rig
 from sim.scene import load_scene
@@ -38,10 +38,24 @@ def read_scenario(plan: Path | None, preset: str, seed: int, robot: Path, worker
     at_least("--seed", seed, 0)
     at_least("--workers", workers, 1)
     described = described_robot(robot)
-    made = read_plan(plan or DEFAULT_PLAN, described, load_model(described))
+    made = plan_for(described, plan)
     rig = preset_rig(preset, described)
     check_scene(rig)
     return Scenario(rig, made, seed, preset)
+
+
+def plan_for(robot: Robot, plan: Path | None) -> PosturePlan:
+    """A plan that fits the robot; the shipped one, which is TULip's, if `plan` is None.
+
+    Raises:
+        InputError: no such plan, or one for another model.
+    """
+    if plan is None and sha256(robot.model) != sha256(load_robot().model):
+        raise InputError(
+            f"{robot.path}: found no plan for this robot: the shipped one is TULip's. Make one with "
+            f"`tulip postures --random --robot {robot.path} --out PLAN` and give its name"
+        )
+    return read_plan(plan or DEFAULT_PLAN, robot, load_model(robot))
 
 
 def tries(scenario: Scenario) -> int:

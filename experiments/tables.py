@@ -15,10 +15,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from experiments.checks import Check
+from experiments.correlation_table import meaning, print_correlations
+from experiments.terminal import print_table
 from experiments.validate import Validation
 from identification.base_parameters import BaseParameters
 from identification.estimators import Estimate
-from identification.kinematics import walk
 from identification.rank import described, labels, weakly_known
 from identification.statistics import WELL_IDENTIFIED
 from sim.errors import InputError
@@ -27,10 +28,11 @@ from sim.laboratory import Experiment
 from sim.model import Robot
 
 LEGEND = (
-    "s.e.: eq. 14; clustered: errors common to a placement allowed for; rel. %: s.e. over estimate (eq. 13); "
-    "well identified: below 15 %."
+    "s.e.: standard error, eq. 14; clustered: with errors common to a placement allowed for; "
+    "rel. %: s.e. over estimate (eq. 13); well id.: that is below 15 %."
 )
 MOST_TABLE = 2**20  # bytes
+NO_PLACEMENT_SD = 1e-3  # of sigma
 COLOURS = {"pass": "green", "fail": "bold red", "not evaluated": "yellow"}
 
 
@@ -73,14 +75,21 @@ def models(robot: Robot) -> tuple[str, ...]:
 
 
 def parameter_table(
-    title: str, document: dict[str, Any], parameters: BaseParameters, robot: Robot, column: str
+    title: str,
+    document: dict[str, Any],
+    parameters: BaseParameters,
+    paper: dict[int, dict[str, str]],
+    column: str,
 ) -> Table:
-    """Table II side by side with the paper; `column` is its "full" or "simplified"."""
-    paper = paper_table(robot)
+    """A model's parameters, beside those of the paper where given.
+
+    Args:
+        paper: `paper_table`, or {}. column: of it, "full" or "simplified".
+    """
     known = document["parameters"][0]["truth"] is not None
     table = Table(title=title, title_justify="left", header_style="bold")
     table.add_column("nr", justify="right")
-    table.add_column("parameter", no_wrap=True, min_width=27)
+    table.add_column("parameter", min_width=16)
     headers = ["truth", "estimate", "error"] if known else ["estimate"]
     beside = ["paper %", "paper s.e.", "ratio"] if paper else []
     for header in [*headers, "s.e.", "clustered", "rel. %", *beside]:
@@ -103,7 +112,7 @@ def parameter_table(
         ]
         table.add_row(
             str(number),
-            escape(_meaning(parameters, number)),
+            escape(meaning(parameters, number)),
             *values,
             f"{1e3 * row['standard_error']:.2f}",
             f"{1e3 * row['clustered_standard_error']:.2f}",
@@ -112,15 +121,6 @@ def parameter_table(
             "[green]yes[/]" if well else "no",
         )
     return table
-
-
-def _meaning(parameters: BaseParameters, number: int) -> str:
-    """torso z; right_hip ... right_ankle y."""
-    members = parameters.members(number - 1)
-    axis = parameters.names[number - 1].rsplit(".", 1)[1]
-    names = [parameters.tree.frames[frame] for frame in members]
-    text = " + ".join(names) if len(names) < 3 else f"{names[0]} ... {names[-1]}"
-    return f"{text} {axis}"
 
 
 def check_table(checks: tuple[Check, ...]) -> Table:
@@ -141,22 +141,6 @@ def check_table(checks: tuple[Check, ...]) -> Table:
     return table
 
 
-def correlation_lines(
-    pairs: list[dict[str, Any]], parameters: BaseParameters, joint_angles: np.ndarray
-) -> list[str]:
-    """Every high correlation with its reason: which joints tell the two columns apart."""
-    lines = []
-    for pair in pairs:
-        joints = joints_between(parameters, pair["a"] - 1, pair["b"] - 1)
-        ranges = []
-        for joint in joints:
-            angles = np.rad2deg(joint_angles[:, parameters.tree.joints.index(joint)])
-            ranges.append(f"{joint} [{angles.min():.0f}, {angles.max():.0f}] deg")
-        what = "told apart only by " + ", ".join(ranges) if ranges else "columns of one link"
-        lines.append(f"({pair['a']}, {pair['b']})  {pair['rho']:+.4f}  {what}")
-    return lines
-
-
 def weak_directions(estimate: Estimate, parameters: BaseParameters) -> str:
     """Which parameters these postures hardly tell apart: an error longer than the longest link says nothing.
 
@@ -171,18 +155,15 @@ def weak_directions(estimate: Estimate, parameters: BaseParameters) -> str:
     return f"to within the longest link ({1e3 * longest:.0f} mm) {text}"
 
 
-def joints_between(parameters: BaseParameters, first: int, second: int) -> list[str]:
-    """Joints on the shortest way between the links of two base parameters."""
-    tree, best = parameters.tree, None
-    for start in parameters.members(first):
-        way: dict[int, list[str]] = {start: []}
-        for step in walk(tree, start):
-            joint = [tree.joints[step.edge.joint]] if step.edge.joint >= 0 else []
-            way[step.new] = way[step.known] + joint
-        for end in parameters.members(second):
-            if best is None or len(way[end]) < len(best):
-                best = way[end]
-    return best or []
+def placements_line(document: dict[str, Any]) -> str:
+    """What the placements' shared errors are estimated to be, and what they do to the standard errors."""
+    right, left = document["placement_sd_mm"]
+    if max(right, left) < NO_PLACEMENT_SD * document["sigma_mm"]:
+        return (
+            "No error common to a placement's postures could be told from the rest (estimated s.d. 0), "
+            "so 'clustered' equals s.e. here; few placements often look like that."
+        )
+    return f"Errors common to a placement: s.d. {right:.2f} mm of the right plate, {left:.2f} mm of the left."
 
 
 def sag_line(experiment: Experiment) -> str:
@@ -218,16 +199,14 @@ def print_validation(console: Console, result: Validation, document: dict[str, A
     paper = robot.settings.get("paper", {})
     for model in models(robot):
         title = f"{model.capitalize()} model{' beside Table II' if paper else ''}, mm"
-        console.print(parameter_table(title, document[model], found.parameters, robot, model))
+        table = parameter_table(title, document[model], found.parameters, paper_table(robot), model)
+        print_table(console, table)
         reported = paper.get(f"residual_{model}_mm")
         beside = " (paper {}, {}, {})".format(*reported) if reported else ""
         console.print(residual_line(document[model], beside))
-        lines = correlation_lines(
-            document[model]["correlations"], found.parameters, result.experiment.measurements.joint_angles
-        )
-        console.print("Correlations above 0.85 in size (eq. 15):" if lines else "No correlation above 0.85.")
-        for line in lines:
-            console.print(f"  {line}", markup=False)
+        console.print(placements_line(document[model]))
+        angles = result.experiment.measurements.joint_angles
+        print_correlations(console, document[model]["correlations"], found.parameters, angles)
         console.print()
     print_experiment(console, result.experiment, len(result.scenario.plan), paper)
     console.print(LEGEND)
@@ -238,7 +217,7 @@ def print_validation(console: Console, result: Validation, document: dict[str, A
     )
     console.print(sag_line(result.experiment))
     console.print(books_line(document["books"]))
-    console.print(check_table(result.checks))
+    print_table(console, check_table(result.checks))
     colour = COLOURS[result.verdict]
     console.print(f"Verdict: [{colour}]{result.verdict}[/] after {result.wall_s:.0f} s")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
+from rich.measure import Measurement
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -19,9 +21,10 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.table import Table
 
 ERR = Console(stderr=True)
-TABLE_WIDTH = 150
+PIPE_WIDTH, MOST_WIDTH = 150, 1000
 
 
 def printable(text: str) -> str:
@@ -38,15 +41,22 @@ def progress(label: str, total: int) -> Iterator[Callable[[int], None]]:
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=ERR, transient=True) as bar:
+    with Progress(*columns, console=ERR, transient=True, disable=not ERR.is_terminal) as bar:
         task = bar.add_task(label, total=total)
         yield lambda count: bar.advance(task, count)
 
 
 def console() -> Console:
-    """Never narrower than the tables: in a narrow terminal lines wrap, but no column is cut."""
-    terminal = Console()
-    return Console(width=max(terminal.width if terminal.is_terminal else 0, TABLE_WIDTH))
+    """As wide as the terminal; into a pipe or a file as wide as `PIPE_WIDTH`, or as $COLUMNS says."""
+    piped = not sys.stdout.isatty() and "COLUMNS" not in os.environ
+    return Console(width=PIPE_WIDTH if piped else None)
+
+
+def print_table(screen: Console, table: Table) -> None:
+    """A table no wider than the screen, unless figures would have to be cut."""
+    unlimited = screen.options.update_width(MOST_WIDTH)
+    least = Measurement.get(screen, unlimited, table).minimum
+    screen.print(table) if least <= screen.width else Console(width=least).print(table)
 
 
 def print_json(document: dict[str, Any]) -> None:

@@ -168,6 +168,7 @@ def model_document(estimate: Estimate, truth: np.ndarray | None) -> dict[str, An
     return {
         "parameters": rows,
         "sigma_mm": 1e3 * estimate.sigma,
+        "placement_sd_mm": [1e3 * sd for sd in estimate.placement_sd],
         "condition_number": estimate.condition_number,
         "residual_mm": {"mean": 1e3 * norms.mean, "sd": 1e3 * norms.sd, "max": 1e3 * norms.max},
         "correlations": [{"a": a, "b": b, "rho": rho} for a, b, rho in pairs],

@@ -21,12 +21,13 @@ from identification.feasibility import (
     support_polygon,
 )
 from identification.inverse_kinematics import InverseKinematics
-from sim.errors import InputError, listed, look_up
+from sim.errors import InputError, listed, look_up, shortened
 from sim.measurements import PlateGeometry, PosturePlan, lay_boards
 from sim.model import Robot, between_feet, joint_names, joint_ranges, load_model, sha256, sole_corners
 
 ATTEMPTS = 3000  # without a single feasible posture: the ranges are taken to be impossible
 ATTEMPTS_HERE = 200  # for the next posture of a placement that has some: the placement is given up
+MOST_NUMBER = 1e6  # m, rad, deg, N: no robot's range goes further
 
 Range = tuple[float, float]
 
@@ -68,27 +69,25 @@ def planning_ranges(robot: Robot) -> PlanningRanges:
     Raises:
         InputError: a key is missing, unknown, or no number or range low <= high.
     """
-    where = f"{robot.path}: [planning]"
-    table = dict(robot.settings.get("planning", {}))
-    joints = _joint_table(where, table.pop("joints_deg", {}))
-    for key in [key for key in table if key.endswith("_deg")]:
-        table[key.removesuffix("_deg")] = np.deg2rad(table.pop(key)).tolist()
+    where, given = f"{robot.path}: [planning]", robot.settings.get("planning", {})
     fields = {f.name: f for f in dataclasses.fields(PlanningRanges) if f.name != "joints"}
-    for key, value in table.items():
-        if key not in fields:
+    values: dict[str, Any] = {}
+    for key, value in given.items():
+        name = key.removesuffix("_deg")
+        if name == "joints" and key != name:
+            values[name] = _joint_table(where, value)
+            continue
+        if name not in fields:
             raise InputError(f"{where}: unknown key '{key}'; valid: {listed([*fields, 'joints_deg'])}")
-        numbers = value if isinstance(value, list) else [value]
-        is_range = fields[key].type == "Range"
-        expected = "[low, high]" if is_range else "a number"
-        if not all(isinstance(v, int | float) for v in numbers) or len(numbers) != 1 + is_range:
-            raise InputError(f"{where}: key '{key}': found {value!r}, expected {expected}")
-        if numbers[0] > numbers[-1]:
-            raise InputError(f"{where}: key '{key}': found {value!r}, expected low <= high")
+        if name in values:
+            raise InputError(f"{where}: found '{name}' and '{name}_deg', expected one of them")
+        numbers = _numbers(f"{where}: key '{key}'", value, is_range=fields[name].type == "Range")
+        in_rad = numbers if key == name else np.deg2rad(numbers).tolist()
+        values[name] = tuple(in_rad) if isinstance(in_rad, list) else in_rad
     for name, f in fields.items():
-        if name not in table and f.default is dataclasses.MISSING:
+        if name not in values and f.default is dataclasses.MISSING:
             raise InputError(f"{where}: key '{name}' is missing")
-    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else float(v) for k, v in table.items()}
-    return PlanningRanges(**values, joints=joints)
+    return PlanningRanges(**values)
 
 
 def _joint_table(where: str, table: Any) -> dict[str, Range]:
@@ -96,17 +95,21 @@ def _joint_table(where: str, table: Any) -> dict[str, Range]:
         raise InputError(
             f"{where}: key 'joints_deg': found {table!r}, expected a table of JOINT = [low, high]"
         )
+    ranges = {}
     for joint, value in table.items():
-        if not (
-            isinstance(value, list)
-            and len(value) == 2
-            and all(isinstance(v, int | float) for v in value)
-            and value[0] <= value[1]
-        ):
-            raise InputError(
-                f"{where}: key 'joints_deg.{joint}': found {value!r}, expected [low, high] with low <= high"
-            )
-    return {joint: (float(np.deg2rad(low)), float(np.deg2rad(high))) for joint, (low, high) in table.items()}
+        low, high = _numbers(f"{where}: key 'joints_deg.{joint}'", value, is_range=True)
+        ranges[joint] = (float(np.deg2rad(low)), float(np.deg2rad(high)))
+    return ranges
+
+
+def _numbers(where: str, value: Any, is_range: bool) -> Any:
+    """The same as a float, or as a list of two in ascending order."""
+    numbers = value if is_range and isinstance(value, list) else [value]
+    plain = all(type(v) in (int, float) and abs(v) < MOST_NUMBER for v in numbers)  # no true, no nan
+    if not plain or len(numbers) != 1 + is_range or numbers[0] > numbers[-1]:
+        expected = "[low, high] with low <= high" if is_range else "a number"
+        raise InputError(f"{where}: found {shortened(repr(value))}, expected {expected}")
+    return [float(v) for v in numbers] if is_range else float(value)
 
 
 def free_joint_ranges(robot: Robot, model: mujoco.MjModel, ranges: PlanningRanges) -> dict[str, Range]:

@@ -17,6 +17,7 @@ from sim.errors import InputError, listed
 MOST_BLUR = 0.25
 NEGLIGIBLE = 0.05  # of the largest weight in a combination: not worth naming
 MOST_COMBINATIONS = 4  # to spell out
+MOST_TERMS = 4  # of a combination to spell out
 
 
 def require_told_apart(
@@ -127,10 +128,13 @@ def _groups(free: np.ndarray) -> list[tuple[list[int], list[int]]]:
 
 
 def _combination(weights: np.ndarray, names: tuple[str, ...]) -> str:
-    """right_foot.y - 0.98 right_ankle.y."""
+    """right_foot.y - 0.98 right_ankle.y; of many terms the largest."""
     terms = []
-    for k in sorted(np.flatnonzero(weights), key=lambda k: -weights[k]):
+    largest = sorted(np.flatnonzero(weights), key=lambda k: -abs(weights[k]))[:MOST_TERMS]
+    for k in sorted(largest, key=lambda k: -weights[k]):
         size = f"{abs(weights[k]):.2g}"
         factor = "" if size == "1" else f"{size} "
         terms.append(f"{'-' if weights[k] < 0 else '+'} {factor}{names[k]}")
-    return " ".join(terms).removeprefix("+ ")
+    smaller = np.count_nonzero(weights) - len(terms)
+    more = f" and {smaller} smaller {'terms' if smaller > 1 else 'term'}" if smaller else ""
+    return " ".join(terms).removeprefix("+ ") + more

@@ -99,7 +99,7 @@ def regression(
             another support, or fewer data points than parameters.
     """
     where = f"{source}: manifest.json"
-    check_model(where, measurements.robot["sha256"], robot)
+    check_model(where, measurements.robot["model"], measurements.robot["sha256"], robot)
     for key, expected in (("stance_foot", robot.stance_foot), ("swing_foot", robot.swing_foot)):
         if measurements.robot[key] != expected:
             raise InputError(

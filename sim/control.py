@@ -45,7 +45,7 @@ def torque_limit(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> float:
     """Torque on its joint that an actuator cannot exceed [Nm]: the least of the limits that are given.
 
     Raises:
-        InputError: none is given.
+        InputError: none is given, or one that lets the drive push one way only.
     """
     gear, joint = abs(actuator.gear[0]), spec.joint(actuator.target)
     plain_motor = (
@@ -54,14 +54,23 @@ def torque_limit(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> float:
         and actuator.dyntype == mujoco.mjtDyn.mjDYN_NONE
     )
     limits = [
-        (actuator.forcelimited, gear, actuator.forcerange),
-        (actuator.ctrllimited, gear * actuator.gainprm[0] * plain_motor, actuator.ctrlrange),
-        (joint.actfrclimited, 1.0, joint.actfrcrange),
+        ("forcerange", actuator.forcelimited, gear, actuator.forcerange),
+        ("joint's actuatorfrcrange", joint.actfrclimited, 1.0, joint.actfrcrange),
     ]
-    torques = [scale * min(-low, high) for limited, scale, (low, high) in limits if limited]
-    if not (torques := [torque for torque in torques if torque > 0]):
+    if plain_motor:
+        limits.append(("ctrlrange", actuator.ctrllimited, gear * actuator.gainprm[0], actuator.ctrlrange))
+    where = f"model '{spec.modelname}': actuator '{actuator.name}'"
+    torques = []
+    for name, limited, scale, (low, high) in limits:
+        if limited == mujoco.mjtLimited.mjLIMITED_FALSE or (low, high) == (0.0, 0.0):
+            continue
+        if not low < 0 < high:
+            raise InputError(f"{where}: found {name} [{low:g}, {high:g}], expected low < 0 < high")
+        if scale > 0:
+            torques.append(scale * min(-low, high))
+    if not torques:
         raise InputError(
-            f"model '{spec.modelname}': actuator '{actuator.name}': found no torque limit, "
+            f"{where}: found no torque limit, "
             "expected forcerange, a motor's ctrlrange, or the joint's actuatorfrcrange"
         )
     return min(torques)

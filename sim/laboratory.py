@@ -57,8 +57,9 @@ class Experiment:
 
     @property
     def dropped(self) -> list[tuple[int, str]]:
-        """Posture number and reason of every first try that was dropped."""
-        return [(a.posture, a.reason) for a in self.attempts if a.held is None and not a.repeat]
+        """Number of every posture of which no try could be used, and why its first one could not."""
+        used = {a.posture for a in self.measured}
+        return [(a.posture, a.reason) for a in self.attempts if not a.repeat and a.posture not in used]
 
     @property
     def measured(self) -> list[Attempt]:

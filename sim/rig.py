@@ -83,12 +83,17 @@ def preset_rig(name: str, robot: Robot | None = None) -> Rig:
     Raises:
         InputError: unknown preset, or a [drives] or [compliance] table that cannot be understood.
     """
-    look_up("preset", name, PRESETS, "--preset")
+    look_up("preset", name, PRESETS, "preset_rig")
     robot = robot or load_robot()
+    drives = Drives(**_table(robot, "drives", Drives))
+    if drives.backlash > 0 and drives.wind_up <= 0:
+        raise InputError(
+            f"{robot.path}: [drives]: found backlash = {drives.backlash:g} and no wind_up, expected both"
+        )
     return Rig(
         robot=robot,
         sensors=PRESETS[name],
-        drives=Drives(**_table(robot, "drives", Drives)),
+        drives=drives,
         compliance=Compliance(**_table(robot, "compliance", Compliance)),
     )
 

@@ -6,7 +6,6 @@ import os
 
 os.environ.setdefault("MUJOCO_GL", "disable")
 
-import dataclasses
 
 import numpy as np
 import pytest
@@ -22,12 +21,6 @@ from sim.plates import plate_geometry
 from sim.rig import preset_rig
 from sim.scene import load_scene
 from tools.foreign_robots import ROBOTS, write_robot
-
-
-def part_of(plan: PosturePlan, rows: np.ndarray) -> PosturePlan:
-    """Some rows of a plan."""
-    names = ("joint_angles", "posture", "placement", "support", "swing_pose")
-    return dataclasses.replace(plan, **{name: getattr(plan, name)[rows] for name in names})
 
 
 @pytest.fixture(scope="session")

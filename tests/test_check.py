@@ -11,7 +11,9 @@ from experiments.check import check_folder
 from experiments.cli import main
 from identification.preflight import preflight
 from identification.preflight.finding import STATISTICAL_CHECKS
+from sim.errors import InputError
 from sim.measurements import write_measurements
+from tools.study import rows_of
 from tools.study_check import FAULTS, HEALTHY
 
 
@@ -39,6 +41,22 @@ def test_every_statistical_check_has_its_share_of_the_level(wii, nominal):
     """Weight balance and constant weight exclude each other; settling wants a series."""
     with_p = [f for f in preflight(wii.experiment.measurements, nominal) if f.p_value is not None]
     assert len(with_p) + 1 == STATISTICAL_CHECKS
+
+
+def test_a_check_without_power_does_not_pass(wii, nominal):
+    """Four placements for 25 parameters: a plate 100 mm off would not stand out."""
+    measured = wii.experiment.measurements
+    few = rows_of(measured, measured.placement <= 4)
+    finding = found(few, nominal)["single placements"]
+    assert finding.result == "not evaluated"
+    assert "no power" in finding.seen
+    assert "would stand out" in found(measured, nominal)["single placements"].seen
+
+
+def test_another_robots_folder_is_said_to_be_one(wii, tmp_path, foreign):
+    write_measurements(tmp_path / "data", wii.experiment.measurements)
+    with pytest.raises(InputError, match=r"found robot 'tulip.xml' with other joints, .*--robot FILE"):
+        check_folder(tmp_path / "data", foreign["humanoid"])
 
 
 CAUGHT_BY = {

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from experiments.cli import COMMANDS, main
+from experiments.scenario import DEFAULT_PLAN
 from sim.measurements import write_measurements
 from sim.model import ASSETS
 
@@ -59,8 +60,47 @@ def test_joint_that_is_no_hinge(assets, capsys):
 
 def test_plan_for_another_model(assets, tmp_path, capsys):
     edit(assets / "tulip.xml", 'mass="10.7"', 'mass="10.8"')
-    message = refused(capsys, "validate", "--robot", assets / "tulip.toml", "--out", tmp_path / "run")
+    here = ("--robot", assets / "tulip.toml", "--out", tmp_path / "run")
+    message = refused(capsys, "validate", *here)
+    assert "the shipped one is TULip's. Make one with `tulip postures --random --robot" in message
+    message = refused(capsys, "validate", DEFAULT_PLAN, *here)
     assert "hash mismatch of the robot's model" in message
+
+
+def test_an_unknown_command_and_the_likely_one(capsys):
+    assert "unknown command 'chek'; did you mean 'check'? valid: validate" in refused(capsys, "chek")
+    assert "unknown command 'xyz'; valid: validate" in refused(capsys, "xyz")
+
+
+def test_a_plan_is_no_measurement_folder_and_the_other_way_round(wii, tmp_path, capsys):
+    write_measurements(tmp_path / "data", wii.experiment.measurements)
+    for command in ("identify", "check"):
+        message = refused(capsys, command, DEFAULT_PLAN)
+        assert "found a plan folder (plan.json), expected a measurement folder" in message
+    assert "found a measurement folder (manifest.json), expected a plan folder" in refused(
+        capsys, "postures", tmp_path / "data"
+    )
+
+
+@pytest.mark.parametrize("option", ["--placements", "--per-placement", "--seed"])
+def test_options_of_drawing_want_random(option, capsys):
+    assert f"{option}: found without --random" in refused(capsys, "postures", option, 3)
+
+
+def test_a_terminal_of_80_columns_gets_no_line_that_is_cut(wii, tmp_path, capsys, monkeypatch):
+    write_measurements(tmp_path / "data", wii.experiment.measurements)
+    monkeypatch.setenv("COLUMNS", "80")
+    for command in ("check", "identify"):
+        assert main([command, str(tmp_path / "data")]) == 0
+        out = capsys.readouterr().out
+        assert max(map(len, out.splitlines())) <= 80
+        assert "…" not in out
+
+
+def test_identify_leaves_the_papers_figures_to_validate(wii, tmp_path, capsys):
+    write_measurements(tmp_path / "data", wii.experiment.measurements)
+    assert main(["identify", str(tmp_path / "data")]) == 0
+    assert "paper" not in capsys.readouterr().out
 
 
 def test_missing_plan_and_existing_run(tmp_path, capsys):

@@ -17,8 +17,8 @@ from sim.errors import InputError
 from sim.measurements import write_measurements
 from sim.measurements.tables import MOST_DEPTH, Table, read_json
 from sim.model import ASSETS, load_model, load_robot, load_spec
-from tests.conftest import part_of
 from tools.fuzz.runner import Bases, run_cases
+from tools.study import part_of
 from tools.study_fuzz import cases_of
 
 HEAVY = ("rows_that_take_no_space", "a_table_that_unpacks_hugely", "models_without_end")

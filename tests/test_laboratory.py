@@ -22,7 +22,7 @@ from sim.rig import preset_rig
 from sim.scene import load_scene
 from sim.sensors import PRESETS, averaged_sd, sample
 from sim.stand import Stand
-from tests.conftest import part_of
+from tools.study import part_of
 
 
 def test_centre_of_pressure_is_the_com_within_0_05_mm(ideal):
@@ -279,3 +279,16 @@ def test_sampled_readings_have_the_stated_spread():
 def test_presets_hold_no_systematic_effect():
     assert all(sensors.cell_gain == {} for sensors in PRESETS.values())
     assert averaged_sd(0.0, 0.0, 0.0, 3000) == 0.0
+
+
+def test_a_posture_whose_repeat_could_be_used_is_not_dropped(ideal):
+    """As the preflight counts: a posture is there if any of its rows is."""
+    experiment = ideal.experiment
+    repeated = next(a.posture for a in experiment.attempts if a.repeat and a.held)
+    attempts = tuple(
+        dataclasses.replace(a, held=None, reason="tipped") if a.posture == repeated and not a.repeat else a
+        for a in experiment.attempts
+    )
+    again = dataclasses.replace(experiment, attempts=attempts)
+    assert repeated not in [posture for posture, _ in again.dropped]
+    assert again.dropped == experiment.dropped

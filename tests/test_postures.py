@@ -75,9 +75,14 @@ def test_impossible_ranges_say_what_blocks(robot, plate):
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("swing_x", [0.2, 0.1], "expected low <= high"),
+        ("swing_x", [0.2, 0.1], "with low <= high"),
         ("swing_x", 0.2, r"expected \[low, high\]"),
         ("least_height", "high", "expected a number"),
+        ("least_height", True, "expected a number"),
+        ("torso_yaw_deg", "x", r"'torso_yaw_deg': found 'x', expected \[low, high\]"),
+        ("swing_x", [float("nan"), 1.0], r"expected \[low, high\]"),
+        ("swing_x", [0, 10**400], r"expected \[low, high\]"),
+        ("swing_yaw", [0, 1], "found 'swing_yaw' and 'swing_yaw_deg'"),
         ("swing_q", [0, 1], "unknown key 'swing_q'; valid: swing_x"),
     ],
 )

@@ -163,6 +163,14 @@ def test_fewer_rows_than_columns():
     assert undetermined(matrix).shape == (2, 4)
 
 
+def test_of_a_long_combination_the_largest_terms_are_named():
+    text = described(np.array([[0.1, 0.2, 0.3, 0.4, 0.5, 1.0]]), tuple("abcdef"))
+    assert (
+        text
+        == "they cannot tell apart a, b, c, d, e and f (free: f + 0.5 e + 0.4 d + 0.3 c and 2 smaller terms)"
+    )
+
+
 def test_weak_directions_are_those_with_large_errors():
     turn = np.linalg.qr(np.random.default_rng(119).standard_normal((3, 3)))[0]
     covariance = turn @ np.diag([1e-6, 4.0, 1e-4]) @ turn.T

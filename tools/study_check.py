@@ -13,30 +13,17 @@ from typing import Any
 import joblib
 import numpy as np
 
-from experiments.scenario import DEFAULT_PLAN
 from identification.nominal import Nominal, nominal_robot
 from identification.preflight import preflight
 from sim.laboratory import Experiment, read_again, run_experiment
-from sim.measurements import Measurements, PosturePlan, SensorSheet, read_plan
-from sim.model import load_model
+from sim.measurements import Measurements, PosturePlan, SensorSheet
 from sim.rig import Rig, preset_rig
+from tools.study import header, row, rows_of, shipped_plan
 
 Fault = Callable[[Measurements, np.random.Generator], Measurements]
 PRESETS = ("wii", "force-plate")
 SEED = 104
 HEALTHY_DRAWS, FAULTY_DRAWS = 300, 40
-PER_ROW = (
-    *("posture", "placement", "support", "time", "window", "samples", "joint_angles", "joint_angles_sd"),
-    *("command", "motor", "cell_forces", "cell_forces_sd", "plate_poses"),
-)
-
-
-def rows_of(m: Measurements, rows: np.ndarray) -> Measurements:
-    """Some rows of a folder."""
-    chosen: dict[str, Any] = {
-        name: getattr(m, name)[rows] for name in PER_ROW if getattr(m, name) is not None
-    }
-    return dataclasses.replace(m, **chosen)
 
 
 def forces(change: Callable[[np.ndarray, Measurements, np.random.Generator], None]) -> Fault:
@@ -254,7 +241,7 @@ def finders(seen: list[dict[str, str]]) -> str:
 
 def main() -> None:
     rig = preset_rig("ideal")
-    plan, nominal = read_plan(DEFAULT_PLAN, rig.robot, load_model(rig.robot)), nominal_robot(rig.robot)
+    plan, nominal = shipped_plan(rig.robot), nominal_robot(rig.robot)
     experiment = run_experiment(rig, plan, SEED, workers=2)
     pool = joblib.Parallel(n_jobs=2)
     outcome: dict[str, dict[str, list]] = {"healthy": {}, "faulty": {}}
@@ -263,23 +250,16 @@ def main() -> None:
         for kind, function, draws in (("healthy", healthy, HEALTHY_DRAWS), ("faulty", faulty, FAULTY_DRAWS)):
             jobs = (joblib.delayed(function)(read, plan, experiment, nominal, k) for k in range(draws))
             outcome[kind][preset] = list(zip(*pool(jobs), strict=True))
-    print("| healthy | " + " | ".join(f"{p}: fail | warn or fail" for p in PRESETS) + " |")
-    print("|---" * (1 + 2 * len(PRESETS)) + "|")
+    print(header("healthy", *(f"{p}: {what}" for p in PRESETS for what in ("fail", "warn or fail"))))
     for k, name in enumerate(HEALTHY):
-        cells = [
-            f"{percent(outcome['healthy'][p][k], ('fail',))} | "
-            f"{percent(outcome['healthy'][p][k], ('fail', 'warn'))}"
-            for p in PRESETS
-        ]
-        print(f"| {name} | {' | '.join(cells)} |")
-    print("\n| planted fault | " + " | ".join(f"{p}: fail | warn or fail | by" for p in PRESETS) + " |")
-    print("|---" * (1 + 3 * len(PRESETS)) + "|")
+        seen = [outcome["healthy"][p][k] for p in PRESETS]
+        print(row(name, *(percent(s, wanted) for s in seen for wanted in (("fail",), ("fail", "warn")))))
+    kinds = ("fail", "warn or fail", "by")
+    print("\n" + header("planted fault", *(f"{p}: {what}" for p in PRESETS for what in kinds)))
     for k, name in enumerate(FAULTS):
-        cells = []
-        for p in PRESETS:
-            seen = outcome["faulty"][p][k]
-            cells.append(f"{percent(seen, ('fail',))} | {percent(seen, ('fail', 'warn'))} | {finders(seen)}")
-        print(f"| {name} | {' | '.join(cells)} |")
+        seen = [outcome["faulty"][p][k] for p in PRESETS]
+        cells = [(percent(s, ("fail",)), percent(s, ("fail", "warn")), finders(s)) for s in seen]
+        print(row(name, *(cell for three in cells for cell in three)))
 
 
 if __name__ == "__main__":

@@ -12,14 +12,13 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from experiments.scenario import DEFAULT_PLAN
 from identification.center_of_pressure import center_of_pressure
 from sim.compliance import Compliance
 from sim.drives import Drives
 from sim.laboratory import run_experiment
-from sim.measurements import PosturePlan, read_plan
-from sim.model import load_model
+from sim.measurements import PosturePlan
 from sim.rig import Rig, preset_rig
+from tools.study import header, row, shipped_plan
 
 Edit = Callable[[mujoco.MjSpec], None]
 
@@ -90,7 +89,8 @@ def cases(rig: Rig) -> dict[str, Rig]:
     return table | {name: dataclasses.replace(rig, protocol=protocol) for name, protocol in gates.items()}
 
 
-def measure(rig: Rig, plan: PosturePlan) -> str:
+def measure(rig: Rig, plan: PosturePlan) -> list[str]:
+    """One line's figures."""
     began = time.perf_counter()
     experiment = run_experiment(rig, plan, seed=1, workers=2)
     wall = time.perf_counter() - began
@@ -98,34 +98,24 @@ def measure(rig: Rig, plan: PosturePlan) -> str:
     drift = np.array([held.drift for held in experiment.held])
     lying = np.array([attempt.true_plates for attempt in experiment.measured])
     placed = dataclasses.replace(experiment.measurements, plate_poses=lying)
-    error = [1e3 * (center_of_pressure(m) - truth) for m in (placed, experiment.measurements)]
+    error = [(center_of_pressure(m) - truth) for m in (placed, experiment.measurements)]
     balance = np.abs(placed.cell_forces.sum(axis=1) - experiment.true_mass * placed.gravity).max()
-    rms = [np.sqrt((e**2).mean()) for e in error]
     used = len(plan) - len(experiment.dropped)
-    return (
-        f"{used} / {len(plan)} | {rms[0]:.4f} | {rms[1]:.4f} | {balance:.1e} | "
-        f"{1e6 * np.median(drift):.0f} | {wall:.0f}"
-    )
+    errors = [f"{1e3 * np.sqrt((e**2).mean()):.4f}" for e in error]
+    return [
+        *(f"{used} / {len(plan)}", *errors, f"{balance:.1e}"),
+        *(f"{1e6 * np.median(drift):.0f}", f"{wall:.0f}"),
+    ]
 
 
 def main() -> None:
     rig = preset_rig("ideal")
-    plan = read_plan(DEFAULT_PLAN, rig.robot, load_model(rig.robot))
-    first = plan.placement <= 10
-    plan = dataclasses.replace(
-        plan,
-        **{
-            name: getattr(plan, name)[first]
-            for name in ("joint_angles", "posture", "placement", "support", "swing_pose")
-        },
-    )
-    print(
-        "| setting | usable | CoP - CoM, plates as they lie (mm r.m.s.) | as recorded (mm r.m.s.) "
-        "| worst force balance (N) | median foot drift (um) | wall (s) |"
-    )
-    print("|---|---|---|---|---|---|---|")
+    plan = shipped_plan(rig.robot, placements=10)
+    lying, recorded = "CoP - CoM, plates as they lie (mm r.m.s.)", "as recorded (mm r.m.s.)"
+    figures = ("worst force balance (N)", "median foot drift (um)", "wall (s)")
+    print(header("setting", "usable", lying, recorded, *figures))
     for name, case in cases(rig).items():
-        print(f"| {name} | {measure(case, plan)} |", flush=True)
+        print(row(name, *measure(case, plan)), flush=True)
 
 
 if __name__ == "__main__":

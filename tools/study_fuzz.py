@@ -15,8 +15,9 @@ from pathlib import Path
 from experiments.cli import main as tulip
 from sim.model import ASSETS
 from tools.fuzz.cases import MEASUREMENTS_ONLY, MUTATIONS
-from tools.fuzz.robots import ROBOT_MUTATIONS
+from tools.fuzz.robot_cases import ROBOT_MUTATIONS
 from tools.fuzz.runner import Bases, Case, Outcome, run_cases
+from tools.study import header, row
 
 
 def make_bases(place: Path) -> Bases:
@@ -41,17 +42,15 @@ def cases_of(folders: int, robots: int, seed: int) -> list[Case]:
 def table(outcomes: list[Outcome]) -> str:
     """Outcomes by target and mutation."""
     tally = Counter((o.case.target, o.case.mutation, "FAILED" if o.failed else o.result) for o in outcomes)
-    lines = ["| input | mutation | cases | accepted, right | refused | FAILED |", "|---|---|---|---|---|---|"]
+    lines = [header("input", "mutation", "cases", "accepted, right", "refused", "FAILED")]
     for target, name in dict.fromkeys((o.case.target, o.case.mutation) for o in outcomes):
         counts = [tally[target, name, kind] for kind in ("accepted", "refused", "FAILED")]
-        lines.append(
-            f"| {target} | {name.replace('_', ' ')} | {sum(counts)} | " + " | ".join(map(str, counts)) + " |"
-        )
+        lines.append(row(target, name.replace("_", " "), sum(counts), *counts))
     totals = [
         sum(count for key, count in tally.items() if key[2] == kind)
         for kind in ("accepted", "refused", "FAILED")
     ]
-    lines.append(f"| all | | {sum(totals)} | " + " | ".join(map(str, totals)) + " |")
+    lines.append(row("all", "", sum(totals), *totals))
     return "\n".join(lines)
 
 

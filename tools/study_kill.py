@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import dataclasses
 import hashlib
 import json
 import os
@@ -26,8 +25,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from sim.measurements import read_measurements, read_plan, write_plan
 from sim.model import load_model, load_robot
+from tools.study import header, part_of, row
 
 TULIP = [sys.executable, "-c", "from experiments.entry import run; run()"]
 AIMED = 0.6  # share of the kills that aim at the writing
@@ -157,9 +159,7 @@ def jobs(place: Path) -> list[Job]:
     subprocess.run([*TULIP, *draw, "--out", str(plan), "--json"], check=True, stdout=subprocess.DEVNULL)
     robot = load_robot()
     whole = read_plan(plan, robot, load_model(robot))
-    names = ("joint_angles", "posture", "placement", "support", "swing_pose")
-    first = dataclasses.replace(whole, **{name: getattr(whole, name)[:5] for name in names})
-    write_plan(place / "first", first)
+    write_plan(place / "first", part_of(whole, np.arange(5)))
     simulate = ["simulate", str(place / "first"), "--out", "out", "--truth", "truth.json"]
     return [
         Job("postures --random", [*draw, "--out", "out"], folders[0], is_plan),
@@ -181,17 +181,12 @@ def main() -> int:
         for k in range(arguments.kills):
             job, aimed = made[k % len(made)], k % 10 < 10 * AIMED
             job.tally[aimed, kill_one(job, aimed, chance)] += 1
-        print(
-            "| command | run, writing (s) | kills aimed | nothing yet | hit while writing | whole | BROKEN |"
-        )
-        print("|---|---|---|---|---|---|---|")
+        outcomes = ("nothing yet", "hit while writing", "whole", "BROKEN")
+        print(header("command", "run, writing (s)", "kills aimed", *outcomes))
         for job in made:
             for aimed, what in ((False, "at any moment"), (True, "at the writing")):
                 counts = [job.tally[aimed, outcome] for outcome in OUTCOMES]
-                times = f"{job.total:.1f}, {job.window:.3f}"
-                print(
-                    f"| {job.name} | {times} | {sum(counts)} {what} | " + " | ".join(map(str, counts)) + " |"
-                )
+                print(row(job.name, f"{job.total:.1f}, {job.window:.3f}", f"{sum(counts)} {what}", *counts))
         for job in made:
             time_one(job)
         print("\nAfter one more run of each command, undisturbed, no hidden folder was left.")

@@ -9,16 +9,17 @@ import numpy as np
 import tyro
 
 from experiments.commands.options import Json, RobotFile
+from experiments.correlation_table import print_correlations
 from experiments.description import described_robot
 from experiments.tables import (
     LEGEND,
-    correlation_lines,
     models,
     parameter_table,
+    placements_line,
     residual_line,
     weak_directions,
 )
-from experiments.terminal import console, print_json
+from experiments.terminal import console, print_json, print_table
 from experiments.validate import identify, model_document
 from sim.measurements import read_measurements
 from sim.model import TULIP
@@ -52,14 +53,14 @@ def identify_command(
     screen = console()
     for model in models(described):
         title = f"{model.capitalize()} model, mm"
-        screen.print(parameter_table(title, fitted[model], found.parameters, described, model))
+        print_table(screen, parameter_table(title, fitted[model], found.parameters, {}, model))
         screen.print(residual_line(fitted[model]))
+        screen.print(placements_line(fitted[model]))
         pairs = fitted[model]["correlations"]
-        screen.print("Correlations above 0.85 in size (eq. 15):" if pairs else "No correlation above 0.85.")
-        for line in correlation_lines(pairs, found.parameters, measurements.joint_angles):
-            screen.print(f"  {line}", markup=False)
+        print_correlations(screen, pairs, found.parameters, measurements.joint_angles)
         if fitted[model]["hardly_known"]:
             screen.print(f"Hardly known: {fitted[model]['hardly_known']}", markup=False)
+        screen.print()
     screen.print(LEGEND)
     screen.print(f"Total mass {found.mass[0]:.3f} +- {found.mass[1]:.3f} kg")
     return 0

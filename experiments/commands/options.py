@@ -12,7 +12,7 @@ Preset = Literal["wii", "force-plate", "ideal"]
 Plan = Annotated[
     Path | None,
     tyro.conf.Positional,
-    tyro.conf.arg(metavar="PLAN", help="plan folder; the shipped plan if left out"),
+    tyro.conf.arg(metavar="[PLAN]", help="plan folder; the shipped plan, TULip's, if left out"),
 ]
 RobotFile = Annotated[Path, tyro.conf.arg(name="robot", help="robot description (TOML)")]
 Json = Annotated[bool, tyro.conf.arg(name="json", help="one JSON document on stdout instead of tables")]

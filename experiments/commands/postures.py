@@ -3,35 +3,35 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import tyro
 
-from experiments.commands.options import Json, Plan, RobotFile, Seed
+from experiments.commands.options import Json, Plan, RobotFile
+from experiments.correlation_table import print_correlations
 from experiments.description import described_robot
 from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
-from experiments.setting_up import draw_plan, told_apart
-from experiments.tables import (
-    correlation_lines,
-)
+from experiments.setting_up import draw_plan, plan_for, told_apart
 from experiments.terminal import console, print_json
 from experiments.validate import HIGH_CORRELATION
 from identification.base_parameters import base_parameters
 from identification.estimators import solve_least_squares
 from identification.statistics import high_correlations
 from sim.errors import InputError
-from sim.measurements import read_plan, write_plan
-from sim.model import TULIP, load_model
+from sim.measurements import write_plan
+from sim.model import TULIP
 
 
 def postures_command(
     plan: Plan = None,
     /,
     *,
-    random: bool = False,
-    out: Path | None = None,
-    placements: int = 10,
-    per_placement: int = 5,
-    seed: Seed = DEFAULT_SEED,
+    random: Annotated[bool, tyro.conf.arg(help="draw a new plan")] = False,
+    out: Annotated[Path | None, tyro.conf.arg(metavar="PLAN", help="the new plan folder")] = None,
+    placements: Annotated[int | None, tyro.conf.arg(metavar="INT", help="foot placements; 10")] = None,
+    per_placement: Annotated[int | None, tyro.conf.arg(metavar="INT", help="postures on each; 5")] = None,
+    seed: Annotated[int | None, tyro.conf.arg(metavar="INT", help=f"of the draws; {DEFAULT_SEED}")] = None,
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
@@ -43,11 +43,20 @@ def postures_command(
     parameters = base_parameters(described)
     source = str(out or plan or DEFAULT_PLAN)
     if random:
-        made = draw_plan(described, parameters, placements, per_placement, seed, plan, out)
+        made = draw_plan(
+            described,
+            parameters,
+            10 if placements is None else placements,
+            5 if per_placement is None else per_placement,
+            DEFAULT_SEED if seed is None else seed,
+            plan,
+            out,
+        )
     else:
-        if out is not None:
-            raise InputError("--out: found without --random, expected both or neither")
-        made = read_plan(plan or DEFAULT_PLAN, described, load_model(described))
+        drawing = {"out": out, "placements": placements, "per-placement": per_placement, "seed": seed}
+        if alone := [option for option, value in drawing.items() if value is not None]:
+            raise InputError(f"--{alone[0]}: found without --random, expected both or neither")
+        made = plan_for(described, plan)
     matrix = told_apart(source, made, parameters)
     if random and out is not None:
         write_plan(out, made)
@@ -69,7 +78,5 @@ def postures_command(
         f"{document['postures']} postures on {document['placements']} placements, "
         f"condition number {document['condition_number']:.0f}"
     )
-    screen.print("Correlations above 0.85 in size (eq. 15):")
-    for line in correlation_lines(document["correlations"], parameters, made.joint_angles):
-        screen.print(f"  {line}", markup=False)
+    print_correlations(screen, document["correlations"], parameters, made.joint_angles)
     return 0

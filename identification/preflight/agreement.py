@@ -22,6 +22,8 @@ from identification.regressor import Regression
 from sim.measurements import Measurements
 from sim.model import PLATES
 
+STANDS_OUT = 4.0  # standard errors, about what the smallest of a hundred p-values needs to fail
+MOST_UNSEEN = 0.05  # m: a check that misses plates this far off has seen nothing
 NO_CELL_SD = "no sensors.cell_sd in the manifest to measure by"
 
 
@@ -158,10 +160,17 @@ def single_placements(measurements: Measurements, found: Fit | None) -> Finding:
     p_values = np.array([p for p, _, _ in shifts])
     worst = int(p_values.argmin())
     p_value = bonferroni(p_values)
+    unseen = STANDS_OUT * float(np.median([error.max() for _, _, error in shifts]))
+    if result_of(p_value) == "pass" and unseen > MOST_UNSEEN:
+        reason = "no power: too few postures a placement to tell a shifted plate from the parameters"
+        if np.isfinite(unseen):
+            reason += f"; only one by more than about {1e3 * unseen:.0f} mm would stand out"
+        return skipped(name, reason)
     return Finding(
         name,
         result_of(p_value),
-        f"largest shift: {labels[worst]} by {_millimetres(*shifts[worst][1:])}",
+        f"largest shift: {labels[worst]} by {_millimetres(*shifts[worst][1:])}; "
+        f"one by more than about {1e3 * unseen:.0f} mm would stand out",
         f"shifts of placement_sd, {1e3 * placement_sd(m)[:2].max():.1f} mm",
         labels[worst],
         "Measure that placement's plate poses again (sign, origin, a board that was moved), or leave it out.",

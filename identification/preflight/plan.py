@@ -7,8 +7,9 @@ import numpy as np
 from identification.estimators import solve_least_squares
 from identification.nominal import Nominal
 from identification.preflight.finding import Finding
+from identification.rank import labels, require_told_apart
 from identification.reading_noise import ReadingNoise, known
-from identification.regressor import stacked_regressor
+from identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
 from identification.statistics import WELL_IDENTIFIED, relative_standard_errors, standard_errors
 from sim.errors import InputError
 from sim.measurements import Measurements
@@ -43,8 +44,10 @@ def identifiable(measurements: Measurements, nominal: Nominal, noise: ReadingNoi
         return Finding(name, "fail", f"{seen}, {count // 2 + 1} are the least", expected, "", advice)
     matrix = stacked_regressor(nominal.parameters, m.joint_angles)
     condition = float(np.linalg.cond(matrix))
+    sd = m.sensors.encoder_sd
+    blur = encoder_blur(nominal.parameters, m.joint_angles, ENCODER_SD if sd is None else sd)
     try:
-        solve_least_squares(matrix, np.zeros(len(matrix)))
+        require_told_apart(matrix, labels(np.arange(1, count + 1), nominal.parameters.names), "rank", blur)
     except InputError as problem:
         return Finding(name, "fail", f"{seen}; {problem}", expected, "", advice)
     seen += f", rank {count}, condition number {condition:.0f}"

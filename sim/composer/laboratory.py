@@ -11,9 +11,9 @@ from dm_control import composer, mjcf
 
 from sim.composer.task import LaboratoryTask
 from sim.control import remove_servos
-from sim.errors import InputError, listed, look_up
+from sim.errors import InputError, listed, look_up, shortened
 from sim.measurements import lay_boards
-from sim.model import PLATES, joint_names, load_model, sole_corners
+from sim.model import PLATES, joint_names, joint_ranges, load_model, sole_corners
 from sim.path import ClosedChain
 from sim.plates import plate_geometry
 from sim.rig import Rig
@@ -21,6 +21,7 @@ from sim.scene import laboratory_scene, load_scene
 
 ACTUATIONS = ("angles", "torques")
 OPTIONS = ("enabled", "buffer_size", "aggregator", "delay", "update_interval", "corruptor")
+BEYOND_RANGE = 0.03  # rad, of a joint: measured angles are noisy, drives sag
 LEVEL = 1e-3  # m, by which a sole corner may be off the ground when the robot is put down
 
 
@@ -59,7 +60,9 @@ def laboratory_environment(
     """
     look_up("actuation", actuation, ACTUATIONS, "actuation")
     nominal = load_model(rig.robot)
+    _check_times(control_timestep=control_timestep, time_limit=time_limit)
     angles = _checked(joint_angles, (len(joint_names(nominal)),), "joint_angles")
+    _check_ranges(nominal, angles)
     soles = _soles(nominal, rig, angles)
     if plate_poses is None:
         size = plate_geometry(load_scene(rig.robot), PLATES[0]).size
@@ -83,8 +86,29 @@ def laboratory_environment(
     )
 
 
+def _check_times(**times: float) -> None:
+    for name, seconds in times.items():
+        if not isinstance(seconds, int | float | np.number) or not seconds > 0:
+            raise InputError(f"{name}: found {seconds!r}, expected a time above 0 s")
+
+
+def _check_ranges(nominal: mujoco.MjModel, angles: np.ndarray) -> None:
+    """Refuse a posture that the joints cannot reach; degrees given for radians are one."""
+    low, high = joint_ranges(nominal).T
+    outside = (angles < low - BEYOND_RANGE) | (angles > high + BEYOND_RANGE)
+    if outside.any():
+        k = int(outside.argmax())
+        raise InputError(
+            f"joint_angles: found {angles[k]:g} for '{joint_names(nominal)[k]}', expected "
+            f"[{low[k]:.3f}, {high[k]:.3f}] rad" + ("; degrees?" if abs(angles[k]) > np.pi else "")
+        )
+
+
 def _checked(values: np.ndarray, shape: tuple[int, ...], what: str) -> np.ndarray:
-    array = np.array(values, dtype=float)
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what}: found {shortened(repr(values))}, expected {shape} numbers") from None
     if array.shape != shape or not np.isfinite(array).all():
         found = f"shape {array.shape}" if array.shape != shape else "a number that is not finite"
         raise InputError(f"{what}: found {found}, expected {shape} finite numbers")

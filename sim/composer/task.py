@@ -14,13 +14,15 @@ from sim.composer.force_plate import ForcePlate
 from sim.composer.parts import SceneParts, join, split_scene
 from sim.composer.robot import RobotEntity
 from sim.control import torque_limit
-from sim.errors import InputError
+from sim.errors import InputError, shortened
 from sim.model import PLATES, Robot, compile_spec, joint_names, joint_ranges, load_spec
 from sim.path import ClosedChain, tipped
 from sim.plates import cell_names, tare
 from sim.rig import Rig
 from sim.sensors import cell_gains
 from sim.stand import hoist_damping
+
+TURN = 2 * np.pi
 
 
 class LaboratoryTask(composer.Task):
@@ -62,6 +64,7 @@ class LaboratoryTask(composer.Task):
         join(scene)
         self._torso = mjcf.get_frame_freejoint(self.robot.mjcf_model)
         self._angles, self._pose = joint_angles, ClosedChain(nominal, rig.robot).base_pose(joint_angles)
+        self._actuation = actuation
         self._tilt_limit = rig.protocol.tilt_limit
         self._hoist_damping = hoist_damping(rig)
         self._bounds, self._reward = _bounds(rig.robot, nominal, actuation), reward
@@ -94,14 +97,37 @@ class LaboratoryTask(composer.Task):
     def before_step(
         self, physics: mjcf.Physics, action: np.ndarray, random_state: np.random.RandomState
     ) -> None:
+        """Write the command.
+
+        Raises:
+            InputError: another shape, no finite number, or an angle beyond a turn.
+        """
+        command = _command(action, len(self.robot.joints), self._actuation)
         # Written past the binding, which would have the next reading compute the whole state anew.
-        physics.data.ctrl[physics.bind(self.robot.actuators).element_id] = action
+        physics.data.ctrl[physics.bind(self.robot.actuators).element_id] = command
 
     def get_reward(self, physics: mjcf.Physics) -> float:
         return self._reward(physics)
 
     def should_terminate_episode(self, physics: mjcf.Physics) -> bool:
         return tipped(np.asarray(physics.bind(self._torso).qpos), self._pose, self._tilt_limit)
+
+
+def _command(action: np.ndarray, count: int, actuation: str) -> np.ndarray:
+    try:
+        command = np.asarray(action, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"action: found {shortened(repr(action))}, expected {count} numbers") from None
+    if command.shape != (count,):
+        raise InputError(f"action: found shape {command.shape}, expected ({count},)")
+    square = command @ command  # first, since it is the quickest and this is done at every action
+    if not square < np.inf:
+        raise InputError(f"action: found a number that is not finite: {shortened(command)}")
+    if actuation == "angles" and square > TURN**2 and np.abs(command).max() > TURN:
+        raise InputError(
+            f"action: found an angle of {command[np.abs(command).argmax()]:g}, expected radians within a turn"
+        )
+    return command
 
 
 def _plates(scene: SceneParts, rig: Rig, empty: np.ndarray, interval: int) -> tuple[ForcePlate, ...]:

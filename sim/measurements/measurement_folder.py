@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, Valid
 from sim.errors import InputError, validation_message
 from sim.files import new_folder
 from sim.measurements.data import Measurements, SensorSheet
+from sim.measurements.folder_kind import check_kind
 from sim.measurements.tables import Columns, Table, read_json, software, write_json, write_table
 from sim.measurements.twins import checked_table
 from sim.model import CELLS, CORNERS, PLATES, sha256
@@ -145,8 +146,7 @@ def read_manifest(folder: Path) -> Manifest:
         InputError: no such folder, or a manifest that breaks the contract.
     """
     folder = Path(folder)
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such measurement folder")
+    check_kind(folder, "measurement")
     where = folder / "manifest.json"
     try:
         return Manifest.model_validate(read_json(where))

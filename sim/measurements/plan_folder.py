@@ -9,9 +9,10 @@ import mujoco
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from sim.errors import InputError, validation_message
+from sim.errors import InputError, shortened, validation_message
 from sim.files import new_folder
 from sim.measurements.data import PosturePlan
+from sim.measurements.folder_kind import check_kind
 from sim.measurements.measurement_folder import MOST_ANGLE, MOST_LENGTH, SUPPORTS, Version
 from sim.measurements.tables import read_json, software, write_json, write_table
 from sim.measurements.twins import checked_table
@@ -66,14 +67,13 @@ def read_plan(folder: Path, robot: Robot, model: mujoco.MjModel) -> PosturePlan:
             joint's range.
     """
     folder = Path(folder)
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such plan folder")
+    check_kind(folder, "plan")
     where = folder / "plan.json"
     try:
         manifest = PlanManifest.model_validate(read_json(where))
     except ValidationError as error:
         raise InputError(f"{where}: {validation_message(error)}") from None
-    check_model(where, manifest.robot.sha256, robot)
+    check_model(where, manifest.robot.model, manifest.robot.sha256, robot)
     table = checked_table(folder, "postures", manifest.tables)
     joints = joint_names(model)
     swing = [table.numbers(f"swing.{axis}", False, -MOST_LENGTH, MOST_LENGTH) for axis in ("x", "y")]
@@ -96,8 +96,11 @@ def read_plan(folder: Path, robot: Robot, model: mujoco.MjModel) -> PosturePlan:
     return plan
 
 
-def check_model(where: Path | str, expected: str | None, robot: Robot) -> None:
-    """Refuse data that was made with another nominal model; None: whoever wrote it did not say.
+def check_model(where: Path | str, made_with: str | None, expected: str | None, robot: Robot) -> None:
+    """Refuse data that was made with another nominal model.
+
+    Args:
+        made_with, expected: file name and sha256 of that model; None: whoever wrote it did not say.
 
     Raises:
         InputError: hash mismatch.
@@ -105,7 +108,7 @@ def check_model(where: Path | str, expected: str | None, robot: Robot) -> None:
     if expected is not None and (found := sha256(robot.model)) != expected:
         raise InputError(
             f"{where}: hash mismatch of the robot's model: {robot.model.name} has sha256 {found[:12]}..., "
-            f"expected {expected[:12]}..."
+            f"expected {shortened(expected[:12])}... ({shortened(made_with)}); --robot names another robot"
         )
 
 

@@ -10,7 +10,7 @@ from identification.postures import random_postures
 from identification.regressor import Regression, stacked_regressor
 from sim.laboratory import run_experiment
 from sim.rig import preset_rig
-from tests.conftest import part_of
+from tools.study import part_of
 
 
 def tell_rate(benchmark, postures):

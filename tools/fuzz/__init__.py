@@ -1,5 +1,25 @@
-"""Mutated inputs for the command line; importing this registers all mutations of folders."""
+"""Mutated inputs for the command line; importing this registers all mutations."""
 
-from tools.fuzz import columns, contents, documents, places, values
+from tools.fuzz import (
+    columns,
+    contents,
+    documents,
+    places,
+    robot_descriptions,
+    robot_files,
+    robot_mjcf,
+    robot_physics,
+    values,
+)
 
-__all__ = ["columns", "contents", "documents", "places", "values"]
+__all__ = [
+    "columns",
+    "contents",
+    "documents",
+    "places",
+    "robot_descriptions",
+    "robot_files",
+    "robot_mjcf",
+    "robot_physics",
+    "values",
+]

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from tools.fuzz.cases import MUTATIONS, Expected, Mutation, manifest_of
-from tools.fuzz.robots import ROBOT_MUTATIONS
+from tools.fuzz.robot_cases import ROBOT_MUTATIONS
 
 SECONDS = {"measurements": 60, "plan": 60, "robot": 240}
 NOBODY = 65534
