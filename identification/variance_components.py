@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from identification.reading_noise import known
 from identification.regressor import Regression
@@ -140,11 +139,11 @@ def _evaluate(
     weighted = inverse @ whole
     gram = np.tensordot(whole, weighted, axes=((0, 1), (0, 1)))
     information, gain = gram[:-1, :-1], gram[:-1, -1]
-    factor = cho_factor(information)
-    coefficients = np.append(-cho_solve(factor, gain), 1.0)
+    root = np.linalg.inv(information)
+    coefficients = np.append(-root @ gain, 1.0)
     projected = weighted @ coefficients  # P y, (g, r)
     unexplained = gram[-1] @ coefficients
-    log_information = 2 * np.log(np.diag(factor[0])).sum()
+    log_information = float(np.linalg.slogdet(information)[1])
 
     pushed = np.einsum("kgab,gb->kga", scaled, projected)
     slopes = np.empty((3, columns, columns))
@@ -152,11 +151,11 @@ def _evaluate(
     for k in range(3):
         spread = scaled[k] @ weighted[..., :-1]
         slopes[k] = -2 * np.tensordot(weighted[..., :-1], spread, axes=((0, 1), (0, 1)))
-        trace = (inverse * scaled[k]).sum() + 0.5 * np.trace(cho_solve(factor, slopes[k]))
+        trace = (inverse * scaled[k]).sum() + 0.5 * (root * slopes[k]).sum()
         score[k] = trace - (projected * pushed[k]).sum()
     back = np.einsum("gab,kgb->kga", inverse, pushed)
     seen = np.tensordot(back, whole[..., :-1], axes=((1, 2), (0, 1)))
-    curved = 2 * (np.tensordot(pushed, back, axes=((1, 2), (1, 2))) - seen @ cho_solve(factor, seen.T))
+    curved = 2 * (np.tensordot(pushed, back, axes=((1, 2), (1, 2))) - seen @ root @ seen.T)
     return _Fit(
         value=0.5 * (log_determinant + log_information + unexplained + ((tau / belief) ** 2).sum()),
         gradient=score + tau / belief**2,

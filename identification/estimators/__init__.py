@@ -3,9 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from identification.estimators.consistent import physically_consistent
+from identification.estimators.errors_in_variables import corrected_least_squares
 from identification.estimators.estimate import Estimate, StandardEstimate
 from identification.estimators.mixed import mixed_model, placement_effects
 from identification.estimators.ordinary import least_squares, solve_least_squares
+from identification.estimators.prior import with_prior
+from identification.estimators.robust import huber
 from identification.regressor import Regression
 from sim.errors import look_up
 
@@ -26,11 +30,21 @@ ESTIMATORS: dict[str, Estimator] = {
     "placement": Estimator(
         placement_effects, "Generalised least squares with placement effects; encoders count as exact."
     ),
+    "errors-in-variables": Estimator(
+        corrected_least_squares, "Least squares corrected for the encoders' errors in the regressor."
+    ),
+    "robust": Estimator(huber, "Huber's M-estimator: postures that fit badly count less."),
+    "prior": Estimator(
+        with_prior, "The default added to the robot's own model: link masses and centres of mass."
+    ),
+    "consistent": Estimator(
+        physically_consistent, "The default moved to what positive masses inside their links can reach."
+    ),
 }
 DEFAULT = "mixed-model"
 
 
-def estimate(data: Regression, name: str = DEFAULT) -> Estimate:
+def estimate_by(data: Regression, name: str = DEFAULT) -> Estimate:
     """Run an estimator by its name.
 
     Raises:
@@ -45,7 +59,7 @@ __all__ = [
     "Estimate",
     "Estimator",
     "StandardEstimate",
-    "estimate",
+    "estimate_by",
     "least_squares",
     "solve_least_squares",
 ]

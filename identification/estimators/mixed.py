@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import eigh, solve_triangular
 
+from identification.estimators.errors_in_variables import bounded_excess
 from identification.estimators.estimate import Estimate
 from identification.estimators.ordinary import residual_sigma, solve
 from identification.regressor import Regression
 from identification.variance_components import Components, fit_components
-
-MOST_CORRECTION = 0.5  # of the information in any direction that the encoders' errors may be taken for
 
 
 def placement_effects(data: Regression) -> Estimate:
@@ -48,13 +46,11 @@ def _estimate(data: Regression, start: np.ndarray, fit: Components, blurred: np.
     change = root @ fit.gain
     turned = fit.triangle @ start
     if blurred is not None:
-        excess = _excess(fit, blurred)
-        shown = eigh(excess, information, eigvals_only=True, subset_by_index=[len(excess) - 1] * 2)[0]
-        excess *= min(1.0, MOST_CORRECTION / max(shown, 1e-300))
+        excess = bounded_excess(_excess(fit, blurred), information)
         corrected = np.linalg.inv(information - excess)
         change = change + corrected @ excess @ (turned + change)
         root = corrected @ information @ corrected
-    back = solve_triangular(fit.triangle, np.eye(len(start)))
+    back = np.linalg.inv(fit.triangle)
     value = start + back @ change
     covariance = back @ root @ back.T
     residual, sigma, dof = residual_sigma(data, value)
@@ -85,7 +81,7 @@ def _excess(fit: Components, blurred: np.ndarray) -> np.ndarray:
     count, _, joints, columns = blurred.shape
     white = np.linalg.cholesky(blocks).mT @ blurred.reshape(count, 2, joints * columns)
     tall = white.reshape(-1, columns)
-    back = solve_triangular(fit.triangle, np.eye(columns))
+    back = np.linalg.inv(fit.triangle)
     return back.T @ (tall.T @ tall) @ back
 
 
