@@ -18,10 +18,11 @@ def solve_least_squares(matrix: np.ndarray, output: np.ndarray) -> tuple[np.ndar
         InputError: H has not full column rank; says which columns (from 1) cannot be told apart.
     """
     require_told_apart(matrix, tuple(str(k + 1) for k in range(matrix.shape[1])), "regressor")
-    return _solve(matrix, output)
+    return by_qr(matrix, output)
 
 
-def _solve(matrix: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def by_qr(matrix: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same without asking for the rank."""
     scale = np.linalg.norm(matrix, axis=0)
     orthogonal, triangle = np.linalg.qr(matrix / scale)
     inverse = solve_triangular(triangle, np.eye(len(scale))) / scale[:, None]
@@ -35,7 +36,7 @@ def solve(data: Regression) -> tuple[np.ndarray, np.ndarray]:
         InputError: they do not; says which.
     """
     require_told_apart(data.matrix, labels(data.numbers, data.names), data.source, data.blur)
-    return _solve(data.matrix, data.output)
+    return by_qr(data.matrix, data.output)
 
 
 def residual_sigma(data: Regression, value: np.ndarray) -> tuple[np.ndarray, float, int]:
