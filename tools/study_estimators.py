@@ -6,13 +6,11 @@ plate poses anew; the held postures stay. docs/estimators.md holds the result.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import sys
 import time
 from collections.abc import Callable
 
-import joblib
 import numpy as np
 from scipy.stats import t as t_distribution
 
@@ -28,6 +26,8 @@ from sim.rig import Rig, preset_rig
 from sim.sensors import Sensors, averaged_sd
 
 HOLD_SEED = 105
+RUNS = 1000
+CHEAP = ("least-squares", "errors-in-variables", "robust")  # their clustered covariance is another one
 FIRST_SEED = 1000  # runs for the table; thresholds were chosen on 0 to 99
 DITHER_TERMS = 8
 SHEETS: dict[str, Callable[[SensorSheet], SensorSheet]] = {
@@ -157,3 +157,56 @@ def run(
     data = regression(nominal.parameters, measured, nominal.robot)
     estimator = ESTIMATORS[name].run
     return estimator(data), estimator(data.keep(nominal.robot.settings["simplified"]))
+
+
+def span(values: np.ndarray, form: str) -> str:
+    """Smallest and largest."""
+    return f"{values.min():{form}} to {values.max():{form}}"
+
+
+def row(
+    preset: str, experiment: Experiment, nominal: Nominal, name: str, sheet: str, runs: int
+) -> tuple[list[str], float]:
+    """One line of the table per model, and the CPU time of a run [ms]."""
+    rig, began = preset_rig(preset, nominal.robot), time.process_time()
+    found = [run(rig, experiment, nominal, name, sheet, FIRST_SEED + k) for k in range(runs)]
+    spent = 1e3 * (time.process_time() - began) / runs
+    lines = []
+    for k, model in enumerate(("full", "simplified")):
+        c = calibration([pair[k] for pair in found], nominal.value)
+        again = (
+            f"{span(c.placed[0], '.2f')} | {span(100 * c.placed[1], '.1f')}"
+            if name in CHEAP
+            else "same | same"
+        )
+        lines.append(
+            f"| {preset} | {sheet} | {name} | {model} | {runs} | {span(c.bias, '+.2f')} | {span(c.ratio, '.2f')} "
+            f"| {span(100 * c.coverage, '.1f')} | {100 * c.coverage.mean():.1f} | {again} "
+            f"| {1e3 * np.median(c.error):.2f} |"
+        )
+    return lines, spent
+
+
+def main() -> None:
+    runs = int(sys.argv[1]) if len(sys.argv) > 1 else RUNS
+    robot = load_robot()
+    nominal, plan = nominal_robot(robot), read_plan(DEFAULT_PLAN, robot, load_model(robot))
+    experiment = run_experiment(preset_rig("wii", robot), plan, HOLD_SEED, workers=2)
+    print(
+        "| preset | data sheet | estimator | model | runs | bias / s.d. | s.d. / s.e. | 95 % coverage | mean "
+        "| s.d. / clustered s.e. | coverage by it | median rms error, mm |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|---|---|")
+    arms = [(DEFAULT, sheet, runs) for sheet in SHEETS]
+    arms += [(name, "right", runs // 4) for name in ESTIMATORS if name != DEFAULT]
+    times = {}
+    for preset in ("wii", "force-plate"):
+        for name, sheet, count in arms:
+            lines, times[name] = row(preset, experiment, nominal, name, sheet, count)
+            print("\n".join(lines), flush=True)
+    spent = ", ".join(f"{name} {ms:.0f}" for name, ms in times.items())
+    print(f"\nCPU time of a run, drawing and both models, ms: {spent}")
+
+
+if __name__ == "__main__":
+    main()

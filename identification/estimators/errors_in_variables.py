@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from identification.estimators.estimate import Estimate
-from identification.estimators.ordinary import least_squares, residual_sigma
+from identification.estimators.ordinary import least_squares, residual_sigma, solve
 from identification.placement_effects import clustered_covariance
 from identification.regressor import Regression
 
@@ -33,23 +31,27 @@ def corrected_least_squares(data: Regression) -> Estimate:
     Raises:
         InputError: postures that cannot tell all parameters apart; says which.
     """
-    plain = least_squares(data)
     if data.slope is None or not data.encoder_sd:
-        return plain
+        return least_squares(data)
+    start, _ = solve(data)
     orthogonal, triangle = np.linalg.qr(data.matrix)
     back = np.linalg.inv(triangle)
-    blurred = data.encoder_sd * data.slope.reshape(-1, len(plain.value)) @ back
-    identity = np.eye(len(back))
+    blurred = data.encoder_sd * data.slope.reshape(-1, len(start)) @ back
+    identity = np.eye(len(start))
     corrected = np.linalg.inv(identity - bounded_excess(blurred.T @ blurred, identity))
     value = back @ corrected @ (orthogonal.T @ data.output)
-    residual, sigma, _ = residual_sigma(data, value)
+    residual, sigma, dof = residual_sigma(data, value)
     clustered, placement_sd = clustered_covariance(data, back @ corrected @ back.T)
-    return replace(
-        plain,
+    return Estimate(
+        numbers=data.numbers,
+        names=data.names,
         value=value,
         covariance=sigma**2 * back @ corrected @ corrected @ back.T,
         clustered_covariance=clustered,
         residual=residual,
         sigma=sigma,
         placement_sd=placement_sd,
+        dof=dof,
+        interval_dof=np.full(len(value), float(dof)),
+        condition_number=float(np.linalg.cond(data.matrix)),
     )

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from identification.estimators.estimate import Estimate
-from identification.estimators.ordinary import least_squares, residual_sigma
+from identification.estimators.ordinary import least_squares, residual_sigma, solve
 from identification.regressor import Regression
 
 EXACT = 1e-12  # residuals over the output's size: nothing to weigh
@@ -23,9 +23,9 @@ def huber(data: Regression) -> Estimate:
     Raises:
         InputError: postures that cannot tell all parameters apart; says which.
     """
-    plain = least_squares(data)
-    if plain.sigma <= EXACT * np.abs(data.output).max(initial=0.0):
-        return plain
+    start, _ = solve(data)
+    if residual_sigma(data, start)[1] <= EXACT * np.abs(data.output).max(initial=0.0):
+        return least_squares(data)
     import statsmodels.api as sm  # takes a second to import
 
     fitted = sm.RLM(data.output, data.matrix, M=sm.robust.norms.HuberT()).fit(tol=1e-10, maxiter=200)
