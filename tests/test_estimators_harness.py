@@ -8,69 +8,12 @@ from scipy.stats import binom
 from scipy.stats import t as t_distribution
 
 from identification.estimators import DEFAULT, ESTIMATORS, estimate_by
-from identification.nominal import Nominal
-from identification.regressor import Regression, encoder_blur, stacked_regressor
 from identification.statistics import standard_errors
 from sim.errors import InputError
 from sim.measurements import SensorSheet
+from tests.synthetic import WII
 
-WII = {"cell": 1.4, "placement": 3.5e-3, "mark": 1e-3, "encoder": 4e-4}
 PLAIN = ("mixed-model", "least-squares", "placement", "errors-in-variables", "robust")
-
-
-@dataclasses.dataclass(frozen=True)
-class Bench:
-    """A synthetic laboratory on the shipped plan: the regressor of the true angles, and drawn errors."""
-
-    nominal: Nominal
-    angles: np.ndarray
-    placement: np.ndarray
-    share: np.ndarray
-    cells: np.ndarray
-
-    def draw(self, rng, cell, placement, mark, encoder, sheet=1.0):
-        parameters, count = self.nominal.parameters, len(self.angles)
-        measured = self.angles + encoder * rng.standard_normal(self.angles.shape)
-        output = parameters.regressor(self.angles) @ self.nominal.value
-        output = output + cell * np.einsum(
-            "mab,mb->ma", np.linalg.cholesky(self.cells), rng.standard_normal((count, 2))
-        )
-        groups = self.placement.max() + 1
-        for plate, sd in enumerate((mark, placement)):
-            output = (
-                output + self.share[:, plate, None] * (sd * rng.standard_normal((groups, 2)))[self.placement]
-            )
-        levers = np.zeros((count, 2, 6))
-        for plate in (0, 1):
-            levers[:, 0, 3 * plate] = levers[:, 1, 3 * plate + 1] = self.share[:, plate]
-        stated = sheet * placement
-        return Regression(
-            matrix=stacked_regressor(parameters, measured),
-            output=output.ravel(),
-            numbers=np.arange(1, 26),
-            names=parameters.names,
-            placement=self.placement,
-            load_share=self.share,
-            blur=encoder_blur(parameters, measured, 4e-4),
-            slope=parameters.slope(measured),
-            encoder_sd=encoder,
-            cells=self.cells,
-            levers=levers,
-            sensors=SensorSheet(sheet * encoder, 0.0, sheet * cell, 0.0, (stated, stated, 3 * stated)),
-            parameters=parameters,
-            robot=self.nominal.robot,
-            mass=(self.nominal.mass, 0.01),
-        )
-
-
-@pytest.fixture(scope="module")
-def bench(nominal, plan):
-    rng = np.random.default_rng(120)
-    left = rng.uniform(0.3, 0.7, len(plan))
-    root = 2e-3 * (np.eye(2) + 0.3 * rng.standard_normal((len(plan), 2, 2)))
-    _, placement = np.unique(plan.placement, return_inverse=True)
-    share = np.column_stack([1 - left, left])
-    return Bench(nominal, plan.joint_angles, placement, share, root @ root.mT)
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)
