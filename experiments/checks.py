@@ -10,7 +10,7 @@ from scipy.stats import f as f_distribution
 from scipy.stats import t as t_distribution
 
 from identification.estimators import Estimate
-from identification.statistics import correlations, standard_errors
+from identification.statistics import standard_errors
 
 LEVEL = 0.01  # of every statistical check
 IDEAL_ERROR = 1e-3  # m, noise-free data only
@@ -105,16 +105,19 @@ def ideal_error_check(name: str, estimate: Estimate, truth: np.ndarray, pairs: l
     return below(name, 1e3 * worst, 1e3 * IDEAL_ERROR, "noise-free data: within 1 mm, pairs by their sum")
 
 
-def correlation_checks(estimate: Estimate, planned: np.ndarray, pairs: list[list[int]]) -> list[Check]:
+def correlation_checks(
+    numbers: np.ndarray, actual: np.ndarray, planned: np.ndarray, pairs: list[list[int]]
+) -> list[Check]:
     """The nearly collinear pairs against what the plan's own regressor predicts.
 
     A plan that by itself weakens the correlation is not held to the paper's limit.
 
     Args:
+        numbers: of the parameters.
+        actual: correlations (eq. 15) of the measured angles' regressor, (p, p).
         planned: correlations (eq. 15) of the planned angles' regressor, (p, p).
     """
-    actual = correlations(estimate.covariance)
-    index = {number: k for k, number in enumerate(estimate.numbers.tolist())}
+    index = {number: k for k, number in enumerate(numbers.tolist())}
     checks = []
     for a, b in pairs:
         predicted = planned[index[a], index[b]]

@@ -19,7 +19,7 @@ from experiments.correlation_table import meaning, print_correlations
 from experiments.terminal import print_table
 from experiments.validate import Validation
 from identification.base_parameters import BaseParameters
-from identification.estimators import Estimate
+from identification.estimators import Estimate, StandardEstimate
 from identification.rank import described, labels, weakly_known
 from identification.statistics import WELL_IDENTIFIED
 from sim.errors import InputError
@@ -120,6 +120,29 @@ def parameter_table(
             *(theirs if paper else []),
             "[green]yes[/]" if well else "no",
         )
+    return table
+
+
+def standard_table(standard: StandardEstimate) -> Table:
+    """Link masses and centres of mass with their standard errors and how much of each came from the data."""
+    table = Table(
+        title="Links, kg and mm (data: share of the information that the measurements gave)",
+        title_justify="left",
+        header_style="bold",
+    )
+    table.add_column("link", no_wrap=True)
+    for header in ("mass", "s.e.", "data %", "x", "s.e.", "%", "y", "s.e.", "%", "z", "s.e.", "%"):
+        table.add_column(header, justify="right", no_wrap=True)
+    for k, link in enumerate(standard.links):
+        row = [
+            f"{standard.mass[k]:.3f}",
+            f"{standard.mass_error[k]:.3f}",
+            f"{100 * standard.mass_share[k]:.0f}",
+        ]
+        for axis in range(3):
+            row += [f"{1e3 * standard.center[k, axis]:.1f}", f"{1e3 * standard.center_error[k, axis]:.1f}"]
+            row.append(f"{100 * standard.center_share[k, axis]:.0f}")
+        table.add_row(escape(link), *row)
     return table
 
 

@@ -25,7 +25,7 @@ from experiments.checks import (
 from experiments.scenario import Scenario
 from identification.base_parameters import BaseParameters, base_parameters
 from identification.center_of_pressure import total_mass
-from identification.estimators import Estimate, least_squares, solve_least_squares
+from identification.estimators import DEFAULT, Estimate, StandardEstimate, estimate_by, solve_least_squares
 from identification.regressor import regression, stacked_regressor
 from identification.statistics import (
     correlations,
@@ -51,6 +51,7 @@ class Identification:
     full: Estimate
     simplified: Estimate
     mass: tuple[float, float]
+    estimator: str = DEFAULT
 
 
 @dataclass(frozen=True)
@@ -69,22 +70,35 @@ class Validation:
         return verdict(list(self.checks))
 
 
-def identify(measurements: Measurements, robot: Robot, source: str = "measurements") -> Identification:
-    """Full and simplified model by least squares (eq. 8).
+def identify(
+    measurements: Measurements,
+    robot: Robot,
+    source: str = "measurements",
+    estimator: str = DEFAULT,
+    parameters: BaseParameters | None = None,
+) -> Identification:
+    """Full and simplified model.
+
+    Args:
+        estimator: a name of `identification.estimators.ESTIMATORS`.
+        parameters: the robot's base parameters, if they are at hand: for many identifications of one robot.
 
     Raises:
-        InputError: the measurements do not fit the robot or do not suffice.
+        InputError: the measurements do not fit the robot or do not suffice, or an unknown estimator.
     """
-    parameters = base_parameters(robot)
+    parameters = parameters or base_parameters(robot)
     data = regression(parameters, measurements, robot, source)
     kept = robot.settings.get("simplified", data.numbers.tolist())
-    return Identification(
-        parameters, least_squares(data), least_squares(data.keep(kept)), total_mass(measurements)
-    )
+    full = estimate_by(data, estimator)
+    simplified = full if len(kept) == len(data.numbers) else estimate_by(data.keep(kept), estimator)
+    return Identification(parameters, full, simplified, total_mass(measurements), estimator)
 
 
 def validate(
-    scenario: Scenario, workers: int = 1, progress: Callable[[int], None] = lambda count: None
+    scenario: Scenario,
+    workers: int = 1,
+    progress: Callable[[int], None] = lambda count: None,
+    estimator: str = DEFAULT,
 ) -> Validation:
     """Run a scenario and hold the estimates against its truth.
 
@@ -93,7 +107,7 @@ def validate(
     """
     began = time.perf_counter()
     experiment = run_experiment(scenario.rig, scenario.plan, scenario.seed, workers, progress)
-    found = identify(experiment.measurements, scenario.rig.robot)
+    found = identify(experiment.measurements, scenario.rig.robot, estimator=estimator)
     truth = scenario.true_base_parameters()
     checks = evaluate(scenario, experiment, found, truth)
     return Validation(scenario, experiment, found, truth, tuple(checks), time.perf_counter() - began)
@@ -122,7 +136,9 @@ def evaluate(
             checks.append(ideal_error_check(f"{name}: largest error (mm)", estimate, kept, pairs))
     if not noisy:
         checks.append(skipped("joint chi-square and |z|", "noise-free data have no standard errors to test"))
-    checks += correlation_checks(full, planned_correlations(scenario, experiment, found.parameters), pairs)
+    measured = correlations_at(found.parameters, experiment.measurements.joint_angles)
+    planned = planned_correlations(scenario, experiment, found.parameters)
+    checks += correlation_checks(full.numbers, measured, planned, pairs)
     placements = len(np.unique(experiment.measurements.placement))
     checks.append(sigma_check(scenario.preset, full.sigma, placements, settings.get("residual_sigma_mm", {})))
     paper = settings.get("paper", {})
@@ -141,7 +157,12 @@ def planned_correlations(
     """Correlations (eq. 15) that the planned angles of the measured postures predict, (p, p)."""
     row = {int(number): k for k, number in enumerate(scenario.plan.posture)}
     rows = [row[int(number)] for number in experiment.measurements.posture]
-    matrix = stacked_regressor(parameters, scenario.plan.joint_angles[rows])
+    return correlations_at(parameters, scenario.plan.joint_angles[rows])
+
+
+def correlations_at(parameters: BaseParameters, joint_angles: np.ndarray) -> np.ndarray:
+    """Eq. 15 by the regressor of these angles, (p, p); whatever the estimator."""
+    matrix = stacked_regressor(parameters, joint_angles)
     return correlations(solve_least_squares(matrix, np.zeros(len(matrix)))[1])
 
 
@@ -165,14 +186,32 @@ def model_document(estimate: Estimate, truth: np.ndarray | None) -> dict[str, An
             }
         )
     pairs = high_correlations(estimate.covariance, estimate.numbers, HIGH_CORRELATION)
+    standard = estimate.standard
     return {
         "parameters": rows,
+        **({} if standard is None else {"links": link_rows(standard), "visible_masses": standard.visible}),
         "sigma_mm": 1e3 * estimate.sigma,
         "placement_sd_mm": [1e3 * sd for sd in estimate.placement_sd],
         "condition_number": estimate.condition_number,
         "residual_mm": {"mean": 1e3 * norms.mean, "sd": 1e3 * norms.sd, "max": 1e3 * norms.max},
         "correlations": [{"a": a, "b": b, "rho": rho} for a, b, rho in pairs],
     }
+
+
+def link_rows(standard: StandardEstimate) -> list[dict[str, Any]]:
+    """Masses and centres of mass of a JSON report [kg, m; keys that end in _share: 0 to 1]."""
+    return [
+        {
+            "link": link,
+            "mass": float(standard.mass[k]),
+            "mass_standard_error": float(standard.mass_error[k]),
+            "mass_data_share": float(standard.mass_share[k]),
+            "center": standard.center[k].tolist(),
+            "center_standard_error": standard.center_error[k].tolist(),
+            "center_data_share": standard.center_share[k].tolist(),
+        }
+        for k, link in enumerate(standard.links)
+    ]
 
 
 def worst_books(experiment: Experiment) -> dict[str, float]:
@@ -190,6 +229,7 @@ def report_document(result: Validation) -> dict[str, Any]:
     found, experiment = result.identification, result.experiment
     return {
         "verdict": result.verdict,
+        "estimator": found.estimator,
         "checks": [dataclasses.asdict(check) for check in result.checks],
         "postures_planned": len(result.scenario.plan),
         "postures_used": len(result.scenario.plan) - len(experiment.dropped),

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from identification.kinematics import Tree, link_rotations, tree_of, walk
+from identification.kinematics import Tree, joint_axes, link_rotations, moved_frames, tree_of, walk
 from sim.errors import InputError
 from sim.model import Robot, load_model, sole_point
 
@@ -60,6 +60,22 @@ class BaseParameters:
         rotations = link_rotations(self.tree, self.base, joint_angles)
         frames, axes = np.divmod(self.columns, 3)
         return rotations[:, frames, :2, axes].transpose(1, 2, 0) @ self.mix
+
+    def slope(self, joint_angles: np.ndarray) -> np.ndarray:
+        """Derivative of the base regressor by every joint angle, (m, 2, n_joints, p) [1/rad].
+
+        A joint turns a column of a rotation matrix as any vector: its axis times the column.
+
+        Args:
+            joint_angles: (m, n_joints) [rad].
+        """
+        rotations = link_rotations(self.tree, self.base, joint_angles)
+        frames, axes = np.divmod(self.columns, 3)
+        vector = rotations[:, frames, :, axes].transpose(1, 2, 0)[:, :, None]  # (m, 3, 1, k)
+        turn = joint_axes(self.tree, self.base, rotations).transpose(0, 2, 1)[..., None]  # (m, 3, n, 1)
+        x = turn[:, 1] * vector[:, 2] - turn[:, 2] * vector[:, 1]
+        y = turn[:, 2] * vector[:, 0] - turn[:, 0] * vector[:, 2]
+        return (np.stack([x, y], axis=1) * moved_frames(self.tree, self.base)[:, frames]) @ self.mix
 
     def members(self, index: int) -> list[int]:
         """Frames whose columns the index-th parameter unites, in MJCF order."""

@@ -174,6 +174,32 @@ def link_rotations(tree: Tree, base: int, joint_angles: np.ndarray) -> np.ndarra
     return rotations
 
 
+def joint_axes(tree: Tree, base: int, rotations: np.ndarray) -> np.ndarray:
+    """Axes about which the joints turn what lies beyond them, in the base frame, (m, n_joints, 3).
+
+    Seen from the base: an axis is reversed where the way outward goes against the tree.
+
+    Args:
+        rotations: of `link_rotations`.
+    """
+    axes = np.zeros((len(rotations), len(tree.joints), 3))
+    for step in walk(tree, base):
+        if step.edge.axis is not None:
+            axis = step.edge.axis if step.forward else -step.edge.axis
+            axes[:, step.edge.joint] = rotations[:, step.edge.child] @ axis
+    return axes
+
+
+def moved_frames(tree: Tree, base: int) -> np.ndarray:
+    """Which frames each joint turns against the base, (n_joints, n_frames) bool."""
+    moved = np.zeros((len(tree.joints), len(tree.frames)), dtype=bool)
+    for step in walk(tree, base):
+        moved[:, step.new] = moved[:, step.known]
+        if step.edge.joint >= 0:
+            moved[step.edge.joint, step.new] = True
+    return moved
+
+
 def frame_positions(tree: Tree, base: int, rotations: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Origins of all frames in the base frame, (m, n_frames, 3) [m].
 

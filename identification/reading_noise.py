@@ -50,12 +50,17 @@ def reading_noise(measurements: Measurements, nominal: Nominal) -> ReadingNoise:
     A cell's error moves the CoP by its lever over the weight; an encoder's moves the modelled CoM.
     """
     m = measurements
-    lever = cell_positions(m) - center_of_pressure(m)[:, None]
-    lever /= m.cell_forces.sum(axis=1)[:, None, None]
-    cells = (m.sensors.cell_sd or 0.0) ** 2 * np.einsum("mca,mcb->mab", lever, lever)
+    cells = (m.sensors.cell_sd or 0.0) ** 2 * cell_noise(m)
     slope = jacobian(nominal.center_of_mass, m.joint_angles)
     encoders = (m.sensors.encoder_sd or 0.0) ** 2 * slope @ slope.transpose(0, 2, 1)
     return ReadingNoise(cells + encoders, placement_levers(m) * placement_sd(m), m.placement)
+
+
+def cell_noise(measurements: Measurements) -> np.ndarray:
+    """Covariance of a posture's CoP for independent cells with an s.d. of 1 N, (m, 2, 2) [m2/N2]."""
+    lever = cell_positions(measurements) - center_of_pressure(measurements)[:, None]
+    lever /= measurements.cell_forces.sum(axis=1)[:, None, None]
+    return np.einsum("mca,mcb->mab", lever, lever)
 
 
 def placement_levers(measurements: Measurements) -> np.ndarray:

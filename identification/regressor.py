@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from identification.base_parameters import BaseParameters
-from identification.center_of_pressure import center_of_pressure, load_shares
+from identification.center_of_pressure import center_of_pressure, load_shares, total_mass
+from identification.loop_closure import encoder_sd_by_closure
+from identification.reading_noise import cell_noise, known, placement_levers
 from sim.errors import InputError, listed
-from sim.measurements import Measurements
+from sim.measurements import Measurements, SensorSheet
 from sim.measurements.plan_folder import check_model
 from sim.model import Robot
 
 ENCODER_SD = 5e-4  # rad, where no data sheet tells
-DERIVATIVE_STEP = 1e-4  # rad
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,16 @@ class Regression:
         blur: what the encoders' errors may make of H: B with B'B of `encoder_blur`, (k, p); None
             where angles are exact.
         source: where the measurements came from, for error messages.
+        slope: derivative of H by every joint angle, (m, 2, n_joints, p) [1/rad]; None: angles are exact.
+        encoder_sd: of the encoders' errors, by the closed chain if that tells, else by the sheet [rad];
+            None: unknown.
+        cells: covariance of a posture's CoP for cells with an s.d. of 1 N, (m, 2, 2) [m2/N2]; None: alike
+            in all postures and axes.
+        levers: how errors of both recorded plate poses move the CoP, (m, 2, 6) [-, -, m], right plate's
+            x, y, yaw, then the left one's; None: by the load share, without yaw.
+        sensors: what the data sheets say.
+        parameters, robot, mass: what prior knowledge of the robot is applied to: its base parameters, its
+            files, and its total mass with its s.d. [kg]; None: nothing is known.
     """
 
     matrix: np.ndarray
@@ -41,6 +52,14 @@ class Regression:
     load_share: np.ndarray
     blur: np.ndarray | None = None
     source: str = "measurements"
+    slope: np.ndarray | None = None
+    encoder_sd: float | None = None
+    cells: np.ndarray | None = None
+    levers: np.ndarray | None = None
+    sensors: SensorSheet = field(default_factory=SensorSheet)
+    parameters: BaseParameters | None = None
+    robot: Robot | None = None
+    mass: tuple[float, float] | None = None
 
     def keep(self, numbers: list[int]) -> Regression:
         """The simplified model that keeps these parameters and sets the others to zero.
@@ -58,6 +77,7 @@ class Regression:
             self,
             matrix=self.matrix[:, chosen],
             blur=None if self.blur is None else self.blur[:, chosen],
+            slope=None if self.slope is None else self.slope[..., chosen],
             numbers=self.numbers[chosen],
             names=tuple(self.names[i] for i in chosen),
         )
@@ -78,12 +98,11 @@ def encoder_blur(parameters: BaseParameters, joint_angles: np.ndarray, sd: float
     Returns:
         B with B'B = sum over joints of sd^2 (dH/dq)' (dH/dq).
     """
-    total = np.zeros((0, len(parameters.names)))
-    for step in DERIVATIVE_STEP * np.eye(joint_angles.shape[1]):
-        ahead, behind = (stacked_regressor(parameters, joint_angles + s) for s in (step, -step))
-        derivative = (ahead - behind) / (2 * DERIVATIVE_STEP)
-        total = np.asarray(np.linalg.qr(np.vstack([total, sd * derivative]), mode="r"))
-    return total
+    return _blur(parameters.slope(joint_angles), sd)
+
+
+def _blur(slope: np.ndarray, sd: float) -> np.ndarray:
+    return np.asarray(np.linalg.qr(sd * slope.reshape(-1, slope.shape[-1]), mode="r"))
 
 
 def regression(
@@ -122,14 +141,27 @@ def regression(
             f"{source}: found {len(measurements)} postures ({rows} data points), expected at least "
             f"{columns // 2 + 1} for {columns} base parameters"
         )
-    sd = measurements.sensors.encoder_sd
+    sheet = measurements.sensors
+    slope = parameters.slope(measurements.joint_angles)
+    tree, swing = parameters.tree, parameters.tree.frame(robot.swing_foot)
+    seen = encoder_sd_by_closure(
+        tree, parameters.base, swing, measurements.joint_angles, measurements.placement
+    )
     return Regression(
         matrix=stacked_regressor(parameters, measurements.joint_angles),
-        blur=encoder_blur(parameters, measurements.joint_angles, ENCODER_SD if sd is None else sd),
+        blur=_blur(slope, ENCODER_SD if sheet.encoder_sd is None else sheet.encoder_sd),
         source=source,
         output=center_of_pressure(measurements).ravel(),
         numbers=np.arange(1, columns + 1),
         names=parameters.names,
         placement=measurements.placement,
         load_share=load_shares(measurements),
+        slope=slope,
+        encoder_sd=known(sheet.encoder_sd) if seen is None else seen,
+        cells=cell_noise(measurements),
+        levers=placement_levers(measurements),
+        sensors=sheet,
+        parameters=parameters,
+        robot=robot,
+        mass=measurements.weighed_mass or total_mass(measurements),
     )

@@ -20,6 +20,7 @@ from sim.model import Robot, load_model, load_robot
 from sim.plates import plate_geometry
 from sim.rig import preset_rig
 from sim.scene import load_scene
+from tests.synthetic import Bench, synthetic_bench
 from tools.foreign_robots import ROBOTS, write_robot
 
 
@@ -76,3 +77,8 @@ def nominal(robot) -> Nominal:
 def precise(wii, robot, plan) -> Measurements:
     """The postures of the wii experiment, read on force plates."""
     return read_again(preset_rig("force-plate", robot), plan, wii.experiment, np.random.default_rng(110))
+
+
+@pytest.fixture(scope="session")
+def bench(nominal, plan) -> Bench:
+    return synthetic_bench(nominal, plan)

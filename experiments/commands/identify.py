@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from experiments.commands.options import Json, RobotFile
+from experiments.commands.options import EstimatorName, Json, RobotFile
 from experiments.correlation_table import print_correlations
 from experiments.description import described_robot
 from experiments.tables import (
@@ -17,25 +17,35 @@ from experiments.tables import (
     parameter_table,
     placements_line,
     residual_line,
+    standard_table,
     weak_directions,
 )
 from experiments.terminal import console, print_json, print_table
 from experiments.validate import identify, model_document
+from identification.estimators import DEFAULT, ESTIMATORS
+from sim.errors import look_up
 from sim.measurements import read_measurements
 from sim.model import TULIP
 
 
 def identify_command(
-    folder: Annotated[Path, tyro.conf.Positional], /, *, robot: RobotFile = TULIP, as_json: Json = False
+    folder: Annotated[Path, tyro.conf.Positional],
+    /,
+    *,
+    estimator: EstimatorName = DEFAULT,
+    robot: RobotFile = TULIP,
+    as_json: Json = False,
 ) -> int:
     """Identify the robot from a measurement folder: base parameters and what they are worth.
 
     Example: tulip identify data/first
     """
+    look_up("estimator", estimator, ESTIMATORS, "--estimator")
     described = described_robot(robot)
     measurements = read_measurements(folder)
-    found = identify(measurements, described, str(folder))
+    found = identify(measurements, described, str(folder), estimator)
     document: dict[str, Any] = {
+        "estimator": found.estimator,
         "postures": len(measurements),
         "placements": len(np.unique(measurements.placement)),
         "condition_number": found.full.condition_number,
@@ -61,6 +71,10 @@ def identify_command(
         if fitted[model]["hardly_known"]:
             screen.print(f"Hardly known: {fitted[model]['hardly_known']}", markup=False)
         screen.print()
+    screen.print(f"Estimator: {found.estimator}. {ESTIMATORS[found.estimator].summary}")
+    if found.full.standard is not None:
+        print_table(screen, standard_table(found.full.standard))
+        screen.print(found.full.standard.visible)
     screen.print(LEGEND)
     screen.print(f"Total mass {found.mass[0]:.3f} +- {found.mass[1]:.3f} kg")
     return 0

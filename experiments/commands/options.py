@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from identification.estimators import ESTIMATORS
+
 Preset = Literal["wii", "force-plate", "ideal"]
 Plan = Annotated[
     Path | None,
@@ -18,5 +20,6 @@ RobotFile = Annotated[Path, tyro.conf.arg(name="robot", help="robot description 
 Json = Annotated[bool, tyro.conf.arg(name="json", help="one JSON document on stdout instead of tables")]
 Seed = Annotated[int, tyro.conf.arg(help="seed of everything random")]
 Workers = Annotated[int, tyro.conf.arg(help="processes; results do not depend on it")]
+EstimatorName = Annotated[str, tyro.conf.arg(help=f"one of {', '.join(ESTIMATORS)}")]
 
 CORES = os.cpu_count() or 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from experiments.commands.options import CORES, Json, Plan, Preset, RobotFile, Seed, Workers
+from experiments.commands.options import CORES, EstimatorName, Json, Plan, Preset, RobotFile, Seed, Workers
 from experiments.run_folder import check_new, write_run
 from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
 from experiments.setting_up import read_scenario, told_apart, tries
@@ -14,6 +14,8 @@ from experiments.tables import (
 from experiments.terminal import ERR, console, print_json, progress
 from experiments.validate import report_document, validate
 from identification.base_parameters import base_parameters
+from identification.estimators import DEFAULT, ESTIMATORS
+from sim.errors import look_up
 from sim.model import TULIP
 
 
@@ -25,6 +27,7 @@ def validate_command(
     preset: Preset = "wii",
     seed: Seed = DEFAULT_SEED,
     workers: Workers = CORES,
+    estimator: EstimatorName = DEFAULT,
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
@@ -34,10 +37,11 @@ def validate_command(
     Example: tulip validate --out runs/first
     """
     check_new(out)
+    look_up("estimator", estimator, ESTIMATORS, "--estimator")
     scenario = read_scenario(plan, preset, seed, robot, workers)
     told_apart(str(plan or DEFAULT_PLAN), scenario.plan, base_parameters(scenario.rig.robot))
     with progress("holding postures", tries(scenario)) as advance:
-        result = validate(scenario, workers, advance)
+        result = validate(scenario, workers, advance, estimator)
     write_run(out, result)
     document = report_document(result)
     if as_json:

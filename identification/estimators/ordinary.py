@@ -1,43 +1,14 @@
-"""Least squares on the centre of pressure (eq. 8)."""
+"""Ordinary least squares on the centre of pressure (eq. 8)."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from identification.estimators.estimate import Estimate
 from identification.placement_effects import clustered_covariance
 from identification.rank import labels, require_told_apart
 from identification.regressor import Regression
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """An estimate and what its own residuals say of its errors.
-
-    Attributes:
-        numbers, names: of the parameters, (p,).
-        value: (p,) [m].
-        covariance: sigma^2 C, C = (H'H)^-1, for independent errors (eqs 13, 14), (p, p) [m2].
-        clustered_covariance: with errors common to a placement allowed for, (p, p) [m2].
-        residual: e = y - H theta (eq. 12), (2m,) [m].
-        sigma: eq. 14 [m].
-        placement_sd: estimated s.d. per axis of the placement errors of the right and left plate [m].
-        dof: r - p.
-        condition_number: of H.
-    """
-
-    numbers: np.ndarray
-    names: tuple[str, ...]
-    value: np.ndarray
-    covariance: np.ndarray
-    clustered_covariance: np.ndarray
-    residual: np.ndarray
-    sigma: float
-    placement_sd: tuple[float, float]
-    dof: int
-    condition_number: float
 
 
 def solve_least_squares(matrix: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -47,10 +18,32 @@ def solve_least_squares(matrix: np.ndarray, output: np.ndarray) -> tuple[np.ndar
         InputError: H has not full column rank; says which columns (from 1) cannot be told apart.
     """
     require_told_apart(matrix, tuple(str(k + 1) for k in range(matrix.shape[1])), "regressor")
+    return by_qr(matrix, output)
+
+
+def by_qr(matrix: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same without asking for the rank."""
     scale = np.linalg.norm(matrix, axis=0)
     orthogonal, triangle = np.linalg.qr(matrix / scale)
     inverse = solve_triangular(triangle, np.eye(len(scale))) / scale[:, None]
     return solve_triangular(triangle, orthogonal.T @ output) / scale, inverse @ inverse.T
+
+
+def solve(data: Regression) -> tuple[np.ndarray, np.ndarray]:
+    """Eq. 8 and C = (H'H)^-1 after the check that the postures tell all parameters apart.
+
+    Raises:
+        InputError: they do not; says which.
+    """
+    require_told_apart(data.matrix, labels(data.numbers, data.names), data.source, data.blur)
+    return by_qr(data.matrix, data.output)
+
+
+def residual_sigma(data: Regression, value: np.ndarray) -> tuple[np.ndarray, float, int]:
+    """Residual e = y - H theta (eq. 12), sigma (eq. 14) and the degrees of freedom r - p."""
+    residual = data.output - data.matrix @ value
+    dof = len(residual) - len(value)
+    return residual, float(np.sqrt(residual @ residual / dof)), dof
 
 
 def least_squares(data: Regression) -> Estimate:
@@ -59,21 +52,19 @@ def least_squares(data: Regression) -> Estimate:
     Raises:
         InputError: postures that cannot tell all parameters apart; says which.
     """
-    require_told_apart(data.matrix, labels(data.numbers, data.names), data.source, data.blur)
-    value, c = solve_least_squares(data.matrix, data.output)
-    residual = data.output - data.matrix @ value
-    dof = len(residual) - len(value)
-    sigma2 = residual @ residual / dof
+    value, c = solve(data)
+    residual, sigma, dof = residual_sigma(data, value)
     clustered, placement_sd = clustered_covariance(data, c)
     return Estimate(
         numbers=data.numbers,
         names=data.names,
         value=value,
-        covariance=sigma2 * c,
+        covariance=sigma**2 * c,
         clustered_covariance=clustered,
         residual=residual,
-        sigma=float(np.sqrt(sigma2)),
+        sigma=sigma,
         placement_sd=placement_sd,
         dof=dof,
+        interval_dof=np.full(len(value), float(dof)),
         condition_number=float(np.linalg.cond(data.matrix)),
     )

@@ -1,0 +1,65 @@
+"""Estimators of the base parameters behind one signature: a `Regression` in, an `Estimate` out."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from identification.estimators.consistent import physically_consistent
+from identification.estimators.errors_in_variables import corrected_least_squares
+from identification.estimators.estimate import Estimate, StandardEstimate
+from identification.estimators.mixed import mixed_model, placement_effects
+from identification.estimators.ordinary import least_squares, solve_least_squares
+from identification.estimators.prior import with_prior
+from identification.estimators.robust import huber
+from identification.regressor import Regression
+from sim.errors import look_up
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """An estimator and what it is, in a sentence."""
+
+    run: Callable[[Regression], Estimate]
+    summary: str
+
+
+ESTIMATORS: dict[str, Estimator] = {
+    "mixed-model": Estimator(
+        mixed_model, "Generalised least squares with placement effects, corrected for encoder errors."
+    ),
+    "least-squares": Estimator(least_squares, "Ordinary least squares, the paper's eq. 8 and eq. 14."),
+    "placement": Estimator(
+        placement_effects, "Generalised least squares with placement effects; encoders count as exact."
+    ),
+    "errors-in-variables": Estimator(
+        corrected_least_squares, "Least squares corrected for the encoders' errors in the regressor."
+    ),
+    "robust": Estimator(huber, "Huber's M-estimator: postures that fit badly count less."),
+    "prior": Estimator(
+        with_prior, "The default added to the robot's own model: link masses and centres of mass."
+    ),
+    "consistent": Estimator(
+        physically_consistent, "The default moved to what positive masses inside their links can reach."
+    ),
+}
+DEFAULT = "mixed-model"
+
+
+def estimate_by(data: Regression, name: str = DEFAULT) -> Estimate:
+    """Run an estimator by its name.
+
+    Raises:
+        InputError: an unknown name (lists the valid ones), or postures that do not suffice.
+    """
+    return ESTIMATORS[look_up("estimator", name, ESTIMATORS, "--estimator")].run(data)
+
+
+__all__ = [
+    "DEFAULT",
+    "ESTIMATORS",
+    "Estimate",
+    "Estimator",
+    "StandardEstimate",
+    "estimate_by",
+    "least_squares",
+    "solve_least_squares",
+]

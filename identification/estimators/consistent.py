@@ -1,0 +1,63 @@
+"""The nearest base parameters that some real robot could have."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import nnls
+
+from identification.estimators.estimate import Estimate
+from identification.estimators.mixed import mixed_model
+from identification.estimators.ordinary import residual_sigma
+from identification.link_boxes import SIDES, link_boxes
+from identification.regressor import Regression
+from sim.errors import InputError
+from sim.model import load_model
+
+EQUALITY = 1e4  # weight of "mass fractions sum to one" over the largest other
+
+
+def physically_consistent(data: Regression) -> Estimate:
+    """The default estimate, moved into what robots with positive masses inside their links' boxes reach.
+
+    A link whose centre of mass lies in its box is a set of point masses on the box's corners, none
+    negative; so the reachable base parameters are theta = B G w, w >= 0, sum w = 1, and the nearest of them
+    by the estimate's covariance are non-negative least squares (Lawson and Hanson 1974). The standard
+    errors are those before the move: too large where it moved, and never too small.
+
+    Raises:
+        InputError: postures that cannot tell all parameters apart, or a regression without its robot.
+    """
+    found = mixed_model(data)
+    reachable = corner_parameters(data)
+    deviation = np.sqrt(np.diag(found.covariance))
+    root = np.linalg.cholesky(found.covariance / np.outer(deviation, deviation))
+    # Distances from the estimate: the target is zero, and rounding stays small beside it.
+    away = np.linalg.solve(root, (reachable - found.value[:, None]) / deviation[:, None])
+    size = np.abs(away).max()
+    weights, _ = nnls(
+        np.vstack([away / size, np.full(away.shape[1], EQUALITY)]), np.append(np.zeros(len(away)), EQUALITY)
+    )
+    value = reachable @ weights / weights.sum()
+    residual, sigma, _ = residual_sigma(data, value)
+    return replace(found, value=value, residual=residual, sigma=sigma)
+
+
+def corner_parameters(data: Regression) -> np.ndarray:
+    """Base parameters of robots whose whole mass sits on one corner of a link's box, (p, 8 n_links) [m].
+
+    Raises:
+        InputError: a regression without its robot.
+    """
+    if data.robot is None or data.parameters is None:
+        raise InputError(f"{data.source}: found no robot, expected one: its links' boxes are the bounds")
+    boxes = link_boxes(load_model(data.robot))
+    corners = np.where(SIDES[None] < 0, boxes[:, None, 0], boxes[:, None, 1])  # (n, 8, 3)
+    count = len(boxes)
+    standard = np.zeros((count, 4, count, 8))
+    for link in range(count):
+        standard[link, 0, link] = 1.0
+        standard[link, 1:, link] = corners[link].T
+    rows = data.parameters.from_standard[data.numbers - 1]
+    return rows @ standard.reshape(4 * count, 8 * count)

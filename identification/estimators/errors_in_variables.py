@@ -1,0 +1,57 @@
+"""Least squares corrected for the encoders' errors in the regressor, and for nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from identification.estimators.estimate import Estimate
+from identification.estimators.ordinary import least_squares, residual_sigma, solve
+from identification.placement_effects import clustered_covariance
+from identification.regressor import Regression
+
+MOST_CORRECTION = 0.5  # of the information in any direction
+
+
+def bounded_excess(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """The part of H'H that encoder errors are taken for: at most half in any direction.
+
+    More than that cannot be told from chance, and the corrected equations would blow up (Fuller 1987,
+    ch. 2.5, bounds it for the same reason).
+    """
+    half = np.linalg.inv(np.linalg.cholesky(information))
+    share = float(np.linalg.eigvalsh(half @ excess @ half.T)[-1])
+    return excess * min(1.0, MOST_CORRECTION / max(share, 1e-300))
+
+
+def corrected_least_squares(data: Regression) -> Estimate:
+    """theta = (H'H - D)^-1 H'y, D = s^2 sum_j (dH/dq_j)' (dH/dq_j) (Fuller 1987, ch. 3.1).
+
+    Its covariance is sigma^2 A H'H A with A = (H'H - D)^-1, errors of different postures being independent.
+
+    Raises:
+        InputError: postures that cannot tell all parameters apart; says which.
+    """
+    if data.slope is None or not data.encoder_sd:
+        return least_squares(data)
+    start, _ = solve(data)
+    orthogonal, triangle = np.linalg.qr(data.matrix)
+    back = np.linalg.inv(triangle)
+    blurred = data.encoder_sd * data.slope.reshape(-1, len(start)) @ back
+    identity = np.eye(len(start))
+    corrected = np.linalg.inv(identity - bounded_excess(blurred.T @ blurred, identity))
+    value = back @ corrected @ (orthogonal.T @ data.output)
+    residual, sigma, dof = residual_sigma(data, value)
+    clustered, placement_sd = clustered_covariance(data, back @ corrected @ back.T)
+    return Estimate(
+        numbers=data.numbers,
+        names=data.names,
+        value=value,
+        covariance=sigma**2 * back @ corrected @ corrected @ back.T,
+        clustered_covariance=clustered,
+        residual=residual,
+        sigma=sigma,
+        placement_sd=placement_sd,
+        dof=dof,
+        interval_dof=np.full(len(value), float(dof)),
+        condition_number=float(np.linalg.cond(data.matrix)),
+    )

@@ -1,0 +1,98 @@
+"""Generalised least squares with placement effects, without and with the encoders' errors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from identification.estimators.errors_in_variables import bounded_excess
+from identification.estimators.estimate import Estimate
+from identification.estimators.ordinary import residual_sigma, solve
+from identification.regressor import Regression
+from identification.variance_components import Components, fit_components
+
+
+def placement_effects(data: Regression) -> Estimate:
+    """Generalised least squares with random placement effects; encoders count as exact.
+
+    Raises:
+        InputError: postures that cannot tell all parameters apart; says which.
+    """
+    value, _ = solve(data)
+    return _estimate(data, value, fit_components(data, None), None)
+
+
+def mixed_model(data: Regression) -> Estimate:
+    """Generalised least squares with placement effects and encoder errors, corrected for their bias.
+
+    Encoder errors add J J' s^2 to a posture's variance, J = (dH/dq) theta, and on average
+    D = s^2 sum_ij H_ij' (V^-1)_ii H_ij to H' V^-1 H, which pulls the estimate towards zero. The
+    corrected score H' V^-1 (y - H theta) + D theta has mean zero (Fuller 1987, ch. 3.1; Nakamura 1990)
+    and the variance H' V^-1 H, whence the covariance A^-1 H' V^-1 H A^-1, A = H' V^-1 H - D.
+
+    Raises:
+        InputError: postures that cannot tell all parameters apart; says which.
+    """
+    value, _ = solve(data)
+    if data.slope is None or not data.encoder_sd:
+        return _estimate(data, value, fit_components(data, None), None)
+    moved = data.encoder_sd * (data.slope @ value)
+    return _estimate(data, value, fit_components(data, moved @ moved.mT), data.encoder_sd * data.slope)
+
+
+def _estimate(data: Regression, start: np.ndarray, fit: Components, blurred: np.ndarray | None) -> Estimate:
+    """In coordinates in which the columns of H are orthonormal, from least squares on."""
+    information = fit.information
+    root = np.linalg.inv(information)
+    change = root @ fit.gain
+    turned = fit.triangle @ start
+    if blurred is not None:
+        excess = bounded_excess(_excess(fit, blurred), information)
+        corrected = np.linalg.inv(information - excess)
+        change = change + corrected @ excess @ (turned + change)
+        root = corrected @ information @ corrected
+    back = np.linalg.inv(fit.triangle)
+    value = start + back @ change
+    covariance = back @ root @ back.T
+    residual, sigma, dof = residual_sigma(data, value)
+    return Estimate(
+        numbers=data.numbers,
+        names=data.names,
+        value=value,
+        covariance=covariance,
+        clustered_covariance=covariance,
+        residual=residual,
+        sigma=sigma,
+        placement_sd=fit.placement_sd,
+        dof=dof,
+        interval_dof=_satterthwaite(fit, back, dof),
+        condition_number=float(np.linalg.cond(data.matrix)),
+    )
+
+
+def _excess(fit: Components, blurred: np.ndarray) -> np.ndarray:
+    """D for one s.d. of every encoder times dH/dq, (m, 2, n_joints, p)."""
+    within = fit.rows[:, ::2] >= 0
+    pairs = np.arange(0, fit.rows.shape[1], 2)
+    blocks = np.empty((len(blurred), 2, 2))
+    postures = fit.rows[:, ::2][within] // 2
+    for a in (0, 1):
+        for b in (0, 1):
+            blocks[postures, a, b] = fit.inverse[:, pairs + a, pairs + b][within]
+    count, _, joints, columns = blurred.shape
+    white = np.linalg.cholesky(blocks).mT @ blurred.reshape(count, 2, joints * columns)
+    tall = white.reshape(-1, columns)
+    back = np.linalg.inv(fit.triangle)
+    return back.T @ (tall.T @ tall) @ back
+
+
+def _satterthwaite(fit: Components, back: np.ndarray, most: int) -> np.ndarray:
+    """Degrees of freedom of each parameter's variance, 2 v^2 / var(v), at most r - p.
+
+    Var(v) follows from the covariance of the log s.d. by the slope of the variance (Satterthwaite 1946;
+    Giesbrecht and Burns 1985).
+    """
+    spread = np.linalg.inv(fit.information) @ back.T
+    variance = np.einsum("ij,ji->i", back, spread)
+    slope = -np.einsum("pi,kpq,qi->ki", spread, fit.slopes, spread, optimize=True)
+    uncertainty = np.einsum("ki,kl,li->i", slope, fit.covariance, slope)
+    return np.minimum(2 * variance**2 / np.maximum(uncertainty, 1e-300), most)

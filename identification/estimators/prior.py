@@ -1,0 +1,103 @@
+"""Link masses and centres of mass: the measurements added to what the robot's own model says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from identification.base_parameters import standard_parameters
+from identification.estimators.estimate import Estimate, StandardEstimate
+from identification.estimators.mixed import mixed_model
+from identification.estimators.ordinary import residual_sigma
+from identification.regressor import Regression
+from identification.visible_masses import visible_masses
+from sim.errors import InputError
+from sim.model import load_model
+
+MASS_SD = 0.2  # of each link's mass, relative: what a CAD model leaves out (cables, screws, shells)
+CENTER_SD = 0.02  # m, of each link's centre of mass, per axis
+STEPS = 20
+CONVERGED = 1e-10
+
+
+def with_prior(data: Regression) -> Estimate:
+    """Posterior of masses and centres of mass, Gaussian by Gauss-Newton (the iterated Kalman update).
+
+    Prior: every link's mass within 20 %, its centre of mass within 20 mm of the robot's file (1 s.d.),
+    independent. Data: the default estimator's base parameters with their covariance, and the total mass.
+
+    Raises:
+        InputError: postures that cannot tell all parameters apart, or a regression without its robot.
+    """
+    found = mixed_model(data)
+    if data.robot is None or data.parameters is None or data.mass is None:
+        raise InputError(f"{data.source}: found no robot, expected one: its own model is the prior")
+    links = data.parameters.tree.links
+    standard = standard_parameters(load_model(data.robot))
+    mass = standard[:, 0]
+    center = np.divide(standard[:, 1:], mass[:, None], out=np.zeros((len(mass), 3)), where=mass[:, None] > 0)
+    start = np.column_stack([mass, center])
+    deviation = np.column_stack([MASS_SD * mass, np.full(center.shape, CENTER_SD)]).ravel()
+    prior = np.diag(deviation**2)
+    total, total_sd = data.mass
+    noise = np.zeros((len(found.value) + 1,) * 2)
+    noise[:-1, :-1], noise[-1, -1] = found.covariance, total_sd**2
+    seen = np.append(found.value, total)
+    from_standard = data.parameters.from_standard[found.numbers - 1]
+
+    state = start.copy()
+    for _ in range(STEPS):
+        predicted, slope = _predict(state, from_standard)
+        scale = np.sqrt(np.diag(slope @ prior @ slope.T + noise))
+        spread = (slope @ prior @ slope.T + noise) / np.outer(scale, scale)
+        gain = np.linalg.lstsq(spread, slope @ prior / scale[:, None], rcond=None)[0].T / scale
+        fresh = start + (gain @ (seen - predicted + slope @ (state - start).ravel())).reshape(start.shape)
+        change, state = np.abs((fresh - state).ravel() / np.maximum(deviation, 1e-300)), fresh
+        if change.max() < CONVERGED:
+            break
+    predicted, slope = _predict(state, from_standard)
+    posterior = prior - gain @ slope @ prior
+    posterior = (posterior + posterior.T) / 2
+    variance = np.maximum(np.diag(posterior), 0.0).reshape(start.shape)
+    before = (deviation**2).reshape(start.shape)
+    share = np.where(before > 0, 1 - variance / np.where(before > 0, before, 1.0), 0.0)
+    error = np.sqrt(variance)
+    value, covariance = predicted[:-1], (slope @ posterior @ slope.T)[:-1, :-1]
+    residual, sigma, _ = residual_sigma(data, value)
+    return replace(
+        found,
+        value=value,
+        covariance=covariance,
+        clustered_covariance=covariance,
+        residual=residual,
+        sigma=sigma,
+        standard=StandardEstimate(
+            links=links,
+            mass=state[:, 0],
+            mass_error=error[:, 0],
+            mass_share=share[:, 0],
+            center=state[:, 1:],
+            center_error=error[:, 1:],
+            center_share=share[:, 1:],
+            visible=visible_masses(data.parameters).words,
+        ),
+    )
+
+
+def _predict(state: np.ndarray, from_standard: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Base parameters and total mass of (mass, centre) per link, (n, 4), and their derivative."""
+    mass, total = state[:, 0], state[:, 0].sum()
+    standard = np.column_stack([mass, mass[:, None] * state[:, 1:]])
+    value = from_standard @ standard.ravel() / total
+    count = len(state)
+    turn = np.zeros((count, 4, count, 4))
+    each = np.arange(count)
+    turn[each, 0, each, 0] = 1.0
+    turn[each, 1:, each, 0] = state[:, 1:]
+    for axis in (1, 2, 3):
+        turn[each, axis, each, axis] = mass
+    sums = np.zeros((count, 4))
+    sums[:, 0] = 1.0
+    slope = (from_standard @ turn.reshape(4 * count, 4 * count) - np.outer(value, sums.ravel())) / total
+    return np.append(value, total), np.vstack([slope, sums.ravel()])
