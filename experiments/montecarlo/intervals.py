@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import binomtest, chi2
+from scipy.stats import beta, chi2
 from scipy.stats import t as t_distribution
 
 from experiments.montecarlo.summary import Calibration
@@ -48,7 +48,7 @@ def standard_error_ratio(found: Calibration, count: int, confidence: float) -> E
 
 def share(counts: np.ndarray, count: int, confidence: float) -> Estimates:
     """Share of runs with the exact binomial interval (Clopper and Pearson 1934)."""
-    intervals = [
-        binomtest(int(k), count).proportion_ci(confidence_level=confidence, method="exact") for k in counts
-    ]
-    return Estimates(np.asarray(counts) / count, np.array(intervals).T)
+    k, tail = np.asarray(counts), (1 - confidence) / 2
+    with np.errstate(invalid="ignore"):
+        low, high = beta.ppf(tail, k, count - k + 1), beta.ppf(1 - tail, k + 1, count - k)
+    return Estimates(k / count, np.array([np.where(k == 0, 0.0, low), np.where(k == count, 1.0, high)]))
