@@ -11,12 +11,13 @@ import numpy as np
 
 from sim.errors import InputError
 from sim.hold import Held, hold, move, put_down
-from sim.measurements import Measurements, PlateGeometry, PosturePlan, SensorSheet, lay_boards
-from sim.model import PLATES, Robot, load_model, sha256, sole_corners
+from sim.measurements import Measurements, PosturePlan, lay_boards
+from sim.model import load_model, sole_corners
 from sim.plates import plate_geometry
+from sim.record import choose_repeats, constants, order_of_tries, record, record_error, start_times, weigh
 from sim.rig import Rig
 from sim.scene import load_scene
-from sim.sensors import averaged_sd, read_cells, read_encoders
+from sim.sensors import read_cells, read_encoders
 from sim.stand import Stand
 
 
@@ -95,7 +96,7 @@ def run_experiment(
     placements = list(dict.fromkeys(plan.placement.tolist()))
     streams = np.random.SeedSequence(seed).spawn(len(placements) + 1)
     shared = np.random.default_rng(streams[-1])
-    repeats = _repeats(plan, rig.protocol.repeats, shared)
+    repeats = choose_repeats(plan, rig.protocol.repeats, shared)
     jobs = (
         joblib.delayed(run_placement)(rig, plan, placement, repeats, stream)
         for placement, stream in zip(placements, streams, strict=False)
@@ -121,15 +122,10 @@ def read_again(rig: Rig, plan: PosturePlan, experiment: Experiment, rng: np.rand
     recorded = np.zeros((2, 3))
     for before, attempt in zip([None, *experiment.attempts], experiment.attempts, strict=False):
         if before is None or before.placement != attempt.placement:
-            recorded = attempt.true_plates + _record_error(rig, rng)
+            recorded = attempt.true_plates + record_error(rig, rng, 1)[0]
         reading = _read(rig, attempt.held, samples, rng) if attempt.held else {}
         attempts.append(dataclasses.replace(attempt, reading=reading, plates=recorded))
     return _measurements(rig, plan, attempts, experiment.true_mass, rng)
-
-
-def _record_error(rig: Rig, rng: np.random.Generator) -> np.ndarray:
-    """Errors of both plates' recorded poses, (2, 3) [m, m, rad]."""
-    return np.array([rig.sensors.mark_sd, rig.sensors.placement_sd]) * rng.standard_normal((2, 3))
 
 
 def run_placement(
@@ -137,12 +133,10 @@ def run_placement(
 ) -> list[Attempt]:
     """Set up one placement and go through its postures, then through its repeats."""
     rng = np.random.default_rng(stream)
-    rows = np.flatnonzero(plan.placement == placement)
-    again = [row for row in rows if int(plan.posture[row]) in repeats]
-    order = [(row, False) for row in rows] + [(row, True) for row in again]
-    boards = lay_boards(_soles(rig.robot, plan.swing_pose[rows[0]]), _plate(rig).size, rig.protocol.plate_gap)
+    order = order_of_tries(plan, placement, repeats)
+    boards = boards_under(rig, plan.swing_pose[order[0][0]])
     stand = Stand(rig, boards + rig.protocol.plate_sd * rng.standard_normal((2, 3)))
-    error = _record_error(rig, rng)
+    error = record_error(rig, rng, 1)[0]
     attempts: list[Attempt] = []
     before, recorded = None, np.zeros((2, 3))
     samples = round(rig.protocol.window * rig.sensors.sample_rate)
@@ -172,69 +166,30 @@ def _read(rig: Rig, held: Held, samples: int, rng: np.random.Generator) -> dict[
 def _measurements(
     rig: Rig, plan: PosturePlan, attempts: list[Attempt], mass: float, rng: np.random.Generator
 ) -> Measurements:
-    p, s = rig.protocol, rig.sensors
-    clock, starts = 0.0, []
-    for before, attempt in zip([None, *attempts], attempts, strict=False):
-        fresh = before is None or before.placement != attempt.placement
-        clock += p.placement_time if fresh else p.move_time
-        starts.append(clock + p.rest_time + p.hold_time - p.window)
-        clock += p.rest_time + p.hold_time
-    used = [(a, t) for a, t in zip(attempts, starts, strict=True) if a.held]
+    times = start_times(rig, np.array([a.placement for a in attempts]))
+    used = [(a, t) for a, t in zip(attempts, times, strict=True) if a.held]
     if not used:
         reasons = sorted({a.reason for a in attempts})
         raise InputError(f"none of {len(attempts)} postures could be measured: {'; '.join(reasons)}")
-    plates = [plate_geometry(load_scene(rig.robot), plate) for plate in PLATES]
-    samples = round(p.window * s.sample_rate)
-
-    def stack(key: str) -> np.ndarray:
-        return np.array([a.reading[key] for a, _ in used])
-
-    return Measurements(
+    return record(
+        rig,
+        constants(rig),
+        {key: np.array([a.reading[key] for a, _ in used]) for key in used[0][0].reading},
+        weigh(rig, mass, rng),
         joints=plan.joints,
         posture=np.array([a.posture for a, _ in used]),
         placement=np.array([a.placement for a, _ in used]),
-        support=np.full(len(used), "double"),
         time=np.array([t for _, t in used]),
-        window=np.full(len(used), p.window),
-        samples=np.full(len(used), samples),
-        joint_angles=stack("q"),
-        joint_angles_sd=stack("q_std"),
         command=np.array([a.held.commanded for a, _ in used if a.held]),
-        motor=stack("motor"),
-        cell_forces=stack("cell"),
-        cell_forces_sd=stack("cell_std"),
         plate_poses=np.array([a.plates for a, _ in used]),
-        cells=np.array([plate.cells for plate in plates]),
-        top_height=np.array([plate.top_height for plate in plates]),
-        weighed_mass=(mass + s.weighed_mass_sd * rng.standard_normal(), s.weighed_mass_sd),
-        gravity=float(-load_model(rig.robot).opt.gravity[2]),
-        sensors=SensorSheet(
-            encoder_sd=averaged_sd(s.encoder_repeatability, s.encoder_noise, s.encoder_resolution, samples),
-            encoder_resolution=s.encoder_resolution,
-            cell_sd=averaged_sd(s.cell_repeatability, s.cell_noise, s.cell_resolution, samples),
-            cell_resolution=s.cell_resolution,
-            placement_sd=s.placement_sd,
-        ),
-        robot={
-            "model": rig.robot.model.name,
-            "sha256": sha256(rig.robot.model),
-            "stance_foot": rig.robot.stance_foot,
-            "swing_foot": rig.robot.swing_foot,
-        },
     )
 
 
-def _plate(rig: Rig) -> PlateGeometry:
-    return plate_geometry(load_scene(rig.robot), "right")
-
-
-def _soles(robot: Robot, swing_pose: np.ndarray) -> np.ndarray:
-    model = load_model(robot)
-    right, left = (sole_corners(model, foot)[:, :2] for foot in robot.feet)
+def boards_under(rig: Rig, swing_pose: np.ndarray) -> np.ndarray:
+    """Where the two boards are to lie for a swing foot's pose (3,), (2, 3) [m, m, rad]."""
+    size = plate_geometry(load_scene(rig.robot), "right").size
+    model = load_model(rig.robot)
+    right, left = (sole_corners(model, foot)[:, :2] for foot in rig.robot.feet)
     c, s = np.cos(swing_pose[2]), np.sin(swing_pose[2])
-    return np.array([right, left @ np.array([[c, s], [-s, c]]) + swing_pose[:2]])
-
-
-def _repeats(plan: PosturePlan, count: int, rng: np.random.Generator) -> frozenset[int]:
-    chosen = rng.choice(plan.posture, size=min(count, len(plan)), replace=False)
-    return frozenset(int(number) for number in chosen)
+    soles = np.array([right, left @ np.array([[c, s], [-s, c]]) + swing_pose[:2]])
+    return lay_boards(soles, size, rig.protocol.plate_gap)

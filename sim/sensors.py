@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from sim.model import CELLS
 
 Pose = tuple[float, float, float]
+Sampling = Callable[..., tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -109,13 +111,38 @@ def sample(
     return readings.mean(axis=0), readings.std(axis=0)
 
 
+def sample_mean(
+    truth: np.ndarray,
+    repeatability: float,
+    noise: float,
+    resolution: float,
+    samples: int,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
+    """As `sample`, for arrays of any shape, but the mean is drawn at once from a normal distribution.
+
+    Its variance is the same (`averaged_sd`); only the shape of a rounding error that noise does
+    not dither away is lost.
+    """
+    sd = averaged_sd(repeatability, noise, resolution, samples)
+    spread = np.sqrt(noise**2 + resolution**2 / 12)
+    scale = 1 + rng.standard_normal(truth.shape) / np.sqrt(2 * samples)
+    return truth + sd * rng.standard_normal(truth.shape), spread * scale
+
+
 def read_encoders(
-    sensors: Sensors, angles: np.ndarray, motors: np.ndarray, samples: int, rng: np.random.Generator
+    sensors: Sensors,
+    angles: np.ndarray,
+    motors: np.ndarray,
+    samples: int,
+    rng: np.random.Generator,
+    sample: Sampling = sample,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Joint encoders' mean and s.d. and the motor encoders' mean over a window, each (n,) [rad].
 
     Args:
         angles, motors: true angles of the joints and of the motors over the gear ratio, (n,).
+        sample: every sample drawn (`sample`), or their mean (`sample_mean`).
     """
     mean, sd = sample(
         angles, sensors.encoder_repeatability, sensors.encoder_noise, sensors.encoder_resolution, samples, rng
@@ -127,7 +154,7 @@ def read_encoders(
 
 
 def read_cells(
-    sensors: Sensors, forces: np.ndarray, samples: int, rng: np.random.Generator
+    sensors: Sensors, forces: np.ndarray, samples: int, rng: np.random.Generator, sample: Sampling = sample
 ) -> tuple[np.ndarray, np.ndarray]:
     """The cells' mean and s.d. over a window, each (8,) [N]."""
     return sample(

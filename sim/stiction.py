@@ -36,7 +36,7 @@ class Stiction:
         self.model, self.standing = model, standing
         self.frictionloss = model.dof_frictionloss.copy()
         self.capacity = BREAKAWAY * self.frictionloss
-        self.friction = [BREAKAWAY * _friction(model, pair) for pair in standing]
+        self.friction = [BREAKAWAY * sliding_friction(model, pair) for pair in standing]
         self.torques, self.wrenches = np.zeros(model.nv), np.zeros((model.nbody, 6))
 
     def engage(self, data: mujoco.MjData) -> None:
@@ -133,7 +133,7 @@ def _contacts(
     return data.contact.pos.reshape(-1, 3)[touching], forces, torques
 
 
-def _friction(model: mujoco.MjModel, pair: tuple[int, int]) -> float:
+def sliding_friction(model: mujoco.MjModel, pair: tuple[int, int]) -> float:
     """Coefficient of sliding friction in the contact pair of two bodies."""
     for k in range(model.npair):
         geoms = model.pair_geom1[k], model.pair_geom2[k]

@@ -208,7 +208,7 @@ def test_the_books_show_a_cell_that_stands_elsewhere_and_a_foreign_force(robot, 
 def test_a_posture_beyond_the_feet_tips_and_one_pushed_slips(robot, plan):
     def ice(spec: mujoco.MjSpec) -> None:
         for pair in spec.pairs:
-            pair.friction[:2] = 0.1
+            pair.friction[:2] = 0.05
 
     rig = preset_rig("ideal", robot)
     rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))

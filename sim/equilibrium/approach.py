@@ -1,0 +1,87 @@
+"""Dry friction as the approach to a posture leaves it.
+
+Friction at rest may be anything up to its limit; which it is depends on how the posture was
+reached. A joint that turned to the end is left at its limit, against its way; the swaying of the
+whole robot as it stops takes the more of that away the shorter the joint's way was, since the
+path ends as its third power (minimum jerk). After putting down, friction has stopped a swaying
+that had no direction. Both as distributions, from a development plan in full dynamics
+(docs/equilibrium.md); what a single posture's friction is, this does not know.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.equilibrium.solve import Reference
+
+SHORT_WAY = 0.055  # rad, at which half of the friction is left, for moves of REFERENCE_TIME
+REFERENCE_TIME = 2.0  # s
+SCATTER = 0.2  # s.d. of friction over its limit after a move
+PUT_DOWN_SCATTER = 0.45  # the same after putting down
+
+
+def ways(
+    near: Reference, planned: np.ndarray, columns: np.ndarray, start: np.ndarray, end: np.ndarray
+) -> np.ndarray:
+    """How far every coordinate would go if it went on as it arrives, (b, n) [rad].
+
+    The torso comes in on a straight line, and both feet stand: the closure's derivative gives
+    the rates of what lies between them; other joints go straight.
+
+    Args:
+        near: the solved postures. planned: their planned joint angles, (k, n_joints).
+        columns: coordinates that the joints' servos turn, (n_joints,).
+        start, end: numbers of the postures between which the robot moves, (b,).
+    """
+    n = near.state.angles.shape[-1]
+    closure = near.slope[end][:, 6 + n :]
+    first, last = (near.state.rotation[which] for which in (start, end))
+    step = np.concatenate(
+        [
+            near.state.position[end] - near.state.position[start],
+            _rotation_vector(last @ first.transpose(0, 2, 1)),
+        ],
+        axis=-1,
+    )
+    joints = closure[:, :, 6 : 6 + n][:, :, columns]
+    between = np.abs(joints).max(axis=(0, 1)) > 0
+    way = planned[end] - planned[start]
+    rates = -(np.linalg.pinv(joints[..., between]) @ (closure[..., :6] @ step[..., None]))[..., 0]
+    way[:, between] = rates
+    out = np.zeros((len(end), n))
+    out[:, columns] = way
+    return out
+
+
+def left_friction(
+    limit: np.ndarray, way: np.ndarray, moved: np.ndarray, move_time: float, scatter: np.ndarray
+) -> np.ndarray:
+    """Torques of dry friction at rest, (..., n) [Nm].
+
+    Args:
+        limit: dry friction, (n,) [Nm]. way: see `ways`, (..., n) [rad].
+        moved: whether the posture was reached by moving, else by putting down, (...,) bool.
+        move_time: [s]. scatter: standard normal, (..., n).
+    """
+    short = SHORT_WAY * (move_time / REFERENCE_TIME) ** 3
+    aligned = -way / np.sqrt(way**2 + short**2)
+    share = np.where(moved[..., None], aligned + SCATTER * scatter, PUT_DOWN_SCATTER * scatter)
+    return limit * np.clip(share, -1.0, 1.0)
+
+
+def _rotation_vector(rotation: np.ndarray) -> np.ndarray:
+    """Of rotation matrices by less than half a turn, (..., 3) [rad]."""
+    odd = (
+        np.stack(
+            [
+                rotation[..., 2, 1] - rotation[..., 1, 2],
+                rotation[..., 0, 2] - rotation[..., 2, 0],
+                rotation[..., 1, 0] - rotation[..., 0, 1],
+            ],
+            axis=-1,
+        )
+        / 2
+    )
+    sine = np.linalg.norm(odd, axis=-1, keepdims=True)
+    cosine = (np.trace(rotation, axis1=-2, axis2=-1)[..., None] - 1) / 2
+    return odd * np.arctan2(sine, cosine) / np.maximum(sine, 1e-12)

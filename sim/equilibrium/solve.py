@@ -1,0 +1,88 @@
+"""Solve the static equilibrium: Newton's method once a posture, a chord method for all its runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.equilibrium.mechanism import Mechanism
+from sim.equilibrium.statics import Load, State, residual
+
+STEP = 1e-6  # rad or m, of differences
+NEWTON_STEPS = 25
+CHORD_STEPS = 10
+LARGEST_STEP = 0.1  # rad or m, of Newton's method
+TOLERANCE = 1e-9  # rad or m, of the last change
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Solved postures about which others are sought.
+
+    Attributes:
+        state: the equilibria, batch (k,).
+        inverse: of the residual's derivative there, (k, s, s), s = 6 + n + 12.
+        slope: that derivative.
+        solved: whether there is an equilibrium, (k,) bool.
+    """
+
+    state: State
+    inverse: np.ndarray
+    slope: np.ndarray
+    solved: np.ndarray
+
+
+def reference(mechanism: Mechanism, start: State, load: Load) -> Reference:
+    """Newton's method from states near the solutions, every one by itself."""
+    state = start
+    for _ in range(NEWTON_STEPS):
+        slope = derivative(mechanism, state, load)
+        inverse = np.linalg.pinv(slope)  # a posture that cannot be held may have no inverse
+        change = -(inverse @ residual(mechanism, state, load)[..., None])[..., 0]
+        moves = np.abs(change[..., : 6 + state.angles.shape[-1]]).max(axis=-1)
+        state = state.moved(change * np.minimum(1.0, LARGEST_STEP / np.maximum(moves, TOLERANCE))[..., None])
+        if moves.max() < TOLERANCE:
+            break
+    return Reference(state, inverse, slope, moves < TOLERANCE)
+
+
+def derivative(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
+    """Of the residual by the state's change, by central differences, (..., s, s)."""
+    n = state.angles.shape[-1]
+    columns = []
+    for k, step in enumerate(np.diag(np.repeat([STEP, 1.0], [6 + n, 12]))):  # linear in the wrenches
+        ahead, behind = (residual(mechanism, state.moved(sign * step), load) for sign in (1, -1))
+        columns.append((ahead - behind) / (2 * step[k]))
+    return np.stack(columns, axis=-1)
+
+
+def solve(mechanism: Mechanism, near: Reference, which: np.ndarray, load: Load) -> tuple[State, np.ndarray]:
+    """Equilibria near solved ones, with their derivative kept (chord method); it converges linearly,
+    the faster the nearer.
+
+    Args:
+        which: number of the reference posture of every batch item, (b,).
+        load: of every item.
+
+    Returns:
+        the states, batch (b,), and whether each has converged, (b,) bool.
+    """
+    r, n = near.state, near.state.angles.shape[-1]
+    state = State(r.position[which], r.rotation[which], r.angles[which], r.wrench[which])
+    moves = np.full(len(which), np.inf)
+    left = np.arange(len(which))
+    for _ in range(CHORD_STEPS):
+        part, loads = state.items(left), load.items(left)
+        inverse = near.inverse[which[left]]
+        change = -(inverse @ residual(mechanism, part, loads)[..., None])[..., 0]
+        state.put(left, part.moved(change))
+        moves[left] = np.abs(change[..., : 6 + n]).max(axis=-1)
+        if not len(left := np.flatnonzero(moves > TOLERANCE)):
+            return state, moves <= TOLERANCE
+    # Where a torque limit or a joint's stop comes in between, the derivative is another one.
+    start = State(r.position[which], r.rotation[which], r.angles[which], r.wrench[which]).items(left)
+    last = reference(mechanism, start, load.items(left))
+    state.put(left, last.state)
+    moves[left] = np.where(last.solved, 0.0, np.inf)
+    return state, moves <= TOLERANCE

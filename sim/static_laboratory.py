@@ -1,0 +1,302 @@
+"""The whole experiment by static equilibrium: what `sim.laboratory` hands over, a thousand times as fast.
+
+Plates are laid, postures commanded, tracked with error, read and recorded as there; only the
+robot's motion is left out. docs/equilibrium.md says what that misses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from sim.equilibrium import (
+    Load,
+    Mechanism,
+    Reference,
+    State,
+    cell_forces,
+    faults,
+    left_friction,
+    mechanism,
+    reference,
+    soles,
+    solve,
+    ways,
+)
+from sim.errors import InputError
+from sim.laboratory import boards_under
+from sim.measurements import Measurements, PosturePlan
+from sim.model import load_model
+from sim.path import ClosedChain
+from sim.record import choose_repeats, constants, order_of_tries, record, record_error, start_times, weigh
+from sim.rig import Rig
+from sim.sensors import read_cells, read_encoders, sample_mean
+
+NO_EQUILIBRIUM = "tipped"
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A laboratory and a plan, with all that does not change between runs.
+
+    Attributes:
+        near: every posture solved as planned, batch (postures,).
+        boards: where the boards are to lie, by placement, (placements, 2, 3).
+        placement: index of every posture's placement, (postures,).
+        links: the robot's bodies as numbers of the mechanism's, in MJCF order, (n_links,).
+        fixed: see `sim.record.constants`.
+    """
+
+    rig: Rig
+    plan: PosturePlan
+    mechanism: Mechanism
+    near: Reference
+    boards: np.ndarray
+    placement: np.ndarray
+    links: np.ndarray
+    fixed: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Tries:
+    """What is tried in some runs, all of them after one another, b tries in all.
+
+    Attributes:
+        run, row: number of the run and row of the plan, (b,).
+        before: row of the plan from which the robot moves; the row itself: it is put down, (b,).
+        command: commanded angles, (b, n_joints).
+        scatter: standard normal, of dry friction, (b, n).
+        plates: true poses, (b, 2, 3).
+    """
+
+    run: np.ndarray
+    row: np.ndarray
+    before: np.ndarray
+    command: np.ndarray
+    scatter: np.ndarray
+    plates: np.ndarray
+
+
+@dataclass(frozen=True)
+class StaticRun:
+    """One run: what it hands over and, apart from it, the truth.
+
+    Attributes:
+        measurements: the data contract.
+        dropped: posture number and reason of every first try that could not be used.
+        standard: standard parameters of the robot that stood there (eq. 5), (n_links, 4) [kg, kg m].
+    """
+
+    measurements: Measurements
+    dropped: tuple[tuple[int, str], ...]
+    standard: np.ndarray
+
+    @property
+    def true_mass(self) -> float:
+        """[kg]"""
+        return float(self.standard[:, 0].sum())
+
+
+def prepare(rig: Rig, plan: PosturePlan) -> Prepared:
+    """Solve every posture of a plan once, as planned.
+
+    Raises:
+        InputError: a support other than double, or a scene that this statics does not know.
+    """
+    if (other := plan.support != "double").any():
+        raise InputError(
+            f"plan, posture {plan.posture[other.argmax()]}: found support '{plan.support[other.argmax()]}', "
+            "expected 'double' (the only one that the laboratory stands on so far)"
+        )
+    m, model = mechanism(rig), load_model(rig.robot)
+    placements, placement = np.unique(plan.placement, return_inverse=True)
+    first = [int(np.flatnonzero(plan.placement == number)[0]) for number in placements]
+    boards = np.array([boards_under(rig, plan.swing_pose[row]) for row in first])
+    feet = np.stack([np.zeros_like(plan.swing_pose), plan.swing_pose], axis=1)
+    load = Load(
+        command=plan.joint_angles,
+        friction=np.zeros(len(m.names)),
+        feet=feet,
+        plates=boards[placement],
+        mass=m.mass,
+        center=m.center,
+    )
+    near = reference(m, _start(rig, m, plan), load)
+    names = [body.name for body in m.bodies]
+    links = np.array([names.index(model.body(k).name) for k in range(1, model.nbody)])
+    return Prepared(rig, plan, m, near, boards, placement, links, constants(rig))
+
+
+def run_static(
+    prepared: Prepared, streams: Sequence[np.random.SeedSequence], standard: np.ndarray | None = None
+) -> list[StaticRun]:
+    """Repeat the experiment, every run with its own random stream.
+
+    Args:
+        standard: true standard parameters by run, (runs, n_links, 4); None: as the rig's scene says.
+
+    Raises:
+        InputError: a run in which nothing could be measured.
+    """
+    generators = [np.random.default_rng(stream) for stream in streams]
+    tries = [_draw(prepared, k, rng) for k, rng in enumerate(generators)]
+    joined = Tries(
+        *(np.concatenate(column) for column in zip(*(vars(t).values() for t in tries), strict=True))
+    )
+    mass, center = _bodies(prepared, standard, joined.run)
+    state, load, reason = hold_static(prepared, joined, mass, center)
+    forces = cell_forces(prepared.mechanism, state, load)
+    truth = (
+        standard
+        if standard is not None
+        else np.broadcast_to(nominal(prepared), (len(tries), len(prepared.links), 4))
+    )
+    return [
+        _hand_over(prepared, joined, state, forces, reason, joined.run == k, truth[k], rng)
+        for k, rng in enumerate(generators)
+    ]
+
+
+def hold_static(
+    prepared: Prepared, tries: Tries, mass: np.ndarray, center: np.ndarray
+) -> tuple[State, Load, np.ndarray]:
+    """Equilibria of all tries, and why they could not be used or "", (b,) of text."""
+    m, plan, rig = prepared.mechanism, prepared.plan, prepared.rig
+    moved = tries.before != tries.row
+    way = np.zeros((len(tries.row), len(m.names)))
+    if m.friction.any() and moved.any():
+        pairs, number = np.unique(
+            np.column_stack([tries.before, tries.row])[moved], axis=0, return_inverse=True
+        )
+        way[moved] = ways(prepared.near, plan.joint_angles, m.motors, *pairs.T)[number]
+    load = Load(
+        command=tries.command,
+        friction=left_friction(m.friction, way, moved, rig.protocol.move_time, tries.scatter),
+        feet=_feet(prepared, tries),
+        plates=tries.plates,
+        mass=mass,
+        center=center,
+    )
+    state, solved = solve(m, prepared.near, tries.row, load)
+    reason = faults(m, state, cell_forces(m, state, load), rig.robot.feet)
+    return state, load, np.where(solved, reason, NO_EQUILIBRIUM)
+
+
+def nominal(prepared: Prepared) -> np.ndarray:
+    """Standard parameters of the robot in the rig's scene, (n_links, 4) [kg, kg m]."""
+    m = prepared.mechanism
+    mass = m.mass[prepared.links]
+    return np.column_stack([mass, mass[:, None] * m.center[prepared.links]])
+
+
+def _draw(prepared: Prepared, run: int, rng: np.random.Generator) -> Tries:
+    """What one run tries: repeats, where the plates lie, what is commanded."""
+    rig, plan, m = prepared.rig, prepared.plan, prepared.mechanism
+    repeats = choose_repeats(plan, rig.protocol.repeats, rng)
+    order = [row for number in np.unique(plan.placement) for row, _ in order_of_tries(plan, number, repeats)]
+    row = np.array(order)
+    place = prepared.placement[row]
+    fresh = np.append(True, place[1:] != place[:-1])
+    plates = prepared.boards + rig.protocol.plate_sd * rng.standard_normal(prepared.boards.shape)
+    noise = rig.controller.command_sd * rng.standard_normal((len(row), len(plan.joints)))
+    return Tries(
+        run=np.full(len(row), run),
+        row=row,
+        before=np.where(fresh, row, np.append(0, row[:-1])),
+        command=plan.joint_angles[row] + noise,
+        scatter=rng.standard_normal((len(row), len(m.names))),
+        plates=plates[place],
+    )
+
+
+def _feet(prepared: Prepared, tries: Tries) -> np.ndarray:
+    """Where the feet stand, (b, 2, 3): the left one where its placement's first command puts it."""
+    m, near = prepared.mechanism, prepared.near.state
+    down = np.flatnonzero(tries.before == tries.row)
+    angles = np.zeros((len(down), len(m.names)))
+    angles[:, m.motors] = tries.command[down]
+    angles[:, m.joints] = tries.command[down]
+    rows = tries.row[down]
+    poses = soles(m, State(near.position[rows], near.rotation[rows], angles, near.wrench[rows]))
+    x, y, yaw = (poses[:, 1] - poses[:, 0]).T
+    c, s = np.cos(poses[:, 0, 2]), np.sin(poses[:, 0, 2])
+    feet = np.zeros((len(down), 2, 3))
+    feet[:, 1] = np.column_stack([c * x + s * y, c * y - s * x, yaw])
+    return feet[np.cumsum(tries.before == tries.row) - 1]
+
+
+def _bodies(
+    prepared: Prepared, standard: np.ndarray | None, run: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Masses and centres of mass of all bodies, (nb,) and (nb, 3), or by try."""
+    m = prepared.mechanism
+    if standard is None:
+        return m.mass, m.center
+    mass = np.tile(m.mass, (len(standard), 1))
+    center = np.tile(m.center, (len(standard), 1, 1))
+    mass[:, prepared.links] = standard[:, :, 0]
+    center[:, prepared.links] = standard[:, :, 1:] / standard[:, :, :1]
+    return mass[run], center[run]
+
+
+def _hand_over(
+    prepared: Prepared,
+    tries: Tries,
+    state: State,
+    forces: np.ndarray,
+    reason: np.ndarray,
+    mine: np.ndarray,
+    standard: np.ndarray,
+    rng: np.random.Generator,
+) -> StaticRun:
+    """Read the sensors in one run's equilibria."""
+    rig, plan, m = prepared.rig, prepared.plan, prepared.mechanism
+    row, why = tries.row[mine], reason[mine]
+    place = prepared.placement[row]
+    plates = tries.plates[mine] + record_error(rig, rng, len(prepared.boards))[place]
+    used = why == ""
+    repeat = np.ones(len(row), bool)
+    repeat[np.unique(row, return_index=True)[1]] = False
+    dropped = tuple(
+        (int(plan.posture[r]), w) for r, w in zip(row[~used & ~repeat], why[~used & ~repeat], strict=True)
+    )
+    if not used.any():
+        raise InputError(f"none of {len(row)} postures could be measured: {'; '.join(sorted(set(why)))}")
+    samples = round(rig.protocol.window * rig.sensors.sample_rate)
+    angles = state.angles[mine][used]
+    q, q_sd, motor = read_encoders(
+        rig.sensors, angles[:, m.joints], angles[:, m.motors], samples, rng, sample_mean
+    )
+    cell, cell_sd = read_cells(rig.sensors, forces[mine][used], samples, rng, sample_mean)
+    measured = record(
+        rig,
+        prepared.fixed,
+        {"q": q, "q_std": q_sd, "motor": motor, "cell": cell, "cell_std": cell_sd},
+        weigh(rig, float(standard[:, 0].sum()), rng),
+        joints=plan.joints,
+        posture=plan.posture[row[used]],
+        placement=plan.placement[row[used]],
+        time=start_times(rig, place)[used],
+        command=tries.command[mine][used],
+        plate_poses=plates[used],
+    )
+    return StaticRun(measured, dropped, standard)
+
+
+def _start(rig: Rig, m: Mechanism, plan: PosturePlan) -> State:
+    """The planned postures, the weight on both feet alike."""
+    chain = ClosedChain(load_model(rig.robot), rig.robot)
+    pose = np.array([chain.base_pose(angles) for angles in plan.joint_angles])
+    rotation = np.zeros((len(pose), 9))
+    for matrix, quaternion in zip(rotation, pose[:, 3:], strict=True):
+        mujoco.mju_quat2Mat(matrix, quaternion)
+    angles = np.zeros((len(pose), len(m.names)))
+    angles[:, m.motors] = plan.joint_angles
+    angles[:, m.joints] = plan.joint_angles
+    wrench = np.zeros((len(pose), 2, 6))
+    wrench[:, :, :3] = -m.gravity * m.mass.sum() / 2
+    return State(pose[:, :3], rotation.reshape(-1, 3, 3), angles, wrench)
