@@ -12,11 +12,13 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from experiments.montecarlo.laboratory import Run, dynamic_laboratory, stream_of
+from experiments.montecarlo.laboratory import Run, laboratory, stream_of
 from experiments.scenario import Scenario
 from identification.base_parameters import standard_parameters
+from sim.errors import InputError
 from sim.measurements import write_plan
 from sim.rig import preset_rig
+from sim.static_laboratory import run_static
 from tests.conftest import part_of
 from tests.test_cli import refused
 
@@ -115,8 +117,7 @@ def test_bad_options_are_refused_before_the_work(tmp_path, capsys):
     assert "unknown engine 'ray'; valid: loky, dask" in refused(capsys, *asked, 5, "--engine", "ray")
     assert "found no --address" in refused(capsys, *asked, 5, "--engine", "dask")
     assert "with dask alone" in refused(capsys, *asked, 5, "--address", "tcp://127.0.0.1:9")
-    assert "--random-robots: found 2.0" in refused(capsys, *asked, 5, "--dynamics", "--random-robots", 2.0)
-    assert "add --dynamics" in refused(capsys, *asked, 5, "--random-robots", 0.1)
+    assert "--random-robots: found 2.0" in refused(capsys, *asked, 5, "--random-robots", 2.0)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -133,21 +134,52 @@ def test_another_folder_is_refused(small, tmp_path, capsys):
     assert "holds no Monte Carlo" in refused(capsys, "montecarlo", small, "--out", tmp_path, "--runs", 5)
 
 
-def test_random_robots_in_the_full_dynamics(robot, model, plan):
+@pytest.mark.parametrize("dynamics", [False, True])
+def test_random_robots(robot, model, plan, dynamics):
     """Each run has its own robot; the nominal one without a spread; the same stream, the same run."""
     scenario = Scenario(preset_rig("wii", robot), part_of(plan, plan.placement <= 1), 1, "wii")
-    streams = [stream_of(107, run) for run in range(2)]
-    first, second = dynamic_laboratory(scenario, 0.1)(streams)
+    random = laboratory(scenario, 0.1, dynamics)
+    first, second = random([stream_of(107, run) for run in range(2)])
     assert isinstance(first, Run)
     assert isinstance(second, Run)
     assert np.abs(first.standard - second.standard).max() > 0.01
     assert first.true_mass == pytest.approx(first.standard[:, 0].sum(), rel=1e-12)
-    (alone,) = dynamic_laboratory(scenario, 0.1)([stream_of(107, 1)])
+    (alone,) = random([stream_of(107, 1)])
     assert isinstance(alone, Run)
     np.testing.assert_array_equal(alone.measurements.cell_forces, second.measurements.cell_forces)
-    (nominal,) = dynamic_laboratory(scenario, None)([stream_of(107, 1)])
+    (nominal,) = laboratory(scenario, None, dynamics)([stream_of(107, 1)])
     assert isinstance(nominal, Run)
     np.testing.assert_array_equal(nominal.standard, standard_parameters(model))
-    weight = nominal.measurements.cell_forces.sum(axis=1).mean() / 9.81
-    assert weight == pytest.approx(23.0, abs=0.3)
-    assert first.measurements.cell_forces.sum(axis=1).mean() / 9.81 == pytest.approx(first.true_mass, abs=0.3)
+    for run in (first, second, nominal):
+        weight = run.measurements.cell_forces.sum(axis=1).mean() / 9.81
+        assert weight == pytest.approx(run.true_mass, abs=0.3)
+    assert nominal.true_mass == pytest.approx(23.0, abs=1e-9)
+
+
+def test_static_runs_do_not_depend_on_their_company(robot, plan):
+    scenario = Scenario(preset_rig("wii", robot), part_of(plan, plan.placement <= 3), 1, "wii")
+    static = laboratory(scenario, 0.1, False)
+    together = static([stream_of(107, run) for run in range(7)])
+    for run in range(7):
+        (alone,) = static([stream_of(107, run)])
+        assert isinstance(alone, Run)
+        other = together[run]
+        assert isinstance(other, Run)
+        for name in ("joint_angles", "cell_forces", "plate_poses", "motor"):
+            np.testing.assert_array_equal(
+                getattr(alone.measurements, name), getattr(other.measurements, name)
+            )
+
+
+def test_a_run_without_a_posture_does_not_take_others_with_it(robot, plan, monkeypatch):
+    scenario = Scenario(preset_rig("wii", robot), part_of(plan, plan.placement <= 1), 1, "wii")
+    static = laboratory(scenario, None, False)
+
+    def fail(prepared, streams, standard):
+        if any(stream.spawn_key[0] == 2 for stream in streams):
+            raise InputError("none of 6 postures could be measured: tipped")
+        return run_static(prepared, streams, standard)
+
+    monkeypatch.setattr("experiments.montecarlo.laboratory.run_static", fail)
+    outcomes = static([stream_of(107, run) for run in range(4)])
+    assert [isinstance(outcome, str) for outcome in outcomes] == [False, False, True, False]

@@ -1,4 +1,4 @@
-"""Where the runs come from: the whole dynamics anew, or one held experiment read anew."""
+"""Where the runs come from: static equilibria solved directly, or the full dynamics."""
 
 from __future__ import annotations
 
@@ -11,20 +11,19 @@ import mujoco
 import numpy as np
 
 from experiments.scenario import Scenario
-from experiments.setting_up import tries
-from experiments.terminal import progress
 from identification.base_parameters import standard_parameters
 from sim.errors import InputError
-from sim.laboratory import Experiment, read_again, run_experiment
+from sim.laboratory import run_experiment
 from sim.measurements import Measurements, PosturePlan
 from sim.model import load_model
 from sim.random_robots import draw_robot, edit_of
 from sim.rig import Rig
+from sim.static_laboratory import Prepared, prepare, run_static
 
 
 @dataclass(frozen=True)
 class Run:
-    """What one run of the laboratory hands over and, beside it, the truth.
+    """What one run of a laboratory hands over and, beside it, the truth.
 
     Attributes:
         standard: true standard parameters (eq. 5), (n_links, 4) [kg, kg m].
@@ -47,25 +46,29 @@ def stream_of(seed: int, run: int) -> np.random.SeedSequence:
     return np.random.SeedSequence(seed, spawn_key=(run,))
 
 
-def dynamic_laboratory(scenario: Scenario, spread: float | None) -> Laboratory:
-    """Every run held in the full dynamics.
+def laboratory(scenario: Scenario, spread: float | None, dynamics: bool) -> Laboratory:
+    """A laboratory that can travel to the workers.
 
     Args:
         spread: of random true robots, see `sim.random_robots`; None: the nominal robot.
+        dynamics: hold every posture in the full dynamics, instead of solving its equilibrium.
+
+    Raises:
+        InputError: a plan or a scene that this laboratory cannot stand on.
     """
-    return partial(_hold, scenario.rig, scenario.plan, load_model(scenario.rig.robot), spread)
+    rig, plan, model = scenario.rig, scenario.plan, load_model(scenario.rig.robot)
+    if dynamics:
+        return partial(_hold, rig, plan, model, spread)
+    return partial(_solve, prepare(rig, plan), model, spread)
 
 
-def reading_laboratory(scenario: Scenario, workers: int) -> Laboratory:
-    """One experiment held in the full dynamics; every run reads it through the sensors anew.
-
-    Sensor noise, recorded placements and weighing are fresh in every run; what the robot and the boards
-    really did (tracking errors, placements, dropped postures) is that of the one experiment.
-    """
-    with progress("holding postures once", tries(scenario)) as advance:
-        held = run_experiment(scenario.rig, scenario.plan, scenario.seed, workers, advance)
-    standard = standard_parameters(load_model(scenario.rig.robot))
-    return partial(_read, scenario.rig, scenario.plan, held, standard)
+def _robots(
+    model: mujoco.MjModel, spread: float | None, streams: list[np.random.SeedSequence]
+) -> list[np.ndarray]:
+    """Standard parameters of every run's robot."""
+    if spread is None:
+        return [standard_parameters(model)] * len(streams)
+    return [draw_robot(model, spread, np.random.default_rng(stream)) for stream in streams]
 
 
 def _hold(
@@ -75,35 +78,46 @@ def _hold(
     spread: float | None,
     streams: Sequence[np.random.SeedSequence],
 ) -> list[Run | str]:
-    return [_hold_one(rig, plan, model, spread, stream) for stream in streams]
+    of_robot, of_laboratory = _split(streams)
+    robots = _robots(model, spread, of_robot)
+    return [_hold_one(rig, plan, model, *run) for run in zip(robots, of_laboratory, strict=True)]
 
 
 def _hold_one(
-    rig: Rig,
-    plan: PosturePlan,
-    model: mujoco.MjModel,
-    spread: float | None,
-    stream: np.random.SeedSequence,
+    rig: Rig, plan: PosturePlan, model: mujoco.MjModel, standard: np.ndarray, stream: np.random.SeedSequence
 ) -> Run | str:
-    robot, laboratory = stream.spawn(2)
-    standard = standard_parameters(model)
-    if spread is not None:
-        standard = draw_robot(model, spread, np.random.default_rng(robot))
-        rig = dataclasses.replace(rig, edit=edit_of(model, standard))
-    seed = int.from_bytes(laboratory.generate_state(4, np.uint32).tobytes(), "little")
+    seed = int.from_bytes(stream.generate_state(4, np.uint32).tobytes(), "little")
     try:
-        held = run_experiment(rig, plan, seed)
+        held = run_experiment(dataclasses.replace(rig, edit=edit_of(model, standard)), plan, seed)
     except InputError as error:
         return str(error)
     return Run(held.measurements, standard, len(held.dropped), held.true_mass)
 
 
-def _read(
-    rig: Rig,
-    plan: PosturePlan,
-    held: Experiment,
-    standard: np.ndarray,
-    streams: Sequence[np.random.SeedSequence],
+def _solve(
+    prepared: Prepared, model: mujoco.MjModel, spread: float | None, streams: Sequence[np.random.SeedSequence]
 ) -> list[Run | str]:
-    again = [read_again(rig, plan, held, np.random.default_rng(stream)) for stream in streams]
-    return [Run(measured, standard, len(held.dropped), held.true_mass) for measured in again]
+    of_robot, of_laboratory = _split(streams)
+    return _solve_all(prepared, np.array(_robots(model, spread, of_robot)), of_laboratory)
+
+
+def _solve_all(
+    prepared: Prepared, robots: np.ndarray, streams: list[np.random.SeedSequence]
+) -> list[Run | str]:
+    try:
+        done = run_static(prepared, streams, robots)
+    except InputError as error:
+        if len(streams) == 1:
+            return [str(error)]
+        # One run without a single posture: which one, the message does not say.
+        singly = (_solve_all(prepared, robots[k : k + 1], [stream]) for k, stream in enumerate(streams))
+        return [outcome for (outcome,) in singly]
+    return [Run(r.measurements, r.standard, len(r.dropped), r.true_mass) for r in done]
+
+
+def _split(
+    streams: Sequence[np.random.SeedSequence],
+) -> tuple[list[np.random.SeedSequence], list[np.random.SeedSequence]]:
+    """Streams of the robots and of the laboratories: the same noise with and without random robots."""
+    pairs = [stream.spawn(2) for stream in streams]
+    return [robot for robot, _ in pairs], [laboratory for _, laboratory in pairs]

@@ -10,7 +10,7 @@ from experiments.montecarlo.chunks import Chunks
 from experiments.montecarlo.collect import collect
 from experiments.montecarlo.engine import engine
 from experiments.montecarlo.folder import CHUNK_FOLDER, REPORT_FILE, check_folder, open_folder, run_document
-from experiments.montecarlo.laboratory import Laboratory, dynamic_laboratory, reading_laboratory
+from experiments.montecarlo.laboratory import laboratory
 from experiments.montecarlo.record import Job, layout_of
 from experiments.montecarlo.report import report
 from experiments.montecarlo.settings import Settings
@@ -58,7 +58,7 @@ def montecarlo(scenario: Scenario, settings: Settings, place: Place) -> dict[str
     if not check_folder(place.folder, document) or chunks.missing():
         with engine(place.workers, place.address):
             job = Job(
-                _laboratory(scenario, settings, place.workers),
+                laboratory(scenario, settings.spread, settings.dynamics),
                 scenario.rig.robot,
                 parameters,
                 layout,
@@ -70,12 +70,6 @@ def montecarlo(scenario: Scenario, settings: Settings, place: Place) -> dict[str
     found = report(summarise(chunks, layout), layout, settings.estimator)
     write_json(place.folder / REPORT_FILE, found)
     return found
-
-
-def _laboratory(scenario: Scenario, settings: Settings, workers: int) -> Laboratory:
-    if settings.dynamics:
-        return dynamic_laboratory(scenario, settings.spread)
-    return reading_laboratory(scenario, workers)
 
 
 def _collect(chunks: Chunks, job: Job, folder: Path) -> None:

@@ -64,8 +64,3 @@ def check_settings(settings: Settings, engine: str, address: str | None) -> None
             f"--random-robots: found {settings.spread}, expected more than 0 and at most 1 "
             "(s.d. of the logarithm of a link's mass, and of its centre of mass in half edges of its box)"
         )
-    if settings.spread is not None and not settings.dynamics:
-        raise InputError(
-            "--random-robots: another robot stands differently, so every run has to be held anew: "
-            "add --dynamics"
-        )
