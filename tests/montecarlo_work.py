@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +28,7 @@ class Regressions:
     """Least squares on `ROWS` data points; reports `factor` times its standard error, adds `shift` of them.
 
     Attributes:
-        failing: runs that fail. pause: before a chunk [s].
+        failing: runs that fail. pause: before a chunk [s]. unhashable: as the real work is.
     """
 
     seed: int = 1
@@ -36,6 +36,7 @@ class Regressions:
     shift: float = 0.0
     failing: tuple[int, ...] = ()
     pause: float = 0.0
+    unhashable: dict[str, float] = field(default_factory=dict)
 
     def __call__(self, runs: Sequence[int]) -> Columns:
         time.sleep(self.pause)

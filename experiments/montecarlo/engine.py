@@ -68,10 +68,16 @@ def compute(work: Work, chunks: Iterable[Sequence[int]]) -> Generator[Any]:
     """
     parallel = joblib.Parallel(return_as="generator_unordered", batch_size=1)
     try:
-        yield from parallel(joblib.delayed(work)(chunk) for chunk in chunks)
+        # As an argument the work is sent to a cluster once, and need not be hashable: joblib's Dask backend
+        # hashes functions, and waits forever where that fails.
+        yield from parallel(joblib.delayed(_carry_out)(work, chunk) for chunk in chunks)
     except BrokenProcessPool:
         raise InputError("a worker process was killed (out of memory?)") from None
     except Exception as error:
         if type(error).__module__.split(".")[0] != "distributed":
             raise
         raise InputError(f"the cluster failed ({' '.join(str(error).split())[:200]})") from None
+
+
+def _carry_out(work: Work, chunk: Sequence[int]) -> Any:
+    return work(chunk)
