@@ -13,6 +13,7 @@ import tyro
 from experiments.commands.check import check_command
 from experiments.commands.identify import identify_command
 from experiments.commands.model import model_command
+from experiments.commands.montecarlo import montecarlo_command
 from experiments.commands.postures import postures_command
 from experiments.commands.simulate import simulate_command
 from experiments.commands.validate import validate_command
@@ -23,6 +24,7 @@ from sim.measurements.tables import software
 COMMANDS: dict[str, Callable[..., int]] = {
     "validate": validate_command,
     "simulate": simulate_command,
+    "montecarlo": montecarlo_command,
     "check": check_command,
     "identify": identify_command,
     "postures": postures_command,

@@ -8,6 +8,8 @@ import signal
 
 def run() -> None:
     """Load the command line and hand over to it."""
+    # The last bits of a result must not depend on how many cores a product of small matrices is split over.
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     # An exception in the middle of an import would show a traceback, or be lost in a library's own handler.
     signal.signal(signal.SIGINT, _leave)
     # Nothing here draws. Else MuJoCo loads GLFW, whose helper process shows a traceback of its own.

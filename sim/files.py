@@ -96,6 +96,15 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
+    """Write one UTF-8 file, which appears whole; one of the same name is replaced.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, content: bytes) -> None:
     """Write one file, which appears whole; one of the same name is replaced.
 
     Raises:
@@ -104,7 +113,7 @@ def write_text(path: Path, text: str) -> None:
     path = Path(path)
     with _partial(path) as working:
         file = working / path.name
-        file.write_text(text, encoding="utf-8")
+        file.write_bytes(content)
         _to_disk(file)
         os.replace(file, path)
         _to_disk(path.parent)

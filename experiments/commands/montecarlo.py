@@ -1,0 +1,79 @@
+"""`tulip montecarlo`."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from experiments.commands.options import CORES, Json, Plan, Preset, RobotFile, Seed, Workers
+from experiments.montecarlo.engine import ENGINES
+from experiments.montecarlo.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
+from experiments.montecarlo.run import Interrupted, Place, montecarlo
+from experiments.montecarlo.settings import Settings, check_settings
+from experiments.montecarlo.tables import print_report
+from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
+from experiments.setting_up import read_scenario, told_apart
+from experiments.terminal import ERR, console, print_json, printable
+from identification.base_parameters import base_parameters
+from sim.model import TULIP
+
+EstimatorName = Annotated[str, tyro.conf.arg(metavar="NAME", help=f"one of: {', '.join(ESTIMATORS)}")]
+EngineName = Annotated[
+    str, tyro.conf.arg(metavar="{" + ",".join(ENGINES) + "}", help="where the runs are computed")
+]
+Address = Annotated[
+    str | None, tyro.conf.arg(metavar="tcp://HOST:PORT", help="of the scheduler, with --engine dask")
+]
+Spread = Annotated[
+    float | None,
+    tyro.conf.arg(
+        metavar="SPREAD",
+        help="a random true robot in every run: s.d. of the logarithm of each link's mass, and of its "
+        "centre of mass in half edges of its inertia box",
+    ),
+]
+Dynamics = Annotated[bool, tyro.conf.arg(help="hold every run in the full dynamics, about a minute each")]
+
+
+def montecarlo_command(
+    plan: Plan = None,
+    /,
+    *,
+    out: Path,
+    runs: int,
+    preset: Preset = "wii",
+    estimator: EstimatorName = DEFAULT_ESTIMATOR,
+    engine: EngineName = "loky",
+    address: Address = None,
+    workers: Workers = CORES,
+    seed: Seed = DEFAULT_SEED,
+    random_robots: Spread = None,
+    dynamics: Dynamics = False,
+    robot: RobotFile = TULIP,
+    as_json: Json = False,
+) -> int:
+    """Repeat an experiment with known truth and ask whether the estimator is right about its own errors.
+
+    The same command resumes a run that was stopped, and reports again on a finished one.
+    Exit code 0: every check passed; 1: a check failed; 2: could not run; 130: interrupted.
+    Example: tulip montecarlo --out runs/calibration --runs 1000
+    """
+    began = time.perf_counter()
+    settings = Settings(runs, seed, estimator, random_robots, dynamics)
+    check_settings(settings, engine, address)
+    scenario = read_scenario(plan, preset, seed, robot, workers)
+    told_apart(str(plan or DEFAULT_PLAN), scenario.plan, base_parameters(scenario.rig.robot))
+    try:
+        report = montecarlo(scenario, settings, Place(out, workers, address))
+    except Interrupted as stopped:
+        ERR.print(printable(f"tulip: {stopped}"), markup=False, highlight=False, soft_wrap=True)
+        return 130
+    if as_json:
+        print_json(report | {"wall_s": time.perf_counter() - began})
+    else:
+        print_report(console(), report)
+    ERR.print(f"Run folder: {out}")
+    return 0 if report["verdict"] == "pass" else 1

@@ -1,0 +1,83 @@
+"""Where the chunks are computed: processes of this machine (loky), or a Dask cluster; both through joblib."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+import joblib
+
+from sim.errors import InputError
+
+ENGINES = ("loky", "dask")
+PATIENCE = 10  # s, for a scheduler that does not answer and for its first worker
+
+Work = Callable[[Sequence[int]], Any]
+
+
+@contextmanager
+def engine(workers: int, address: str | None) -> Iterator[None]:
+    """Everything that `compute` is given inside of the block goes to this engine.
+
+    Args:
+        workers: processes of this machine, if there is no address.
+        address: of a Dask scheduler.
+
+    Raises:
+        InputError: Dask is not installed, or nobody answers at the address.
+    """
+    with ExitStack() as stack:
+        if address is None:
+            stack.enter_context(joblib.parallel_config("loky", n_jobs=workers, inner_max_num_threads=1))
+        else:
+            client = stack.enter_context(_client(address))
+            stack.enter_context(joblib.parallel_config("dask", client=client))
+        yield
+
+
+def _client(address: str) -> Any:
+    try:
+        from distributed import Client
+    except ModuleNotFoundError:
+        raise InputError(
+            "--engine dask: Dask is not installed; install the extra: pip install 'tulip-testbed[cluster]'"
+        ) from None
+    try:
+        client = Client(address, timeout=PATIENCE, set_as_default=False)
+    except (OSError, ValueError) as error:
+        what = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError(f"--address {address}: no Dask scheduler within {PATIENCE} s ({what})") from None
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE)
+    except TimeoutError:
+        client.close()
+        raise InputError(
+            f"--address {address}: the scheduler has no worker (waited {PATIENCE} s); "
+            f"start one: dask worker {address}"
+        ) from None
+    return client
+
+
+def compute(work: Work, chunks: Iterable[Sequence[int]]) -> Generator[Any]:
+    """The work's results in the order in which they come.
+
+    Raises:
+        InputError: a worker died.
+    """
+    parallel = joblib.Parallel(return_as="generator_unordered", batch_size=1)
+    try:
+        # As an argument the work is sent to a cluster once, and need not be hashable: joblib's Dask backend
+        # hashes functions, and waits forever where that fails.
+        yield from parallel(joblib.delayed(_carry_out)(work, chunk) for chunk in chunks)
+    except BrokenProcessPool:
+        raise InputError("a worker process was killed (out of memory?)") from None
+    except Exception as error:
+        if type(error).__module__.split(".")[0] != "distributed":
+            raise
+        raise InputError(f"the cluster failed ({' '.join(str(error).split())[:200]})") from None
+
+
+def _carry_out(work: Work, chunk: Sequence[int]) -> Any:
+    return work(chunk)

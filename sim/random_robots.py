@@ -1,0 +1,95 @@
+"""Robots that differ from the nominal one as a built robot differs from its drawing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import mujoco
+import numpy as np
+from scipy.stats import truncnorm
+
+from sim.errors import InputError
+
+
+def draw_robot(model: mujoco.MjModel, spread: float, rng: np.random.Generator) -> np.ndarray:
+    """Standard parameters (eq. 5) of a random robot around the nominal one.
+
+    Every link is drawn independently, left and right too. Its mass is log-normal with the nominal
+    mass as mean: ln m has the s.d. `spread`. Its centre of mass moves along the axes of the link's
+    inertia box (the solid box of uniform density with the link's mass and inertia, which may be
+    turned) by a normal deviate with an s.d. of `spread` half edges, cut off at the box's faces. The
+    inertia about the centre of mass grows with the mass (`edit_of`), so every link stays a possible
+    body (Wensing, Kim and Slotine 2018): positive mass, positive principal moments, triangle inequality.
+
+    Args:
+        model: the nominal robot alone.
+        spread: 0 < spread <= 1 [-].
+
+    Returns:
+        (n_links, 4) [kg, kg m, kg m, kg m], links in the model's order.
+
+    Raises:
+        InputError: a spread outside of its range.
+    """
+    if not 0 < spread <= 1:
+        raise InputError(f"spread of random robots: found {spread}, expected more than 0 and at most 1")
+    count = model.nbody - 1
+    factor = np.exp(spread * rng.standard_normal(count) - spread**2 / 2)
+    deviate = spread * truncnorm.ppf(rng.random((count, 3)), -1 / spread, 1 / spread)
+    mass = factor * model.body_mass[1:]
+    place = model.body_ipos[1:] + _turned(model, deviate * half_edges(model))
+    return np.column_stack([mass, mass[:, None] * place])
+
+
+def half_edges(model: mujoco.MjModel) -> np.ndarray:
+    """Half edges of every link's inertia box along its principal axes, (n_links, 3) [m].
+
+    A solid box with half edges a has the moments I_x = m (a_y^2 + a_z^2) / 3. Links without mass have
+    no extent.
+    """
+    mass, moment = model.body_mass[1:, None], model.body_inertia[1:]
+    squares = 1.5 * (moment.sum(axis=1, keepdims=True) - 2 * moment)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.sqrt(np.maximum(np.where(mass > 0, squares / mass, 0.0), 0.0))
+
+
+def _turned(model: mujoco.MjModel, vectors: np.ndarray) -> np.ndarray:
+    """From the axes of the inertia boxes to the links' own."""
+    turned = np.empty_like(vectors)
+    for k, quaternion in enumerate(model.body_iquat[1:]):
+        mujoco.mju_rotVecQuat(turned[k], vectors[k], quaternion)
+    return turned
+
+
+def edit_of(model: mujoco.MjModel, standard: np.ndarray) -> Callable[[mujoco.MjSpec], None]:
+    """What turns the nominal robot in a scene into one with these standard parameters, for `Rig.edit`.
+
+    Args:
+        model: the nominal robot alone.
+        standard: (n_links, 4) [kg, kg m, kg m, kg m].
+    """
+    names = tuple(model.body(k).name for k in range(1, model.nbody))
+    mass = standard[:, 0]
+    has_mass = mass > 0
+    place = model.body_ipos[1:].copy()
+    place[has_mass] = standard[has_mass, 1:] / mass[has_mass, None]
+    ratio = np.ones(len(mass))
+    ratio[has_mass] = mass[has_mass] / model.body_mass[1:][has_mass]
+    inertia = ratio[:, None] * model.body_inertia[1:]
+    return partial(_set_links, names, mass, place, inertia, model.body_iquat[1:].copy())
+
+
+def _set_links(
+    names: tuple[str, ...],
+    mass: np.ndarray,
+    place: np.ndarray,
+    inertia: np.ndarray,
+    turn: np.ndarray,
+    spec: mujoco.MjSpec,
+) -> None:
+    for k, name in enumerate(names):
+        body = spec.body(name)
+        body.explicitinertial = True
+        body.mass, body.ipos, body.iquat, body.inertia = mass[k], place[k], turn[k], inertia[k]
+        body.fullinertia = np.full(6, np.nan)

@@ -1,0 +1,92 @@
+"""A Monte Carlo without a laboratory: small linear regressions whose errors are known."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from experiments.montecarlo.chunks import Chunks
+from experiments.montecarlo.collect import collect
+from experiments.montecarlo.engine import engine
+from experiments.montecarlo.estimators import Fit, Fits
+from experiments.montecarlo.laboratory import stream_of
+from experiments.montecarlo.record import Layout, numbers_of
+from sim.measurements.tables import Columns
+
+LAYOUT = Layout(("a.x", "b.x", "c.x"), {"full": (1, 2, 3), "simplified": (1, 3)}, ((1, 3),))
+TRUTH = np.array([0.1, 0.0, -0.3])
+ROWS = 20
+
+
+@dataclass(frozen=True)
+class Regressions:
+    """Least squares on `ROWS` data points; reports `factor` times its standard error, adds `shift` of them.
+
+    Attributes:
+        failing: runs that fail. pause: before a chunk [s]. unhashable: as the real work is.
+    """
+
+    seed: int = 1
+    factor: float = 1.0
+    shift: float = 0.0
+    failing: tuple[int, ...] = ()
+    pause: float = 0.0
+    unhashable: dict[str, float] = field(default_factory=dict)
+
+    def __call__(self, runs: Sequence[int]) -> Columns:
+        time.sleep(self.pause)
+        records = [self.record(run) for run in runs]
+        columns = {name: np.array([record[name] for record in records]) for name in records[0]}
+        failure = np.array(["too little" if run in self.failing else "" for run in runs])
+        counts = {"rows": np.full(len(runs), ROWS), "dropped": np.zeros(len(runs), dtype=int)}
+        return {"run": np.array(runs), **counts, **columns, "failure": failure}
+
+    def record(self, run: int) -> dict[str, float]:
+        if run in self.failing:
+            return dict.fromkeys(LAYOUT.columns(), np.nan)
+        rng = np.random.default_rng(stream_of(self.seed, run))
+        matrix = rng.standard_normal((ROWS, 3))
+        output = matrix @ TRUTH + 0.01 * rng.standard_normal(ROWS)
+        fits = {name: self.fit(matrix, output, numbers) for name, numbers in LAYOUT.models.items()}
+        return numbers_of(LAYOUT, Fits(ROWS, fits, (23.0 + 0.1 * rng.standard_normal(), 0.1)), TRUTH, 23.0)
+
+    def fit(self, matrix: np.ndarray, output: np.ndarray, numbers: tuple[int, ...]) -> Fit:
+        kept = matrix[:, np.array(numbers) - 1]
+        value, squares, *_ = np.linalg.lstsq(kept, output, rcond=None)
+        dof = len(output) - len(value)
+        covariance = squares[0] / dof * np.linalg.inv(kept.T @ kept)
+        return Fit(
+            numbers=np.array(numbers),
+            value=value + self.shift * np.sqrt(np.diag(covariance)),
+            covariance=self.factor**2 * covariance,
+            dof=np.full(len(value), float(dof)),
+            residual=output - kept @ value,
+            residual_dof=float(dof),
+            sigma=float(np.sqrt(squares[0] / dof)),
+            condition_number=float(np.linalg.cond(kept)),
+        )
+
+
+def run_regressions(
+    folder: Path, runs: int, size: int, work: Regressions, workers: int = 1, address: str | None = None
+) -> Chunks:
+    """Carry out what is missing in a folder of chunks."""
+    chunks = Chunks(folder, runs, size)
+    with engine(workers, address):
+        collect(chunks, work, lambda count: None)
+    return chunks
+
+
+def bytes_of(chunks: Chunks) -> list[bytes]:
+    return [chunks.path(index).read_bytes() for index in range(len(chunks))]
+
+
+if __name__ == "__main__":
+    run_regressions(
+        Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), Regressions(pause=float(sys.argv[4]))
+    )

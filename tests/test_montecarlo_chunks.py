@@ -1,0 +1,136 @@
+"""The runs of a Monte Carlo: the same bits wherever and however often they are computed, or one message."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+
+from experiments.montecarlo.chunks import Chunks
+from experiments.montecarlo.collect import collect
+from experiments.montecarlo.engine import engine
+from sim.errors import InputError
+from tests.montecarlo_work import Regressions, bytes_of, run_regressions
+
+ROOT = Path(__file__).parent.parent
+RUNS, SIZE = 23, 5
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory) -> Chunks:
+    return run_regressions(tmp_path_factory.mktemp("undisturbed"), RUNS, SIZE, Regressions())
+
+
+def test_two_workers_write_the_same_bytes(undisturbed, tmp_path):
+    assert bytes_of(run_regressions(tmp_path, RUNS, SIZE, Regressions(), 2)) == bytes_of(undisturbed)
+    assert sorted(p.name for p in tmp_path.iterdir())[-1] == "chunk-000004.parquet"
+
+
+@pytest.mark.filterwarnings("default")  # distributed's own, while its processes come and go
+def test_a_dask_cluster_writes_the_same_bytes(undisturbed, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        done = run_regressions(tmp_path, RUNS, SIZE, Regressions(), address=cluster.scheduler_address)
+    assert bytes_of(done) == bytes_of(undisturbed)
+
+
+@pytest.mark.filterwarnings("default")
+def test_nobody_at_the_address(monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("experiments.montecarlo.engine.PATIENCE", 1)
+    began = time.perf_counter()
+    with pytest.raises(InputError, match="no Dask scheduler within 1 s"), engine(1, "tcp://127.0.0.1:9"):
+        pass
+    assert time.perf_counter() - began < 5
+    with pytest.raises(InputError, match="no Dask scheduler"), engine(1, "no address"):
+        pass
+
+
+def test_without_dask_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"tulip-testbed\[cluster\]"), engine(1, "tcp://127.0.0.1:9"):
+        pass
+
+
+@pytest.mark.parametrize("size", [1, 7, RUNS])
+def test_rows_do_not_depend_on_the_chunks(undisturbed, tmp_path, size):
+    run_regressions(tmp_path, RUNS, size, Regressions())
+    assert pa.parquet.read_table(tmp_path).equals(pa.parquet.read_table(undisturbed.folder))
+
+
+def test_runs_differ_and_depend_on_the_seed(undisturbed):
+    values = pa.parquet.read_table(undisturbed.folder).column("full.value.1").to_numpy()
+    assert len(np.unique(values)) == RUNS
+    assert Regressions(seed=2)(range(1))["full.value.1"][0] != values[0]
+    assert Regressions()(range(9, 10))["full.value.1"][0] == values[9]
+
+
+def test_killed_at_any_moment_it_goes_on_to_the_same_bytes(undisturbed, tmp_path):
+    command = [sys.executable, "-m", "tests.montecarlo_work", str(tmp_path), str(RUNS), str(SIZE), "0.05"]
+    chance, seen = random.Random(1107), []
+    for _ in range(4):
+        process = subprocess.Popen(command, cwd=ROOT, start_new_session=True)
+        before = len(list(tmp_path.glob("*.parquet")))
+        while process.poll() is None and len(list(tmp_path.glob("*.parquet"))) == before:
+            time.sleep(0.001)
+        time.sleep(chance.uniform(0.0, 0.06))
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        seen.append(len(list(tmp_path.glob("*.parquet"))))
+        if seen[-1] == len(undisturbed):
+            break
+    assert seen[0] < len(undisturbed)
+    subprocess.run(command, cwd=ROOT, check=True)
+    assert bytes_of(Chunks(tmp_path, RUNS, SIZE)) == bytes_of(undisturbed)
+    assert {p.suffix for p in tmp_path.iterdir()} == {".parquet"}
+
+
+def test_a_full_disk_leaves_what_was_written(undisturbed, tmp_path, monkeypatch):
+    written = Path.write_bytes
+
+    def until_full(path, content):
+        if "chunk-000002" in path.name:
+            written(path, content[:100])
+            raise OSError(28, "No space left on device")
+        return written(path, content)
+
+    monkeypatch.setattr(Path, "write_bytes", until_full)
+    chunks = Chunks(tmp_path, RUNS, SIZE)
+    with pytest.raises(InputError, match="No space left on device"):
+        run_regressions(tmp_path, RUNS, SIZE, Regressions())
+    monkeypatch.undo()
+    assert chunks.missing() == [2, 3, 4]
+    assert len(list(tmp_path.iterdir())) == 2
+    assert bytes_of(run_regressions(tmp_path, RUNS, SIZE, Regressions())) == bytes_of(undisturbed)
+
+
+def test_a_worker_that_dies_is_told(tmp_path):
+    with engine(2, None), pytest.raises(InputError, match="worker process was killed"):
+        collect(Chunks(tmp_path, 4, 1), _die, lambda count: None)
+
+
+def _die(runs):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.parametrize("damage", ["cut", "other runs", "other columns"])
+def test_a_damaged_chunk_is_named(tmp_path, damage):
+    chunks = run_regressions(tmp_path, RUNS, SIZE, Regressions())
+    path = chunks.path(1)
+    if damage == "cut":
+        path.write_bytes(path.read_bytes()[:1000])
+    elif damage == "other runs":
+        path.write_bytes(chunks.path(2).read_bytes())
+    else:
+        pa.parquet.write_table(pa.table({"run": np.arange(5, 10)}), path)
+    with pytest.raises(InputError, match=r"chunk-000001\.parquet"):
+        list(chunks.read(["full.sigma"]))

@@ -1,0 +1,185 @@
+"""`tulip montecarlo` as a user meets it, on a small plan: interrupted, killed, resumed, refused."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+
+from experiments.montecarlo.laboratory import Run, laboratory, stream_of
+from experiments.scenario import Scenario
+from identification.base_parameters import standard_parameters
+from sim.errors import InputError
+from sim.measurements import write_plan
+from sim.rig import preset_rig
+from sim.static_laboratory import run_static
+from tests.conftest import part_of
+from tests.test_cli import refused
+
+TULIP = [sys.executable, "-c", "from experiments.entry import run; run()"]
+RUNS = 60
+
+
+@pytest.fixture(scope="module")
+def small(plan, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("plans") / "small"
+    write_plan(folder, part_of(plan, plan.placement <= 3))
+    return folder
+
+
+def tulip(plan: Path, out: Path, *more: str) -> list[str]:
+    options = ["--out", str(out), "--runs", str(RUNS), "--seed", "107", "--workers", "1", "--json"]
+    return [*TULIP, "montecarlo", str(plan), *options, *more]
+
+
+def stop(command: list[str], folder: Path, chunks: int, how: signal.Signals) -> subprocess.Popen[str]:
+    """Send a signal to the command and its workers once so many chunks are there."""
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    while process.poll() is None and len(list(folder.glob("runs/*.parquet"))) < chunks:
+        time.sleep(0.005)
+    os.killpg(process.pid, how)
+    return process
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_interrupted_and_killed_it_ends_as_if_undisturbed(small, tmp_path):
+    broken, whole = tmp_path / "broken", tmp_path / "whole"
+    process = stop(tulip(small, broken), broken, 1, signal.SIGINT)
+    out, err = process.communicate()
+    assert process.returncode == 130
+    assert "broken holds 25 of 60 runs; the same command resumes" in " ".join(err.split())
+    assert "Traceback" not in err
+    assert out == ""
+    assert not (broken / "report.json").exists()
+
+    stop(tulip(small, broken, "--workers", "2"), broken, 2, signal.SIGKILL).communicate()
+    assert len(list(broken.glob("runs/*.parquet"))) == 2
+
+    resumed = subprocess.run(tulip(small, broken), capture_output=True, text=True, check=False)
+    straight = subprocess.run(
+        tulip(small, whole, "--workers", "2"), capture_output=True, text=True, check=False
+    )
+    assert resumed.returncode in (0, 1), resumed.stderr
+    assert content(broken) == content(whole)
+
+    found, expected = json.loads(resumed.stdout), json.loads(straight.stdout)
+    assert found.pop("wall_s") > 0
+    expected.pop("wall_s")
+    assert found == expected
+    again = subprocess.run(tulip(small, broken), capture_output=True, text=True, check=False)
+    assert json.loads(again.stdout)["parameters"] == found["parameters"]
+    assert content(broken) == content(whole)
+
+    other = subprocess.run(tulip(small, broken, "--seed", "108"), capture_output=True, text=True, check=False)
+    assert other.returncode == 2
+    assert "settings.seed is 107 there and 108 here" in " ".join(other.stderr.split())
+    check_document(found)
+    check_table(whole)
+
+
+def check_document(found):
+    assert found["runs"] == RUNS
+    assert found["estimator"] == "clustered"
+    assert [row["number"] for row in found["parameters"]] == list(range(1, 26))
+    assert len(found["simplified"]["parameters"]) == 13
+    wanted = {"number", "bias", "bias_mc_error", "standard_error_ratio", "coverage95"}
+    assert wanted <= found["parameters"][0].keys()
+    assert found["correlations"].keys() == {"12,13", "15,16"}
+    assert {"mean", "sd"} <= found["correlations"]["12,13"].keys()
+    assert found["verdict"] in ("pass", "fail")
+
+
+def check_table(folder):
+    table = pyarrow.parquet.read_table(folder / "runs")
+    assert table.column("run").to_pylist() == list(range(RUNS))
+    values = table.column("full.value.17").to_numpy()
+    assert len(np.unique(values)) == RUNS
+    assert set(table.column("truth.17").to_pylist()) == {table.column("truth.17")[0].as_py()}
+
+
+def test_bad_options_are_refused_before_the_work(tmp_path, capsys):
+    out = tmp_path / "run"
+    asked = ("montecarlo", "--out", out, "--runs")
+    assert "--runs: found 0, expected 1 or more" in refused(capsys, *asked, 0)
+    message = refused(capsys, *asked, 5, "--estimator", "magic")
+    assert "unknown estimator 'magic'; valid: least-squares, clustered" in message
+    assert "unknown engine 'ray'; valid: loky, dask" in refused(capsys, *asked, 5, "--engine", "ray")
+    assert "found no --address" in refused(capsys, *asked, 5, "--engine", "dask")
+    assert "with dask alone" in refused(capsys, *asked, 5, "--address", "tcp://127.0.0.1:9")
+    assert "--random-robots: found 2.0" in refused(capsys, *asked, 5, "--random-robots", 2.0)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.filterwarnings("default")  # distributed's own
+def test_an_unreachable_cluster_leaves_nothing(small, tmp_path, capsys, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("experiments.montecarlo.engine.PATIENCE", 1)
+    options = ("--out", tmp_path / "run", "--runs", 5, "--engine", "dask", "--address", "tcp://127.0.0.1:9")
+    assert "no Dask scheduler within 1 s" in refused(capsys, "montecarlo", small, *options)
+    assert not (tmp_path / "run").exists()
+
+
+def test_another_folder_is_refused(small, tmp_path, capsys):
+    assert "holds no Monte Carlo" in refused(capsys, "montecarlo", small, "--out", tmp_path, "--runs", 5)
+
+
+@pytest.mark.parametrize("dynamics", [False, True])
+def test_random_robots(robot, model, plan, dynamics):
+    """Each run has its own robot; the nominal one without a spread; the same stream, the same run."""
+    scenario = Scenario(preset_rig("wii", robot), part_of(plan, plan.placement <= 1), 1, "wii")
+    random = laboratory(scenario, 0.1, dynamics)
+    first, second = random([stream_of(107, run) for run in range(2)])
+    assert isinstance(first, Run)
+    assert isinstance(second, Run)
+    assert np.abs(first.standard - second.standard).max() > 0.01
+    assert first.true_mass == pytest.approx(first.standard[:, 0].sum(), rel=1e-12)
+    (alone,) = random([stream_of(107, 1)])
+    assert isinstance(alone, Run)
+    np.testing.assert_array_equal(alone.measurements.cell_forces, second.measurements.cell_forces)
+    (nominal,) = laboratory(scenario, None, dynamics)([stream_of(107, 1)])
+    assert isinstance(nominal, Run)
+    np.testing.assert_array_equal(nominal.standard, standard_parameters(model))
+    for run in (first, second, nominal):
+        weight = run.measurements.cell_forces.sum(axis=1).mean() / 9.81
+        assert weight == pytest.approx(run.true_mass, abs=0.3)
+    assert nominal.true_mass == pytest.approx(23.0, abs=1e-9)
+
+
+def test_static_runs_do_not_depend_on_their_company(robot, plan):
+    scenario = Scenario(preset_rig("wii", robot), part_of(plan, plan.placement <= 3), 1, "wii")
+    static = laboratory(scenario, 0.1, False)
+    together = static([stream_of(107, run) for run in range(7)])
+    for run in range(7):
+        (alone,) = static([stream_of(107, run)])
+        assert isinstance(alone, Run)
+        other = together[run]
+        assert isinstance(other, Run)
+        for name in ("joint_angles", "cell_forces", "plate_poses", "motor"):
+            np.testing.assert_array_equal(
+                getattr(alone.measurements, name), getattr(other.measurements, name)
+            )
+
+
+def test_a_run_without_a_posture_does_not_take_others_with_it(robot, plan, monkeypatch):
+    scenario = Scenario(preset_rig("wii", robot), part_of(plan, plan.placement <= 1), 1, "wii")
+    static = laboratory(scenario, None, False)
+
+    def fail(prepared, streams, standard):
+        if any(stream.spawn_key[0] == 2 for stream in streams):
+            raise InputError("none of 6 postures could be measured: tipped")
+        return run_static(prepared, streams, standard)
+
+    monkeypatch.setattr("experiments.montecarlo.laboratory.run_static", fail)
+    outcomes = static([stream_of(107, run) for run in range(4)])
+    assert [isinstance(outcome, str) for outcome in outcomes] == [False, False, True, False]

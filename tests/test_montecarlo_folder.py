@@ -1,0 +1,97 @@
+"""The folder of a Monte Carlo: resumed by the same settings alone."""
+
+import dataclasses
+import json
+
+import pytest
+
+from experiments.montecarlo.folder import check_folder, first_difference, open_folder, run_document
+from experiments.montecarlo.settings import Settings
+from experiments.scenario import Scenario
+from sim.errors import InputError
+from sim.rig import preset_rig
+from tests.conftest import part_of
+
+SETTINGS = Settings(runs=100, seed=5, estimator="clustered", spread=None, dynamics=False)
+
+
+@pytest.fixture
+def scenario(robot, plan):
+    return Scenario(preset_rig("wii", robot), plan, 5, "wii")
+
+
+def begin(folder, scenario, settings=SETTINGS):
+    with open_folder(folder, run_document(scenario, settings.document())) as chunks:
+        return chunks
+
+
+def test_begun_and_resumed(scenario, tmp_path):
+    folder = tmp_path / "run"
+    assert not check_folder(folder, run_document(scenario, SETTINGS.document()))
+    assert not folder.exists()
+    assert begin(folder, scenario) == folder / "runs"
+    before = (folder / "run.json").read_bytes()
+    assert check_folder(folder, run_document(scenario, SETTINGS.document()))
+    begin(folder, scenario)
+    assert (folder / "run.json").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"runs": 101}, "settings.runs is 100 there and 101 here"),
+        ({"seed": 6}, "settings.seed is 5 there and 6 here"),
+        ({"estimator": "least-squares"}, "settings.estimator is 'clustered' there and 'least-squares' here"),
+        ({"spread": 0.1, "dynamics": True}, "settings.random_robots is None there and 0.1 here"),
+    ],
+)
+def test_other_settings_are_refused(scenario, tmp_path, change, message):
+    begin(tmp_path / "run", scenario)
+    with pytest.raises(InputError, match=message):
+        begin(tmp_path / "run", scenario, dataclasses.replace(SETTINGS, **change))
+
+
+def test_another_plan_or_preset_or_version_is_refused(scenario, robot, plan, tmp_path):
+    folder = tmp_path / "run"
+    begin(folder, scenario)
+    with pytest.raises(InputError, match="preset is 'wii' there and 'ideal' here"):
+        begin(folder, dataclasses.replace(scenario, preset="ideal", rig=preset_rig("ideal", robot)))
+    moved = dataclasses.replace(plan, joint_angles=plan.joint_angles + 1e-9)
+    with pytest.raises(InputError, match=r"inputs\.plan is"):
+        begin(folder, dataclasses.replace(scenario, plan=moved))
+    with pytest.raises(InputError, match=r"configuration\.plan\.postures is 150 there and 5 here"):
+        begin(folder, dataclasses.replace(scenario, plan=part_of(plan, plan.placement == 1)))
+    document = json.loads((folder / "run.json").read_text())
+    document["software"]["numpy"] = "1.0"
+    (folder / "run.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"software\.numpy is '1\.0' there"):
+        begin(folder, scenario)
+
+
+def test_what_is_no_monte_carlo_is_refused(scenario, tmp_path):
+    (tmp_path / "run").mkdir()
+    with pytest.raises(InputError, match=r"holds no Monte Carlo \(run\.json\)"):
+        begin(tmp_path / "run", scenario)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="holds no Monte Carlo"):
+        begin(tmp_path / "file", scenario)
+    (tmp_path / "run" / "run.json").write_text('{"format": "tulip-run"}')
+    with pytest.raises(InputError, match="format is 'tulip-run' there"):
+        begin(tmp_path / "run", scenario)
+
+
+def test_two_at_once_are_refused(scenario, tmp_path):
+    document = run_document(scenario, SETTINGS.document())
+    with (
+        open_folder(tmp_path / "run", document),
+        pytest.raises(InputError, match="another process is at work"),
+        open_folder(tmp_path / "run", document),
+    ):
+        pass
+    begin(tmp_path / "run", scenario)
+
+
+def test_first_difference_names_the_place():
+    assert first_difference({"a": {"b": [1, 2]}}, {"a": {"b": [1, 2]}}) is None
+    assert first_difference({"a": {"b": [1, 2]}}, {"a": {"b": [1, 3]}}) == ("a.b", [1, 2], [1, 3])
+    assert first_difference({"a": 1, "c": 2}, {"a": 1}) == ("c", 2, None)
