@@ -21,7 +21,7 @@ from sim.rig import preset_rig
 from sim.scene import laboratory_scene
 from sim.sensors import PRESETS, averaged_sd, sample, sample_mean
 from sim.static_laboratory import prepare, run_static
-from tests.conftest import part_of
+from tools.study import part_of
 from tools.study_equilibrium import EDGE, centers_at, compare, edge_distance, excess_sag, laboratories, pulled
 
 # Backlash is in docs/equilibrium.md: where a load turns within the play there is more than one equilibrium.

@@ -19,8 +19,8 @@ from sim.errors import InputError
 from sim.measurements import write_plan
 from sim.rig import preset_rig
 from sim.static_laboratory import run_static
-from tests.conftest import part_of
 from tests.test_cli import refused
+from tools.study import part_of
 
 TULIP = [sys.executable, "-c", "from experiments.entry import run; run()"]
 RUNS = 60

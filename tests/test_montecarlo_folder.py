@@ -10,7 +10,7 @@ from experiments.montecarlo.settings import Settings
 from experiments.scenario import Scenario
 from sim.errors import InputError
 from sim.rig import preset_rig
-from tests.conftest import part_of
+from tools.study import part_of
 
 SETTINGS = Settings(runs=100, seed=5, estimator="clustered", spread=None, dynamics=False)
 
