@@ -15,6 +15,7 @@ import pytest
 from experiments.montecarlo.laboratory import Run, laboratory, stream_of
 from experiments.scenario import Scenario
 from identification.base_parameters import standard_parameters
+from identification.estimators import DEFAULT
 from sim.errors import InputError
 from sim.measurements import write_plan
 from sim.rig import preset_rig
@@ -90,7 +91,7 @@ def test_interrupted_and_killed_it_ends_as_if_undisturbed(small, tmp_path):
 
 def check_document(found):
     assert found["runs"] == RUNS
-    assert found["estimator"] == "clustered"
+    assert found["estimator"] == DEFAULT
     assert [row["number"] for row in found["parameters"]] == list(range(1, 26))
     assert len(found["simplified"]["parameters"]) == 13
     wanted = {"number", "bias", "bias_mc_error", "standard_error_ratio", "coverage95"}
@@ -113,7 +114,7 @@ def test_bad_options_are_refused_before_the_work(tmp_path, capsys):
     asked = ("montecarlo", "--out", out, "--runs")
     assert "--runs: found 0, expected 1 or more" in refused(capsys, *asked, 0)
     message = refused(capsys, *asked, 5, "--estimator", "magic")
-    assert "unknown estimator 'magic'; valid: least-squares, clustered" in message
+    assert "unknown estimator 'magic'; valid: mixed-model, least-squares" in message
     assert "unknown engine 'ray'; valid: loky, dask" in refused(capsys, *asked, 5, "--engine", "ray")
     assert "found no --address" in refused(capsys, *asked, 5, "--engine", "dask")
     assert "with dask alone" in refused(capsys, *asked, 5, "--address", "tcp://127.0.0.1:9")

@@ -12,7 +12,7 @@ from sim.errors import InputError
 from sim.rig import preset_rig
 from tools.study import part_of
 
-SETTINGS = Settings(runs=100, seed=5, estimator="clustered", spread=None, dynamics=False)
+SETTINGS = Settings(runs=100, seed=5, estimator="mixed-model", spread=None, dynamics=False)
 
 
 @pytest.fixture
@@ -41,7 +41,10 @@ def test_begun_and_resumed(scenario, tmp_path):
     [
         ({"runs": 101}, "settings.runs is 100 there and 101 here"),
         ({"seed": 6}, "settings.seed is 5 there and 6 here"),
-        ({"estimator": "least-squares"}, "settings.estimator is 'clustered' there and 'least-squares' here"),
+        (
+            {"estimator": "least-squares"},
+            "settings.estimator is 'mixed-model' there and 'least-squares' here",
+        ),
         ({"spread": 0.1, "dynamics": True}, "settings.random_robots is None there and 0.1 here"),
     ],
 )

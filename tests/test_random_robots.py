@@ -91,10 +91,10 @@ def test_the_simplified_model_no_longer_holds(robots, parameters, robot):
 
 
 def test_edits_travel_and_streams_repeat(model):
-    drawn = [draw_robot(model, SPREAD, np.random.default_rng(125)) for _ in range(2)]
-    np.testing.assert_array_equal(drawn[0], drawn[1])
-    edit = pickle.loads(pickle.dumps(edit_of(model, drawn[0])))
-    np.testing.assert_array_equal(edit.args[1], drawn[0][:, 0])
+    first, again = (draw_robot(model, SPREAD, np.random.default_rng(125)) for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+    edit = pickle.loads(pickle.dumps(edit_of(model, first)))
+    np.testing.assert_array_equal(edit.args[1], first[:, 0])
 
 
 @pytest.mark.parametrize("spread", [0.0, -0.1, 1.5, np.nan])

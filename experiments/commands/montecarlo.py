@@ -8,9 +8,8 @@ from typing import Annotated
 
 import tyro
 
-from experiments.commands.options import CORES, Json, Plan, Preset, RobotFile, Seed, Workers
+from experiments.commands.options import CORES, EstimatorName, Json, Plan, Preset, RobotFile, Seed, Workers
 from experiments.montecarlo.engine import ENGINES
-from experiments.montecarlo.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
 from experiments.montecarlo.run import Interrupted, Place, montecarlo
 from experiments.montecarlo.settings import Settings, check_settings
 from experiments.montecarlo.tables import print_report
@@ -18,9 +17,9 @@ from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
 from experiments.setting_up import read_scenario, told_apart
 from experiments.terminal import ERR, console, print_json, printable
 from identification.base_parameters import base_parameters
+from identification.estimators import DEFAULT
 from sim.model import TULIP
 
-EstimatorName = Annotated[str, tyro.conf.arg(metavar="NAME", help=f"one of: {', '.join(ESTIMATORS)}")]
 EngineName = Annotated[
     str, tyro.conf.arg(metavar="{" + ",".join(ENGINES) + "}", help="where the runs are computed")
 ]
@@ -45,7 +44,7 @@ def montecarlo_command(
     out: Path,
     runs: int,
     preset: Preset = "wii",
-    estimator: EstimatorName = DEFAULT_ESTIMATOR,
+    estimator: EstimatorName = DEFAULT,
     engine: EngineName = "loky",
     address: Address = None,
     workers: Workers = CORES,

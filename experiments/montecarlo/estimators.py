@@ -1,4 +1,4 @@
-"""Which estimates, with which covariance, a Monte Carlo puts to the test."""
+"""What an estimator says, as a Monte Carlo puts it to the test."""
 
 from __future__ import annotations
 
@@ -7,15 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiments.validate import identify
+from identification.base_parameters import BaseParameters
 from identification.estimators import Estimate
 from sim.measurements import Measurements
 from sim.model import Robot
-
-DEFAULT_ESTIMATOR = "clustered"
-ESTIMATORS = {
-    "least-squares": "least squares (eq. 8), errors taken for independent (eq. 14)",
-    "clustered": "least squares (eq. 8), standard errors with the placements' common errors",
-}
 
 
 @dataclass(frozen=True)
@@ -52,25 +47,24 @@ class Fits:
     mass: tuple[float, float]
 
 
-def fit(measurements: Measurements, robot: Robot, estimator: str) -> Fits:
-    """Identify a robot with one of `ESTIMATORS`.
+def fit(measurements: Measurements, robot: Robot, parameters: BaseParameters, estimator: str) -> Fits:
+    """Identify a robot with an estimator of `identification.estimators.ESTIMATORS`.
 
     Raises:
         InputError: the measurements do not suffice.
     """
-    found = identify(measurements, robot)
+    found = identify(measurements, robot, estimator=estimator, parameters=parameters)
     models = {"full": found.full, "simplified": found.simplified}
-    fits = {name: _fit(estimate, estimator) for name, estimate in models.items()}
+    fits = {name: _fit(estimate) for name, estimate in models.items()}
     return Fits(len(measurements), fits, found.mass)
 
 
-def _fit(estimate: Estimate, estimator: str) -> Fit:
-    clustered = estimator == "clustered"
+def _fit(estimate: Estimate) -> Fit:
     return Fit(
         numbers=estimate.numbers,
         value=estimate.value,
-        covariance=estimate.clustered_covariance if clustered else estimate.covariance,
-        dof=np.full(len(estimate.value), float(estimate.dof)),
+        covariance=estimate.covariance,
+        dof=estimate.interval_dof,
         residual=estimate.residual,
         residual_dof=float(estimate.dof),
         sigma=estimate.sigma,

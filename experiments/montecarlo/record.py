@@ -90,7 +90,7 @@ class Job:
             return record, outcome
         record |= {"rows": len(outcome.measurements), "dropped": outcome.dropped}
         try:
-            fits = fit(outcome.measurements, self.robot, self.estimator)
+            fits = fit(outcome.measurements, self.robot, self.parameters, self.estimator)
         except InputError as error:
             return record, str(error)
         truth = self.parameters.values(outcome.standard)

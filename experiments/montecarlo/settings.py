@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from experiments.montecarlo.engine import ENGINES
-from experiments.montecarlo.estimators import ESTIMATORS
 from experiments.setting_up import at_least
+from identification.estimators import ESTIMATORS
 from sim.errors import InputError, look_up
 
 CHUNK = 25  # runs a file: some seconds of work
