@@ -25,6 +25,7 @@ from sim.equilibrium import (
     reference,
     soles,
     solve,
+    swaying,
     ways,
 )
 from sim.errors import InputError
@@ -69,7 +70,7 @@ class Tries:
         run, row: number of the run and row of the plan, (b,).
         before: row of the plan from which the robot moves; the row itself: it is put down, (b,).
         command: commanded angles, (b, n_joints).
-        scatter: standard normal, of dry friction, (b, n).
+        push, scatter: standard normal, of swaying and of dry friction, (b, 2) and (b, n).
         plates: true poses, (b, 2, 3).
     """
 
@@ -77,6 +78,7 @@ class Tries:
     row: np.ndarray
     before: np.ndarray
     command: np.ndarray
+    push: np.ndarray
     scatter: np.ndarray
     plates: np.ndarray
 
@@ -167,12 +169,12 @@ def hold_static(
     """Equilibria of all tries, and why they could not be used or "", (b,) of text."""
     m, plan, rig = prepared.mechanism, prepared.plan, prepared.rig
     moved = tries.before != tries.row
-    way = np.zeros((len(tries.row), len(m.names)))
+    way = swaying(prepared.near, -float(m.gravity[2] * m.mass.sum()), tries.row, tries.push)
     if m.friction.any() and moved.any():
         pairs, number = np.unique(
             np.column_stack([tries.before, tries.row])[moved], axis=0, return_inverse=True
         )
-        way[moved] = ways(prepared.near, plan.joint_angles, m.motors, *pairs.T)[number]
+        way[moved] += ways(prepared.near, plan.joint_angles, m.motors, *pairs.T)[number]
     load = Load(
         command=tries.command,
         friction=left_friction(m.friction, way, moved, rig.protocol.move_time, tries.scatter),
@@ -208,6 +210,7 @@ def _draw(prepared: Prepared, run: int, rng: np.random.Generator) -> Tries:
         row=row,
         before=np.where(fresh, row, np.append(0, row[:-1])),
         command=plan.joint_angles[row] + noise,
+        push=rng.standard_normal((len(row), 2)),
         scatter=rng.standard_normal((len(row), len(m.names))),
         plates=plates[place],
     )

@@ -77,7 +77,7 @@ def test_with_dry_friction_sag_and_load_share_are_distributed_alike(prepared, id
 
 def test_that_test_sees_friction_that_always_stands_at_its_limit(prepared, ideal, monkeypatch):
     monkeypatch.setattr("sim.equilibrium.approach.SHORT_WAY", 1e-6)
-    monkeypatch.setattr("sim.equilibrium.approach.SCATTER", (0.0, 0.0))
+    monkeypatch.setattr("sim.equilibrium.approach.SCATTER", 0.0)
     monkeypatch.setattr("sim.equilibrium.approach.PUT_DOWN_SCATTER", 1e6)
     held = [a for a in ideal.experiment.attempts if a.held is not None]
     actual, predicted = excess_sag(prepared, held, np.random.default_rng(301))

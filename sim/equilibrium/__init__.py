@@ -1,6 +1,6 @@
 """The static equilibrium of robot, servos, feet and plates, solved directly and in batches."""
 
-from sim.equilibrium.approach import left_friction, ways
+from sim.equilibrium.approach import left_friction, swaying, ways
 from sim.equilibrium.mechanism import Mechanism, mechanism
 from sim.equilibrium.reading import cell_forces, faults
 from sim.equilibrium.solve import Reference, reference, solve
@@ -19,6 +19,7 @@ __all__ = [
     "residual",
     "soles",
     "solve",
+    "swaying",
     "torques",
     "ways",
 ]

@@ -1,11 +1,11 @@
 """Dry friction as the approach to a posture leaves it.
 
 Friction at rest may be anything up to its limit; which it is depends on how the posture was
-reached. A joint that turned to the end is left at its limit, against its way; the swaying of the
-whole robot as it stops takes the more of that away the shorter the joint's way was, since the
-path ends as its third power (minimum jerk). After putting down, friction has stopped a swaying
-that had no direction. Both as distributions, from a development plan in full dynamics
-(docs/equilibrium.md); what a single posture's friction is, this does not know.
+reached. It stands against the joint's last way: along the path, which ends as the third power of
+the time left (minimum jerk), and with the swaying of the robot as it stops. Where that way was
+short, friction has not come to its limit. After putting down only the swaying is left. The sizes
+come from a development plan in full dynamics (docs/equilibrium.md); they give distributions:
+what a single posture's friction is, this does not know.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ import numpy as np
 from sim.equilibrium.solve import Reference
 
 # Fitted to a development plan in full dynamics (seed 11); held against the shipped one by a test.
-SHORT_WAY = 0.065  # rad, at which 0.7 of the friction is left, for moves of REFERENCE_TIME
+SHORT_WAY = 0.09  # rad, at which 0.7 of the friction is left, for moves of REFERENCE_TIME
 REFERENCE_TIME = 2.0  # s
-SCATTER = (0.1, 0.3)  # s.d. of friction over its limit after long ways, and what short ones add
-PUT_DOWN_SCATTER = 0.45  # the same after putting down
+SWAY = 0.6  # s.d. of the push along x and y whose static deflection is the swaying's way, in weights
+SCATTER = 0.05  # s.d. of every joint's own friction over its limit after a move
+PUT_DOWN_SCATTER = 0.35  # the same after putting down
 
 
 def ways(
@@ -54,20 +55,30 @@ def ways(
     return out
 
 
+def swaying(near: Reference, weight: float, which: np.ndarray, push: np.ndarray) -> np.ndarray:
+    """Way of every coordinate under a push at the torso, (b, n) [rad].
+
+    Args:
+        weight: of the robot [N]. which: numbers of the postures, (b,). push: standard normal, (b, 2).
+    """
+    n = near.state.angles.shape[-1]
+    yielding = -near.inverse[:, 6 : 6 + n, :2]
+    return SWAY * weight * (yielding[which] @ push[..., None])[..., 0]
+
+
 def left_friction(
     limit: np.ndarray, way: np.ndarray, moved: np.ndarray, move_time: float, scatter: np.ndarray
 ) -> np.ndarray:
     """Torques of dry friction at rest, (..., n) [Nm].
 
     Args:
-        limit: dry friction, (n,) [Nm]. way: see `ways`, (..., n) [rad].
+        limit: dry friction, (n,) [Nm]. way: of path and swaying together, (..., n) [rad].
         moved: whether the posture was reached by moving, else by putting down, (...,) bool.
         move_time: [s]. scatter: standard normal, (..., n).
     """
     short = SHORT_WAY * (move_time / REFERENCE_TIME) ** 3
-    whole = np.sqrt(way**2 + short**2)
-    spread = SCATTER[0] + SCATTER[1] * short / whole
-    share = np.where(moved[..., None], spread * scatter - way / whole, PUT_DOWN_SCATTER * scatter)
+    spread = np.where(moved, SCATTER, PUT_DOWN_SCATTER)[..., None]
+    share = spread * scatter - way / np.sqrt(way**2 + short**2)
     return limit * np.clip(share, -1.0, 1.0)
 
 
