@@ -27,8 +27,8 @@ from sim.laboratory import Experiment
 from sim.model import Robot
 
 LEGEND = (
-    "s.e.: eq. 14; clustered: errors common to a placement allowed for; rel. %: s.e. over estimate (eq. 13); "
-    "well identified: below 15 %."
+    "s.e.: by the estimator (least squares: eq. 14); clustered: errors common to a placement allowed for; "
+    "rel. %: s.e. over estimate (eq. 13); well identified: below 15 %."
 )
 MOST_TABLE = 2**20  # bytes
 COLOURS = {"pass": "green", "fail": "bold red", "not evaluated": "yellow"}
