@@ -28,7 +28,7 @@ from sim.laboratory import Experiment
 from sim.model import Robot
 
 LEGEND = (
-    "s.e.: standard error, eq. 14; clustered: with errors common to a placement allowed for; "
+    "s.e.: by the estimator (least squares: eq. 14); clustered: errors common to a placement allowed for; "
     "rel. %: s.e. over estimate (eq. 13); well id.: that is below 15 %."
 )
 MOST_TABLE = 2**20  # bytes

@@ -17,14 +17,14 @@ from identification.reading_noise import known
 from identification.regressor import Regression
 
 SHEET_BELIEF = np.log(2.0)  # s.d. of ln s_k where a data sheet states s_k
-NO_BELIEF = np.log(10.0)  # where it does not: about the size of the residuals
+NO_BELIEF = np.log(100.0)  # where it does not: about the size of the residuals
 MARK_RATIO = 0.5  # right plate's s.d. over the left one's, believed within a factor of four
 MARK_BELIEF = np.log(4.0)
 YAW_RATIO = 3.0  # rad/m: s.d. of a recorded yaw over that of a position, where no sheet tells
 MOST_TAU = 12.0
 MOST_STEP = 2.0
 MOST_STEPS = 50
-CONVERGED = 1e-9  # of the log-likelihood
+CONVERGED = 1e-8  # of the log-likelihood
 
 
 @dataclass(frozen=True)

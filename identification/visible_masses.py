@@ -35,7 +35,7 @@ class VisibleMasses:
         """In a sentence."""
         count = len(self.combinations)
         if count == 1:
-            return "Statics gives the total mass and no single link's: those below are the prior's, adjusted."
+            return "Statics gives the total mass and no single link's: those are the prior's, adjusted."
         known = f" ({', '.join(self.alone)} alone)" if self.alone else ""
         return (
             f"Statics gives {count} combinations of the {len(self.links)} links' masses{known}; "

@@ -154,6 +154,23 @@ def test_identify_prints_json_and_tables(wii, tmp_path, capsys):
     assert "right_ankle_roll" in capsys.readouterr().out
 
 
+def test_identify_by_name(wii, tmp_path, capsys):
+    write_measurements(tmp_path / "data", wii.experiment.measurements)
+    message = refused(capsys, "identify", tmp_path / "data", "--estimator", "best")
+    assert "unknown estimator 'best'; valid: mixed-model, least-squares, placement" in message
+    assert main(["identify", str(tmp_path / "data"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["estimator"] == "mixed-model"
+    assert main(["identify", str(tmp_path / "data"), "--estimator", "prior", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["estimator"] == "prior"
+    links = document["full"]["links"]
+    assert [row["link"] for row in links][:2] == ["torso", "right_hip_yaw"]
+    assert sum(row["mass"] for row in links) == pytest.approx(23.0, abs=0.1)
+    assert all(0 <= row["mass_data_share"] <= 1 for row in links)
+    assert main(["identify", str(tmp_path / "data"), "--estimator", "prior"]) == 0
+    assert "no single link's" in " ".join(capsys.readouterr().out.split())
+
+
 def test_postures_are_written_and_described(tmp_path, capsys):
     arguments = ["postures", "--random", "--placements", "4", "--per-placement", "4", "--seed", "3"]
     assert main([*arguments, "--out", str(tmp_path / "plan"), "--json"]) == 0
