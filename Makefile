@@ -3,7 +3,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 ORACLE := .venv-oracle
 
-.PHONY: setup validate test lint bench oracle study-contact study-estimators study-check study-fuzz study-kill pictures constraints clean
+.PHONY: setup validate test lint bench oracle study-contact study-equilibrium study-estimators study-check \
+  study-verdict study-fuzz study-kill pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -51,8 +52,14 @@ study-fuzz: setup  ## docs/reliability.md's table: 1,000 broken folders, 200 bro
 study-kill: setup  ## docs/reliability.md's table: fifty kills while writing and before
 	$(BIN)/python -m tools.study_kill
 
+study-equilibrium: setup  ## docs/equilibrium.md's tables: statics against the full dynamics
+	$(BIN)/python -m tools.study_equilibrium
+
 study-estimators: setup  ## docs/estimators.md's table: is each estimator right about its own errors?
 	$(BIN)/python -m tools.study_estimators
+
+study-verdict: setup  ## docs/verdict.md's tables: how often the verdict fails a true laboratory (an hour of one core)
+	$(BIN)/python -m tools.study_verdict
 
 study-check: setup  ## docs/check.md's tables: false alarms and planted faults of `tulip check`
 	$(BIN)/python -m tools.study_check

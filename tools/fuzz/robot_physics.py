@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tools.fuzz.cases import Expected, Rng, pick, refused
+from tools.fuzz.cases import Expected, Rng, pick, refused, same
 from tools.fuzz.robot_cases import PLATE, ROBOT, SCENE, insert, replaced, robot_mutation
 
 
@@ -111,9 +111,17 @@ def drives_that_cannot_be(folder: Path, rng: Rng) -> Expected:
             ('<motor name="left_knee" joint="left_knee" class="drive_90w_111"/>', ""),
             ('joint="left_knee" class="drive_90w_111"/>', 'joint="right_knee" class="drive_90w_111"/>'),
             ('joint="left_knee" class="drive_90w_111"/>', 'body="left_foot"/>'),
-            ('forcerange="-25.4 25.4"', ""),
+            ('ctrlrange="-25.4 25.4" forcerange="-25.4 25.4"', ""),
             ('forcerange="-25.4 25.4"', 'forcerange="-25.4 0"'),
         ],
     )
     replaced(folder / ROBOT, old, new, 1)
     return refused()
+
+
+@robot_mutation
+def torque_limits_given_otherwise(folder: Path, rng: Rng) -> Expected:
+    """A motor's control range limits its torque as well as a force range does."""
+    given = pick(rng, ('ctrlrange="-25.4 25.4"', 'forcerange="-25.4 25.4"'))
+    replaced(folder / ROBOT, given, "", 1)
+    return same()
