@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 ORACLE := .venv-oracle
 
-.PHONY: setup validate test lint bench oracle study-contact study-equilibrium study-estimators study-check \
+.PHONY: setup validate test lint bench oracle study-contact study-equilibrium study-montecarlo study-estimators study-check \
   study-verdict study-fuzz study-kill pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
@@ -54,6 +54,9 @@ study-kill: setup  ## docs/reliability.md's table: fifty kills while writing and
 
 study-equilibrium: setup  ## docs/equilibrium.md's tables: statics against the full dynamics
 	$(BIN)/python -m tools.study_equilibrium
+
+study-montecarlo: setup  ## docs/calibration.md's tables: calibration, wrong data sheets, statics beside dynamics
+	$(BIN)/python -m tools.study_montecarlo
 
 study-estimators: setup  ## docs/estimators.md's table: is each estimator right about its own errors?
 	$(BIN)/python -m tools.study_estimators
