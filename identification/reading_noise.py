@@ -56,10 +56,21 @@ def reading_noise(measurements: Measurements, nominal: Nominal) -> ReadingNoise:
     return ReadingNoise(cells + encoders, placement_levers(m) * placement_sd(m), m.placement)
 
 
-def cell_noise(measurements: Measurements) -> np.ndarray:
-    """Covariance of a posture's CoP for independent cells with an s.d. of 1 N, (m, 2, 2) [m2/N2]."""
-    lever = cell_positions(measurements) - center_of_pressure(measurements)[:, None]
-    lever /= measurements.cell_forces.sum(axis=1)[:, None, None]
+def cell_noise(measurements: Measurements, center: np.ndarray | None = None) -> np.ndarray:
+    """Covariance of a posture's CoP for independent cells with an s.d. of 1 N, (m, 2, 2) [m2/N2].
+
+    Args:
+        center: of pressure, (m, 2) [m]; the measured one if None. Its errors go with the total
+            force's: as weights both would pull an estimate towards the plates' middle, so where
+            the result is to weigh by, a fitted one is better, and the force is the mean of all.
+    """
+    m = measurements
+    force = m.cell_forces.sum(axis=1)
+    if center is None:
+        center = center_of_pressure(m)
+    else:
+        force = np.full(len(m), force.mean())
+    lever = (cell_positions(m) - center[:, None]) / force[:, None, None]
     return np.einsum("mca,mcb->mab", lever, lever)
 
 

@@ -105,6 +105,11 @@ def _blur(slope: np.ndarray, sd: float) -> np.ndarray:
     return np.asarray(np.linalg.qr(sd * slope.reshape(-1, slope.shape[-1]), mode="r"))
 
 
+def _fitted(matrix: np.ndarray, output: np.ndarray) -> np.ndarray:
+    """The output's part in the span of the matrix, whatever its rank."""
+    return matrix @ np.linalg.lstsq(matrix, output, rcond=None)[0]
+
+
 def regression(
     parameters: BaseParameters, measurements: Measurements, robot: Robot, source: str = "measurements"
 ) -> Regression:
@@ -149,18 +154,20 @@ def regression(
     seen = encoder_sd_by_closure(
         tree, parameters.base, swing, measurements.joint_angles[both], measurements.placement[both]
     )
+    matrix = stacked_regressor(parameters, measurements.joint_angles)
+    output = center_of_pressure(measurements).ravel()
     return Regression(
-        matrix=stacked_regressor(parameters, measurements.joint_angles),
+        matrix=matrix,
         blur=_blur(slope, ENCODER_SD if sheet.encoder_sd is None else sheet.encoder_sd),
         source=source,
-        output=center_of_pressure(measurements).ravel(),
+        output=output,
         numbers=np.arange(1, columns + 1),
         names=parameters.names,
         placement=measurements.placement,
         load_share=load_shares(measurements),
         slope=slope,
         encoder_sd=known(sheet.encoder_sd) if seen is None else seen,
-        cells=cell_noise(measurements),
+        cells=cell_noise(measurements, _fitted(matrix, output).reshape(-1, 2)),
         levers=placement_levers(measurements),
         sensors=sheet,
         parameters=parameters,
