@@ -24,12 +24,14 @@ from sim.model import Robot, load_model, load_robot
 from sim.plates import plate_geometry
 from sim.rig import preset_rig
 from sim.scene import load_scene
-from tools.improve import accuracy, conditioning, postures, simplified
+from tools.improve import accuracy, conditioning, postures, simplified, single_support
+from tools.improve.one_foot import one_foot_postures
 from tools.improve.output import Rows, show, write_csv
 from tools.study import part_of, shipped_plan
 
 SEED = 500  # from 500 on: the sizes and margins were chosen on seeds below 100
 POOL = 6250  # the rule of thumb: 500 data points a parameter, two a posture
+MIXTURES = [(150, 0), (125, 25), (100, 50), (75, 75), (150, 50), (150, 150), (300, 0)]
 SPREADS = [0.02, 0.05, 0.1, 0.2, 0.5]
 SIZES = {50: 200, 150: 200, 500: 100, 1500: 50, POOL: 24}
 
@@ -99,6 +101,15 @@ def study_conditioning(work: Work) -> None:
     conditioning.draw(rows, work.picture("conditioning"))
 
 
+def study_single_support(work: Work) -> None:
+    wii = preset_rig("wii", work.robot)
+    one_foot = one_foot_postures(work.robot, 150, np.random.default_rng(work.seed + 5))
+    rows, errors = single_support.study(wii, work.pool, one_foot, MIXTURES, work.seed + 6, 150)
+    work.table("single-support", rows)
+    work.table("single-support-parameters", errors)
+    single_support.draw(errors, [(150, 0), (75, 75), (300, 0)], work.picture("single-support"))
+
+
 def study_simplified(work: Work) -> None:
     wii = preset_rig("wii", work.robot)
     plan, more = shipped_plan(work.robot), part_of(work.pool, work.pool.placement <= 600 // 5)
@@ -120,6 +131,7 @@ STUDIES: dict[str, Callable[[Work], None]] = {
     "accuracy": study_accuracy,
     "postures": study_postures,
     "conditioning": study_conditioning,
+    "single-support": study_single_support,
     "simplified": study_simplified,
 }
 

@@ -11,9 +11,10 @@ from identification.base_parameters import BaseParameters
 from sim.measurements import PosturePlan
 from sim.rig import Rig
 from sim.sensors import PRESETS, Sensors
-from tools.improve.output import BLUE, ORANGE, Rows, panels, save
+from tools.improve.output import BLACK, BLUE, ORANGE, Rows, panels, save
 from tools.improve.repeat import Model, monte_carlo_error, repeat, rms
 
+NON_ZERO = 13  # of the nominal robot's base parameters; they are the simplified model's
 # What makes a centre of pressure or its model uncertain.
 PARTS = {
     "cells": ("cell_repeatability", "cell_noise", "cell_resolution"),
@@ -83,8 +84,9 @@ def draw(rows: Rows, path: Path) -> None:
     figure, (errors, counts) = panels(2)
     sigma = [r["sigma_mm"] for r in steps]
     for name, colour, size in (("full", BLUE, 25), ("simplified", ORANGE, 13)):
-        errors.plot(sigma, [r[f"{name}_worst_rms_mm"] for r in steps], "^--", color=colour, label=f"{name}, worst")
-        errors.plot(sigma, [r[f"{name}_median_rms_mm"] for r in steps], "o-", color=colour, label=f"{name}, median")
+        for which, style in (("worst", "^--"), ("median", "o-")):
+            values = [r[f"{name}_{which}_rms_mm"] for r in steps]
+            errors.plot(sigma, values, style, color=colour, label=f"{name}, {which}")
         counts.errorbar(
             sigma,
             [r[f"{name}_well"] for r in steps],
@@ -94,19 +96,28 @@ def draw(rows: Rows, path: Path) -> None:
             color=colour,
             label=f"{name} ({size} parameters)",
         )
-        counts.axhline(size, color=colour, linestyle=":", linewidth=1)
+    counts.axhline(NON_ZERO, color=BLACK, linestyle=":", label="not zero in the true robot (13)")
     for ax in (errors, counts):
         ax.set_xscale("log")
         ax.set_xticks([0.5, 1, 2, 4], ["0.5", "1", "2", "4"])
         ax.minorticks_off()
-        ax.set_xlabel("residual σ of the CoP (eq. 14), mm")
+        ax.set_xlabel("residual sigma of the CoP (eq. 14), mm")
         ax.invert_xaxis()
     errors.set_yscale("log")
-    errors.set_yticks([0.3, 1, 3, 10, 30], ["0.3", "1", "3", "10", "30"])
+    errors.set_yticks([0.1, 0.3, 1, 3, 10, 30, 100], ["0.1", "0.3", "1", "3", "10", "30", "100"])
+    errors.set_ylim(0.1, 100)
     errors.minorticks_off()
+    better = next(r for r in rows if r["sensors"] == "wii, better cells")
+    errors.plot(
+        better["sigma_mm"],
+        better["full_median_rms_mm"],
+        "*",
+        color=BLACK,
+        label="full, median; cells alone better",
+    )
     errors.set_ylabel("RMS error of a parameter, mm")
     counts.set_ylabel("well identified (relative s.e. < 15 %)")
-    counts.set_ylim(0, 26.5)
-    errors.legend(frameon=False)
-    counts.legend(frameon=False, loc="center right", fontsize=9)
+    counts.set_ylim(0, 17)
+    errors.legend(frameon=False, loc="lower left", fontsize=9)
+    counts.legend(frameon=False, loc="lower right", fontsize=9)
     save(figure, path)

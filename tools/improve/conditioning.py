@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import bootstrap, spearmanr
+from scipy.stats import bootstrap, rankdata
 
 from identification.base_parameters import BaseParameters
 from identification.regressor import stacked_regressor
@@ -108,7 +108,8 @@ def predictions(rows: Rows, seed: int) -> Rows:
 
 
 def _rank(x: np.ndarray, y: np.ndarray) -> float:
-    return float(spearmanr(x, y).statistic)
+    """Spearman's correlation."""
+    return float(np.corrcoef(rankdata(x), rankdata(y))[0, 1])
 
 
 def _interval(pairs: np.ndarray, seed: int) -> tuple[float, float]:
@@ -125,29 +126,31 @@ def _interval(pairs: np.ndarray, seed: int) -> tuple[float, float]:
 
 
 def draw(rows: Rows, path: Path) -> None:
-    """Errors against each criterion."""
-    figure, axes = panels(3, 4.2)
+    """Errors against each criterion: of all parameters together, and of the median one."""
+    figure, axes = panels(3, 3.4, 2)
     labels = {
         "condition_number": "condition number of H",
         "scaled_condition_number": "condition number, columns of unit length",
-        "mean_se": "√(trace (H'H)⁻¹ / 25)",
+        "mean_se": "root of trace (H'H)⁻¹ / 25",
     }
-    for ax, (criterion, label) in zip(axes, labels.items(), strict=True):
+    errors = {"rms": "RMS error of all 25, mm", "median_rms": "median of the 25 RMS errors, mm"}
+    pairs = [(error, criterion) for error in errors for criterion in labels]
+    for ax, (error, criterion) in zip(axes, pairs, strict=True):
         for kind in dict.fromkeys(r["plan"] for r in rows):
             chosen = [r for r in rows if r["plan"] == kind]
             marker, colour = KINDS.get(kind, ("*", BLACK))
             ax.errorbar(
                 [r[criterion] for r in chosen],
-                [r["rms_mm"] for r in chosen],
-                [r["rms_mc"] for r in chosen],
+                [r[f"{error}_mm"] for r in chosen],
+                [r[f"{error}_mc"] for r in chosen],
                 fmt=marker,
                 color=colour,
                 markersize=10 if marker == "*" else 5,
                 elinewidth=1,
                 label=kind if kind in KINDS else f"{kind} ({chosen[0]['postures']} postures)",
             )
-        ax.set_xlabel(label)
-    axes[0].set_ylabel("RMS error of all 25 parameters, mm")
+        ax.set_xlabel(labels[criterion])
+        ax.set_ylabel(errors[error] if criterion == "condition_number" else "")
     handles, names = axes[0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside upper center", ncols=len(names), frameon=False, fontsize=9)
     save(figure, path)

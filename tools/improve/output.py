@@ -36,13 +36,14 @@ def write_csv(path: Path, rows: Rows) -> None:
         table.writerows({key: _text(value) for key, value in entry.items()} for entry in rows)
 
 
-def panels(count: int, height: float = 3.8) -> tuple[Figure, list[Axes]]:
-    """A figure with panels side by side."""
-    figure, axes = plt.subplots(1, count, figsize=(4.8 * count, height), layout="constrained", squeeze=False)
-    for ax in axes[0]:
+def panels(count: int, height: float = 3.8, rows: int = 1) -> tuple[Figure, list[Axes]]:
+    """A figure with `count` panels side by side in each row."""
+    size = (4.8 * count, height * rows)
+    figure, axes = plt.subplots(rows, count, figsize=size, layout="constrained", squeeze=False)
+    for ax in axes.flat:
         ax.grid(True, which="major", alpha=0.3)
         ax.spines[["top", "right"]].set_visible(False)
-    return figure, list(axes[0])
+    return figure, list(axes.flat)
 
 
 def save(figure: Figure, path: Path) -> None:

@@ -93,22 +93,28 @@ def draw(sizes: Rows, rows: Rows, path: Path) -> None:
         errors.loglog(count, values[-1] * np.sqrt(count[-1] / count), ":", color=BLACK, linewidth=1)
     errors.plot([], [], ":", color=BLACK, label="1/√n through the last")
     errors.set_xticks(count, [f"{int(n)}" for n in count])
-    errors.set_yticks([0.3, 1, 3, 10, 30], ["0.3", "1", "3", "10", "30"])
+    errors.set_yticks([0.3, 1, 3, 10, 30, 100], ["0.3", "1", "3", "10", "30", "100"])
     errors.minorticks_off()
     errors.set_xlabel("number of postures n")
     errors.set_ylabel("RMS error of a parameter, mm")
     errors.legend(frameon=False, fontsize=9)
     most = 1e6
-    ordered = sorted(rows, key=lambda r: r["postures_needed"])
+    ordered = sorted(rows, key=lambda r: -r["postures_needed"])
     for at, entry in enumerate(ordered):
         needed = entry["postures_needed"]
         beyond = needed > most
         needs.plot(min(needed, most), at, ">" if beyond else "o", color=BLUE, clip_on=False)
-    needs.set_yticks(range(len(ordered)), [f"{r['number']} {r['name']}" for r in ordered], fontsize=8)
+    needs.set_yticks(
+        range(len(ordered)), [f"{r['number']} {r['name'].replace('_', ' ')}" for r in ordered], fontsize=8
+    )
     needs.set_xscale("log")
-    needs.set_xlim(10, most)
-    for at, colour, label in ((150, GREEN, "150 postures"), (count[-1], ORANGE, f"{int(count[-1])} postures")):
+    needs.set_xlim(1, most)
+    for at, colour, label in (
+        (150, GREEN, "150 postures"),
+        (count[-1], ORANGE, f"{int(count[-1])} postures"),
+    ):
         needs.axvline(at, color=colour, linestyle="--", label=label)
     needs.set_xlabel("postures for an RMS error below 15 % of the true value")
-    needs.legend(frameon=False, fontsize=9, loc="lower right")
+    needs.legend(frameon=False, fontsize=9, loc="center right")
+    needs.text(most, len(ordered) - 0.2, "▸ more, or true value zero", ha="right", va="bottom", fontsize=8)
     save(figure, path)

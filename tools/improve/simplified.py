@@ -74,7 +74,7 @@ def _prediction(matrix: np.ndarray, model: Model, truth: np.ndarray) -> np.ndarr
 
 
 def _ratio(pairs: np.ndarray) -> float:
-    """RMS error of the simplified over that of the full model, geometric mean over k; full first, (runs, 2 k)."""
+    """RMS error, simplified over full model, geometric mean over k; full first, (runs, 2 k)."""
     full, simple = np.split(rms(pairs), 2)
     return float(np.exp(np.log(simple / full).mean()))
 
@@ -133,7 +133,23 @@ def draw(rows: Rows, path: Path) -> None:
         ax.set_xlabel("spread of the true robots (s.d. of ln mass)")
         ax.set_ylabel("RMS error, simplified over full")
         ax.set_title(title, fontsize=10)
-        ax.text(0.98, 1.03, "full model better", transform=ax.get_yaxis_transform(), ha="right", va="bottom", fontsize=8)
-        ax.text(0.98, 0.97, "simplified better", transform=ax.get_yaxis_transform(), ha="right", va="top", fontsize=8)
+        ax.text(
+            0.98,
+            1.03,
+            "full model better",
+            transform=ax.get_yaxis_transform(),
+            ha="right",
+            va="bottom",
+            fontsize=8,
+        )
+        ax.text(
+            0.98,
+            0.97,
+            "simplified better",
+            transform=ax.get_yaxis_transform(),
+            ha="right",
+            va="top",
+            fontsize=8,
+        )
     errors.legend(frameon=False, fontsize=9)
     save(figure, path)
