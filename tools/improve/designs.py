@@ -20,7 +20,7 @@ def condition_number(matrix: np.ndarray) -> float:
 
 
 def scaled_condition_number(matrix: np.ndarray) -> float:
-    """Of H with columns of unit length: at most sqrt(p) times the least of any scaling (van der Sluis 1969)."""
+    """Of H with columns of unit length: at most sqrt(p) times any scaling's least (van der Sluis 1969)."""
     return float(np.linalg.cond(matrix / np.linalg.norm(matrix, axis=0)))
 
 

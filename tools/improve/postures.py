@@ -15,6 +15,7 @@ from tools.improve.repeat import Repeated, monte_carlo_error, repeat, rms
 from tools.study import part_of
 
 PER_PLACEMENT = 5
+LEAST = 13.0  # postures for 25 unknowns
 NEGLIGIBLE = 1e-4  # m: a true value that no relative error can be measured by
 
 
@@ -61,7 +62,7 @@ def _parameters(found: dict[int, Repeated], parameters: BaseParameters) -> Rows:
     for k, name in enumerate(parameters.names):
         slope = np.polyfit(np.log(sizes), np.log(root[:, k]), 1, w=weight)[0]
         limit = WELL_IDENTIFIED / 100 * abs(truth[k])
-        needed = float(constant[k] / limit**2) if abs(truth[k]) > NEGLIGIBLE else np.inf
+        needed = max(float(constant[k] / limit**2), LEAST) if abs(truth[k]) > NEGLIGIBLE else np.inf
         below = sizes[root[:, k] < limit]
         rows.append(
             {
@@ -108,13 +109,13 @@ def draw(sizes: Rows, rows: Rows, path: Path) -> None:
         range(len(ordered)), [f"{r['number']} {r['name'].replace('_', ' ')}" for r in ordered], fontsize=8
     )
     needs.set_xscale("log")
-    needs.set_xlim(1, most)
+    needs.set_xlim(10, most)
     for at, colour, label in (
         (150, GREEN, "150 postures"),
         (count[-1], ORANGE, f"{int(count[-1])} postures"),
     ):
         needs.axvline(at, color=colour, linestyle="--", label=label)
     needs.set_xlabel("postures for an RMS error below 15 % of the true value")
-    needs.legend(frameon=False, fontsize=9, loc="center right")
+    needs.legend(framealpha=1, fontsize=9, loc="upper center", bbox_to_anchor=(0.6, 0.93))
     needs.text(most, len(ordered) - 0.2, "▸ more, or true value zero", ha="right", va="bottom", fontsize=8)
     save(figure, path)

@@ -107,7 +107,7 @@ def study(
                 f"{ratio.min():.2f} to {ratio.max():.2f}, mean {ratio.mean():.3f} "
                 f"(Monte Carlo error of one: {1 / np.sqrt(2 * len(held.rows)):.2f})"
             )
-    errors = [{"number": k + 1, "name": name} for k, name in enumerate(double.names)]
+    errors: Rows = [{"number": k + 1, "name": name} for k, name in enumerate(double.names)]
     for entry in rows:
         for parameter, error in zip(errors, entry.pop("errors"), strict=True):
             parameter[f"se_{entry['double']}+{entry['single']}_mm"] = float(error)
