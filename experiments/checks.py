@@ -79,9 +79,8 @@ def sigma_check(preset: str, sigma: float, placements: int, known: dict[str, lis
 def joint_check(name: str, estimate: Estimate, truth: np.ndarray) -> Check:
     """All errors at once: e' V^-1 e under the placement-clustered covariance.
 
-    The chi-square over p in its finite-sample form, F(p, r - p), since V is estimated. On 400
-    re-measured experiments it failed 0.8 % (wii) and 1.3 % (force-plate) of true laboratories;
-    with eq. 14's covariance in its place 6 % and 14 %.
+    The chi-square over p in its finite-sample form, F(p, r - p), since V is estimated. How often it fails
+    true laboratories: docs/verdict.md.
     """
     error = estimate.value - truth
     statistic = float(error @ np.linalg.solve(estimate.clustered_covariance, error)) / len(error)

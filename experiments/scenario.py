@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from identification.base_parameters import base_parameters, standard_parameters
+from identification.base_parameters import base_parameters, common_support, standard_parameters
 from sim.laboratory import Attempt, Experiment
 from sim.measurements import PosturePlan
 from sim.model import PLATES, compile_spec
@@ -47,9 +47,10 @@ class Scenario:
         return compile_spec(spec, str(self.rig.robot.path))
 
     def true_base_parameters(self) -> np.ndarray:
-        """Base parameters of that robot in double support, with its own lengths, (p,) [m]."""
+        """Base parameters of that robot as the plan can tell them, with its own lengths, (p,) [m]."""
         model = self.true_model()
-        return base_parameters(self.rig.robot, model).values(standard_parameters(model))
+        support = common_support(self.plan.support)
+        return base_parameters(self.rig.robot, model, support).values(standard_parameters(model))
 
     def configuration(self) -> dict[str, Any]:
         """Everything that was set, for run folders and truth files."""
@@ -70,7 +71,7 @@ class Scenario:
 def truth_document(scenario: Scenario, experiment: Experiment) -> dict[str, Any]:
     """What only the simulation knows, as one JSON object."""
     model = scenario.true_model()
-    parameters = base_parameters(scenario.rig.robot, model)
+    parameters = base_parameters(scenario.rig.robot, model, common_support(scenario.plan.support))
     standard = standard_parameters(model)
     return {
         "format": "tulip-truth",

@@ -10,7 +10,7 @@ from experiments.description import described_robot
 from experiments.run_folder import check_new
 from experiments.scenario import DEFAULT_PLAN, Scenario
 from experiments.terminal import progress
-from identification.base_parameters import BaseParameters
+from identification.base_parameters import BaseParameters, base_parameters, common_support
 from identification.postures import random_postures
 from identification.rank import labels, require_told_apart
 from identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
@@ -67,6 +67,11 @@ def enough(where: str, postures: int, parameters: BaseParameters) -> None:
     """Refuse fewer data points than parameters."""
     if 2 * postures < (count := len(parameters.names)):
         raise InputError(f"{where}: found {postures} postures, too few for {count} base parameters")
+
+
+def planned_parameters(robot: Robot, plan: PosturePlan) -> BaseParameters:
+    """The base parameters that a plan's postures can tell."""
+    return base_parameters(robot, support=common_support(plan.support))
 
 
 def told_apart(source: str, plan: PosturePlan, parameters: BaseParameters) -> np.ndarray:

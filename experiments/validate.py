@@ -23,7 +23,7 @@ from experiments.checks import (
     verdict,
 )
 from experiments.scenario import Scenario
-from identification.base_parameters import BaseParameters, base_parameters
+from identification.base_parameters import BaseParameters, base_parameters, common_support
 from identification.center_of_pressure import total_mass
 from identification.estimators import DEFAULT, Estimate, StandardEstimate, estimate_by, solve_least_squares
 from identification.regressor import regression, stacked_regressor
@@ -86,7 +86,7 @@ def identify(
     Raises:
         InputError: the measurements do not fit the robot or do not suffice, or an unknown estimator.
     """
-    parameters = parameters or base_parameters(robot)
+    parameters = parameters or base_parameters(robot, support=common_support(measurements.support))
     data = regression(parameters, measurements, robot, source)
     kept = robot.settings.get("simplified", data.numbers.tolist())
     full = estimate_by(data, estimator)

@@ -38,6 +38,7 @@ class BaseParameters:
         from_frames: frame parameters to base parameters, (p, 3 n_frames).
         from_standard: standard parameters [m, m c_x, m c_y, m c_z] per link to base parameters
             times the total mass, (p, 4 n_links).
+        support: what `base_parameters` was told.
         joined: columns after the hinges' merging, before the vertical ones are dropped.
     """
 
@@ -50,6 +51,7 @@ class BaseParameters:
     from_frames: np.ndarray
     from_standard: np.ndarray
     joined: int
+    support: str
 
     def regressor(self, joint_angles: np.ndarray) -> np.ndarray:
         """Base regressor R_b(q) of x_CoM and y_CoM (eq. 6), (m, 2, p) [-].
@@ -108,6 +110,23 @@ def standard_parameters(model: mujoco.MjModel) -> np.ndarray:
     return np.column_stack([mass, mass[:, None] * model.body_ipos[1:]])
 
 
+def common_support(support: np.ndarray) -> str:
+    """The support whose base parameters serve for all of these postures, (m,) of text.
+
+    On both feet the swing foot's z has no effect, on the stance foot it has: 25 and 26 parameters
+    of TULip, the 25 among them.
+
+    Raises:
+        InputError: a posture on the swing foot, whose base frame is another one.
+    """
+    if (other := support == "left").any():
+        raise InputError(
+            f"posture row {int(other.argmax()) + 1}: found support 'left', expected 'double' or 'right' "
+            "(the swing foot alone cannot be identified so far)"
+        )
+    return "right" if (support == "right").any() else "double"
+
+
 def base_parameters(
     robot: Robot, model: mujoco.MjModel | None = None, support: str = "double"
 ) -> BaseParameters:
@@ -127,11 +146,12 @@ def base_parameters(
     flat = [stance] if support != "double" else [stance, swing]
     tree = tree_of(model)
     base_point = {foot: sole_point(model, foot) for foot in flat}
-    return _derive(tree, stance, flat, base_point[stance], tuple(robot.settings.get("z_down", ())))
+    z_down = tuple(robot.settings.get("z_down", ()))
+    return _derive(tree, stance, flat, base_point[stance], z_down, support)
 
 
 def _derive(
-    tree: Tree, stance: str, flat: list[str], base_point: np.ndarray, z_down: tuple[str, ...]
+    tree: Tree, stance: str, flat: list[str], base_point: np.ndarray, z_down: tuple[str, ...], support: str
 ) -> BaseParameters:
     base, size = tree.frame(stance), 3 * len(tree.frames)
     hinges = _hinge_relations(tree)
@@ -162,6 +182,7 @@ def _derive(
         from_frames=from_frames[rows],
         from_standard=from_standard[rows],
         joined=size - len(hinges),  # independent: each is the first with its child's columns
+        support=support,
     )
 
 

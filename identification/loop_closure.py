@@ -33,6 +33,8 @@ def encoder_sd_by_closure(
     Returns:
         None where the postures do not suffice.
     """
+    if not len(placement):
+        return None
     pose, slope = _swing_sole(tree, base, swing, joint_angles)
     weight, seen = _inverse(slope @ slope.mT)
     whole = np.concatenate([slope, pose[..., None]], axis=2)

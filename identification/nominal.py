@@ -61,14 +61,17 @@ class Nominal:
         return np.stack([stance, swing], axis=1)
 
 
-def nominal_robot(robot: Robot) -> Nominal:
+def nominal_robot(robot: Robot, support: str = "double") -> Nominal:
     """Read it from the robot's files.
+
+    Args:
+        support: see `base_parameters`.
 
     Raises:
         InputError: a broken model, or one whose feet or joints do not fit.
     """
     model = load_model(robot)
-    parameters = base_parameters(robot, model)
+    parameters = base_parameters(robot, model, support)
     standard = standard_parameters(model)
     return Nominal(
         robot=robot,

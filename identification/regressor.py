@@ -129,11 +129,12 @@ def regression(
             f"{where}: key 'joints': found {listed(measurements.joints)}; "
             f"expected the model's order {listed(parameters.tree.joints)}"
         )
-    if (other := measurements.support != "double").any():
+    served = ("double",) if parameters.support == "double" else ("double", "right")
+    if (other := ~np.isin(measurements.support, served)).any():
         row = int(np.flatnonzero(other)[0])
         raise InputError(
             f"{source}: postures, column 'support', row {row + 1}: found '{measurements.support[row]}', "
-            "expected 'double' (the only support that can be identified so far)"
+            f"expected {' or '.join(map(repr, served))} (base parameters in {parameters.support} support)"
         )
     rows, columns = 2 * len(measurements), len(parameters.names)
     if rows <= columns:
@@ -144,8 +145,9 @@ def regression(
     sheet = measurements.sensors
     slope = parameters.slope(measurements.joint_angles)
     tree, swing = parameters.tree, parameters.tree.frame(robot.swing_foot)
+    both = measurements.support == "double"
     seen = encoder_sd_by_closure(
-        tree, parameters.base, swing, measurements.joint_angles, measurements.placement
+        tree, parameters.base, swing, measurements.joint_angles[both], measurements.placement[both]
     )
     return Regression(
         matrix=stacked_regressor(parameters, measurements.joint_angles),

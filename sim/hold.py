@@ -8,6 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from sim.bookkeeping import Books, keep_books, mechanical_energy
+from sim.path import straight_path
 from sim.stand import Stand
 
 CONTROL_PERIOD = 0.02  # s, at which a hold looks at its gate
@@ -48,8 +49,13 @@ class Held:
     books: Books
 
 
-def put_down(stand: Stand, command: np.ndarray) -> None:
-    """Put the robot down at a posture and clamp its feet where they came to stand."""
+def put_down(stand: Stand, command: np.ndarray, support: str = "double") -> None:
+    """Put the robot down at a posture and clamp its feet where they came to stand.
+
+    Args:
+        support: "double", or "right": on the stance foot, the other one in the air.
+    """
+    stand.standing = np.array([True, support == "double"])
     stand.reset(command, stand.chain.base_pose(command))
     stand.run(LANDING_TIME)
     stand.mark_feet()
@@ -58,7 +64,7 @@ def put_down(stand: Stand, command: np.ndarray) -> None:
 
 
 def move(stand: Stand, start: np.ndarray, end: np.ndarray, command: np.ndarray) -> None:
-    """Move along the closed chain from one planned posture to the next, feet clamped.
+    """Move along the closed chain from one planned posture to the next, feet clamped; on one foot straight.
 
     The servos damp the joint's own speed, so the command leads by their derivative time:
     together a PD controller on angle and speed. The commanded angles arrive at `command`,
@@ -67,7 +73,8 @@ def move(stand: Stand, start: np.ndarray, end: np.ndarray, command: np.ndarray) 
     stand.stiction.release(stand.data)
     _clamp(stand)
     duration = stand.protocol.move_time
-    knots = np.vstack([start, stand.chain.path(start, end, PATH_KNOTS)])
+    path_between = stand.chain.path if stand.standing.all() else straight_path
+    knots = np.vstack([start, path_between(start, end, PATH_KNOTS)])
     path = CubicSpline(np.linspace(0, duration, PATH_KNOTS + 1), knots, bc_type="clamped")
     time = np.arange(1, round(duration / SERVO_PERIOD) + 1) * SERVO_PERIOD
     part = time[:, None] / duration
@@ -170,8 +177,9 @@ def _average(stand: Stand, window: float) -> np.ndarray:
 
 
 def _clamp(stand: Stand) -> None:
-    stand.data.eq_active[stand.clamps] = 1
-    stand.model.eq_solimp[stand.clamps, :2] = CLAMP_IMPEDANCE
+    clamps = stand.clamps[stand.standing]
+    stand.data.eq_active[clamps] = 1
+    stand.model.eq_solimp[clamps, :2] = CLAMP_IMPEDANCE
 
 
 def _release(stand: Stand) -> None:

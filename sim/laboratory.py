@@ -14,7 +14,17 @@ from sim.hold import Held, hold, move, put_down
 from sim.measurements import Measurements, PosturePlan, lay_boards
 from sim.model import load_model, sole_corners
 from sim.plates import plate_geometry
-from sim.record import choose_repeats, constants, order_of_tries, record, record_error, start_times, weigh
+from sim.record import (
+    check_support,
+    choose_repeats,
+    constants,
+    order_of_tries,
+    record,
+    record_error,
+    start_times,
+    support_of,
+    weigh,
+)
 from sim.rig import Rig
 from sim.scene import load_scene
 from sim.sensors import read_cells, read_encoders
@@ -87,13 +97,9 @@ def run_experiment(
         progress: called with the number of tries each time a placement is done.
 
     Raises:
-        InputError: a support other than double, or no posture that could be used.
+        InputError: a posture on the swing foot alone, or no posture that could be used.
     """
-    if (other := plan.support != "double").any():
-        raise InputError(
-            f"plan, posture {plan.posture[other.argmax()]}: found support '{plan.support[other.argmax()]}', "
-            "expected 'double' (the only one that the laboratory stands on so far)"
-        )
+    check_support(plan)
     placements = list(dict.fromkeys(plan.placement.tolist()))
     streams = np.random.SeedSequence(seed).spawn(len(placements) + 1)
     shared = np.random.default_rng(streams[-1])
@@ -141,11 +147,14 @@ def run_placement(
     attempts: list[Attempt] = []
     before, recorded = None, np.zeros((2, 3))
     samples = round(rig.protocol.window * rig.sensors.sample_rate)
-    for row, repeat in order:
+    fresh = np.append(
+        True, plan.support[[r for r, _ in order[1:]]] != plan.support[[r for r, _ in order[:-1]]]
+    )
+    for (row, repeat), anew in zip(order, fresh, strict=True):
         planned = plan.joint_angles[row]
         command = planned + rig.controller.command_sd * rng.standard_normal(len(planned))
-        if before is None:
-            put_down(stand, command)
+        if before is None or anew:
+            put_down(stand, command, str(plan.support[row]))
             if not attempts:
                 recorded = stand.plates_in_base() + error
         else:
@@ -179,6 +188,7 @@ def _measurements(
         weigh(rig, mass, rng),
         joints=plan.joints,
         posture=np.array([a.posture for a, _ in used]),
+        support=support_of(plan, np.array([a.posture for a, _ in used])),
         placement=np.array([a.placement for a, _ in used]),
         time=np.array([t for _, t in used]),
         command=np.array([a.held.commanded for a, _ in used if a.held]),

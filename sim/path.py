@@ -38,8 +38,7 @@ class ClosedChain:
         foot to foot without detours, as it would not on a line in joint space. Joints that are not
         between the feet go straight too; Newton's method finds the others' angles.
         """
-        s = np.arange(1, steps + 1) / steps
-        s = s**3 * (10 - 15 * s + 6 * s**2)
+        s = _minimum_jerk(steps)
         first, last = self.base_pose(start), self.base_pose(end)
         turn = np.zeros(3)
         mujoco.mju_subQuat(turn, last[3:], first[3:])
@@ -92,6 +91,16 @@ class ClosedChain:
         jacobian = np.zeros((6, self.model.nv))
         mujoco.mj_jac(self.model, self.data, jacobian[:3], jacobian[3:], point, foot)
         return jacobian
+
+
+def straight_path(start: np.ndarray, end: np.ndarray, steps: int) -> np.ndarray:
+    """Joint angles from `start` (excluded) to `end` on a line at minimum jerk, (steps, n) [rad]."""
+    return start + _minimum_jerk(steps)[:, None] * (end - start)
+
+
+def _minimum_jerk(steps: int) -> np.ndarray:
+    s = np.arange(1, steps + 1) / steps
+    return s**3 * (10 - 15 * s + 6 * s**2)
 
 
 def tipped(pose: np.ndarray, planned: np.ndarray, tilt_limit: float) -> bool:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from sim.errors import InputError
 from sim.measurements import Measurements, PosturePlan, SensorSheet
 from sim.model import PLATES, load_model, sha256
 from sim.plates import plate_geometry
@@ -20,6 +21,25 @@ def record_error(rig: Rig, rng: np.random.Generator, placements: int) -> np.ndar
     return sd * rng.standard_normal((placements, 2, 3))
 
 
+def check_support(plan: PosturePlan) -> None:
+    """Refuse postures that no laboratory stands on.
+
+    Raises:
+        InputError: a support other than both feet or the stance foot.
+    """
+    if (other := plan.support == "left").any():
+        raise InputError(
+            f"plan, posture {plan.posture[other.argmax()]}: found support 'left', expected 'double' or "
+            "'right' (the laboratory stands on both feet or on the stance foot)"
+        )
+
+
+def support_of(plan: PosturePlan, posture: np.ndarray) -> np.ndarray:
+    """Support of postures by their numbers, same shape."""
+    by_number = dict(zip(plan.posture.tolist(), plan.support.tolist(), strict=True))
+    return np.array([by_number[number] for number in posture.tolist()])
+
+
 def choose_repeats(plan: PosturePlan, count: int, rng: np.random.Generator) -> frozenset[int]:
     """Numbers of the postures that are measured twice."""
     chosen = rng.choice(plan.posture, size=min(count, len(plan)), replace=False)
@@ -30,6 +50,11 @@ def order_of_tries(plan: PosturePlan, placement: int, repeats: frozenset[int]) -
     """Rows of the plan in the order in which a placement tries them, and whether it is a repeat."""
     rows = np.flatnonzero(plan.placement == placement).tolist()
     return [(row, False) for row in rows] + [(row, True) for row in rows if int(plan.posture[row]) in repeats]
+
+
+def new_set_up(placement: np.ndarray, support: np.ndarray) -> np.ndarray:
+    """Whether the robot is put down anew before a try, for all but the first, (k - 1,) bool."""
+    return (placement[1:] != placement[:-1]) | (support[1:] != support[:-1])
 
 
 def start_times(rig: Rig, placement: np.ndarray) -> np.ndarray:
@@ -90,7 +115,6 @@ def record(
     """
     m = len(reading["q"])
     return Measurements(
-        support=np.full(m, "double"),
         window=np.full(m, rig.protocol.window),
         samples=np.full(m, round(rig.protocol.window * rig.sensors.sample_rate)),
         joint_angles=reading["q"],

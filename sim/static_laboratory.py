@@ -33,7 +33,17 @@ from sim.laboratory import boards_under
 from sim.measurements import Measurements, PosturePlan
 from sim.model import load_model
 from sim.path import ClosedChain
-from sim.record import choose_repeats, constants, order_of_tries, record, record_error, start_times, weigh
+from sim.record import (
+    check_support,
+    choose_repeats,
+    constants,
+    new_set_up,
+    order_of_tries,
+    record,
+    record_error,
+    start_times,
+    weigh,
+)
 from sim.rig import Rig
 from sim.sensors import read_cells, read_encoders, sample_mean
 
@@ -89,7 +99,7 @@ class StaticRun:
 
     Attributes:
         measurements: the data contract.
-        dropped: posture number and reason of every first try that could not be used.
+        dropped: number of every posture of which no try could be used, and why its first could not.
         standard: standard parameters of the robot that stood there (eq. 5), (n_links, 4) [kg, kg m].
     """
 
@@ -109,11 +119,7 @@ def prepare(rig: Rig, plan: PosturePlan) -> Prepared:
     Raises:
         InputError: a support other than double, or a scene that this statics does not know.
     """
-    if (other := plan.support != "double").any():
-        raise InputError(
-            f"plan, posture {plan.posture[other.argmax()]}: found support '{plan.support[other.argmax()]}', "
-            "expected 'double' (the only one that the laboratory stands on so far)"
-        )
+    check_support(plan)
     m, model = mechanism(rig), load_model(rig.robot)
     placements, placement = np.unique(plan.placement, return_inverse=True)
     first = [int(np.flatnonzero(plan.placement == number)[0]) for number in placements]
@@ -126,11 +132,17 @@ def prepare(rig: Rig, plan: PosturePlan) -> Prepared:
         plates=boards[placement],
         mass=m.mass,
         center=m.center,
+        stands=standing_feet(plan.support),
     )
     near = reference(m, _start(rig, m, plan), load)
     names = [body.name for body in m.bodies]
     links = np.array([names.index(model.body(k).name) for k in range(1, model.nbody)])
     return Prepared(rig, plan, m, near, boards, placement, links, constants(rig))
+
+
+def standing_feet(support: np.ndarray) -> np.ndarray:
+    """Whether the right and the left foot are on the ground, (m, 2) bool."""
+    return np.column_stack([np.full(len(support), True), support == "double"])
 
 
 def run_static(
@@ -174,7 +186,9 @@ def hold_static(
         pairs, number = np.unique(
             np.column_stack([tries.before, tries.row])[moved], axis=0, return_inverse=True
         )
-        way[moved] += ways(prepared.near, plan.joint_angles, m.motors, *pairs.T)[number]
+        closed = plan.support[pairs[:, 1]] == "double"
+        start, end = pairs.T
+        way[moved] += ways(prepared.near, plan.joint_angles, m.motors, start, end, closed)[number]
     load = Load(
         command=tries.command,
         friction=left_friction(m.friction, way, moved, rig.protocol.move_time, tries.scatter),
@@ -182,9 +196,10 @@ def hold_static(
         plates=tries.plates,
         mass=mass,
         center=center,
+        stands=standing_feet(plan.support)[tries.row],
     )
     state, solved = solve(m, prepared.near, tries.row, load)
-    reason = faults(m, state, cell_forces(m, state, load), rig.robot.feet)
+    reason = faults(m, state, load, cell_forces(m, state, load), rig.robot.feet)
     return state, load, np.where(solved, reason, NO_EQUILIBRIUM)
 
 
@@ -202,7 +217,7 @@ def _draw(prepared: Prepared, run: int, rng: np.random.Generator) -> Tries:
     order = [row for number in np.unique(plan.placement) for row, _ in order_of_tries(plan, number, repeats)]
     row = np.array(order)
     place = prepared.placement[row]
-    fresh = np.append(True, place[1:] != place[:-1])
+    fresh = np.append(True, new_set_up(place, plan.support[row]))
     plates = prepared.boards + rig.protocol.plate_sd * rng.standard_normal(prepared.boards.shape)
     noise = rig.controller.command_sd * rng.standard_normal((len(row), len(plan.joints)))
     return Tries(
@@ -262,11 +277,9 @@ def _hand_over(
     place = prepared.placement[row]
     plates = tries.plates[mine] + record_error(rig, rng, len(prepared.boards))[place]
     used = why == ""
-    repeat = np.ones(len(row), bool)
-    repeat[np.unique(row, return_index=True)[1]] = False
-    dropped = tuple(
-        (int(plan.posture[r]), w) for r, w in zip(row[~used & ~repeat], why[~used & ~repeat], strict=True)
-    )
+    first = np.isin(np.arange(len(row)), np.unique(row, return_index=True)[1])
+    lost = first & ~np.isin(row, row[used])
+    dropped = tuple((int(plan.posture[r]), w) for r, w in zip(row[lost], why[lost], strict=True))
     if not used.any():
         raise InputError(f"none of {len(row)} postures could be measured: {'; '.join(sorted(set(why)))}")
     samples = round(rig.protocol.window * rig.sensors.sample_rate)
@@ -282,6 +295,7 @@ def _hand_over(
         weigh(rig, float(standard[:, 0].sum()), rng),
         joints=plan.joints,
         posture=plan.posture[row[used]],
+        support=plan.support[row[used]],
         placement=plan.placement[row[used]],
         time=start_times(rig, place)[used],
         command=tries.command[mine][used],
@@ -300,6 +314,7 @@ def _start(rig: Rig, m: Mechanism, plan: PosturePlan) -> State:
     angles = np.zeros((len(pose), len(m.names)))
     angles[:, m.motors] = plan.joint_angles
     angles[:, m.joints] = plan.joint_angles
+    share = standing_feet(plan.support) / standing_feet(plan.support).sum(axis=1)[:, None]
     wrench = np.zeros((len(pose), 2, 6))
-    wrench[:, :, :3] = -m.gravity * m.mass.sum() / 2
+    wrench[:, :, :3] = -share[:, :, None] * m.gravity * m.mass.sum()
     return State(pose[:, :3], rotation.reshape(-1, 3, 3), angles, wrench)

@@ -91,6 +91,8 @@ class Stiction:
         """
         normal = _normal(data, below)
         points, forces, torques = _contacts(self.model, data, above, below)
+        if not len(points) and not self.wrenches[above].any():
+            return 0.0  # in the air
         pressure = forces @ normal
         if pressure.sum() <= 0:
             return np.inf

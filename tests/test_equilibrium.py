@@ -195,9 +195,9 @@ def test_what_it_does_not_know_is_refused(rig, plan):
 
     with pytest.raises(InputError, match="tendon 'between': expected joints, or one site on the robot"):
         mechanism(dataclasses.replace(rig, edit=odd))
-    single = dataclasses.replace(plan, support=np.full(len(plan), "right"))
-    with pytest.raises(InputError, match="found support 'right', expected 'double'"):
-        prepare(rig, single)
+    other = dataclasses.replace(plan, support=np.full(len(plan), "left"))
+    with pytest.raises(InputError, match="found support 'left', expected 'double' or 'right'"):
+        prepare(rig, other)
 
 
 def test_small_turns_are_rotations():

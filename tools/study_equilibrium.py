@@ -22,7 +22,7 @@ from sim.measurements import PosturePlan, read_plan
 from sim.model import load_model, load_robot
 from sim.path import ClosedChain
 from sim.rig import Rig, preset_rig
-from sim.static_laboratory import Prepared, Tries, hold_static, prepare, run_static
+from sim.static_laboratory import Prepared, Tries, hold_static, prepare, run_static, standing_feet
 
 # A foot whose centre of pressure is nearer to its sole's edge may have begun to tip (up to 20 um of gap).
 EDGE = 2e-3  # m
@@ -121,6 +121,7 @@ def compare(prepared: Prepared, attempts: list[Attempt]) -> Comparison:
         plates=np.array([a.true_plates for a in held]),
         mass=m.mass,
         center=m.center,
+        stands=standing_feet(plan.support)[rows],
     )
     solved = reference(m, start, load)
     forces = cell_forces(m, solved.state, load)
@@ -210,7 +211,7 @@ def edge_distance(prepared: Prepared, held: list[Attempt]) -> np.ndarray:
 
 def plate_center(cells: np.ndarray, plate: np.ndarray, forces: np.ndarray) -> np.ndarray:
     """Centre of pressure on one plate in the base frame, (m, 2) [m]."""
-    own = forces @ cells / forces.sum(axis=1)[:, None]
+    own = forces @ cells / np.maximum(forces.sum(axis=1), 1e-9)[:, None]  # nothing stands there: its middle
     c, s = np.cos(plate[:, 2]), np.sin(plate[:, 2])
     return plate[:, :2] + np.column_stack([c * own[:, 0] - s * own[:, 1], s * own[:, 0] + c * own[:, 1]])
 

@@ -66,14 +66,14 @@ def main() -> None:
     pool = joblib.Parallel(n_jobs=arguments.workers)
     whole = {preset: Scenario(preset_rig(preset), plan, SEED, preset) for preset in PRESETS}
     truth = whole[PRESETS[0]].true_base_parameters()
-    kinds = ("all errors", "largest |z|", "residual sigma", "total mass", "any check", "all errors by eq. 14")
+    kinds = ("all errors", "largest z", "residual sigma", "total mass", "any check", "all errors by eq. 14")
     print(header("preset", "placements", *kinds, "sigma (mm)"))
     for count in PLACEMENTS:
         for preset, scenario in whole.items():
             some = dataclasses.replace(scenario, plan=part_of(plan, plan.placement <= count))
             held = first(experiment, count)
             seen = pool(joblib.delayed(judged)(some, held, truth, (count, k)) for k in range(arguments.draws))
-            full = {"all errors": "full model: all errors", "largest |z|": "full model: largest |z|"}
+            full = {"all errors": "full model: all errors", "largest z": "full model: largest |z|"}
             full |= {"residual sigma": "residual sigma (mm)", "total mass": "total mass"}
             rates = [share([name in one["failed"] for one in seen]) for name in full.values()]
             rates += [share([bool(one["failed"]) for one in seen]), share([one["eq. 14"] for one in seen])]

@@ -14,9 +14,8 @@ from experiments.montecarlo.run import Interrupted, Place, montecarlo
 from experiments.montecarlo.settings import Settings, check_settings
 from experiments.montecarlo.tables import print_report
 from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
-from experiments.setting_up import read_scenario, told_apart
+from experiments.setting_up import planned_parameters, read_scenario, told_apart
 from experiments.terminal import ERR, console, print_json, printable
-from identification.base_parameters import base_parameters
 from identification.estimators import DEFAULT
 from sim.model import TULIP
 
@@ -64,7 +63,9 @@ def montecarlo_command(
     settings = Settings(runs, seed, estimator, random_robots, dynamics)
     check_settings(settings, engine, address)
     scenario = read_scenario(plan, preset, seed, robot, workers)
-    told_apart(str(plan or DEFAULT_PLAN), scenario.plan, base_parameters(scenario.rig.robot))
+    told_apart(
+        str(plan or DEFAULT_PLAN), scenario.plan, planned_parameters(scenario.rig.robot, scenario.plan)
+    )
     try:
         report = montecarlo(scenario, settings, Place(out, workers, address))
     except Interrupted as stopped:

@@ -12,7 +12,7 @@ from experiments.commands.options import Json, Plan, RobotFile
 from experiments.correlation_table import print_correlations
 from experiments.description import described_robot
 from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
-from experiments.setting_up import draw_plan, plan_for, told_apart
+from experiments.setting_up import draw_plan, plan_for, planned_parameters, told_apart
 from experiments.terminal import console, print_json
 from experiments.validate import HIGH_CORRELATION
 from identification.base_parameters import base_parameters
@@ -57,6 +57,7 @@ def postures_command(
         if alone := [option for option, value in drawing.items() if value is not None]:
             raise InputError(f"--{alone[0]}: found without --random, expected both or neither")
         made = plan_for(described, plan)
+    parameters = planned_parameters(described, made)
     matrix = told_apart(source, made, parameters)
     if random and out is not None:
         write_plan(out, made)

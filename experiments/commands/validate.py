@@ -7,13 +7,12 @@ from pathlib import Path
 from experiments.commands.options import CORES, EstimatorName, Json, Plan, Preset, RobotFile, Seed, Workers
 from experiments.run_folder import check_new, write_run
 from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
-from experiments.setting_up import read_scenario, told_apart, tries
+from experiments.setting_up import planned_parameters, read_scenario, told_apart, tries
 from experiments.tables import (
     print_validation,
 )
 from experiments.terminal import ERR, console, print_json, progress
 from experiments.validate import report_document, validate
-from identification.base_parameters import base_parameters
 from identification.estimators import DEFAULT, ESTIMATORS
 from sim.errors import look_up
 from sim.model import TULIP
@@ -39,7 +38,9 @@ def validate_command(
     check_new(out)
     look_up("estimator", estimator, ESTIMATORS, "--estimator")
     scenario = read_scenario(plan, preset, seed, robot, workers)
-    told_apart(str(plan or DEFAULT_PLAN), scenario.plan, base_parameters(scenario.rig.robot))
+    told_apart(
+        str(plan or DEFAULT_PLAN), scenario.plan, planned_parameters(scenario.rig.robot, scenario.plan)
+    )
     with progress("holding postures", tries(scenario)) as advance:
         result = validate(scenario, workers, advance, estimator)
     write_run(out, result)

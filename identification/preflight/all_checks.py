@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from identification.nominal import Nominal
+from identification.nominal import Nominal, nominal_robot
 from identification.preflight.agreement import fit, repeats, scatter, single_placements, single_postures
 from identification.preflight.finding import Finding, row_name, skipped
 from identification.preflight.legs import legs
@@ -51,10 +51,13 @@ def preflight(measurements: Measurements, nominal: Nominal, series: Series | Non
     ]
     if (single := m.support != "double").any():
         row = int(single.argmax())
-        reason = f"{row_name(m, row)} stands on '{m.support[row]}', only double support can be used so far"
+        reason = f"{row_name(m, row)} stands on one foot ('{m.support[row]}'), this is checked on two"
         findings += _skip((*LEGS, *FORCES), reason)
-        advice = "Leave these postures out."
-        return [*findings, Finding("identifiable", "fail", reason, "support 'double'", "support", advice)]
+        if (m.support == "left").any():
+            advice = "Leave these postures out, or name the other foot the stance foot."
+            expected = "support 'double' or 'right'"
+            return [*findings, Finding("identifiable", "fail", "support 'left'", expected, "support", advice)]
+        return [*findings, identifiable(m, nominal_robot(nominal.robot, "right"), None)]
     findings += [feet_on_plates(m, nominal), *legs(m, nominal)]
     if loads.result == "fail":
         findings += _skip(FORCES, "the cells' loads have to be right first")

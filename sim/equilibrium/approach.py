@@ -23,7 +23,12 @@ PUT_DOWN_SCATTER = 0.35  # the same after putting down
 
 
 def ways(
-    near: Reference, planned: np.ndarray, columns: np.ndarray, start: np.ndarray, end: np.ndarray
+    near: Reference,
+    planned: np.ndarray,
+    columns: np.ndarray,
+    start: np.ndarray,
+    end: np.ndarray,
+    closed: np.ndarray,
 ) -> np.ndarray:
     """How far every coordinate would go if it went on as it arrives, (b, n) [rad].
 
@@ -34,25 +39,32 @@ def ways(
         near: the solved postures. planned: their planned joint angles, (k, n_joints).
         columns: coordinates that the joints' servos turn, (n_joints,).
         start, end: numbers of the postures between which the robot moves, (b,).
+        closed: whether both feet stand; on one foot all joints go straight, (b,) bool.
     """
     n = near.state.angles.shape[-1]
-    closure = near.slope[end][:, 6 + n :]
-    first, last = (near.state.rotation[which] for which in (start, end))
-    step = np.concatenate(
-        [
-            near.state.position[end] - near.state.position[start],
-            _rotation_vector(last @ first.transpose(0, 2, 1)),
-        ],
-        axis=-1,
-    )
-    joints = closure[:, :, 6 : 6 + n][:, :, columns]
-    between = np.abs(joints).max(axis=(0, 1)) > 0
     way = planned[end] - planned[start]
-    rates = -(np.linalg.pinv(joints[..., between]) @ (closure[..., :6] @ step[..., None]))[..., 0]
-    way[:, between] = rates
+    if closed.any():
+        way[closed] = _closed_ways(near, way[closed], columns, start[closed], end[closed])
     out = np.zeros((len(end), n))
     out[:, columns] = way
     return out
+
+
+def _closed_ways(
+    near: Reference, way: np.ndarray, columns: np.ndarray, start: np.ndarray, end: np.ndarray
+) -> np.ndarray:
+    """The same of the joints where both feet stand, from their straight way, (b, n_joints)."""
+    n = near.state.angles.shape[-1]
+    closure = near.slope[end][:, 6 + n :]
+    first, last = (near.state.rotation[which] for which in (start, end))
+    there = near.state.position[end] - near.state.position[start]
+    step = np.concatenate([there, _rotation_vector(last @ first.transpose(0, 2, 1))], axis=-1)
+    joints = closure[:, :, 6 : 6 + n][:, :, columns]
+    between = np.abs(joints).max(axis=(0, 1)) > 0
+    rates = -(np.linalg.pinv(joints[..., between]) @ (closure[..., :6] @ step[..., None]))[..., 0]
+    way = way.copy()
+    way[:, between] = rates
+    return way
 
 
 def swaying(near: Reference, weight: float, which: np.ndarray, push: np.ndarray) -> np.ndarray:

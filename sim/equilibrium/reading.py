@@ -31,7 +31,9 @@ def cell_forces(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
     return np.concatenate(sides, axis=-1)
 
 
-def faults(mechanism: Mechanism, state: State, cells: np.ndarray, feet: tuple[str, str]) -> np.ndarray:
+def faults(
+    mechanism: Mechanism, state: State, load: Load, cells: np.ndarray, feet: tuple[str, str]
+) -> np.ndarray:
     """Why a posture would not stand as it should, or "", (...,) of text.
 
     A sole stands flat while its centre of pressure is inside its corners, a board while no cell
@@ -49,12 +51,13 @@ def faults(mechanism: Mechanism, state: State, cells: np.ndarray, feet: tuple[st
         arms = np.sqrt(((m.corners[side] - center[..., None, :]) ** 2).sum(axis=-1))
         low, high = m.corners[side].min(axis=0), m.corners[side].max(axis=0)
         lost = ((center < low) | (center > high)).any(axis=-1) | (force[..., 2] <= LEAST_LOAD)
+        lost &= load.stands[..., side]
         names = np.array([f"lost sole corner {foot}_{corner}" for corner in CORNERS], dtype=object)
         reason = np.where(lost & (reason == ""), names[arms.argmax(axis=-1)], reason)
         twist = moment[..., 2] - center[..., 0] * force[..., 1] + center[..., 1] * force[..., 0]
         carried = m.sole_friction[side] * press
         along = (force[..., :2] ** 2).sum(axis=-1) / carried**2
-        slides = along + (twist / (carried * arms.mean(axis=-1))) ** 2 > 1
+        slides = load.stands[..., side] & (along + (twist / (carried * arms.mean(axis=-1))) ** 2 > 1)
         reason = np.where(slides & (reason == ""), f"slipped {foot}", reason)
     pulled = cells + np.repeat(m.plate_weight, 4) < -LEAST_LOAD
     lifted = np.array([f"lifted cell {cell}" for cell in CELLS], dtype=object)[pulled.argmax(axis=-1)]

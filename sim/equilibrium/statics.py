@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from sim.equilibrium.mechanism import HINGE, Mechanism, Stops
+
+WRENCH_UNIT = 100.0  # N or Nm, that counts as much as a metre where a foot is to bear nothing
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,7 @@ class Load:
         feet: planar poses of both soles, (..., 2, 3) [m, m, rad].
         plates: planar poses of both plates, (..., 2, 3) [m, m, rad].
         mass, center: of the bodies, (..., nb) [kg], (..., nb, 3) [m].
+        stands: whether either foot is on the ground, (..., 2) bool.
     """
 
     command: np.ndarray
@@ -63,10 +66,11 @@ class Load:
     plates: np.ndarray
     mass: np.ndarray
     center: np.ndarray
+    stands: np.ndarray = field(default_factory=lambda: np.ones(2, bool))
 
     def items(self, which: np.ndarray) -> Load:
         """Some items of a flat batch; what all items share stays."""
-        shapes = {"command": 1, "friction": 1, "feet": 2, "plates": 2, "mass": 1, "center": 2}
+        shapes = {"command": 1, "friction": 1, "feet": 2, "plates": 2, "mass": 1, "center": 2, "stands": 1}
         parts = {name: getattr(self, name) for name in shapes}
         return Load(
             **{name: part[which] if part.ndim > shapes[name] else part for name, part in parts.items()}
@@ -78,7 +82,7 @@ def residual(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
 
     Forces and moments of all loads about the world's origin are summed from the leaves to the
     torso; a hinge bears the part along its axis (principle of virtual work). Then how far both
-    soles are from flat on their places.
+    soles are from flat on their places, or what a foot in the air would bear.
     """
     m = mechanism
     frames, axes, anchors = _kinematics(m, state)
@@ -101,7 +105,9 @@ def residual(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
                 borne = _dot(axis, force[number])
             out[..., 6 + joint.column] = borne
     out[..., 6 : 6 + n] += _drives(m, state, load)
-    out[..., 6 + n :] = _closure(m, state, load, frames).reshape(*shape, 12)
+    # A foot in the air bears nothing, wherever it is.
+    closure = np.where(load.stands[..., None], _closure(m, state, load, frames), state.wrench / WRENCH_UNIT)
+    out[..., 6 + n :] = closure.reshape(*shape, 12)
     return out
 
 

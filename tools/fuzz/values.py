@@ -121,6 +121,8 @@ def wrong_support(folder: Path, rng: Rng) -> Expected:
     values, row = values_of(table, "support"), int(rng.integers(len(table)))
     values[row] = pick(rng, ("both", "Double", "double ", "dOuble", "x" * 100_000, "\x1b[2J", "ä"))
     path = store(folder, with_column(table, "support", values), rng)
+    if values[row] == "double " and path.suffix == ".csv":
+        return same()  # spreadsheets leave blanks around what they export
     return refused(path.name, "column 'support'", f"row {row + 1}")
 
 
