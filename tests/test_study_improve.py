@@ -104,6 +104,7 @@ def test_predictions_rank() -> None:
             "condition_number": float(k),
             "scaled_condition_number": float(rng.random()),
             "mean_se": float(-k),
+            "predicted_se_mm": float(rng.random()),
             "rms_mm": 2.0 * k,
             "median_rms_mm": 2.0 * k,
         }
@@ -143,12 +144,14 @@ def test_one_foot_postures_stand_and_the_torques_balance(robot: Robot) -> None:
         assert abs(roll) == pytest.approx(23.0 * 9.81 * abs(point[1]), abs=0.35)
 
 
-def test_single_support_prediction(rig: Rig, plan: PosturePlan, tmp_path: Path) -> None:
+def test_single_support_study(rig: Rig, plan: PosturePlan, tmp_path: Path) -> None:
     one_foot = one_foot_postures(rig.robot, 25, np.random.default_rng(SEED))
     rows, errors = single_support.study(rig, plan, one_foot, [(30, 0), (30, 25)], SEED, 2)
-    assert [r["parameters"] for r in rows] == [25, 26]
-    # More data can only help, but for the one parameter that comes in with them.
-    assert rows[1]["median_se_mm"] < rows[0]["median_se_mm"]
+    # More data can only help, and so does leaving out cells that carry nothing.
+    assert rows[1]["median_predicted_mm"] < rows[0]["median_predicted_mm"]
+    assert rows[1]["median_without_empty_plate_mm"] < rows[1]["median_predicted_mm"]
+    assert rows[0]["median_without_empty_plate_mm"] == rows[0]["median_predicted_mm"]
+    assert len(errors) == 25
     single_support.draw(errors, [(30, 0), (30, 25)], tmp_path / "s.png")
 
 

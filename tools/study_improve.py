@@ -104,7 +104,7 @@ def study_conditioning(work: Work) -> None:
 def study_single_support(work: Work) -> None:
     wii = preset_rig("wii", work.robot)
     one_foot = one_foot_postures(work.robot, 150, np.random.default_rng(work.seed + 5))
-    rows, errors = single_support.study(wii, work.pool, one_foot, MIXTURES, work.seed + 6, 150)
+    rows, errors = single_support.study(wii, work.pool, one_foot, MIXTURES, work.seed + 6, 120)
     work.table("single-support", rows)
     work.table("single-support-parameters", errors)
     single_support.draw(errors, [(150, 0), (75, 75), (300, 0)], work.picture("single-support"))

@@ -8,14 +8,22 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import bootstrap, rankdata
 
+from experiments.montecarlo.laboratory import stream_of
 from identification.base_parameters import BaseParameters
 from identification.regressor import stacked_regressor
 from sim.measurements import PosturePlan
 from sim.rig import Rig
+from sim.static_laboratory import prepare, run_static
 from tools.improve.designs import CRITERIA, exchanged, placement_blocks, plan_of, random_choices
 from tools.improve.output import BLACK, BLUE, GREEN, ORANGE, RED, SKY, Rows, panels, save
+from tools.improve.prediction import predicted_covariance
 from tools.improve.repeat import monte_carlo_error, repeat, rms
 
+TICKS = {
+    "condition_number": [500, 1000, 2000, 4000, 8000],
+    "mean_se": [8, 16, 32, 64],
+    "predicted_se_mm": [50, 100, 200, 400],
+}
 KINDS = {
     "random": ("o", BLUE),
     "least condition number": ("s", ORANGE),
@@ -65,10 +73,13 @@ def study(
     runs: int,
     seed: int,
 ) -> Rows:
-    """A row a plan: criteria by its planned angles, errors by its runs."""
+    """A row a plan: criteria by its planned angles, predicted s.e. by one run, errors by all runs."""
     rows = []
     for k, (kind, plan) in enumerate(plans):
         matrix = stacked_regressor(parameters, plan.joint_angles)
+        (one,) = run_static(prepare(rig, plan), [stream_of(seed + k, 0)])
+        value = parameters.values(one.standard)
+        stated = predicted_covariance(rig, one.measurements, parameters, value, ignore_empty=False)
         found = repeat(rig, plan, parameters, runs, seed + k)
         off = found.full.off
         rows.append(
@@ -76,6 +87,7 @@ def study(
                 "plan": kind,
                 "postures": len(plan),
                 **{name: criterion(matrix) for name, criterion in CRITERIA.items()},
+                "predicted_se_mm": 1e3 * float(np.sqrt(np.diag(stated).mean())),
                 "rms_mm": 1e3 * float(np.sqrt((off**2).mean())),
                 "rms_mc": 1e3 * monte_carlo_error(lambda e: float(np.sqrt((e**2).mean())), off),
                 "median_rms_mm": 1e3 * float(np.median(rms(off))),
@@ -93,7 +105,7 @@ def predictions(rows: Rows, seed: int) -> Rows:
     """Rank correlation of each criterion with the errors, over random plans and over all of one size."""
     same = [r for r in rows if r["postures"] == rows[0]["postures"]]
     table = []
-    for name in CRITERIA:
+    for name in [*CRITERIA, "predicted_se_mm"]:
         for error in ("rms_mm", "median_rms_mm"):
             entry = {"criterion": name, "error": error}
             for which, chosen in (("random", [r for r in same if r["plan"] == "random"]), ("all", same)):
@@ -130,8 +142,8 @@ def draw(rows: Rows, path: Path) -> None:
     figure, axes = panels(3, 3.4, 2)
     labels = {
         "condition_number": "condition number of H",
-        "scaled_condition_number": "condition number, columns of unit length",
         "mean_se": "root of trace (H'H)⁻¹ / 25",
+        "predicted_se_mm": "predicted standard error of all 25, mm",
     }
     errors = {"rms": "RMS error of all 25, mm", "median_rms": "median of the 25 RMS errors, mm"}
     pairs = [(error, criterion) for error in errors for criterion in labels]
@@ -149,6 +161,14 @@ def draw(rows: Rows, path: Path) -> None:
                 elinewidth=1,
                 label=kind if kind in KINDS else f"{kind} ({chosen[0]['postures']} postures)",
             )
+        ax.set_xscale("log")
+        if error == "rms":
+            ax.set_yscale("log")
+            ax.set_yticks([50, 100, 200, 400], ["50", "100", "200", "400"])
+            ax.minorticks_off()
+        ticks = TICKS[criterion]
+        ax.set_xticks(ticks, [str(tick) for tick in ticks])
+        ax.minorticks_off()
         ax.set_xlabel(labels[criterion])
         ax.set_ylabel(errors[error] if criterion == "condition_number" else "")
     handles, names = axes[0].get_legend_handles_labels()
