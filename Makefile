@@ -61,7 +61,7 @@ study-montecarlo: setup  ## docs/calibration.md's tables: calibration, wrong dat
 study-estimators: setup  ## docs/estimators.md's table: is each estimator right about its own errors?
 	$(BIN)/python -m tools.study_estimators
 
-study-improve: setup  ## docs/improve.md's tables and figures: the paper's ways to improve (a quarter of an hour of one core)
+study-improve: setup  ## docs/improve.md's tables and figures: the paper's ways to improve (some seventeen minutes of one core)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.study_improve
 
 study-verdict: setup  ## docs/verdict.md's tables: how often the verdict fails a true laboratory (an hour of one core)

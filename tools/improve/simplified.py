@@ -14,7 +14,7 @@ from tools.improve.output import BLUE, GREEN, ORANGE, RED, Rows, panels, save
 from tools.improve.repeat import Model, Repeated, monte_carlo_error, repeat, rms
 
 COLOURS = (BLUE, ORANGE, GREEN, RED)
-TICKS = (0.1, 0.2, 0.5, 1, 2, 5)
+TICKS = (0.2, 0.3, 0.5, 1, 2)
 
 
 def study(
@@ -133,23 +133,8 @@ def draw(rows: Rows, path: Path) -> None:
         ax.set_xlabel("spread of the true robots (s.d. of ln mass)")
         ax.set_ylabel("RMS error, simplified over full")
         ax.set_title(title, fontsize=10)
-        ax.text(
-            0.98,
-            1.03,
-            "full model better",
-            transform=ax.get_yaxis_transform(),
-            ha="right",
-            va="bottom",
-            fontsize=8,
-        )
-        ax.text(
-            0.98,
-            0.97,
-            "simplified better",
-            transform=ax.get_yaxis_transform(),
-            ha="right",
-            va="top",
-            fontsize=8,
-        )
+        for side, text, anchor in ((1.03, "full model better", "bottom"), (0.97, "simplified better", "top")):
+            ax.text(0.02, side, text, transform=ax.get_yaxis_transform(), va=anchor, fontsize=8)
+        ax.set_ylim(TICKS[0], TICKS[-1])
     errors.legend(frameon=False, fontsize=9)
     save(figure, path)
