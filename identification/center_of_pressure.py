@@ -16,27 +16,41 @@ def cell_positions(measurements: Measurements) -> np.ndarray:
     return (measurements.plate_poses[:, :, None, :2] + turned).reshape(len(measurements), 8, 2)
 
 
+def carrying(measurements: Measurements) -> np.ndarray:
+    """Cells of plates on which a foot stands, (m, 8) bool."""
+    stands = np.column_stack([measurements.support != "left", measurements.support != "right"])
+    return np.repeat(stands, 4, axis=1)
+
+
+def loads(measurements: Measurements) -> np.ndarray:
+    """What the cells carry, (m, 8) [N]: what they read, and nothing under a foot in the air.
+
+    An empty plate's cells read noise, which would reach the centre of pressure by a long lever.
+    """
+    return np.where(carrying(measurements), measurements.cell_forces, 0.0)
+
+
 def center_of_pressure(measurements: Measurements) -> np.ndarray:
     """Centre of pressure in the base frame, eq. 11, (m, 2) [m].
 
     Raises:
         InputError: a posture whose cells carry no weight.
     """
-    total = measurements.cell_forces.sum(axis=1)
+    total = loads(measurements).sum(axis=1)
     if (total <= 0).any():
         row = int(np.flatnonzero(total <= 0)[0])
         raise InputError(f"measurements, row {row + 1}: cells sum to {total[row]:.2f} N, expected a weight")
-    moment = np.einsum("mc,mca->ma", measurements.cell_forces, cell_positions(measurements))
+    moment = np.einsum("mc,mca->ma", loads(measurements), cell_positions(measurements))
     return moment / total[:, None]
 
 
 def load_shares(measurements: Measurements) -> np.ndarray:
     """Measured share of the weight on the right and the left plate, (m, 2) [-]."""
-    plates = measurements.cell_forces.reshape(-1, 2, 4).sum(axis=2)
+    plates = loads(measurements).reshape(-1, 2, 4).sum(axis=2)
     return plates / plates.sum(axis=1, keepdims=True)
 
 
 def total_mass(measurements: Measurements) -> tuple[float, float]:
     """Total mass from the mean force, and its standard error over the postures [kg]."""
-    mass = measurements.cell_forces.sum(axis=1) / measurements.gravity
+    mass = loads(measurements).sum(axis=1) / measurements.gravity
     return float(mass.mean()), float(mass.std(ddof=1) / np.sqrt(len(mass)))

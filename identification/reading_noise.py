@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.center_of_pressure import cell_positions, center_of_pressure
+from identification.center_of_pressure import carrying, cell_positions, center_of_pressure, loads
 from identification.nominal import Nominal, jacobian
 from sim.measurements import Measurements
 
@@ -65,12 +65,12 @@ def cell_noise(measurements: Measurements, center: np.ndarray | None = None) -> 
             the result is to weigh by, a fitted one is better, and the force is the mean of all.
     """
     m = measurements
-    force = m.cell_forces.sum(axis=1)
+    force = loads(m).sum(axis=1)
     if center is None:
         center = center_of_pressure(m)
     else:
         force = np.full(len(m), force.mean())
-    lever = (cell_positions(m) - center[:, None]) / force[:, None, None]
+    lever = carrying(m)[..., None] * (cell_positions(m) - center[:, None]) / force[:, None, None]
     return np.einsum("mca,mcb->mab", lever, lever)
 
 
@@ -80,7 +80,7 @@ def placement_levers(measurements: Measurements) -> np.ndarray:
     Columns: right plate's x, y, yaw, then the left one's.
     """
     m = measurements
-    forces = m.cell_forces.reshape(-1, 2, 4)
+    forces = loads(m).reshape(-1, 2, 4)
     share = forces.sum(axis=2) / forces.sum(axis=(1, 2))[:, None]
     arms = cell_positions(m).reshape(-1, 2, 4, 2) - m.plate_poses[:, :, None, :2]
     moment = np.einsum("mpc,mpca->mpa", forces, arms) / forces.sum(axis=(1, 2))[:, None, None]

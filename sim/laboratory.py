@@ -141,7 +141,7 @@ def run_placement(
     """Set up one placement and go through its postures, then through its repeats."""
     rng = np.random.default_rng(stream)
     order = order_of_tries(plan, placement, repeats)
-    boards = boards_under(rig, plan.swing_pose[order[0][0]])
+    boards = boards_under(rig, plan.swing_pose[[order[0][0]]])[0]
     stand = Stand(rig, boards + rig.protocol.plate_sd * rng.standard_normal((2, 3)))
     error = record_error(rig, rng, 1)[0]
     attempts: list[Attempt] = []
@@ -196,11 +196,14 @@ def _measurements(
     )
 
 
-def boards_under(rig: Rig, swing_pose: np.ndarray) -> np.ndarray:
-    """Where the two boards are to lie for a swing foot's pose (3,), (2, 3) [m, m, rad]."""
+def boards_under(rig: Rig, swing_poses: np.ndarray) -> np.ndarray:
+    """Where the two boards are to lie for poses of the swing foot, (k, 3) -> (k, 2, 3) [m, m, rad]."""
     size = plate_geometry(load_scene(rig.robot), "right").size
     model = load_model(rig.robot)
     right, left = (sole_corners(model, foot)[:, :2] for foot in rig.robot.feet)
-    c, s = np.cos(swing_pose[2]), np.sin(swing_pose[2])
-    soles = np.array([right, left @ np.array([[c, s], [-s, c]]) + swing_pose[:2]])
-    return lay_boards(soles, size, rig.protocol.plate_gap)
+    boards = []
+    for x, y, yaw in swing_poses:
+        c, s = np.cos(yaw), np.sin(yaw)
+        soles = np.array([right, left @ np.array([[c, s], [-s, c]]) + [x, y]])
+        boards.append(lay_boards(soles, size, rig.protocol.plate_gap))
+    return np.array(boards)

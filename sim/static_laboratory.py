@@ -123,7 +123,7 @@ def prepare(rig: Rig, plan: PosturePlan) -> Prepared:
     m, model = mechanism(rig), load_model(rig.robot)
     placements, placement = np.unique(plan.placement, return_inverse=True)
     first = [int(np.flatnonzero(plan.placement == number)[0]) for number in placements]
-    boards = np.array([boards_under(rig, plan.swing_pose[row]) for row in first])
+    boards = boards_under(rig, plan.swing_pose[first])
     feet = np.stack([np.zeros_like(plan.swing_pose), plan.swing_pose], axis=1)
     load = Load(
         command=plan.joint_angles,

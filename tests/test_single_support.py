@@ -11,6 +11,7 @@ import pytest
 from experiments.scenario import Scenario
 from experiments.validate import identify, validate
 from identification.base_parameters import base_parameters, common_support, standard_parameters
+from identification.center_of_pressure import center_of_pressure, load_shares
 from identification.nominal import nominal_robot
 from identification.preflight import preflight
 from sim.errors import InputError
@@ -79,6 +80,16 @@ def test_both_supports_together_tell_26_parameters(robot, plan, balanced):
     assert found.full.names[25] == "left_foot.z"
     # Feet tilt by micrometres on their contacts, which the estimator takes for flat.
     np.testing.assert_allclose(found.full.value, truth, atol=1e-3)
+
+
+def test_an_empty_plate_is_not_read(robot, balanced):
+    (run,) = run_static(prepare(preset_rig("wii", robot), balanced), np.random.SeedSequence(5).spawn(1))
+    measured = run.measurements
+    noisy = measured.cell_forces.copy()
+    noisy[:, 4:] += 5.0
+    louder = dataclasses.replace(measured, cell_forces=noisy)
+    np.testing.assert_array_equal(center_of_pressure(louder), center_of_pressure(measured))
+    np.testing.assert_array_equal(load_shares(louder)[:, 0], 1.0)
 
 
 def test_on_both_feet_the_26th_parameter_has_no_effect(robot, plan, model):
