@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim.equilibrium.solve import Reference
+from sim.equilibrium.statics import skew
 
 # Fitted to a development plan in full dynamics (seed 11); held against the shipped one by a test.
 SHORT_WAY = 0.09  # rad, at which 0.7 of the friction is left, for moves of REFERENCE_TIME
@@ -96,17 +97,7 @@ def left_friction(
 
 def _rotation_vector(rotation: np.ndarray) -> np.ndarray:
     """Of rotation matrices by less than half a turn, (..., 3) [rad]."""
-    odd = (
-        np.stack(
-            [
-                rotation[..., 2, 1] - rotation[..., 1, 2],
-                rotation[..., 0, 2] - rotation[..., 2, 0],
-                rotation[..., 1, 0] - rotation[..., 0, 1],
-            ],
-            axis=-1,
-        )
-        / 2
-    )
+    odd = skew(rotation)
     sine = np.linalg.norm(odd, axis=-1, keepdims=True)
     cosine = (np.trace(rotation, axis1=-2, axis2=-1)[..., None] - 1) / 2
     return odd * np.arctan2(sine, cosine) / np.maximum(sine, 1e-12)

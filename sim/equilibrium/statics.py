@@ -143,6 +143,21 @@ def turn(vector: np.ndarray) -> np.ndarray:
     return out
 
 
+def skew(rotation: np.ndarray) -> np.ndarray:
+    """Axis times sine of rotation matrices, (..., 3, 3) -> (..., 3); small turns' rotation vectors."""
+    return (
+        np.stack(
+            [
+                rotation[..., 2, 1] - rotation[..., 1, 2],
+                rotation[..., 0, 2] - rotation[..., 2, 0],
+                rotation[..., 1, 0] - rotation[..., 0, 1],
+            ],
+            axis=-1,
+        )
+        / 2
+    )
+
+
 def _kinematics(m: Mechanism, state: State) -> tuple[list, list, list]:
     """Place and rotation of every body; axis and anchor of every coordinate, in the world."""
     frames = [(state.position, state.rotation)]
@@ -241,18 +256,7 @@ def _closure(m: Mechanism, state: State, load: Load, frames: list) -> np.ndarray
         foot = load.feet[..., side, :]
         upright = turn(foot[..., 2:] * np.array([0.0, 0.0, 1.0]))
         wanted = np.concatenate([foot[..., :2], np.zeros_like(foot[..., :1])], axis=-1)
-        error = rotation @ np.swapaxes(upright, -1, -2)
-        turned = (
-            np.stack(
-                [
-                    error[..., 2, 1] - error[..., 1, 2],
-                    error[..., 0, 2] - error[..., 2, 0],
-                    error[..., 1, 0] - error[..., 0, 1],
-                ],
-                axis=-1,
-            )
-            / 2
-        )
+        turned = skew(rotation @ np.swapaxes(upright, -1, -2))
         row = np.concatenate([place + rotation @ point - wanted, turned], axis=-1)
         row[..., 2:5] -= sunk(m, side, state.wrench[..., side, :], foot, load.plates[..., side, :])
         rows.append(row)
