@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from sim.drives import motor_joint
+from sim.equilibrium.softness import Stops, board_give, contact_give, stops_of
 from sim.errors import InputError, listed
 from sim.model import CORNERS, PLATES, compile_spec, joint_names, load_model, sole_corners, sole_point
 from sim.plates import plate_geometry
@@ -48,26 +49,6 @@ class Rope:
     anchor: np.ndarray
     stiffness: float
     length: tuple[float, float]
-
-
-@dataclass(frozen=True)
-class Stops:
-    """Limits of the coordinates as MuJoCo softens them (its documentation's solver parameters), each (n,).
-
-    Attributes:
-        low, high: [rad], infinite where there are none.
-        rate: reference acceleration over depth, 1 / (dmax timeconst dampratio)^2 [1/s2].
-        least, most, width: impedance at the limit and beyond `width` [rad].
-        mobility: inverse of the inertia that the solver assumes, `dof_invweight0`.
-    """
-
-    low: np.ndarray
-    high: np.ndarray
-    rate: np.ndarray
-    least: np.ndarray
-    most: np.ndarray
-    width: np.ndarray
-    mobility: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -177,7 +158,7 @@ def mechanism(rig: Rig) -> Mechanism:
         springs=springs,
         ropes=ropes,
         friction=model.dof_frictionloss[dofs].copy(),
-        stops=_stops(model, turning, dofs),
+        stops=stops_of(model, turning, dofs),
         soles=(number[soles[0]], number[soles[1]]),
         sole_points=np.array(
             [
@@ -194,15 +175,15 @@ def mechanism(rig: Rig) -> Mechanism:
         top_height=float(top[0] if np.ptp(top) == 0 else np.nan),
         board_give=np.array(
             [
-                _give(
-                    cells[k], rig.compliance.cell + _contact_give(model, f"{plate}_plate_{CORNERS[0]}", None)
+                board_give(
+                    cells[k], rig.compliance.cell + contact_give(model, f"{plate}_plate_{CORNERS[0]}", None)
                 )
                 for k, plate in enumerate(PLATES)
             ]
         ),
         sole_give=np.array(
             [
-                _give(corners[k], _contact_give(model, f"{foot}_{CORNERS[0]}", f"{PLATES[k]}_plate_top"))
+                board_give(corners[k], contact_give(model, f"{foot}_{CORNERS[0]}", f"{PLATES[k]}_plate_top"))
                 for k, foot in enumerate(rig.robot.feet)
             ]
         ),
@@ -230,49 +211,6 @@ def _body(model: mujoco.MjModel, body: int, number: dict[int, int], column: dict
         rotation=_matrix(model.body_quat[body]),
         joints=tuple(joints),
     )
-
-
-def _stops(model: mujoco.MjModel, joints: list[int], dofs: np.ndarray) -> Stops:
-    limited = model.jnt_limited[joints].astype(bool)
-    reference, impedance = model.jnt_solref[joints], model.jnt_solimp[joints]
-    least, most = (np.clip(impedance[:, k], 1e-4, 0.9999) for k in (0, 1))
-    return Stops(
-        low=np.where(limited, model.jnt_range[joints, 0], -np.inf),
-        high=np.where(limited, model.jnt_range[joints, 1], np.inf),
-        rate=1 / (most * reference[:, 0] * reference[:, 1]) ** 2,
-        least=least,
-        most=most,
-        width=impedance[:, 2],
-        mobility=model.dof_invweight0[dofs],
-    )
-
-
-def _give(points: np.ndarray, softness: float) -> np.ndarray:
-    """Height, roll and pitch of a board on equal springs at points (4, 2), by force and moments, (3, 3)."""
-    levers = np.column_stack([np.ones(len(points)), points[:, 1], -points[:, 0]])
-    return softness * np.linalg.inv(levers.T @ levers)
-
-
-def _contact_give(model: mujoco.MjModel, geom: str, other: str | None) -> float:
-    """How far a contact at rest gives way, (1 - d) mobility / (K d^2) as in `Stops` [m/N].
-
-    Args:
-        other: the geom that it touches by an explicit pair; None: the floor.
-    """
-    this = model.geom(geom)
-    mobility = model.body_invweight0[this.bodyid[0], 0]
-    reference, impedance = this.solref, this.solimp
-    if other is not None:
-        that = model.geom(other)
-        mobility = mobility + model.body_invweight0[that.bodyid[0], 0]
-        geoms = {int(this.id), int(that.id)}
-        pair = next(
-            k for k in range(model.npair) if {int(model.pair_geom1[k]), int(model.pair_geom2[k])} == geoms
-        )
-        reference, impedance = model.pair_solref[pair], model.pair_solimp[pair]
-    d = min(float(impedance[0]), 0.9999)
-    rate = 1 / (min(float(impedance[1]), 0.9999) * reference[0] * reference[1]) ** 2
-    return float((1 - d) * mobility / (rate * d**2))
 
 
 def _tendons(model, number, column, root):

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim.equilibrium.mechanism import HINGE, Mechanism, Stops
+from sim.equilibrium.mechanism import HINGE, Mechanism
+from sim.equilibrium.softness import stopped
 
 WRENCH_UNIT = 100.0  # N or Nm, that counts as much as a metre where a foot is to bear nothing
 
@@ -225,22 +226,11 @@ def _loads(m: Mechanism, state: State, load: Load, frames: list) -> tuple[list, 
 
 def _drives(m: Mechanism, state: State, load: Load) -> np.ndarray:
     """Servos, springs and dry friction on the coordinates, (..., n)."""
-    out = load.friction - m.stiffness * (state.angles - m.rest) + _stopped(m.stops, state.angles)
+    out = load.friction - m.stiffness * (state.angles - m.rest) + stopped(m.stops, state.angles)
     out[..., m.motors] += torques(m, state.angles, load.command)
     for stiffness, (low, high), row in m.springs:
         out -= (stiffness * _beyond(state.angles @ row, low, high))[..., None] * row
     return out
-
-
-def _stopped(stops: Stops, angles: np.ndarray) -> np.ndarray:
-    """What the limits' soft constraints exert at rest: K x d^2 / ((1 - d) mobility), x deep, impedance d."""
-    over = np.maximum(stops.low - angles, 0.0) - np.maximum(angles - stops.high, 0.0)
-    if not over.any():
-        return over
-    part = np.minimum(np.abs(over) / stops.width, 1.0)
-    bend = np.where(part < 0.5, 2 * part**2, 1 - 2 * (1 - part) ** 2)  # power 2 about the middle
-    d = stops.least + bend * (stops.most - stops.least)
-    return stops.rate * d**2 / ((1 - d) * stops.mobility) * over
 
 
 def _beyond(length: np.ndarray, low: float, high: float) -> np.ndarray:

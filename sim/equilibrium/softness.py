@@ -1,0 +1,96 @@
+"""How MuJoCo's soft constraints give way at rest (its documentation, "Solver parameters").
+
+A constraint at depth x, impedance d, bears K d^2 x / ((1 - d) mobility), K = 1 / (dmax timeconst
+dampratio)^2: a spring, whose mobility is the inverse inertia that the solver assumes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+MOST_IMPEDANCE = 0.9999  # where MuJoCo cuts it off
+
+
+@dataclass(frozen=True)
+class Stops:
+    """Limits of the coordinates as MuJoCo softens them (its documentation's solver parameters), each (n,).
+
+    Attributes:
+        low, high: [rad], infinite where there are none.
+        rate: reference acceleration over depth, 1 / (dmax timeconst dampratio)^2 [1/s2].
+        least, most, width: impedance at the limit and beyond `width` [rad].
+        mobility: inverse of the inertia that the solver assumes, `dof_invweight0`.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    rate: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+    width: np.ndarray
+    mobility: np.ndarray
+
+
+def stops_of(model: mujoco.MjModel, joints: list[int], dofs: np.ndarray) -> Stops:
+    """The limits of some joints, whose degrees of freedom are `dofs`."""
+    limited = model.jnt_limited[joints].astype(bool)
+    reference, impedance = model.jnt_solref[joints], model.jnt_solimp[joints]
+    least, most = (np.clip(impedance[:, k], 1e-4, MOST_IMPEDANCE) for k in (0, 1))
+    return Stops(
+        low=np.where(limited, model.jnt_range[joints, 0], -np.inf),
+        high=np.where(limited, model.jnt_range[joints, 1], np.inf),
+        rate=_rate(reference, most),
+        least=least,
+        most=most,
+        width=impedance[:, 2],
+        mobility=model.dof_invweight0[dofs],
+    )
+
+
+def stopped(stops: Stops, angles: np.ndarray) -> np.ndarray:
+    """What the limits' soft constraints exert at rest: K x d^2 / ((1 - d) mobility), x deep, impedance d."""
+    over = np.maximum(stops.low - angles, 0.0) - np.maximum(angles - stops.high, 0.0)
+    if not over.any():
+        return over
+    part = np.minimum(np.abs(over) / stops.width, 1.0)
+    bend = np.where(part < 0.5, 2 * part**2, 1 - 2 * (1 - part) ** 2)  # power 2 about the middle
+    d = stops.least + bend * (stops.most - stops.least)
+    return stops.rate * d**2 / ((1 - d) * stops.mobility) * over
+
+
+def board_give(points: np.ndarray, softness: float) -> np.ndarray:
+    """Height, roll and pitch of a board on equal springs at points (4, 2), by force and moments, (3, 3)."""
+    levers = np.column_stack([np.ones(len(points)), points[:, 1], -points[:, 0]])
+    return softness * np.linalg.inv(levers.T @ levers)
+
+
+def contact_give(model: mujoco.MjModel, geom: str, other: str | None) -> float:
+    """How far a contact at rest gives way, (1 - d) mobility / (K d^2) as in `Stops` [m/N].
+
+    Args:
+        other: the geom that it touches by an explicit pair; None: the floor.
+    """
+    this = model.geom(geom)
+    mobility = model.body_invweight0[this.bodyid[0], 0]
+    reference, impedance = this.solref, this.solimp
+    if other is not None:
+        that = model.geom(other)
+        mobility = mobility + model.body_invweight0[that.bodyid[0], 0]
+        geoms = {int(this.id), int(that.id)}
+        pair = next(
+            k for k in range(model.npair) if {int(model.pair_geom1[k]), int(model.pair_geom2[k])} == geoms
+        )
+        reference, impedance = model.pair_solref[pair], model.pair_solimp[pair]
+    d = min(float(impedance[0]), MOST_IMPEDANCE)
+    rate = _rate(reference[None], min(float(impedance[1]), MOST_IMPEDANCE))[0]
+    return float((1 - d) * mobility / (rate * d**2))
+
+
+def _rate(reference: np.ndarray, most: np.ndarray | float) -> np.ndarray:
+    """K of `solref` (k, 2): time constant and damping ratio, or, both negative, stiffness and damping."""
+    standard = reference[:, 0] > 0
+    time = np.where(standard, reference[:, 0] * reference[:, 1], 1.0)
+    return np.where(standard, 1 / (most * time) ** 2, -reference[:, 0] / most**2)
