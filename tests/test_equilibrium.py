@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import ks_2samp
 
-from sim.equilibrium import Load, State, mechanism, reference, residual
+from sim.equilibrium import Load, State, faults, mechanism, reference, residual
 from sim.equilibrium.statics import turn
 from sim.errors import InputError
 from sim.laboratory import run_experiment
@@ -229,3 +229,21 @@ def test_the_chain_starts_from_the_same_torso(prepared, robot, plan):
     chain = ClosedChain(load_model(robot), robot)
     lifted = [chain.base_pose(angles)[2] for angles in plan.joint_angles]
     assert np.abs(prepared.near.state.position[:, 2] - lifted).max() < 0.03  # sag
+
+
+def test_a_sole_is_held_against_its_own_edges(prepared):
+    """Pressure near the toes of a foot turned by half a radian is inside of it; beside them it is not."""
+    m, near = prepared.mechanism, prepared.near.state
+    yaw = 0.5
+    state = near.items(np.zeros(2, int))
+    feet = np.zeros((2, 2, 3))
+    feet[:, 1] = [0.0, 0.2, yaw]
+    for k, (x, y) in enumerate(((0.12, 0.0), (0.03, 0.06))):
+        wx, wy = np.cos(yaw) * x - np.sin(yaw) * y, np.sin(yaw) * x + np.cos(yaw) * y
+        state.wrench[k] = 0.0
+        state.wrench[k, 0, 2] = state.wrench[k, 1, 2] = 100.0
+        state.wrench[k, 1, 3:5] = [100 * wy, -100 * wx]
+    load = Load(np.zeros(12), np.zeros(12), feet, feet, m.mass, m.center)
+    reasons = faults(m, state, load, np.full((2, 8), 25.0), ("right_foot", "left_foot"))
+    assert reasons[0] == ""
+    assert reasons[1].startswith("lost sole corner left_foot_")
