@@ -92,7 +92,9 @@ def parameter_table(
     table.add_column("parameter", min_width=16)
     headers = ["truth", "estimate", "error"] if known else ["estimate"]
     beside = ["paper %", "paper s.e.", "ratio"] if paper else []
-    for header in [*headers, "s.e.", "clustered", "rel. %", *beside]:
+    # The default's own standard errors allow for placements: then the second column would repeat the first.
+    apart = any(row["clustered_standard_error"] != row["standard_error"] for row in document["parameters"])
+    for header in [*headers, "s.e.", *(["clustered"] if apart else []), "rel. %", *beside]:
         table.add_column(header, justify="right", no_wrap=True)
     table.add_column("well id.", no_wrap=True)
     for row in document["parameters"]:
@@ -115,7 +117,7 @@ def parameter_table(
             escape(meaning(parameters, number)),
             *values,
             f"{1e3 * row['standard_error']:.2f}",
-            f"{1e3 * row['clustered_standard_error']:.2f}",
+            *([f"{1e3 * row['clustered_standard_error']:.2f}"] if apart else []),
             f"{row['relative_standard_error']:.1f}" if row["relative_standard_error"] < 1e4 else ">10000",
             *(theirs if paper else []),
             "[green]yes[/]" if well else "no",

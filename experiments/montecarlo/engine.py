@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
@@ -44,6 +45,10 @@ def _client(address: str) -> Any:
         raise InputError(
             "--engine dask: Dask is not installed; install the extra: pip install 'tulip-testbed[cluster]'"
         ) from None
+    if not re.fullmatch(r"(tcp|tls|ws|wss|ucx)://.+:\d+", address):
+        raise InputError(
+            f"--address: found '{address}', expected the scheduler's, such as tcp://10.0.0.5:8786"
+        )
     try:
         client = Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:

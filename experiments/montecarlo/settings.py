@@ -56,8 +56,12 @@ def check_settings(settings: Settings, engine: str, address: str | None) -> None
     look_up("engine", engine, ENGINES, "--engine")
     if (engine == "dask") != (address is not None):
         raise InputError(
-            f"--engine {engine}: found {'no ' if address is None else ''}--address; "
-            "expected the scheduler's address (tcp://HOST:PORT) with dask, and with dask alone"
+            f"--engine {engine}: found {'no ' if address is None else ''}--address; expected "
+            + (
+                "the scheduler's address, tcp://HOST:PORT"
+                if engine == "dask"
+                else "it with --engine dask only"
+            )
         )
     if settings.spread is not None and not 0 < settings.spread <= 1:
         raise InputError(

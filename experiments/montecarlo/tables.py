@@ -10,6 +10,7 @@ from rich.table import Table
 
 from experiments.montecarlo.verdict import BIAS, COVERAGE, LEVEL, RATIO
 from experiments.tables import COLOURS
+from experiments.terminal import print_table
 
 LEGEND = (
     "bias: mean error, with its Monte Carlo error; ratio: s.d. of the errors over the reported s.e., with "
@@ -18,14 +19,17 @@ LEGEND = (
 )
 
 
+SHOWN = {True: "shown", False: "not shown"}
+
+
 def print_report(console: Console, report: dict[str, Any]) -> None:
     """Tables, distributions and verdict."""
-    console.print(parameter_table("Full model", report["parameters"]))
+    print_table(console, parameter_table("Full model", report["parameters"]))
     _print_model(console, report)
     for pair, rho in report["correlations"].items():
         console.print(f"Correlation ({pair.replace(',', ', ')}): {_spread(rho, '.4f')}")
     if report["simplified"]["parameters"]:
-        console.print(parameter_table("Simplified model", report["simplified"]["parameters"]))
+        print_table(console, parameter_table("Simplified model", report["simplified"]["parameters"]))
         _print_model(console, report["simplified"])
     mass = report["total_mass"]
     if mass["bias"] is not None:
@@ -37,15 +41,17 @@ def print_report(console: Console, report: dict[str, Any]) -> None:
     for reason, count in report["failures"].items():
         console.print(f"{count} runs not identified: {reason}", markup=False)
     console.print(LEGEND)
-    console.print(check_table(report["checks"]))
+    print_table(console, check_table(report["checks"]))
     colour = COLOURS[report["verdict"]]
+    shown = f", {SHOWN[report['shown']]}" if report["verdict"] == "pass" else ""
     console.print(
-        f"Verdict on '{report['estimator']}' after {report['runs']} runs: [{colour}]{report['verdict']}[/]"
+        f"Verdict on '{report['estimator']}' after {report['runs']} runs: "
+        f"[{colour}]{report['verdict']}[/]{shown}"
     )
     if report["verdict"] == "pass" and not report["shown"]:
         console.print(
             "These runs do not suffice to show every check: nothing contradicts the estimator, but its "
-            "intervals still reach beyond the bounds. More runs narrow them."
+            "intervals still reach beyond the bounds. More runs, in a new folder, narrow them."
         )
 
 
@@ -54,7 +60,10 @@ def parameter_table(title: str, rows: list[dict[str, Any]]) -> Table:
     table = Table(title=title, title_justify="left", header_style="bold")
     table.add_column("nr", justify="right")
     table.add_column("parameter", no_wrap=True)
-    headers = ("bias mm", "+-", "s.e. mm", "ratio", "95 %", "50 %", "90 %", "95 % int.", "95 %")
+    headers = (
+        *("bias\nmm", "+-", "s.e.\nmm", "ratio\ns.d./s.e.", "its 95 %\ninterval"),
+        *("coverage %\nof 50 %", "of\n90 %", "of\n95 %", "its 95 %\ninterval"),
+    )
     for header in headers:
         table.add_column(header, justify="right", no_wrap=True)
     for row in rows:
@@ -80,8 +89,11 @@ def check_table(checks: list[dict[str, Any]]) -> Table:
         f"{100 * COVERAGE[0]:g} to {100 * COVERAGE[1]:g} %; chance to fail inside of them below {LEVEL:.0%}"
     )
     table = Table(title=title, title_justify="left", header_style="bold")
-    for header in ("check", "result", "shown", "worst nr", "value", "interval", "bounds", "beyond"):
+    for header in ("check", "result", "shown", "worst nr", "value", "interval", "bounds"):
         table.add_column(header)
+    notes = any(check["result"] == "not evaluated" or check["beyond"] for check in checks)
+    if notes:
+        table.add_column("beyond")
     for check in checks:
         result = check["result"]
         numbers = ", ".join(map(str, check["beyond"]))
@@ -92,8 +104,8 @@ def check_table(checks: list[dict[str, Any]]) -> Table:
             "" if check["number"] is None else str(check["number"]),
             "" if check["value"] is None else f"{check['value']:.4f}",
             "" if check["interval"] is None else _interval(check["interval"], ".4f"),
-            "" if check["bounds"] is None else _interval(check["bounds"], ".4g"),
-            escape(check["source"]) if result == "not evaluated" else numbers,
+            "" if check["bounds"] is None else _interval(check["bounds"], ".2g"),
+            *([escape(check["source"]) if result == "not evaluated" else numbers] if notes else []),
         )
     return table
 
