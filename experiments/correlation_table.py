@@ -21,7 +21,7 @@ def correlation_table(
 ) -> Table:
     """Every high correlation with its reason: which joints tell the two parameters apart."""
     table = Table(
-        title="Correlations above 0.85 in size by the estimator's covariance (eq. 15): known better is a sum or difference",
+        title="Correlations above 0.85 in size (eq. 15, by the estimator): sum or difference is better known",
         title_justify="left",
         header_style="bold",
     )

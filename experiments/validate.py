@@ -23,7 +23,13 @@ from experiments.checks import (
     verdict,
 )
 from experiments.scenario import Scenario
-from identification.base_parameters import BaseParameters, base_parameters, common_support
+from identification.base_parameters import (
+    BaseParameters,
+    base_parameters,
+    common_support,
+    renumbered,
+    simplified_numbers,
+)
 from identification.center_of_pressure import total_mass
 from identification.estimators import DEFAULT, Estimate, StandardEstimate, estimate_by, solve_least_squares
 from identification.regressor import regression, stacked_regressor
@@ -88,7 +94,7 @@ def identify(
     """
     parameters = parameters or base_parameters(robot, support=common_support(measurements.support))
     data = regression(parameters, measurements, robot, source)
-    kept = robot.settings.get("simplified", data.numbers.tolist())
+    kept = simplified_numbers(robot, parameters)
     full = estimate_by(data, estimator)
     simplified = full if len(kept) == len(data.numbers) else estimate_by(data.keep(kept), estimator)
     return Identification(parameters, full, simplified, total_mass(measurements), estimator)
@@ -119,7 +125,8 @@ def evaluate(
     """The checks of the verdict."""
     full, simplified = found.full, found.simplified
     settings = scenario.rig.robot.settings
-    pairs = [entry["pair"] for entry in settings.get("correlated", [])]
+    robot = scenario.rig.robot
+    pairs = [renumbered(robot, found.parameters, e["pair"]) for e in settings.get("correlated", [])]
     # With noise-free sensors the statistical checks have nothing to measure errors by.
     noisy = dataclasses.replace(scenario.rig.sensors, cell_gain={}) != Sensors()
     checks = []

@@ -127,6 +127,29 @@ def common_support(support: np.ndarray) -> str:
     return "right" if (support == "right").any() else "double"
 
 
+def renumbered(robot: Robot, parameters: BaseParameters, numbers: list[int]) -> list[int]:
+    """Numbers of the double-support set, as a robot's description has them, in this set."""
+    if parameters.support == "double":
+        return numbers
+    names = base_parameters(robot).names
+    return [parameters.names.index(names[number - 1]) + 1 for number in numbers]
+
+
+def simplified_numbers(robot: Robot, parameters: BaseParameters) -> list[int]:
+    """Numbers that the robot's simplified model keeps; all, if its description names none.
+
+    What only one foot makes visible is kept: the description speaks of double support.
+    """
+    everything = list(range(1, len(parameters.names) + 1))
+    if "simplified" not in robot.settings:
+        return everything
+    if parameters.support == "double":
+        return sorted(robot.settings["simplified"])
+    kept = renumbered(robot, parameters, robot.settings["simplified"])
+    known = renumbered(robot, parameters, list(range(1, len(base_parameters(robot).names) + 1)))
+    return sorted({*kept, *(set(everything) - set(known))})
+
+
 def base_parameters(
     robot: Robot, model: mujoco.MjModel | None = None, support: str = "double"
 ) -> BaseParameters:

@@ -17,6 +17,7 @@ from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
 from experiments.setting_up import planned_parameters, read_scenario, told_apart
 from experiments.terminal import ERR, console, print_json, printable
 from identification.estimators import DEFAULT
+from sim.errors import InputError
 from sim.model import TULIP
 
 EngineName = Annotated[
@@ -62,6 +63,10 @@ def montecarlo_command(
     began = time.perf_counter()
     settings = Settings(runs, seed, estimator, random_robots, dynamics)
     check_settings(settings, engine, address)
+    if preset == "ideal":
+        raise InputError(
+            "--preset ideal: found no noise, so no standard errors to judge; valid: wii, force-plate"
+        )
     scenario = read_scenario(plan, preset, seed, robot, workers)
     told_apart(
         str(plan or DEFAULT_PLAN), scenario.plan, planned_parameters(scenario.rig.robot, scenario.plan)

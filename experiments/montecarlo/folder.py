@@ -42,9 +42,12 @@ def run_document(scenario: Scenario, settings: dict[str, Any]) -> dict[str, Any]
 
 
 def plan_hash(plan: PosturePlan) -> str:
-    """Of a plan's numbers, in hexadecimal."""
-    arrays = (plan.joint_angles, plan.posture, plan.placement, plan.swing_pose)
-    return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
+    """Of all that a plan asks for, in hexadecimal."""
+    digest = hashlib.sha256()
+    for name in ("joint_angles", "posture", "placement", "support", "swing_pose"):
+        array = getattr(plan, name)
+        digest.update(f"{name} {array.dtype} {array.shape} ".encode() + array.tobytes())
+    return digest.hexdigest()
 
 
 def check_folder(folder: Path, document: dict[str, Any]) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.montecarlo.estimators import Fit, Fits, fit
 from experiments.montecarlo.laboratory import Laboratory, Run, stream_of
-from identification.base_parameters import BaseParameters
+from identification.base_parameters import BaseParameters, renumbered, simplified_numbers
 from identification.statistics import correlations, residual_norms, standard_errors
 from sim.errors import InputError
 from sim.measurements.tables import Columns
@@ -53,8 +53,9 @@ def layout_of(robot: Robot, parameters: BaseParameters) -> Layout:
     """The columns for a robot; a robot without a simplified model has the full one alone."""
     models = {"full": tuple(range(1, len(parameters.names) + 1))}
     if "simplified" in robot.settings:
-        models["simplified"] = tuple(sorted(robot.settings["simplified"]))
-    pairs = tuple((int(a), int(b)) for a, b in (e["pair"] for e in robot.settings.get("correlated", [])))
+        models["simplified"] = tuple(simplified_numbers(robot, parameters))
+    described = (renumbered(robot, parameters, e["pair"]) for e in robot.settings.get("correlated", []))
+    pairs = tuple((int(a), int(b)) for a, b in described)
     return Layout(parameters.names, models, pairs)
 
 

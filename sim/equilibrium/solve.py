@@ -45,16 +45,19 @@ def reference(mechanism: Mechanism, start: State, load: Load) -> Reference:
 
 
 def _newton(mechanism: Mechanism, start: State, load: Load) -> Reference:
-    state = start
+    state, still = start, np.zeros(start.position.shape[:-1], bool)
     for _ in range(NEWTON_STEPS):
         slope = derivative(mechanism, state, load)
         inverse = np.linalg.pinv(slope)  # a posture that cannot be held may have no inverse
         change = -(inverse @ residual(mechanism, state, load)[..., None])[..., 0]
         moves = np.abs(change[..., : 6 + state.angles.shape[-1]]).max(axis=-1)
-        state = state.moved(change * np.minimum(1.0, LARGEST_STEP / np.maximum(moves, TOLERANCE))[..., None])
-        if moves.max() < TOLERANCE:
+        # Whoever is there stays: what one item does must not depend on the others.
+        still |= moves < TOLERANCE
+        part = np.where(still, 0.0, np.minimum(1.0, LARGEST_STEP / np.maximum(moves, TOLERANCE)))
+        state = state.moved(part[..., None] * change)
+        if still.all():
             break
-    return Reference(state, inverse, slope, moves < TOLERANCE)
+    return Reference(state, inverse, slope, still)
 
 
 def derivative(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
