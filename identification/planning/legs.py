@@ -1,0 +1,108 @@
+"""What a held posture asks of the legs: static torques, and room between them; with derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from identification.planning.closed_chain import Chain, point_jacobian
+from identification.planning.problem import Problem
+
+
+def holding_torques(
+    problem: Problem, chain: Chain, share: np.ndarray, cop: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Torques of the drives that hold the robot against its weight and the floor.
+
+    Seen from the stance foot, joint j carries what lies beyond it: weights, and at the swing foot a
+    vertical force F at its centre of pressure P. With L_j = F (P - p_j) - g (S_j - m_j p_j), S_j and m_j
+    first moment and mass beyond, tau_j = -a_j . (L_j x e_z). Horizontal forces between the feet, which a
+    closed chain may hold besides, are left out.
+
+    Args:
+        share: of the weight on the swing foot, (m,) [-].
+        cop: its centre of pressure, (m, 2) [m].
+
+    Returns:
+        tau, (m, n) [N m]; derivative by joint angles, (m, n, n); by swing foot's share, x and y of its
+        centre of pressure, (m, n, 3).
+    """
+    axes, pivots, gravity = chain.axes, chain.pivots, problem.gravity
+    force = problem.weight * share
+    bears = problem.moved[:, problem.swing].astype(float)  # joints that carry the swing foot
+    point = np.zeros((len(share), 1, 3))
+    point[:, 0, :2] = cop
+    lever = point - pivots
+    load = (force[:, None] * bears)[..., None] * lever
+    load -= gravity * (chain.moment - chain.beyond[:, None] * pivots)
+    torque = axes[..., 1] * load[..., 0] - axes[..., 0] * load[..., 1]
+
+    # Turning joint i moves axis and pivot of every joint j beyond it, and the masses beyond both.
+    up = problem.upstream[..., None]  # [i, j]
+    axis_i, pivot_i = axes[:, :, None], pivots[:, :, None]
+    turned_axis = np.cross(axis_i, axes[:, None]) * up
+    moved_pivot = np.cross(axis_i, pivots[:, None] - pivot_i) * up
+    both = problem.moved[:, None] & problem.moved[None]
+    places = chain.positions + (chain.rotations @ problem.center[..., None])[..., 0]
+    count = len(problem.moved)
+    mass = both @ problem.mass
+    moment = ((both * problem.mass).reshape(count * count, -1) @ places).reshape(-1, count, count, 3)
+    moved_moment = np.cross(axis_i, moment - mass[..., None] * pivot_i)
+    moved_load = -(force[:, None, None] * bears)[..., None] * moved_pivot
+    moved_load -= gravity * (moved_moment - chain.beyond[:, None] * moved_pivot)
+    by_angle = (
+        turned_axis[..., 1] * load[:, None, :, 0]
+        - turned_axis[..., 0] * load[:, None, :, 1]
+        + axes[:, None, :, 1] * moved_load[..., 0]
+        - axes[:, None, :, 0] * moved_load[..., 1]
+    )
+    by_load = np.stack(
+        [
+            problem.weight * (axes[..., 1] * lever[..., 0] - axes[..., 0] * lever[..., 1]),
+            force[:, None] * axes[..., 1],
+            -force[:, None] * axes[..., 0],
+        ],
+        axis=2,
+    )
+    return torque, by_angle.mT, by_load * bears[:, None]
+
+
+def limb_distances(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+    """Between the surfaces of the two legs' capsules, pair by pair; negative where they overlap.
+
+    Returns:
+        (m, pairs) [m] and the derivative by joint angles, (m, pairs, n): between the nearest points held
+        fixed on their limbs, since moving those along changes nothing to first order.
+    """
+    ends = {frame for leg in problem.limbs for limb in leg for frame in limb[:2]}
+    slopes = {frame: point_jacobian(problem, chain, frame) for frame in ends}
+    distances, gradients = [], []
+    for a, b, radius in problem.limbs[0]:
+        for c, d, other in problem.limbs[1]:
+            first, second = chain.positions[:, [a, b]], chain.positions[:, [c, d]]
+            s, t = nearest_on_segments(first, second)
+            away = _between(second, t) - _between(first, s)
+            length = np.linalg.norm(away, axis=1)
+            normal = away / np.maximum(length, 1e-9)[:, None]
+            slope = (1 - t)[:, None, None] * slopes[c] + t[:, None, None] * slopes[d]
+            slope = slope - (1 - s)[:, None, None] * slopes[a] - s[:, None, None] * slopes[b]
+            distances.append(length - radius - other)
+            gradients.append((normal[:, None] @ slope)[:, 0])
+    if not distances:
+        count = len(chain.angles)
+        return np.zeros((count, 0)), np.zeros((count, 0, chain.angles.shape[1]))
+    return np.stack(distances, axis=1), np.stack(gradients, axis=1)
+
+
+def nearest_on_segments(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where two segments (m, 2, 3) come nearest, as fractions of their lengths, (m,) each (Ericson 2005)."""
+    u, v, w = first[:, 1] - first[:, 0], second[:, 1] - second[:, 0], first[:, 0] - second[:, 0]
+    uu, uv, vv, uw, vw = ((x * y).sum(axis=1) for x, y in ((u, u), (u, v), (v, v), (u, w), (v, w)))
+    cross = np.maximum(uu * vv - uv**2, 1e-12)
+    s = np.clip((uv * vw - vv * uw) / cross, 0, 1)
+    t = np.clip((uv * s + vw) / vv, 0, 1)
+    s = np.clip((uv * t - uw) / uu, 0, 1)
+    return s, t
+
+
+def _between(segment: np.ndarray, fraction: np.ndarray) -> np.ndarray:
+    return segment[:, 0] + fraction[:, None] * (segment[:, 1] - segment[:, 0])
