@@ -71,13 +71,13 @@ def chain_at(problem: Problem, angles: np.ndarray) -> Chain:
 def com_jacobian(problem: Problem, chain: Chain) -> np.ndarray:
     """Derivative of the centre of mass by the joint angles, (m, 3, n) [m/rad]."""
     arm = (chain.moment - chain.beyond[:, None] * chain.pivots) / problem.mass.sum()
-    return np.cross(chain.axes, arm).mT
+    return cross(chain.axes, arm).mT
 
 
 def point_jacobian(problem: Problem, chain: Chain, frame: int) -> np.ndarray:
     """Derivative of a frame's origin by the joint angles, (m, 3, n) [m/rad]."""
     arm = (chain.positions[:, frame, None] - chain.pivots) * problem.moved[:, frame, None]
-    return np.cross(chain.axes, arm).mT
+    return cross(chain.axes, arm).mT
 
 
 def torso_turn(rpy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -138,7 +138,7 @@ def solve_chain(
         angles[:, problem.between] += step
     wanted = np.zeros((len(swing), len(slope[0]), DESIGN))  # -dF/du: how the targets move
     wanted[:, 0:2, 6:8] = np.eye(2)
-    wanted[:, 0:3, 8] = np.cross([0.0, 0.0, 1.0], -(foot @ problem.points[1]))
+    wanted[:, 0:3, 8] = cross(np.array([0.0, 0.0, 1.0]), -(foot @ problem.points[1]))
     wanted[:, 5, 8] = 1.0
     wanted[:, 6:9, 3:6] = rates
     wanted[:, 9:12, 0:3] = np.eye(3)
@@ -160,9 +160,16 @@ def _equations(problem: Problem, chain: Chain) -> np.ndarray:
     return np.concatenate(rows, axis=1)[..., problem.between]
 
 
+def cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Of vectors along the last axis; a third of `numpy.cross`'s time."""
+    a, b, c = first[..., 0], first[..., 1], first[..., 2]
+    x, y, z = second[..., 0], second[..., 1], second[..., 2]
+    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-1)
+
+
 def _difference(found: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Rotation from one orientation to another, to first order, (m, 3) [rad]."""
-    return 0.5 * np.cross(found, wanted, axis=1).sum(axis=2)
+    return 0.5 * cross(found.mT, wanted.mT).sum(axis=1)
 
 
 def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:

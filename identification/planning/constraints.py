@@ -26,6 +26,7 @@ class Evaluation:
         slots, slot_slopes: feasible where at least 0, (m, s), and derivatives by u, (m, s, 9).
         regressor, regressor_slopes: R_b (eq. 6), (m, 2, p), and its derivative by u, (m, 2, p, 9).
         reached: whether inverse kinematics succeeded, (m,) bool.
+        turn: dq/du, (m, n, 9).
     """
 
     chain: Chain
@@ -34,6 +35,7 @@ class Evaluation:
     regressor: np.ndarray
     regressor_slopes: np.ndarray
     reached: np.ndarray
+    turn: np.ndarray
 
 
 def slot_names(problem: Problem) -> tuple[str, ...]:
@@ -122,6 +124,7 @@ def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluat
         regressor=regressor,
         regressor_slopes=np.einsum("mijp,mju->mipu", by_angle, dq, optimize=True),
         reached=reached,
+        turn=dq,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.planning.closed_chain import Chain, point_jacobian
+from identification.planning.closed_chain import Chain, cross, point_jacobian
 from identification.planning.problem import Problem
 
 
@@ -39,14 +39,14 @@ def holding_torques(
     # Turning joint i moves axis and pivot of every joint j beyond it, and the masses beyond both.
     up = problem.upstream[..., None]  # [i, j]
     axis_i, pivot_i = axes[:, :, None], pivots[:, :, None]
-    turned_axis = np.cross(axis_i, axes[:, None]) * up
-    moved_pivot = np.cross(axis_i, pivots[:, None] - pivot_i) * up
+    turned_axis = cross(axis_i, axes[:, None]) * up
+    moved_pivot = cross(axis_i, pivots[:, None] - pivot_i) * up
     both = problem.moved[:, None] & problem.moved[None]
     places = chain.positions + (chain.rotations @ problem.center[..., None])[..., 0]
     count = len(problem.moved)
     mass = both @ problem.mass
     moment = ((both * problem.mass).reshape(count * count, -1) @ places).reshape(-1, count, count, 3)
-    moved_moment = np.cross(axis_i, moment - mass[..., None] * pivot_i)
+    moved_moment = cross(axis_i, moment - mass[..., None] * pivot_i)
     moved_load = -(force[:, None, None] * bears)[..., None] * moved_pivot
     moved_load -= gravity * (moved_moment - chain.beyond[:, None] * moved_pivot)
     by_angle = (
