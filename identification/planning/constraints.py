@@ -8,7 +8,7 @@ import numpy as np
 
 from identification.planning.closed_chain import DESIGN, Chain, point_jacobian, solve_chain
 from identification.planning.footing import PLAN, footing_slopes
-from identification.planning.legs import holding_torques, limb_distances
+from identification.planning.legs import holding_torques, leg_stretch, limb_distances
 from identification.planning.problem import Problem
 
 # A slot of one is this much.
@@ -52,6 +52,7 @@ def slot_names(problem: Problem) -> tuple[str, ...]:
         *["boards and feet"] * 4,
         *(f"torque {name}" for j, name in enumerate(names) for k in range(2) if limited[j, k]),
         *["leg clearance"] * pairs,
+        *["straight leg"] * len(problem.legs),
     )
 
 
@@ -92,6 +93,8 @@ def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluat
     relative = np.stack([torque / limits[:, 0], torque / limits[:, 1]], axis=2)[:, limited]
     relative_slope = np.stack([torque_slope / limits[:, :1], torque_slope / limits[:, 1:]], axis=2)
     limb, limb_slope = limb_distances(problem, chain)
+    room, room_slope = leg_stretch(problem, chain)
+    straight = np.array([length for _, _, length in problem.legs])
 
     count = len(design)
     slots = [
@@ -103,6 +106,7 @@ def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluat
         foot.boards / LENGTH,
         (margins.torque_share - relative) / TORQUE,
         (limb - margins.leg_clearance) / LENGTH,
+        (room - margins.stretch * straight) / LENGTH,
     ]
     slopes = [
         joint_slopes.reshape(count, -1, DESIGN) / ANGLE,
@@ -113,6 +117,7 @@ def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluat
         foot_slope.boards @ by_design / LENGTH,
         -relative_slope[:, limited] / TORQUE,
         limb_slope @ dq / LENGTH,
+        room_slope @ dq / LENGTH,
     ]
     values = np.concatenate(slots, axis=1) - margins.rounding
     gradient = np.concatenate(slopes, axis=1)

@@ -93,6 +93,20 @@ def limb_distances(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarr
     return np.stack(distances, axis=1), np.stack(gradients, axis=1)
 
 
+def leg_stretch(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+    """How much nearer hip and ankle are than with a straight knee, (m, legs) [m]; by joint angles."""
+    room, slopes = [], []
+    for hip, ankle, length in problem.legs:
+        line = chain.positions[:, ankle] - chain.positions[:, hip]
+        distance = np.linalg.norm(line, axis=1)
+        slope = point_jacobian(problem, chain, ankle) - point_jacobian(problem, chain, hip)
+        room.append(length - distance)
+        slopes.append(-((line / distance[:, None])[:, None] @ slope)[:, 0])
+    if not room:
+        return np.zeros((len(chain.angles), 0)), np.zeros((len(chain.angles), 0, chain.angles.shape[1]))
+    return np.stack(room, axis=1), np.stack(slopes, axis=1)
+
+
 def nearest_on_segments(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where two segments (m, 2, 3) come nearest, as fractions of their lengths, (m,) each (Ericson 2005)."""
     u, v, w = first[:, 1] - first[:, 0], second[:, 1] - second[:, 0], first[:, 0] - second[:, 0]

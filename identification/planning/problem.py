@@ -16,6 +16,8 @@ from sim.measurements import PlateGeometry
 from sim.model import Robot, between_feet, joint_names, load_model, sole_corners, sole_point
 
 CLOSING = 12  # joints between the feet: as many as the equations that two feet, torso and CoM give
+Limb = tuple[int, int, float]
+Leg = tuple[Limb, ...]
 LEAST_LIMB = 0.1  # m, between joint centres: shorter links lie inside their neighbours' capsules
 
 
@@ -30,6 +32,8 @@ class Margins:
             beyond d_s; 1.645: each edge with 95 % probability [-].
         torque_share: of a drive's limit, most that holding may take by the predicted foot loads [-].
         joint: kept from both ends of a joint's range [rad].
+        stretch: of the straight leg's length that hip and ankle stay nearer than that: straight knees are
+            singular, where angles change without bound [-].
         leg_clearance: between the capsules round the two legs' limbs [m].
         rounding: kept from every bound, so that solver and file format cannot break one (in the
             constraints' own scales) [-].
@@ -38,7 +42,8 @@ class Margins:
     mass_sd: float = 0.10
     assurance: float = 1.645
     torque_share: float = 0.8
-    joint: float = 0.02
+    joint: float = 0.002
+    stretch: float = 0.005
     leg_clearance: float = 0.01
     rounding: float = 1e-5
 
@@ -61,6 +66,7 @@ class Problem:
         upstream: whether joint i carries joint j, (n, n) bool.
         spread: covariance of the nominal base parameters, (p, p) [m2].
         limbs: the two legs' limbs as frames at their ends, two a leg or more, and radii [m].
+        legs: frames at hip and ankle, and the distance between them with a straight knee [m].
         nominal: nominal base parameters, (p,) [m].
     """
 
@@ -82,7 +88,8 @@ class Problem:
     moved: np.ndarray
     upstream: np.ndarray
     spread: np.ndarray
-    limbs: tuple[tuple[tuple[int, int, float], ...], tuple[tuple[int, int, float], ...]]
+    limbs: tuple[Leg, Leg]
+    legs: tuple[Limb, ...]
     nominal: np.ndarray
 
     @property
@@ -121,6 +128,7 @@ def planning_problem(
     moved = moved_frames(tree, base)
     outer = {step.edge.joint: step.new for step in walk(tree, base) if step.edge.joint >= 0}
     carried = moved[:, [outer[j] for j in range(len(tree.joints))]]
+    limbs, legs = _limbs(model, robot, parameters)
     return Problem(
         robot=robot,
         parameters=parameters,
@@ -140,7 +148,8 @@ def planning_problem(
         moved=moved,
         upstream=carried & ~np.eye(len(carried), dtype=bool),
         spread=_spread(model, parameters, standard, margins.mass_sd),
-        limbs=_limbs(model, robot, parameters),
+        limbs=limbs,
+        legs=legs,
         nominal=parameters.values(standard),
     )
 
@@ -188,8 +197,8 @@ def _spread(
 
 def _limbs(
     model: mujoco.MjModel, robot: Robot, parameters: BaseParameters
-) -> tuple[tuple[tuple[int, int, float], ...], tuple[tuple[int, int, float], ...]]:
-    """Links between the torso and each foot that are long enough to meet the other leg's.
+) -> tuple[tuple[Leg, Leg], tuple[Limb, ...]]:
+    """Links between the torso and each foot that are long enough to meet the other leg's, and whole legs.
 
     A limb is a capsule between the origins of its own and of the next frame; its radius is its box's
     reach to the side.
@@ -199,14 +208,18 @@ def _limbs(
     places = frame_positions(tree, tree.frame_of_link[0], rotations, np.zeros(3))[0]
     before = {step.new: step.known for step in walk(tree, tree.frame_of_link[0])}
     boxes = link_boxes(model)
-    legs = []
+    limbs, legs = [], []
     for foot in robot.feet:
-        leg, frame = [], tree.frame(foot)
+        leg, length, frame = [], 0.0, tree.frame(foot)
         while frame in before:
             parent = before[frame]
-            if parent in before and np.linalg.norm(places[frame] - places[parent]) >= LEAST_LIMB:
+            long = float(np.linalg.norm(places[frame] - places[parent]))
+            if parent in before and long >= LEAST_LIMB:
                 link = tree.frame_of_link.index(parent)
                 leg.append((parent, frame, float(np.abs(boxes[link, :, 1]).max())))
+                length += long
             frame = parent
-        legs.append(tuple(leg))
-    return legs[0], legs[1]
+        limbs.append(tuple(leg))
+        if len(leg) > 1:
+            legs.append((leg[-1][0], leg[0][1], length))
+    return (limbs[0], limbs[1]), tuple(legs)
