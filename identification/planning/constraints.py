@@ -49,6 +49,7 @@ def slot_names(problem: Problem) -> tuple[str, ...]:
         *["stability margin"] * 8,
         *["sole margin"] * 8,
         *["cell load"] * 8,
+        *["foot load"] * 2,
         *["boards and feet"] * 4,
         *(f"torque {name}" for j, name in enumerate(names) for k in range(2) if limited[j, k]),
         *["leg clearance"] * pairs,
@@ -71,11 +72,13 @@ def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluat
     regressor = parameters.regressor(angles)
     by_angle = parameters.slope(angles)  # (m, 2, n, p)
     covariance, covariance_slope = _com_covariance(regressor, by_angle, problem.spread)
-    plan = np.column_stack([design[:, [0, 1, 6, 7, 8]], covariance])
+    torque, torque_by_angle, wrench, wrench_by_angle = holding_torques(problem, chain)
+    plan = np.column_stack([design[:, [0, 1, 6, 7, 8]], covariance, wrench[:, 2:5]])
     foot, foot_slope = footing_slopes(problem, plan)
     by_design = np.zeros((len(design), PLAN, DESIGN))
     by_design[:, [0, 1, 2, 3, 4], [0, 1, 6, 7, 8]] = 1.0
-    by_design[:, 5:] = covariance_slope @ dq
+    by_design[:, 5:8] = covariance_slope @ dq
+    by_design[:, 8:] = wrench_by_angle[:, 2:5] @ dq
 
     low, high = problem.limits[problem.between].T
     turn = dq[:, problem.between]
@@ -85,9 +88,7 @@ def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluat
     height = chain.positions[:, problem.torso, 2:] - ranges.least_height
     height_slope = point_jacobian(problem, chain, problem.torso)[:, 2:] @ dq
 
-    loads, load_slopes = foot.loads, foot_slope.loads @ by_design
-    torque, torque_by_angle, torque_by_load = holding_torques(problem, chain, loads[:, 0], loads[:, 1:])
-    torque_slope = torque_by_angle @ dq + torque_by_load @ load_slopes
+    torque_slope = torque_by_angle @ dq
     limited = np.isfinite(problem.torques)
     limits = np.where(limited, problem.torques, 1.0)
     relative = np.stack([torque / limits[:, 0], torque / limits[:, 1]], axis=2)[:, limited]
@@ -103,6 +104,7 @@ def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluat
         (foot.polygon - ranges.stability_margin) / LENGTH,
         (foot.soles - ranges.sole_margin) / LENGTH,
         (foot.cells - ranges.least_cell_load) / FORCE,
+        (foot.feet - margins.foot_load) / FORCE,
         foot.boards / LENGTH,
         (margins.torque_share - relative) / TORQUE,
         (limb - margins.leg_clearance) / LENGTH,
@@ -114,6 +116,7 @@ def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluat
         foot_slope.polygon @ by_design / LENGTH,
         foot_slope.soles @ by_design / LENGTH,
         foot_slope.cells @ by_design / FORCE,
+        foot_slope.feet @ by_design / FORCE,
         foot_slope.boards @ by_design / LENGTH,
         -relative_slope[:, limited] / TORQUE,
         limb_slope @ dq / LENGTH,

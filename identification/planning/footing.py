@@ -14,11 +14,13 @@ import numpy as np
 from identification.planning.problem import Problem
 
 STEP = 1e-30
-SHARE = (0.02, 0.98)  # as in `predicted_foot_loads`
 COLLINEAR = 1e-12  # m2
 LEAST_VARIANCE = 1e-18  # m2, so that a root has a derivative
 OFF_HULL = 1.0  # m: margin of a corner that begins no edge, so that it never binds
-PLAN = 8  # inputs: CoM x, y; swing foot x, y, yaw; variance of the CoM's x, covariance, variance of y
+LEAST_FORCE = 1.0  # N, on either foot; less is out of the question and would divide by nothing
+# Inputs: CoM x, y; swing foot x, y, yaw; variance of the CoM's x, covariance, variance of y; the swing
+# foot's vertical force, moment about x and about y.
+PLAN = 11
 
 
 @dataclass(frozen=True)
@@ -29,26 +31,26 @@ class Footing:
         polygon: how far the CoM stays inside each hull edge beyond its uncertainty, (m, 8) [m].
         soles: how far each foot's centre of pressure stays inside its sole's edges, (m, 8) [m].
         cells: loads, (m, 8) [N].
+        feet: vertical force on either foot, (m, 2) [N].
         boards: room of each sole on its own board to the side, of the swing sole to the front, and between the
             soles to the side, (m, 4) [m].
-        loads: the swing foot's share and centre of pressure, (m, 3) [-, m, m].
     """
 
     polygon: np.ndarray
     soles: np.ndarray
     cells: np.ndarray
     boards: np.ndarray
-    loads: np.ndarray
+    feet: np.ndarray
 
 
 def footing(problem: Problem, plan: np.ndarray) -> Footing:
-    """For the inputs of `PLAN`, (m, 8)."""
-    com, swing, covariance = plan[:, :2], plan[:, 2:5], plan[:, 5:]
+    """For the inputs of `PLAN`, (m, 11)."""
+    com, swing, covariance, wrench = plan[:, :2], plan[:, 2:5], plan[:, 5:8], plan[:, 8:]
     c, s = np.cos(swing[:, 2]), np.sin(swing[:, 2])
     turn = np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
     swing_sole = (turn[:, None] @ problem.soles[1][..., None])[..., 0] + swing[:, None, :2]
     stance_sole = np.broadcast_to(problem.soles[0], swing_sole.shape)
-    share, cop = _foot_loads(com, swing)
+    force, cop = _foot_loads(problem.weight, com, wrench)
     soles = []
     for foot, corners in enumerate((stance_sole, swing_sole)):
         distance, _ = _edges(cop[:, foot, None], _ccw(corners), _ccw(np.roll(corners, 1, axis=1)))
@@ -56,18 +58,18 @@ def footing(problem: Problem, plan: np.ndarray) -> Footing:
     boards, room = _boards(problem, swing_sole)
     arm = (cop - boards) / (problem.plate.cells**2).mean(axis=0)
     tilt = 1 + arm @ problem.plate.cells.T
-    cells = problem.plate.mass * problem.gravity / 4 + problem.weight * share[..., None] / 4 * tilt
+    cells = problem.plate.mass * problem.gravity / 4 + force[..., None] / 4 * tilt
     return Footing(
         polygon=_polygon(com, np.concatenate([stance_sole, swing_sole], axis=1), covariance, problem),
         soles=np.concatenate(soles, axis=1),
         cells=cells.reshape(len(plan), -1),
         boards=room,
-        loads=np.column_stack([share[:, 1], cop[:, 1]]),
+        feet=force,
     )
 
 
 def footing_slopes(problem: Problem, plan: np.ndarray) -> tuple[Footing, Footing]:
-    """Values, and derivatives by the inputs with a last axis of 8."""
+    """Values, and derivatives by the inputs with a last axis of 11."""
     stepped = plan[:, None] + 1j * STEP * np.eye(PLAN)
     both = footing(problem, stepped.reshape(-1, PLAN))
     values, slopes = {}, {}
@@ -83,15 +85,13 @@ def _ccw(corners: np.ndarray) -> np.ndarray:
     return corners[:, ::-1]
 
 
-def _foot_loads(com: np.ndarray, swing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Shares (m, 2) and centres of pressure (m, 2, 2): as `feasibility.predicted_foot_loads`."""
-    line = swing[:, :2]
-    along = (com * line).sum(axis=1) / (line**2).sum(axis=1)
-    left = np.where(along.real < SHARE[0], SHARE[0], np.where(along.real > SHARE[1], SHARE[1], along))
-    share = np.stack([1 - left, left], axis=1)
-    lever = com - left[:, None] * line
-    ankles = np.stack([np.zeros_like(line), line], axis=1)
-    return share, ankles + lever[:, None] / (2 * share[..., None])
+def _foot_loads(weight: float, com: np.ndarray, wrench: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertical forces (m, 2) and centres of pressure (m, 2, 2) of both feet; their mean lies at the CoM."""
+    swing = np.where(wrench[:, 0].real > LEAST_FORCE, wrench[:, 0], LEAST_FORCE)
+    swing = np.where(swing.real < weight - LEAST_FORCE, swing, weight - LEAST_FORCE)
+    moment = np.stack([-wrench[:, 2], wrench[:, 1]], axis=1)
+    left, right = moment / swing[:, None], (weight * com - moment) / (weight - swing)[:, None]
+    return np.stack([weight - swing, swing], axis=1), np.stack([right, left], axis=1)
 
 
 def _edges(

@@ -8,33 +8,24 @@ from identification.planning.closed_chain import Chain, cross, point_jacobian
 from identification.planning.problem import Problem
 
 
-def holding_torques(
-    problem: Problem, chain: Chain, share: np.ndarray, cop: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Torques of the drives that hold the robot against its weight and the floor.
+def holding_torques(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Torques of the drives that hold the robot, and the floor's wrench on the swing foot.
 
-    Seen from the stance foot, joint j carries what lies beyond it: weights, and at the swing foot a
-    vertical force F at its centre of pressure P. With L_j = F (P - p_j) - g (S_j - m_j p_j), S_j and m_j
-    first moment and mass beyond, tau_j = -a_j . (L_j x e_z). Horizontal forces between the feet, which a
-    closed chain may hold besides, are left out.
-
-    Args:
-        share: of the weight on the swing foot, (m,) [-].
-        cop: its centre of pressure, (m, 2) [m].
+    Seen from the stance foot, joint j carries the weights beyond it and the swing foot's wrench w, forces
+    and moments about the base frame's origin: tau = tau_0 + A w, A_j = -(p_j x a_j, a_j). The chain is
+    closed, so statics leaves w free. Servos are springs; commands that close the chain without strain
+    leave the w of least elastic energy (Castigliano's second theorem), min tau' K^-1 tau, with stiffnesses
+    K in proportion to the drives' limits (an assumption). Dry friction is left out.
 
     Returns:
-        tau, (m, n) [N m]; derivative by joint angles, (m, n, n); by swing foot's share, x and y of its
-        centre of pressure, (m, n, 3).
+        tau, (m, n) [N m]; its derivative by joint angles, (m, n, n); w, (m, 6) [N, N m]; its derivative,
+        (m, 6, n).
     """
     axes, pivots, gravity = chain.axes, chain.pivots, problem.gravity
-    force = problem.weight * share
-    bears = problem.moved[:, problem.swing].astype(float)  # joints that carry the swing foot
-    point = np.zeros((len(share), 1, 3))
-    point[:, 0, :2] = cop
-    lever = point - pivots
-    load = (force[:, None] * bears)[..., None] * lever
-    load -= gravity * (chain.moment - chain.beyond[:, None] * pivots)
-    torque = axes[..., 1] * load[..., 0] - axes[..., 0] * load[..., 1]
+    load = -gravity * (chain.moment - chain.beyond[:, None] * pivots)
+    own = axes[..., 1] * load[..., 0] - axes[..., 0] * load[..., 1]
+    bears = problem.moved[:, problem.swing].astype(float)[:, None]  # joints that carry the swing foot
+    lines = -np.concatenate([cross(pivots, axes), axes], axis=2) * bears
 
     # Turning joint i moves axis and pivot of every joint j beyond it, and the masses beyond both.
     up = problem.upstream[..., None]  # [i, j]
@@ -46,24 +37,26 @@ def holding_torques(
     count = len(problem.moved)
     mass = both @ problem.mass
     moment = ((both * problem.mass).reshape(count * count, -1) @ places).reshape(-1, count, count, 3)
-    moved_moment = cross(axis_i, moment - mass[..., None] * pivot_i)
-    moved_load = -(force[:, None, None] * bears)[..., None] * moved_pivot
-    moved_load -= gravity * (moved_moment - chain.beyond[:, None] * moved_pivot)
-    by_angle = (
+    moved_load = -gravity * (
+        cross(axis_i, moment - mass[..., None] * pivot_i) - chain.beyond[:, None] * moved_pivot
+    )
+    own_slope = (
         turned_axis[..., 1] * load[:, None, :, 0]
         - turned_axis[..., 0] * load[:, None, :, 1]
         + axes[:, None, :, 1] * moved_load[..., 0]
         - axes[:, None, :, 0] * moved_load[..., 1]
-    )
-    by_load = np.stack(
-        [
-            problem.weight * (axes[..., 1] * lever[..., 0] - axes[..., 0] * lever[..., 1]),
-            force[:, None] * axes[..., 1],
-            -force[:, None] * axes[..., 0],
-        ],
-        axis=2,
-    )
-    return torque, by_angle.mT, by_load * bears[:, None]
+    ).mT
+    arm_slope = cross(moved_pivot, axes[:, None]) + cross(pivots[:, None], turned_axis)
+    line_slope = -np.concatenate([arm_slope, turned_axis], axis=3) * bears  # (m, i, j, 6)
+
+    soft = problem.softness[:, None] * lines
+    inverse = np.linalg.inv(lines.mT @ soft)
+    wrench = -(inverse @ (soft.mT @ own[..., None]))[..., 0]
+    torque = own + (lines @ wrench[..., None])[..., 0]
+    strained = own_slope + (line_slope @ wrench[:, None, :, None])[..., 0].mT  # w held
+    pulled = (line_slope.mT @ (problem.softness * torque)[:, None, :, None])[..., 0].mT  # (m, 6, i)
+    wrench_slope = -inverse @ (pulled + soft.mT @ strained)
+    return torque, strained + lines @ wrench_slope, wrench, wrench_slope
 
 
 def limb_distances(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarray]:

@@ -30,7 +30,8 @@ class Margins:
             edges of its inertia box, all independent [-].
         assurance: standard deviations of the centre of mass that every edge of the support polygon keeps
             beyond d_s; 1.645: each edge with 95 % probability [-].
-        torque_share: of a drive's limit, most that holding may take by the predicted foot loads [-].
+        torque_share: of a drive's limit, most that holding may take by prediction [-].
+        foot_load: least on either foot [N].
         joint: kept from both ends of a joint's range [rad].
         stretch: of the straight leg's length that hip and ankle stay nearer than that: straight knees are
             singular, where angles change without bound [-].
@@ -42,6 +43,7 @@ class Margins:
     mass_sd: float = 0.10
     assurance: float = 1.645
     torque_share: float = 0.8
+    foot_load: float = 10.0
     joint: float = 0.002
     stretch: float = 0.005
     leg_clearance: float = 0.01
@@ -57,6 +59,7 @@ class Problem:
         between: joints between the feet, of which the inverse kinematics disposes, (12,).
         limits: ranges of all joints, (n, 2) [rad].
         torques: drives' limits, (n, 2) [N m]; infinite where the robot's file has none.
+        softness: of the servos, in proportion to the inverse of their limits, (n,) [-]; 1 without limits.
         mass, center: of every frame, (f,) [kg], and its centre of mass in it, (f, 3) [m].
         gravity: [m/s2].
         soles: corners of the stance and the swing sole in their feet's frames, (2, 4, 2) [m].
@@ -78,6 +81,7 @@ class Problem:
     between: np.ndarray
     limits: np.ndarray
     torques: np.ndarray
+    softness: np.ndarray
     mass: np.ndarray
     center: np.ndarray
     gravity: float
@@ -128,6 +132,7 @@ def planning_problem(
     moved = moved_frames(tree, base)
     outer = {step.edge.joint: step.new for step in walk(tree, base) if step.edge.joint >= 0}
     carried = moved[:, [outer[j] for j in range(len(tree.joints))]]
+    torques = _torque_limits(model)
     limbs, legs = _limbs(model, robot, parameters)
     return Problem(
         robot=robot,
@@ -137,7 +142,8 @@ def planning_problem(
         plate=plate,
         between=between,
         limits=tree.joint_range,
-        torques=_torque_limits(model),
+        torques=torques,
+        softness=_softness(torques),
         mass=mass,
         center=center,
         gravity=float(-model.opt.gravity[2]),
@@ -172,6 +178,13 @@ def _torque_limits(model: mujoco.MjModel) -> np.ndarray:
                     low, high = max(low, interval[0]), min(high, interval[1])
         limits.append([low, high])
     return np.array(limits).reshape(-1, 2)
+
+
+def _softness(torques: np.ndarray) -> np.ndarray:
+    limit = np.abs(torques).min(axis=1)
+    usable = np.isfinite(limit) & (limit > 0)
+    typical = float(np.median(limit[usable])) if usable.any() else 1.0
+    return typical / np.where(usable, limit, typical)
 
 
 def _spread(
