@@ -19,8 +19,8 @@ LEAST_VARIANCE = 1e-18  # m2, so that a root has a derivative
 OFF_HULL = 1.0  # m: margin of a corner that begins no edge, so that it never binds
 LEAST_FORCE = 1.0  # N, on either foot; less is out of the question and would divide by nothing
 # Inputs: CoM x, y; swing foot x, y, yaw; variance of the CoM's x, covariance, variance of y; the swing
-# foot's vertical force, moment about x and about y.
-PLAN = 11
+# foot's vertical force, moment about x and about y; x and y of the CoM with servos sagging.
+PLAN = 13
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,8 @@ class Footing:
 
     Attributes:
         polygon: how far the CoM stays inside each hull edge beyond its uncertainty, (m, 8) [m].
-        soles: how far each foot's centre of pressure stays inside its sole's edges, (m, 8) [m].
+        soles: how far each foot's centre of pressure stays inside its sole's edges, beyond what is not known
+            of its moment, (m, 8) [m].
         cells: loads, (m, 8) [N].
         feet: vertical force on either foot, (m, 2) [N].
         boards: room of each sole on its own board to the side, of the swing sole to the front, and between the
@@ -44,17 +45,20 @@ class Footing:
 
 
 def footing(problem: Problem, plan: np.ndarray) -> Footing:
-    """For the inputs of `PLAN`, (m, 11)."""
-    com, swing, covariance, wrench = plan[:, :2], plan[:, 2:5], plan[:, 5:8], plan[:, 8:]
+    """For the inputs of `PLAN`, (m, 13)."""
+    com, swing, covariance, wrench, held = (
+        plan[:, k] for k in (slice(0, 2), slice(2, 5), slice(5, 8), slice(8, 11), slice(11, 13))
+    )
     c, s = np.cos(swing[:, 2]), np.sin(swing[:, 2])
     turn = np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
     swing_sole = (turn[:, None] @ problem.soles[1][..., None])[..., 0] + swing[:, None, :2]
     stance_sole = np.broadcast_to(problem.soles[0], swing_sole.shape)
-    force, cop = _foot_loads(problem.weight, com, wrench)
+    force, cop = _foot_loads(problem.weight, held, wrench)
     soles = []
     for foot, corners in enumerate((stance_sole, swing_sole)):
         distance, _ = _edges(cop[:, foot, None], _ccw(corners), _ccw(np.roll(corners, 1, axis=1)))
-        soles.append(distance)
+        unsure = problem.margins.assurance * problem.margins.foot_moment / force[:, foot, None]
+        soles.append(distance - unsure)
     boards, room = _boards(problem, swing_sole)
     arm = (cop - boards) / (problem.plate.cells**2).mean(axis=0)
     tilt = 1 + arm @ problem.plate.cells.T
@@ -69,7 +73,7 @@ def footing(problem: Problem, plan: np.ndarray) -> Footing:
 
 
 def footing_slopes(problem: Problem, plan: np.ndarray) -> tuple[Footing, Footing]:
-    """Values, and derivatives by the inputs with a last axis of 11."""
+    """Values, and derivatives by the inputs with a last axis of 13."""
     stepped = plan[:, None] + 1j * STEP * np.eye(PLAN)
     both = footing(problem, stepped.reshape(-1, PLAN))
     values, slopes = {}, {}
