@@ -33,8 +33,8 @@ class Footing:
             of its moment, (m, 8) [m].
         cells: loads, (m, 8) [N].
         feet: vertical force on either foot, (m, 2) [N].
-        boards: room of each sole on its own board to the side, of the swing sole to the front, and between the
-            soles to the side, (m, 4) [m].
+        boards: room of each sole on its own board to the side, of the swing sole to the front, and between
+            the soles to the side, (m, 4) [m].
     """
 
     polygon: np.ndarray

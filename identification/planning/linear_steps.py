@@ -119,7 +119,7 @@ def _step(problem: Problem, plan: Whole, smooth: Smooth, region: np.ndarray) -> 
     low, high = np.full((2, count, 9), -np.inf)
     high = -high
     intervals = np.array([r.torso_roll, r.torso_pitch, r.torso_yaw, r.swing_x, r.swing_y, r.swing_yaw])
-    low[:, 3:], high[:, 3:] = ((intervals.T[:, None] - plan.design[:, 3:]) / SCALE[3:])
+    low[:, 3:], high[:, 3:] = (intervals.T[:, None] - plan.design[:, 3:]) / SCALE[3:]
     low, high = np.clip(low, -region[:, None], 0.0), np.clip(high, 0.0, region[:, None])
     bounds = np.zeros((size + count, 2))
     bounds[columns, 0], bounds[columns, 1] = low, high

@@ -25,7 +25,7 @@ from identification.planning.closed_chain import chain_at
 from identification.planning.constraints import evaluate, slot_names
 from identification.planning.exchange import candidates, exchange
 from identification.planning.linear_steps import Whole, descend, merit, whole
-from identification.planning.objectives import Objective, Smooth
+from identification.planning.objectives import Objective, Smooth, condition_number
 from identification.planning.problem import Problem
 from sim.errors import InputError
 
@@ -45,7 +45,7 @@ class State:
     Attributes:
         rounds: done. design, angles: where it goes on from, perhaps slightly infeasible, (m, 9), (m, n).
         best_design, best_angles: the best that keeps every constraint. value: its objective.
-        initial: the repaired start's objective.
+        initial: the repaired start's objective; initial_condition: its condition number.
     """
 
     rounds: int
@@ -55,39 +55,51 @@ class State:
     best_angles: np.ndarray
     value: float
     initial: float
+    initial_condition: float
 
 
 def begin(
-    problem: Problem, objective: Objective, angles: np.ndarray, swing: np.ndarray, per: int, source: str
+    problem: Problem,
+    objective: Objective,
+    angles: np.ndarray,
+    swing: np.ndarray,
+    per: int,
+    placements: int,
+    source: str,
 ) -> State:
-    """The random plan's nearest neighbour that keeps every constraint.
+    """The first placements of a random plan that can be repaired: moved to where every constraint holds.
 
     Args:
         angles: of a random plan, (m, n) [rad]. swing: its swing foot poses, (m, 3) [m, m, rad].
-        per: postures a placement.
+        per: postures a placement. placements: how many are wanted.
         source: for error messages.
 
     Raises:
-        InputError: a placement that cannot be repaired; names what blocks.
+        InputError: too few placements can be repaired; names what blocks.
     """
     design = design_of(problem, angles, swing)
-    blocks = [repair(problem, Block(design[i : i + per], angles[i : i + per])) for i in _firsts(design, per)]
-    names, tally = slot_names(problem), Counter[str]()
-    for block in blocks:
+    names, tally, blocks = slot_names(problem), Counter[str](), list[Block]()
+    for i in range(0, len(design), per):
+        block = repair(problem, Block(design[i : i + per], angles[i : i + per]))
         found = evaluate(problem, block.design, block.angles)
         if not found.reached.all():
             tally["out of reach"] += 1
         elif found.slots.min() < -FEASIBLE:
             tally[names[int(found.slots.min(axis=0).argmin())]] += 1
-    if tally:
+        else:
+            blocks.append(block)
+        if len(blocks) == placements:
+            break
+    if len(blocks) < placements:
         listed = ", ".join(f"{name} ({count})" for name, count in tally.most_common(4))
         raise InputError(
-            f"{source}: found {tally.total()} of {len(blocks)} placements whose random postures cannot be "
-            f"repaired, expected none; blocked by {listed}"
+            f"{source}: found random postures on {tally.total()} of {len(design) // per} placements that "
+            f"cannot be repaired to keep every constraint, expected {placements} that can; blocked by {listed}"
         )
     design, angles = _joined(blocks)
-    value = objective.value(information(evaluate(problem, design, angles)))
-    return State(0, design, angles, design, angles, value, value)
+    start = information(evaluate(problem, design, angles))
+    value = objective.value(start)
+    return State(0, design, angles, design, angles, value, value, condition_number(start))
 
 
 def rounds(objective: Objective, hops: int) -> int:
