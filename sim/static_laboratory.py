@@ -182,7 +182,7 @@ def hold_static(
         center=center,
     )
     state, solved = solve(m, prepared.near, tries.row, load)
-    reason = faults(m, state, cell_forces(m, state, load), rig.robot.feet)
+    reason = faults(m, state, load, cell_forces(m, state, load), rig.robot.feet)
     return state, load, np.where(solved, reason, NO_EQUILIBRIUM)
 
 

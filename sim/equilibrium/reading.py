@@ -31,7 +31,9 @@ def cell_forces(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
     return np.concatenate(sides, axis=-1)
 
 
-def faults(mechanism: Mechanism, state: State, cells: np.ndarray, feet: tuple[str, str]) -> np.ndarray:
+def faults(
+    mechanism: Mechanism, state: State, load: Load, cells: np.ndarray, feet: tuple[str, str]
+) -> np.ndarray:
     """Why a posture would not stand as it should, or "", (...,) of text.
 
     A sole stands flat while its centre of pressure is inside its corners, a board while no cell
@@ -46,12 +48,16 @@ def faults(mechanism: Mechanism, state: State, cells: np.ndarray, feet: tuple[st
         force, moment = state.wrench[..., side, :3], state.wrench[..., side, 3:]
         press = np.maximum(force[..., 2], LEAST_LOAD)
         center = np.stack([-moment[..., 1], moment[..., 0]], axis=-1) / press[..., None]
+        yaw = load.feet[..., side, 2]
+        c, s = np.cos(yaw), np.sin(yaw)  # from the world's axes to the sole's
+        x, y = center[..., 0], center[..., 1]
+        center = np.stack([c * x + s * y, c * y - s * x], axis=-1)
         arms = np.sqrt(((m.corners[side] - center[..., None, :]) ** 2).sum(axis=-1))
         low, high = m.corners[side].min(axis=0), m.corners[side].max(axis=0)
         lost = ((center < low) | (center > high)).any(axis=-1) | (force[..., 2] <= LEAST_LOAD)
         names = np.array([f"lost sole corner {foot}_{corner}" for corner in CORNERS], dtype=object)
         reason = np.where(lost & (reason == ""), names[arms.argmax(axis=-1)], reason)
-        twist = moment[..., 2] - center[..., 0] * force[..., 1] + center[..., 1] * force[..., 0]
+        twist = moment[..., 2] - x * force[..., 1] + y * force[..., 0]
         carried = m.sole_friction[side] * press
         along = (force[..., :2] ** 2).sum(axis=-1) / carried**2
         slides = along + (twist / (carried * arms.mean(axis=-1))) ** 2 > 1
