@@ -13,7 +13,7 @@ from identification.planning.objectives import OBJECTIVES, Objective, objectives
 from identification.planning.problem import Problem
 from identification.planning.search import HOPS, State, begin, design_of, rounds, search
 from identification.postures import random_postures
-from identification.statistics import WELL_IDENTIFIED, correlations
+from identification.statistics import WELL_IDENTIFIED, correlations, relative_standard_errors
 from sim.errors import look_up
 from sim.measurements import PosturePlan
 
@@ -154,7 +154,7 @@ def described(problem: Problem, plan: PosturePlan, sigma: float) -> dict[str, An
     """
     rows = problem.parameters.regressor(plan.joint_angles).reshape(-1, len(problem.nominal))
     errors = predicted_standard_errors(problem, plan, sigma)
-    relative = 100 * errors / np.abs(problem.nominal)
+    relative = relative_standard_errors(problem.nominal, errors)
     rho = correlations(np.linalg.inv(rows.T @ rows))
     pairs = np.argwhere(np.triu(np.abs(rho) > HIGH_CORRELATION, k=1))
     return {
