@@ -79,7 +79,7 @@ class Tree:
                 cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
                 terms[1:, edge.child] = edge.placement @ cross, edge.placement @ cross @ cross
                 column[edge.child], zero[edge.child] = edge.joint, edge.zero
-        return *terms, column, zero
+        return terms[0], terms[1], terms[2], column, zero
 
     def frame(self, link: str) -> int:
         """Frame number of a link.

@@ -88,7 +88,7 @@ def test_derivatives_of_the_objectives(problem, plan, name):
 
 
 def test_holding_torques_balance_the_robot(problem, model, robot, plan):
-    """MuJoCo's inverse dynamics at rest, with the predicted wrench on the swing foot, asks the same torques."""
+    """MuJoCo at rest, with the predicted wrench on the swing foot, asks for the same torques."""
     data = mujoco.MjData(model)
     design = design_of(problem, plan.joint_angles, plan.swing_pose)
     chain = evaluate(problem, design, plan.joint_angles).chain

@@ -261,7 +261,7 @@ def _read_state(path: Path, key: list[Any]) -> State | None:
         document = json.loads(read_text(path))
         if document["key"] != key:
             raise InputError(f"{path}: left by another run; remove it or give another --out")
-        values = {k: np.array(v) if k in ARRAYS else v for k, v in document["state"].items()}
+        values: dict[str, Any] = {k: np.array(v) if k in ARRAYS else v for k, v in document["state"].items()}
         return State(**values)
     except (json.JSONDecodeError, KeyError, TypeError) as error:
         raise InputError(f"{path}: found no state of an interrupted run ({error}); remove it") from None

@@ -12,15 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from identification.planning.blocks import (
-    FEASIBLE,
-    Block,
-    information,
-    repair,
-)
-from identification.planning.blocks import (
-    improve as improve_block,
-)
+from identification.planning.blocks import FEASIBLE, Block, improve, information, repair
 from identification.planning.closed_chain import chain_at
 from identification.planning.constraints import evaluate, slot_names
 from identification.planning.exchange import candidates, exchange
@@ -94,7 +86,8 @@ def begin(
         listed = ", ".join(f"{name} ({count})" for name, count in tally.most_common(4))
         raise InputError(
             f"{source}: found random postures on {tally.total()} of {len(design) // per} placements that "
-            f"cannot be repaired to keep every constraint, expected {placements} that can; blocked by {listed}"
+            f"cannot be repaired to keep every constraint, expected {placements} that can; "
+            f"blocked by {listed}"
         )
     design, angles = _joined(blocks)
     start = information(evaluate(problem, design, angles))
@@ -179,7 +172,8 @@ def _hop(problem: Problem, plan: Whole, smooth: Smooth, rng: np.random.Generator
     r = problem.ranges
     swing = block.design[0, 6:]
     if moves:
-        swing = rng.uniform(*np.array([r.swing_x, r.swing_y, r.swing_yaw]).T)
+        low, high = np.array([r.swing_x, r.swing_y, r.swing_yaw]).T
+        swing = low + (high - low) * rng.random(3)
     pool = candidates(problem, swing, block, rng)
     stay = rng.permutation(per)[: 0 if moves else max(per // 2, 1)]
     if len(pool.design) < max(LEAST_POOL, per - len(stay)):
@@ -198,7 +192,7 @@ def _polish(problem: Problem, plan: Whole, smooth: Smooth) -> Whole:
     for k, block in enumerate(blocks):
         rest = np.sum([part for j, part in enumerate(parts) if j != k], axis=0)
         rest = rest if len(parts) > 1 else np.zeros_like(parts[0])
-        blocks[k] = improve_block(problem, block, rest, smooth, POLISH)
+        blocks[k] = improve(problem, block, rest, smooth, POLISH)
         parts[k] = information(evaluate(problem, blocks[k].design, blocks[k].angles))
     return whole(problem, *_joined(blocks), plan.per)
 
