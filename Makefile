@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 ORACLE := .venv-oracle
 
-.PHONY: setup validate test lint bench oracle study-contact study-estimators study-check study-fuzz study-kill pictures constraints clean
+.PHONY: setup validate test lint bench oracle study-contact study-estimators study-check study-plan study-fuzz study-kill pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -56,6 +56,9 @@ study-estimators: setup  ## docs/estimators.md's table: is each estimator right 
 
 study-check: setup  ## docs/check.md's tables: false alarms and planted faults of `tulip check`
 	$(BIN)/python -m tools.study_check
+
+study-plan: setup  ## docs/planning.md's Table I: six trials of optimal postures
+	$(BIN)/tulip plan --table1 --out runs/plan-$$(date +%Y%m%d-%H%M%S)
 
 pictures: setup  ## the README's picture (needs libosmesa6)
 	MUJOCO_GL=osmesa $(BIN)/python tools/pictures.py

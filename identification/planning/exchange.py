@@ -14,7 +14,7 @@ from identification.planning.footing import PLAN, footing
 from identification.planning.objectives import Smooth
 from identification.planning.problem import Problem
 
-DRAWS = 250  # of which some twentieth is feasible
+DRAWS = 1000  # of which some hundredth is feasible
 PASSES = 3  # through a placement's postures
 
 

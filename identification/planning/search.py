@@ -23,7 +23,7 @@ from sim.errors import InputError
 
 WARM = 15  # linear steps for each of the smooth objectives at the start
 HOPS = 40  # rounds that exchange one placement's postures each, by default
-STEPS = 8  # linear steps a hop
+STEPS = 12  # linear steps a hop
 REGION, FINE = 0.3, 0.1  # of trust
 POLISH = 20  # SLSQP's iterations on each placement at the end
 LEAST_POOL = 3  # candidates that are worth an exchange
@@ -175,7 +175,7 @@ def _hop(problem: Problem, plan: Whole, smooth: Smooth, rng: np.random.Generator
         low, high = np.array([r.swing_x, r.swing_y, r.swing_yaw]).T
         swing = low + (high - low) * rng.random(3)
     pool = candidates(problem, swing, block, rng)
-    stay = rng.permutation(per)[: 0 if moves else max(per // 2, 1)]
+    stay = rng.permutation(per)[: 0 if moves else int(rng.integers(per))]
     if len(pool.design) < max(LEAST_POOL, per - len(stay)):
         return plan
     kept = Block(block.design[stay], block.angles[stay])
