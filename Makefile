@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 ORACLE := .venv-oracle
 
 .PHONY: setup validate test lint bench oracle study-contact study-equilibrium study-montecarlo study-estimators study-check \
-  study-improve study-verdict study-fuzz study-kill pictures constraints clean
+  study-improve study-plan study-verdict study-fuzz study-kill pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -69,6 +69,9 @@ study-verdict: setup  ## docs/verdict.md's tables: how often the verdict fails a
 
 study-check: setup  ## docs/check.md's tables: false alarms and planted faults of `tulip check`
 	$(BIN)/python -m tools.study_check
+
+study-plan: setup  ## docs/planning.md's Table I: six trials of optimal postures
+	$(BIN)/tulip plan --table1 --out runs/plan-$$(date +%Y%m%d-%H%M%S)
 
 pictures: setup  ## the README's picture (needs libosmesa6)
 	MUJOCO_GL=osmesa $(BIN)/python tools/pictures.py

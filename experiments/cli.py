@@ -14,6 +14,7 @@ from experiments.commands.check import check_command
 from experiments.commands.identify import identify_command
 from experiments.commands.model import model_command
 from experiments.commands.montecarlo import montecarlo_command
+from experiments.commands.plan import plan_command
 from experiments.commands.postures import postures_command
 from experiments.commands.simulate import simulate_command
 from experiments.commands.validate import validate_command
@@ -28,6 +29,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "check": check_command,
     "identify": identify_command,
     "postures": postures_command,
+    "plan": plan_command,
     "model": model_command,
 }
 

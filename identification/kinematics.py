@@ -6,6 +6,7 @@ Closed form on purpose: MuJoCo generates the data, so it must not also explain t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -56,6 +57,29 @@ class Tree:
     edges: tuple[Edge, ...]
     joints: tuple[str, ...]
     joint_range: np.ndarray
+
+    @cached_property
+    def walks(self) -> dict[int, list[Step]]:
+        """What `walk` has found so far, by base frame."""
+        return {}
+
+    @cached_property
+    def turns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Rodrigues' formula of every edge, by its child frame, as constant + sin + (1 - cos) terms.
+
+        Constant, sine and cosine terms, (n_frames, 3, 3) each; column of the joint angle (0 where
+        none), and angle at zero, (n_frames,).
+        """
+        count = len(self.frames)
+        terms, column, zero = np.zeros((3, count, 3, 3)), np.zeros(count, int), np.zeros(count)
+        for edge in self.edges:
+            terms[0, edge.child] = edge.placement
+            if edge.axis is not None:
+                x, y, z = edge.axis
+                cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+                terms[1:, edge.child] = edge.placement @ cross, edge.placement @ cross @ cross
+                column[edge.child], zero[edge.child] = edge.joint, edge.zero
+        return terms[0], terms[1], terms[2], column, zero
 
     def frame(self, link: str) -> int:
         """Frame number of a link.
@@ -143,6 +167,8 @@ class Step:
 
 def walk(tree: Tree, base: int) -> list[Step]:
     """Steps that visit every frame from the base frame, nearest first."""
+    if base in tree.walks:
+        return tree.walks[base]
     beside: list[list[tuple[int, Edge, bool]]] = [[] for _ in tree.frames]
     for edge in tree.edges:
         beside[edge.parent].append((edge.child, edge, True))
@@ -154,6 +180,7 @@ def walk(tree: Tree, base: int) -> list[Step]:
                 steps.append(Step(known, new, edge, forward))
                 seen.add(new)
                 queue.append(new)
+    tree.walks[base] = steps
     return steps
 
 
@@ -166,11 +193,12 @@ def link_rotations(tree: Tree, base: int, joint_angles: np.ndarray) -> np.ndarra
     joint_angles = np.atleast_2d(joint_angles)
     rotations = np.empty((len(joint_angles), len(tree.frames), 3, 3))
     rotations[:, base] = np.eye(3)
+    fixed, by_sine, by_cosine, column, zero = tree.turns
+    angle = (joint_angles[:, column] - zero)[..., None, None] if len(tree.joints) else np.zeros((1, 1, 1, 1))
+    turns = fixed + np.sin(angle) * by_sine + (1 - np.cos(angle)) * by_cosine
     for step in walk(tree, base):
-        turn = _turn(step.edge, joint_angles)
-        rotations[:, step.new] = rotations[:, step.known] @ (
-            turn if step.forward else turn.transpose(0, 2, 1)
-        )
+        turn = turns[:, step.edge.child]
+        rotations[:, step.new] = rotations[:, step.known] @ (turn if step.forward else turn.mT)
     return rotations
 
 
@@ -216,16 +244,6 @@ def frame_positions(tree: Tree, base: int, rotations: np.ndarray, origin: np.nda
             - rotations[:, step.new] @ step.anchor_new
         )
     return positions
-
-
-def _turn(edge: Edge, joint_angles: np.ndarray) -> np.ndarray:
-    """placement * turn(axis, angle) by Rodrigues' formula, (m, 3, 3)."""
-    if edge.axis is None:
-        return np.broadcast_to(edge.placement, (len(joint_angles), 3, 3))
-    x, y, z = edge.axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    angle = (joint_angles[:, edge.joint] - edge.zero)[:, None, None]
-    return edge.placement @ (np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross))
 
 
 def _rotation(quaternion: np.ndarray) -> np.ndarray:

@@ -1,0 +1,181 @@
+"""Joint angles from CoM, torso orientation and swing foot pose, and their derivatives, in batches.
+
+Standing on both feet, twelve equations fix twelve joints: the swing foot's pose (6), the torso's
+orientation (3) and the centre of mass (3). With F(q, u) = 0 the implicit function theorem gives
+dq/du = -(dF/dq)^-1 dF/du.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from identification.kinematics import frame_positions, joint_axes, link_rotations, walk
+from identification.planning.problem import Problem
+
+TOLERANCE = 1e-11  # of every equation [m, rad]
+ITERATIONS = 25
+LONGEST_STEP = 0.3  # rad
+DESIGN = 9  # variables of a posture: CoM (3), torso roll, pitch, yaw, swing foot x, y, yaw
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Postures with all that derivatives need; m postures, n joints, f frames.
+
+    Attributes:
+        angles: (m, n) [rad].
+        rotations, positions: of all frames in the base frame, (m, f, 3, 3) and (m, f, 3) [m].
+        axes, pivots: of the joints, (m, n, 3) [-, m].
+        beyond: mass that each joint carries, (n,) [kg]; moment: its first moment, (m, n, 3) [kg m].
+        com: centre of mass, (m, 3) [m].
+    """
+
+    angles: np.ndarray
+    rotations: np.ndarray
+    positions: np.ndarray
+    axes: np.ndarray
+    pivots: np.ndarray
+    beyond: np.ndarray
+    moment: np.ndarray
+    com: np.ndarray
+
+
+def chain_at(problem: Problem, angles: np.ndarray) -> Chain:
+    """Forward kinematics and centre of mass for joint angles (m, n) [rad]."""
+    tree, base = problem.parameters.tree, problem.parameters.base
+    rotations = link_rotations(tree, base, angles)
+    positions = frame_positions(tree, base, rotations, -problem.points[0])
+    axes = joint_axes(tree, base, rotations)
+    pivots = np.zeros_like(axes)
+    for step in walk(tree, base):
+        if step.edge.joint >= 0:
+            pivots[:, step.edge.joint] = (
+                positions[:, step.new] + (rotations[:, step.new] @ step.anchor_new[:, None])[..., 0]
+            )
+    places = positions + (rotations @ problem.center[..., None])[..., 0]
+    weighted = problem.mass[:, None] * places
+    return Chain(
+        angles=angles,
+        rotations=rotations,
+        positions=positions,
+        axes=axes,
+        pivots=pivots,
+        beyond=problem.moved @ problem.mass,
+        moment=problem.moved @ weighted,
+        com=weighted.sum(axis=1) / problem.mass.sum(),
+    )
+
+
+def com_jacobian(problem: Problem, chain: Chain) -> np.ndarray:
+    """Derivative of the centre of mass by the joint angles, (m, 3, n) [m/rad]."""
+    arm = (chain.moment - chain.beyond[:, None] * chain.pivots) / problem.mass.sum()
+    return cross(chain.axes, arm).mT
+
+
+def point_jacobian(problem: Problem, chain: Chain, frame: int) -> np.ndarray:
+    """Derivative of a frame's origin by the joint angles, (m, 3, n) [m/rad]."""
+    arm = (chain.positions[:, frame, None] - chain.pivots) * problem.moved[:, frame, None]
+    return cross(chain.axes, arm).mT
+
+
+def torso_turn(rpy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation of roll, pitch, yaw (m, 3), (m, 3, 3), and the angular velocity of each, (m, 3, 3).
+
+    R = R_z(yaw) R_y(pitch) R_x(roll); the second holds one column an angle, in the base frame.
+    """
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy).T, np.sin(rpy).T
+    zero, one = np.zeros_like(cr), np.ones_like(cr)
+    turn = np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    ).transpose(2, 0, 1)
+    rates = np.array([[cy * cp, -sy, zero], [sy * cp, cy, zero], [-sp, zero, one]]).transpose(2, 0, 1)
+    return turn, rates
+
+
+def solve_chain(
+    problem: Problem, com: np.ndarray, rpy: np.ndarray, swing: np.ndarray, guess: np.ndarray
+) -> tuple[Chain, np.ndarray, np.ndarray]:
+    """Newton's method on all postures at once, from a guess on the wanted branch.
+
+    Args:
+        com: (m, 3) [m]. rpy: of the torso, (m, 3) [rad]. swing: planar pose of the swing foot, (m, 3)
+            [m, m, rad]. guess: joint angles, (m, n) [rad]; joints that are not between the feet stay there.
+
+    Returns:
+        The postures; how much is left of the worst equation, (m,) [m, rad]; dq/du by the implicit
+        function theorem, (m, n, 9).
+    """
+    torso, rates = torso_turn(rpy)
+    angles = guess.copy()
+    cy, sy = np.cos(swing[:, 2]), np.sin(swing[:, 2])
+    foot = np.zeros((len(swing), 3, 3))
+    foot[:, 0, 0], foot[:, 0, 1], foot[:, 1, 0], foot[:, 1, 1], foot[:, 2, 2] = cy, -sy, sy, cy, 1.0
+    place = np.column_stack([swing[:, :2], np.zeros(len(swing))]) - foot @ problem.points[1]
+    for count in range(ITERATIONS + 1):
+        chain = chain_at(problem, angles)
+        left = np.concatenate(
+            [
+                place - chain.positions[:, problem.swing],
+                _difference(chain.rotations[:, problem.swing], foot),
+                _difference(chain.rotations[:, problem.torso], torso),
+                com - chain.com,
+            ],
+            axis=1,
+        )
+        slope = _equations(problem, chain)
+        worst = np.abs(left).max(axis=1)
+        if worst.max() < TOLERANCE or count == ITERATIONS:
+            break
+        step = _solve(slope, left[..., None])[..., 0]
+        step *= np.minimum(1.0, LONGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
+        angles = angles.copy()
+        angles[:, problem.between] += step
+    wanted = np.zeros((len(swing), len(slope[0]), DESIGN))  # -dF/du: how the targets move
+    wanted[:, 0:2, 6:8] = np.eye(2)
+    wanted[:, 0:3, 8] = cross(np.array([0.0, 0.0, 1.0]), -(foot @ problem.points[1]))
+    wanted[:, 5, 8] = 1.0
+    wanted[:, 6:9, 3:6] = rates
+    wanted[:, 9:12, 0:3] = np.eye(3)
+    derivative = np.zeros((len(swing), angles.shape[1], DESIGN))
+    derivative[:, problem.between] = _solve(slope, wanted)
+    return chain, worst, derivative
+
+
+def _equations(problem: Problem, chain: Chain) -> np.ndarray:
+    """dF/dq by the joints between the feet, (m, 12, 12)."""
+    moved = problem.moved
+    turning = chain.axes.mT
+    rows = [
+        point_jacobian(problem, chain, problem.swing),
+        turning * moved[:, problem.swing],
+        turning * moved[:, problem.torso],
+        com_jacobian(problem, chain),
+    ]
+    return np.concatenate(rows, axis=1)[..., problem.between]
+
+
+def cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Of vectors along the last axis; a third of `numpy.cross`'s time."""
+    a, b, c = first[..., 0], first[..., 1], first[..., 2]
+    x, y, z = second[..., 0], second[..., 1], second[..., 2]
+    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-1)
+
+
+def _difference(found: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Rotation from one orientation to another, to first order, (m, 3) [rad]."""
+    return 0.5 * cross(found.mT, wanted.mT).sum(axis=1)
+
+
+def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solution of the twelve equations; damped where legs are exactly straight."""
+    try:
+        return np.linalg.solve(matrix, right)
+    except np.linalg.LinAlgError:
+        damped = matrix.mT @ matrix + 1e-9 * np.eye(matrix.shape[2])
+        return np.linalg.solve(damped, matrix.mT @ right)

@@ -1,0 +1,163 @@
+"""Everything a posture has to keep, as slots that are at least zero, with derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from identification.planning.closed_chain import (
+    DESIGN,
+    Chain,
+    chain_at,
+    com_jacobian,
+    point_jacobian,
+    solve_chain,
+)
+from identification.planning.footing import PLAN, footing_slopes
+from identification.planning.legs import holding_torques, leg_stretch, limb_distances
+from identification.planning.problem import Problem
+
+# A slot of one is this much.
+LENGTH, ANGLE, FORCE, TORQUE = 0.01, 0.1, 10.0, 0.1  # m, rad, N, share of the limit
+REACHED = 1e-9  # m, rad: more is left of an equation only where the targets are out of reach
+UNREACHED = 10.0  # slots of a posture that does not exist
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Postures with what is asked of them; m postures, s slots, p base parameters.
+
+    Attributes:
+        chain: joint angles and kinematics.
+        slots, slot_slopes: feasible where at least 0, (m, s), and derivatives by u, (m, s, 9).
+        regressor, regressor_slopes: R_b (eq. 6), (m, 2, p), and its derivative by u, (m, 2, p, 9).
+        reached: whether inverse kinematics succeeded, (m,) bool.
+        turn: dq/du, (m, n, 9).
+    """
+
+    chain: Chain
+    slots: np.ndarray
+    slot_slopes: np.ndarray
+    regressor: np.ndarray
+    regressor_slopes: np.ndarray
+    reached: np.ndarray
+    turn: np.ndarray
+
+
+def slot_names(problem: Problem) -> tuple[str, ...]:
+    """What each slot stands for, (s,)."""
+    names = problem.parameters.tree.joints
+    pairs = len(problem.limbs[0]) * len(problem.limbs[1])
+    limited = np.isfinite(problem.torques)
+    return (
+        *(f"joint limit {names[j]}" for _ in range(2) for j in problem.between for _ in range(2)),
+        "least height",
+        *["stability margin"] * 8,
+        *["sole margin"] * 8,
+        *["cell load"] * 8,
+        *["foot load"] * 2,
+        *["boards and feet"] * 4,
+        *(f"torque {name}" for j, name in enumerate(names) for k in range(2) if limited[j, k]),
+        *["leg clearance"] * pairs,
+        *["straight leg"] * len(problem.legs),
+    )
+
+
+def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluation:
+    """All postures at their design variables u.
+
+    Args:
+        design: CoM x, y, z, torso roll, pitch, yaw, swing foot x, y, yaw, (m, 9) [m, rad, m, m, rad].
+        guess: joint angles near the solution, (m, n) [rad].
+    """
+    ranges, margins, parameters = problem.ranges, problem.margins, problem.parameters
+    chain, left, dq = solve_chain(problem, design[:, :3], design[:, 3:6], design[:, 6:], guess)
+    reached = left < REACHED
+    angles = chain.angles
+
+    regressor = parameters.regressor(angles)
+    by_angle = parameters.slope(angles)  # (m, 2, n, p)
+    covariance, covariance_slope = _com_covariance(regressor, by_angle, problem.spread)
+    # Servos give way under what they hold; loads are those of the sagged posture.
+    first, first_slope, _, _ = holding_torques(problem, chain)
+    held = chain_at(problem, angles - problem.softness * first)
+    sagging = np.eye(angles.shape[1]) - problem.softness[:, None] * first_slope
+    held_slope = sagging @ dq
+    torque, torque_by_angle, wrench, wrench_by_angle = holding_torques(problem, held)
+    plan = np.column_stack([design[:, [0, 1, 6, 7, 8]], covariance, wrench[:, 2:5], held.com[:, :2]])
+    foot, foot_slope = footing_slopes(problem, plan)
+    by_design = np.zeros((len(design), PLAN, DESIGN))
+    by_design[:, [0, 1, 2, 3, 4], [0, 1, 6, 7, 8]] = 1.0
+    by_design[:, 5:8] = covariance_slope @ dq
+    by_design[:, 8:11] = wrench_by_angle[:, 2:5] @ held_slope
+    by_design[:, 11:] = com_jacobian(problem, held)[:, :2] @ held_slope
+
+    low, high = problem.limits[problem.between].T
+    stay = np.concatenate([angles[:, problem.between], held.angles[:, problem.between]], axis=1)
+    turn = np.concatenate([dq[:, problem.between], held_slope[:, problem.between]], axis=1)
+    kept = np.repeat([0.0, margins.joint], len(problem.between))
+    low, high = np.tile(low, 2) + kept, np.tile(high, 2) - kept
+    joints = np.stack([stay - low, high - stay], axis=2)
+    joint_slopes = np.stack([turn, -turn], axis=2)
+    height = chain.positions[:, problem.torso, 2:] - ranges.least_height
+    height_slope = point_jacobian(problem, chain, problem.torso)[:, 2:] @ dq
+
+    torque_slope = torque_by_angle @ held_slope
+    limited = np.isfinite(problem.torques)
+    limits = np.where(limited, problem.torques, 1.0)
+    relative = np.stack([torque / limits[:, 0], torque / limits[:, 1]], axis=2)[:, limited]
+    relative_slope = np.stack([torque_slope / limits[:, :1], torque_slope / limits[:, 1:]], axis=2)
+    limb, limb_slope = limb_distances(problem, chain)
+    room, room_slope = leg_stretch(problem, chain)
+    straight = np.array([length for _, _, length in problem.legs])
+
+    count = len(design)
+    slots = [
+        joints.reshape(count, -1) / ANGLE,
+        height / LENGTH,
+        (foot.polygon - ranges.stability_margin) / LENGTH,
+        (foot.soles - ranges.sole_margin) / LENGTH,
+        (foot.cells - ranges.least_cell_load) / FORCE,
+        (foot.feet - margins.foot_load) / FORCE,
+        foot.boards / LENGTH,
+        (margins.torque_share - relative) / TORQUE,
+        (limb - margins.leg_clearance) / LENGTH,
+        (room - margins.stretch * straight) / LENGTH,
+    ]
+    slopes = [
+        joint_slopes.reshape(count, -1, DESIGN) / ANGLE,
+        height_slope / LENGTH,
+        foot_slope.polygon @ by_design / LENGTH,
+        foot_slope.soles @ by_design / LENGTH,
+        foot_slope.cells @ by_design / FORCE,
+        foot_slope.feet @ by_design / FORCE,
+        foot_slope.boards @ by_design / LENGTH,
+        -relative_slope[:, limited] / TORQUE,
+        limb_slope @ dq / LENGTH,
+        room_slope @ dq / LENGTH,
+    ]
+    values = np.concatenate(slots, axis=1) - margins.rounding
+    gradient = np.concatenate(slopes, axis=1)
+    values[~reached], gradient[~reached] = -UNREACHED, 0.0
+    return Evaluation(
+        chain=chain,
+        slots=values,
+        slot_slopes=gradient,
+        regressor=regressor,
+        regressor_slopes=np.einsum("mijp,mju->mipu", by_angle, dq, optimize=True),
+        reached=reached,
+        turn=dq,
+    )
+
+
+def _com_covariance(
+    regressor: np.ndarray, by_angle: np.ndarray, spread: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of the nominal CoM in the plan view, xx, xy, yy, (m, 3) [m2], and by joint angles, (m, 3, n)."""
+    weighted = regressor @ spread
+    covariance = weighted @ regressor.mT
+    half = np.einsum("mijp,mkp->mikj", by_angle, weighted, optimize=True)
+    slope = half + half.transpose(0, 2, 1, 3)
+    rows, columns = [0, 0, 1], [0, 1, 1]
+    return covariance[:, rows, columns], slope[:, rows, columns]

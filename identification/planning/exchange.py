@@ -1,0 +1,89 @@
+"""Random feasible postures on a placement, and the best of them: what gradients alone cannot find.
+
+A plan has very many local optima, since each posture ends at some corner of what is allowed. As in
+Fedorov's exchange algorithm (1972), postures are swapped for candidates where that helps.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from identification.planning.blocks import SCALE, Block
+from identification.planning.constraints import evaluate
+from identification.planning.footing import PLAN, footing
+from identification.planning.objectives import Smooth
+from identification.planning.problem import Problem
+
+DRAWS = 1000  # of which some hundredth is feasible
+PASSES = 3  # through a placement's postures
+
+
+def candidates(problem: Problem, swing: np.ndarray, near: Block, rng: np.random.Generator) -> Block:
+    """Feasible random postures on a placement, none to some tens.
+
+    Args:
+        swing: the swing foot's pose, (3,) [m, m, rad].
+        near: postures whose joint angles and heights draws start from.
+    """
+    r = problem.ranges
+    design = np.empty((DRAWS, 9))
+    corners = np.concatenate([problem.soles[0], problem.soles[1] + swing[:2]])
+    design[:, :2] = rng.uniform(corners.min(axis=0), corners.max(axis=0), (DRAWS, 2))
+    heights = near.design[:, 2]
+    design[:, 2] = rng.uniform(heights.min() - 0.1, heights.max() + 0.1, DRAWS)
+    low, high = np.array([r.torso_roll, r.torso_pitch, r.torso_yaw]).T
+    design[:, 3:6] = rng.uniform(low, high, (DRAWS, 3))
+    design[:, 6:] = swing
+    plan = np.zeros((DRAWS, PLAN))
+    plan[:, :5] = design[:, [0, 1, 6, 7, 8]]
+    plan[:, 8] = problem.weight / 2  # whatever: only polygon and boards are looked at
+    foot = footing(problem, plan)
+    stands = (foot.polygon.min(axis=1) >= r.stability_margin) & (foot.boards.min(axis=1) >= 0)
+    design = design[stands]
+    if not len(design):
+        return Block(design, np.zeros((0, near.angles.shape[1])))
+    distance = np.abs((design[:, None, :6] - near.design[None, :, :6]) / SCALE[:6]).sum(axis=2)
+    found = evaluate(problem, design, near.angles[distance.argmin(axis=1)])
+    keeps = found.reached & (found.slots.min(axis=1) >= 0)
+    return Block(design[keeps], found.chain.angles[keeps])
+
+
+def exchange(
+    problem: Problem, start: Block, pool: Block, rest: np.ndarray, smooth: Smooth, wanted: int
+) -> Block:
+    """The `wanted` postures among start and pool that minimise a function of M, swapped one by one.
+
+    Args:
+        start: postures to begin with; fewer than wanted: the best of the pool join them first.
+        rest: information of the other placements, (p, p).
+    """
+    design = np.concatenate([start.design, pool.design])
+    angles = np.concatenate([start.angles, pool.angles])
+    rows = problem.parameters.regressor(angles)
+    each = rows.mT @ rows
+    chosen = list(range(len(start.design)))
+    total = rest + each[chosen].sum(axis=0)
+
+    def best(base: np.ndarray) -> tuple[float, int]:
+        free = [k for k in range(len(design)) if k not in chosen]
+        values = [smooth(base + each[k])[0] for k in free]
+        at = int(np.argmin(values))
+        return values[at], free[at]
+
+    while len(chosen) < wanted:
+        _, k = best(total)
+        chosen.append(k)
+        total = total + each[k]
+    for _ in range(PASSES):
+        before = list(chosen)
+        for place, old in enumerate(before):
+            if len(chosen) == len(design):
+                break
+            base = total - each[old]
+            value, new = best(base)
+            if value < smooth(total)[0]:
+                chosen[place] = new
+                total = base + each[new]
+        if chosen == before:
+            break
+    return Block(design[chosen], angles[chosen])

@@ -1,0 +1,155 @@
+"""What depends on the plan view alone: support polygon, loads of feet and cells, boards.
+
+Every function takes real or complex numbers, since derivatives come from complex steps
+(Squire and Trapp 1998): f'(x) = Im f(x + ih) / h, without cancellation and so exact to rounding.
+Decisions (which corner is on the hull, which clip holds) look at the real parts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from identification.planning.problem import Problem
+
+STEP = 1e-30
+COLLINEAR = 1e-12  # m2
+LEAST_VARIANCE = 1e-18  # m2, so that a root has a derivative
+OFF_HULL = 1.0  # m: margin of a corner that begins no edge, so that it never binds
+LEAST_FORCE = 1.0  # N, on either foot; less is out of the question and would divide by nothing
+# Inputs: CoM x, y; swing foot x, y, yaw; variance of the CoM's x, covariance, variance of y; the swing
+# foot's vertical force, moment about x and about y; x and y of the CoM with servos sagging.
+PLAN = 13
+
+
+@dataclass(frozen=True)
+class Footing:
+    """By posture (m, ...), complex while derivatives are taken.
+
+    Attributes:
+        polygon: how far the CoM stays inside each hull edge beyond its uncertainty, (m, 8) [m].
+        soles: how far each foot's centre of pressure stays inside its sole's edges, beyond what is not known
+            of its moment, (m, 8) [m].
+        cells: loads, (m, 8) [N].
+        feet: vertical force on either foot, (m, 2) [N].
+        boards: room of each sole on its own board to the side, of the swing sole to the front, and between
+            the soles to the side, (m, 4) [m].
+    """
+
+    polygon: np.ndarray
+    soles: np.ndarray
+    cells: np.ndarray
+    boards: np.ndarray
+    feet: np.ndarray
+
+
+def footing(problem: Problem, plan: np.ndarray) -> Footing:
+    """For the inputs of `PLAN`, (m, 13)."""
+    com, swing, covariance, wrench, held = (
+        plan[:, k] for k in (slice(0, 2), slice(2, 5), slice(5, 8), slice(8, 11), slice(11, 13))
+    )
+    c, s = np.cos(swing[:, 2]), np.sin(swing[:, 2])
+    turn = np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
+    swing_sole = (turn[:, None] @ problem.soles[1][..., None])[..., 0] + swing[:, None, :2]
+    stance_sole = np.broadcast_to(problem.soles[0], swing_sole.shape)
+    force, cop = _foot_loads(problem.weight, held, wrench)
+    soles = []
+    for foot, corners in enumerate((stance_sole, swing_sole)):
+        distance, _ = _edges(cop[:, foot, None], _ccw(corners), _ccw(np.roll(corners, 1, axis=1)))
+        unsure = problem.margins.assurance * problem.margins.foot_moment / force[:, foot, None]
+        soles.append(distance - unsure)
+    boards, room = _boards(problem, swing_sole)
+    arm = (cop - boards) / (problem.plate.cells**2).mean(axis=0)
+    tilt = 1 + arm @ problem.plate.cells.T
+    cells = problem.plate.mass * problem.gravity / 4 + force[..., None] / 4 * tilt
+    return Footing(
+        polygon=_polygon(com, np.concatenate([stance_sole, swing_sole], axis=1), covariance, problem),
+        soles=np.concatenate(soles, axis=1),
+        cells=cells.reshape(len(plan), -1),
+        boards=room,
+        feet=force,
+    )
+
+
+def footing_slopes(problem: Problem, plan: np.ndarray) -> tuple[Footing, Footing]:
+    """Values, and derivatives by the inputs with a last axis of 13."""
+    stepped = plan[:, None] + 1j * STEP * np.eye(PLAN)
+    both = footing(problem, stepped.reshape(-1, PLAN))
+    values, slopes = {}, {}
+    for name, array in vars(both).items():
+        by_input = array.reshape(len(plan), PLAN, -1)
+        values[name] = by_input[:, 0].real
+        slopes[name] = by_input.imag.transpose(0, 2, 1) / STEP
+    return Footing(**values), Footing(**slopes)
+
+
+def _ccw(corners: np.ndarray) -> np.ndarray:
+    """`CORNERS` go round clockwise, seen from above."""
+    return corners[:, ::-1]
+
+
+def _foot_loads(weight: float, com: np.ndarray, wrench: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertical forces (m, 2) and centres of pressure (m, 2, 2) of both feet; their mean lies at the CoM."""
+    swing = np.where(wrench[:, 0].real > LEAST_FORCE, wrench[:, 0], LEAST_FORCE)
+    swing = np.where(swing.real < weight - LEAST_FORCE, swing, weight - LEAST_FORCE)
+    moment = np.stack([-wrench[:, 2], wrench[:, 1]], axis=1)
+    left, right = moment / swing[:, None], (weight * com - moment) / (weight - swing)[:, None]
+    return np.stack([weight - swing, swing], axis=1), np.stack([right, left], axis=1)
+
+
+def _edges(
+    point: np.ndarray, start: np.ndarray, end: np.ndarray
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Distance of points to the left of lines, and the lines' normals to the left (x and y)."""
+    edge = end - start
+    length = np.sqrt((edge**2).sum(axis=-1))
+    x, y = -edge[..., 1] / length, edge[..., 0] / length
+    return x * (point - start)[..., 0] + y * (point - start)[..., 1], (x, y)
+
+
+def _polygon(com: np.ndarray, corners: np.ndarray, covariance: np.ndarray, problem: Problem) -> np.ndarray:
+    """One margin a corner: of the hull's edge that begins there, counter-clockwise, else `OFF_HULL`."""
+    real = corners.real
+    edge = real[:, None] - real[:, :, None]  # from i to j
+    beside = real[:, None, None] - real[:, :, None, None]  # from i to k
+    cross = edge[..., None, 0] * beside[..., 1] - edge[..., None, 1] * beside[..., 0]
+    length = (edge**2).sum(axis=-1)
+    is_edge = (cross >= -COLLINEAR).all(axis=-1) & (length > COLLINEAR)
+    last = np.where(is_edge, length, -1.0).argmax(axis=2)  # of collinear corners the farthest
+    begins = is_edge.any(axis=2)
+    last = np.where(begins, last, (np.arange(last.shape[1]) + 1) % last.shape[1])
+    end = np.take_along_axis(corners, last[..., None], axis=1)
+    distance, (x, y) = _edges(com[:, None], corners, end)
+    xx, xy, yy = (covariance[:, k, None] for k in range(3))
+    sd = np.sqrt(xx * x**2 + 2 * xy * x * y + yy * y**2 + LEAST_VARIANCE)
+    margin = distance - problem.margins.assurance * sd
+    return np.where(begins, margin, OFF_HULL)
+
+
+def _boards(problem: Problem, swing_sole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centres of both boards, laid as `lay_boards` does, (m, 2, 2), and room of soles, (m, 4)."""
+    size, gap = problem.plate.size, problem.ranges.plate_gap
+    first, second = problem.soles[0].min(axis=0), problem.soles[0].max(axis=0)
+    low, high = _extreme(swing_sole, -1), _extreme(swing_sole, 1)
+    right = np.broadcast_to((first + second) / 2, low.shape)
+    left = (low + high) / 2
+    lack = size[1] + gap - (left[:, 1] - right[:, 1])
+    lack = np.where(lack.real > 0, lack, 0.0)
+    shift = np.stack([np.zeros_like(lack), lack / 2], axis=1)
+    room = np.stack(
+        [
+            size[1] / 2 - lack / 2 - (second - first)[1] / 2,
+            size[1] / 2 - lack / 2 - (high - low)[:, 1] / 2,
+            size[0] / 2 - (high - low)[:, 0] / 2,
+            low[:, 1] - second[1] - problem.ranges.foot_clearance,
+        ],
+        axis=1,
+    )
+    return np.stack([right - shift, left + shift], axis=1), room
+
+
+def _extreme(corners: np.ndarray, sign: int) -> np.ndarray:
+    """Least (-1) or largest (1) x and y of corners (m, 4, 2), (m, 2)."""
+    chosen = (sign * corners.real).argmax(axis=1)
+    return np.take_along_axis(corners, chosen[:, None], axis=1)[:, 0]

@@ -1,0 +1,115 @@
+"""What a held posture asks of the legs: static torques, and room between them; with derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from identification.planning.closed_chain import Chain, cross, point_jacobian
+from identification.planning.problem import Problem
+
+
+def holding_torques(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Torques of the drives that hold the robot, and the floor's wrench on the swing foot.
+
+    Seen from the stance foot, joint j carries the weights beyond it and the swing foot's wrench w, forces
+    and moments about the base frame's origin: tau = tau_0 + A w, A_j = -(p_j x a_j, a_j). The chain is
+    closed, so statics leaves w free. Servos are springs; commands that close the chain without strain
+    leave the w of least elastic energy (Castigliano's second theorem), min tau' K^-1 tau, with stiffnesses
+    K in proportion to the drives' limits (an assumption). Dry friction is left out.
+
+    Returns:
+        tau, (m, n) [N m]; its derivative by joint angles, (m, n, n); w, (m, 6) [N, N m]; its derivative,
+        (m, 6, n).
+    """
+    axes, pivots, gravity = chain.axes, chain.pivots, problem.gravity
+    load = -gravity * (chain.moment - chain.beyond[:, None] * pivots)
+    own = axes[..., 1] * load[..., 0] - axes[..., 0] * load[..., 1]
+    bears = problem.moved[:, problem.swing].astype(float)[:, None]  # joints that carry the swing foot
+    lines = -np.concatenate([cross(pivots, axes), axes], axis=2) * bears
+
+    # Turning joint i moves axis and pivot of every joint j beyond it, and the masses beyond both.
+    up = problem.upstream[..., None]  # [i, j]
+    axis_i, pivot_i = axes[:, :, None], pivots[:, :, None]
+    turned_axis = cross(axis_i, axes[:, None]) * up
+    moved_pivot = cross(axis_i, pivots[:, None] - pivot_i) * up
+    both = problem.moved[:, None] & problem.moved[None]
+    places = chain.positions + (chain.rotations @ problem.center[..., None])[..., 0]
+    count = len(problem.moved)
+    mass = both @ problem.mass
+    moment = ((both * problem.mass).reshape(count * count, -1) @ places).reshape(-1, count, count, 3)
+    moved_load = -gravity * (
+        cross(axis_i, moment - mass[..., None] * pivot_i) - chain.beyond[:, None] * moved_pivot
+    )
+    own_slope = (
+        turned_axis[..., 1] * load[:, None, :, 0]
+        - turned_axis[..., 0] * load[:, None, :, 1]
+        + axes[:, None, :, 1] * moved_load[..., 0]
+        - axes[:, None, :, 0] * moved_load[..., 1]
+    ).mT
+    arm_slope = cross(moved_pivot, axes[:, None]) + cross(pivots[:, None], turned_axis)
+    line_slope = -np.concatenate([arm_slope, turned_axis], axis=3) * bears  # (m, i, j, 6)
+
+    soft = problem.softness[:, None] * lines
+    inverse = np.linalg.inv(lines.mT @ soft)
+    wrench = -(inverse @ (soft.mT @ own[..., None]))[..., 0]
+    torque = own + (lines @ wrench[..., None])[..., 0]
+    strained = own_slope + (line_slope @ wrench[:, None, :, None])[..., 0].mT  # w held
+    pulled = (line_slope.mT @ (problem.softness * torque)[:, None, :, None])[..., 0].mT  # (m, 6, i)
+    wrench_slope = -inverse @ (pulled + soft.mT @ strained)
+    return torque, strained + lines @ wrench_slope, wrench, wrench_slope
+
+
+def limb_distances(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+    """Between the surfaces of the two legs' capsules, pair by pair; negative where they overlap.
+
+    Returns:
+        (m, pairs) [m] and the derivative by joint angles, (m, pairs, n): between the nearest points held
+        fixed on their limbs, since moving those along changes nothing to first order.
+    """
+    ends = {frame for leg in problem.limbs for limb in leg for frame in limb[:2]}
+    slopes = {frame: point_jacobian(problem, chain, frame) for frame in ends}
+    distances, gradients = [], []
+    for a, b, radius in problem.limbs[0]:
+        for c, d, other in problem.limbs[1]:
+            first, second = chain.positions[:, [a, b]], chain.positions[:, [c, d]]
+            s, t = nearest_on_segments(first, second)
+            away = _between(second, t) - _between(first, s)
+            length = np.linalg.norm(away, axis=1)
+            normal = away / np.maximum(length, 1e-9)[:, None]
+            slope = (1 - t)[:, None, None] * slopes[c] + t[:, None, None] * slopes[d]
+            slope = slope - (1 - s)[:, None, None] * slopes[a] - s[:, None, None] * slopes[b]
+            distances.append(length - radius - other)
+            gradients.append((normal[:, None] @ slope)[:, 0])
+    if not distances:
+        count = len(chain.angles)
+        return np.zeros((count, 0)), np.zeros((count, 0, chain.angles.shape[1]))
+    return np.stack(distances, axis=1), np.stack(gradients, axis=1)
+
+
+def leg_stretch(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+    """How much nearer hip and ankle are than with a straight knee, (m, legs) [m]; by joint angles."""
+    room, slopes = [], []
+    for hip, ankle, length in problem.legs:
+        line = chain.positions[:, ankle] - chain.positions[:, hip]
+        distance = np.linalg.norm(line, axis=1)
+        slope = point_jacobian(problem, chain, ankle) - point_jacobian(problem, chain, hip)
+        room.append(length - distance)
+        slopes.append(-((line / distance[:, None])[:, None] @ slope)[:, 0])
+    if not room:
+        return np.zeros((len(chain.angles), 0)), np.zeros((len(chain.angles), 0, chain.angles.shape[1]))
+    return np.stack(room, axis=1), np.stack(slopes, axis=1)
+
+
+def nearest_on_segments(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where two segments (m, 2, 3) come nearest, as fractions of their lengths, (m,) each (Ericson 2005)."""
+    u, v, w = first[:, 1] - first[:, 0], second[:, 1] - second[:, 0], first[:, 0] - second[:, 0]
+    uu, uv, vv, uw, vw = ((x * y).sum(axis=1) for x, y in ((u, u), (u, v), (v, v), (u, w), (v, w)))
+    cross = np.maximum(uu * vv - uv**2, 1e-12)
+    s = np.clip((uv * vw - vv * uw) / cross, 0, 1)
+    t = np.clip((uv * s + vw) / vv, 0, 1)
+    s = np.clip((uv * t - uw) / uu, 0, 1)
+    return s, t
+
+
+def _between(segment: np.ndarray, fraction: np.ndarray) -> np.ndarray:
+    return segment[:, 0] + fraction[:, None] * (segment[:, 1] - segment[:, 0])

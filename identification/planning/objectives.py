@@ -1,0 +1,134 @@
+"""What an optimal plan minimises, as functions of the information matrix M = H'H.
+
+Each gives its value and its gradient G = df/dM, symmetric. Those that are not smooth are reached
+through smooth ones: the p-norms of the eigenvalues of M and M^-1 tend to their largest, so
+(1/p) ln(tr M^p tr M^-p) tends to ln cond(M) (p = 1: ln tr M tr M^-1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from identification.statistics import WELL_IDENTIFIED
+
+Smooth = Callable[[np.ndarray], tuple[float, np.ndarray]]
+Value = Callable[[np.ndarray], float]
+POWERS = (1, 2, 4, 8, 16)  # of the p-norms, one after another
+SOFTNESS = 0.15  # of ln(relative standard error), in the smooth count
+SINGULAR = 1e-14  # of the largest eigenvalue
+
+
+@dataclass(frozen=True)
+class Objective:
+    """A criterion by its name.
+
+    Attributes:
+        value: what is reported and decides which plan is better, smaller is better.
+        smooth: what is minimised in turn, each from the last one's result.
+    """
+
+    name: str
+    value: Value
+    smooth: tuple[Smooth, ...]
+
+
+def condition_number(information: np.ndarray) -> float:
+    """Of H, by M = H'H (the paper's objective) [-]."""
+    values = np.linalg.eigvalsh(information)
+    return float(np.sqrt(values[-1] / values[0])) if values[0] > SINGULAR * values[-1] else np.inf
+
+
+def _condition(power: int) -> Smooth:
+    def smooth(information: np.ndarray) -> tuple[float, np.ndarray]:
+        values, turn = _eigen(information)
+        large, small = values / values[-1], values[0] / values
+        top, bottom = (large**power).sum(), (small**power).sum()
+        value = np.log(values[-1] / values[0]) + np.log(top * bottom) / power
+        slope = large**power / top / values - small**power / bottom / values
+        return float(value) / 2, (turn * slope) @ turn.T / 2
+
+    return smooth
+
+
+def _d_optimal(information: np.ndarray) -> tuple[float, np.ndarray]:
+    values, turn = _eigen(information)
+    count = len(values)
+    return float(-np.log(values).sum()) / count, -(turn / values) @ turn.T / count
+
+
+def _a_optimal(information: np.ndarray) -> tuple[float, np.ndarray]:
+    values, turn = _eigen(information)
+    trace = (1 / values).sum()
+    return float(np.log(trace)), -(turn / values**2) @ turn.T / trace
+
+
+def _worst(power: int) -> Smooth:
+    def smooth(information: np.ndarray) -> tuple[float, np.ndarray]:
+        values, turn = _eigen(information)
+        inverse = (turn / values) @ turn.T
+        diagonal = np.diag(inverse)
+        most = diagonal.max()
+        norm = ((diagonal / most) ** power).sum()
+        weight = (diagonal / most) ** (power - 1) / (norm * most)
+        value = np.log(most) + np.log(norm) / power
+        return float(value) / 2, -(inverse * weight) @ inverse / 2
+
+    return smooth
+
+
+def _count(nominal: np.ndarray, sigma: float) -> Smooth:
+    """Minus the soft number of parameters whose relative standard error lies below 15 %."""
+    with np.errstate(divide="ignore"):
+        goal = np.log(WELL_IDENTIFIED / 100 * np.abs(nominal) / sigma)
+
+    def smooth(information: np.ndarray) -> tuple[float, np.ndarray]:
+        values, turn = _eigen(information)
+        inverse = (turn / values) @ turn.T
+        diagonal = np.diag(inverse)
+        soft = 1 / (1 + np.exp(np.clip((np.log(diagonal) / 2 - goal) / SOFTNESS, -300, 300)))
+        weight = soft * (1 - soft) / SOFTNESS / (2 * diagonal)
+        return float(-soft.sum()), -(inverse * weight) @ inverse
+
+    return smooth
+
+
+def objectives(nominal: np.ndarray, sigma: float) -> dict[str, Objective]:
+    """By name.
+
+    Args:
+        nominal: base parameters, (p,) [m].
+        sigma: s.d. of a centre of pressure's coordinate [m]; only `well-identified` needs it, the others'
+            minima do not depend on it.
+    """
+
+    def standard_errors(information: np.ndarray) -> np.ndarray:
+        if not np.isfinite(condition_number(information)):
+            return np.full(len(information), np.inf)
+        return sigma * np.sqrt(np.diag(np.linalg.inv(information)))
+
+    def well_identified(information: np.ndarray) -> float:
+        return -float((standard_errors(information) < WELL_IDENTIFIED / 100 * np.abs(nominal)).sum())
+
+    listed = (
+        Objective("condition", condition_number, tuple(_condition(p) for p in POWERS)),
+        Objective("d-optimal", lambda m: _d_optimal(m)[0], (_d_optimal,)),
+        Objective("a-optimal", lambda m: float(np.linalg.norm(standard_errors(m))), (_a_optimal,)),
+        Objective(
+            "worst-standard-error",
+            lambda m: float(standard_errors(m).max()),
+            tuple(_worst(p) for p in POWERS),
+        ),
+        Objective("well-identified", well_identified, (_a_optimal, _count(nominal, sigma))),
+    )
+    return {objective.name: objective for objective in listed}
+
+
+OBJECTIVES = ("condition", "d-optimal", "a-optimal", "worst-standard-error", "well-identified")
+
+
+def _eigen(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    values, turn = np.linalg.eigh(information)
+    return np.maximum(values, SINGULAR * values[-1]), turn

@@ -1,0 +1,244 @@
+"""What planning knows of a robot: its nominal kinematics, masses, drives, soles and ranges, as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from identification.base_parameters import BaseParameters, base_parameters, standard_parameters
+from identification.kinematics import frame_positions, link_rotations, moved_frames, walk
+from identification.link_boxes import link_boxes
+from identification.postures import PlanningRanges, planning_ranges
+from sim.errors import InputError
+from sim.measurements import PlateGeometry
+from sim.model import Robot, between_feet, joint_names, load_model, sole_corners, sole_point
+
+CLOSING = 12  # joints between the feet: as many as the equations that two feet, torso and CoM give
+Limb = tuple[int, int, float]
+Leg = tuple[Limb, ...]
+LEAST_LIMB = 0.1  # m, between joint centres: shorter links lie inside their neighbours' capsules
+
+
+@dataclass(frozen=True)
+class Margins:
+    """What is kept beyond the planning ranges.
+
+    Attributes:
+        mass_sd: 1 s.d. of every link's mass over its nominal one, and of its centre of mass over the half
+            edges of its inertia box, all independent [-].
+        assurance: standard deviations of the centre of mass that every edge of the support polygon keeps
+            beyond d_s; 1.645: each edge with 95 % probability [-].
+        torque_share: of a drive's limit, most that holding may take by prediction [-].
+        sag: what a servo gives way under its full limit, so stiffnesses are in proportion to limits [rad].
+        foot_load: least on either foot [N].
+        foot_moment: 1 s.d. of either foot's tilting moment over its prediction, by dry friction and
+            tracking errors in a stiff closed chain; soles keep it with the same assurance [N m].
+        joint: kept from both ends of a joint's range with the servos sagging, since a stop that is touched
+            takes load from the feet [rad].
+        stretch: of the straight leg's length that hip and ankle stay nearer than that: straight knees are
+            singular, where angles change without bound [-].
+        leg_clearance: between the capsules round the two legs' limbs [m].
+        rounding: kept from every bound, so that solver and file format cannot break one (in the
+            constraints' own scales) [-].
+    """
+
+    mass_sd: float = 0.10
+    assurance: float = 1.645
+    torque_share: float = 0.8
+    sag: float = 0.02
+    foot_load: float = 10.0
+    foot_moment: float = 0.3
+    joint: float = 0.002
+    stretch: float = 0.005
+    leg_clearance: float = 0.01
+    rounding: float = 1e-5
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A robot as the optimisation of postures sees it; n joints, f frames, p base parameters.
+
+    Attributes:
+        ranges, margins, plate: what the postures have to keep.
+        between: joints between the feet, of which the inverse kinematics disposes, (12,).
+        limits: ranges of all joints, (n, 2) [rad].
+        torques: drives' limits, (n, 2) [N m]; infinite where the robot's file has none.
+        softness: of the servos, the sag at a joint per torque, (n,) [rad/(N m)].
+        mass, center: of every frame, (f,) [kg], and its centre of mass in it, (f, 3) [m].
+        gravity: [m/s2].
+        soles: corners of the stance and the swing sole in their feet's frames, (2, 4, 2) [m].
+        points: the sole points below both ankles in the feet's frames, (2, 3) [m].
+        swing, torso: frame numbers.
+        moved: frames that a joint moves, seen from the stance foot, (n, f) bool.
+        upstream: whether joint i carries joint j, (n, n) bool.
+        spread: covariance of the nominal base parameters, (p, p) [m2].
+        limbs: the two legs' limbs as frames at their ends, two a leg or more, and radii [m].
+        legs: frames at hip and ankle, and the distance between them with a straight knee [m].
+        nominal: nominal base parameters, (p,) [m].
+    """
+
+    robot: Robot
+    parameters: BaseParameters
+    ranges: PlanningRanges
+    margins: Margins
+    plate: PlateGeometry
+    between: np.ndarray
+    limits: np.ndarray
+    torques: np.ndarray
+    softness: np.ndarray
+    mass: np.ndarray
+    center: np.ndarray
+    gravity: float
+    soles: np.ndarray
+    points: np.ndarray
+    swing: int
+    torso: int
+    moved: np.ndarray
+    upstream: np.ndarray
+    spread: np.ndarray
+    limbs: tuple[Leg, Leg]
+    legs: tuple[Limb, ...]
+    nominal: np.ndarray
+
+    @property
+    def weight(self) -> float:
+        """[N]"""
+        return float(self.mass.sum() * self.gravity)
+
+
+def planning_problem(
+    robot: Robot,
+    plate: PlateGeometry,
+    ranges: PlanningRanges | None = None,
+    margins: Margins | None = None,
+) -> Problem:
+    """Read it from the robot's files.
+
+    Args:
+        plate: the boards that have to carry the feet.
+        ranges: the robot description's if None.
+
+    Raises:
+        InputError: broken files, or other than six joints a leg.
+    """
+    model, margins = load_model(robot), margins or Margins()
+    parameters = base_parameters(robot, model)
+    tree, base = parameters.tree, parameters.base
+    between = np.flatnonzero(between_feet(model, robot))
+    if len(between) != CLOSING:
+        raise InputError(
+            f"{robot.model}: found {len(between)} joints between the feet, expected {CLOSING} "
+            "(six a leg) to optimise postures"
+        )
+    frames, standard = np.array(tree.frame_of_link), standard_parameters(model)
+    mass, center = np.zeros(len(tree.frames)), np.zeros((len(tree.frames), 3))
+    mass[frames], center[frames] = standard[:, 0], model.body_ipos[1:]
+    moved = moved_frames(tree, base)
+    outer = {step.edge.joint: step.new for step in walk(tree, base) if step.edge.joint >= 0}
+    carried = moved[:, [outer[j] for j in range(len(tree.joints))]]
+    torques = _torque_limits(model)
+    limbs, legs = _limbs(model, robot, parameters)
+    return Problem(
+        robot=robot,
+        parameters=parameters,
+        ranges=ranges or planning_ranges(robot),
+        margins=margins,
+        plate=plate,
+        between=between,
+        limits=tree.joint_range,
+        torques=torques,
+        softness=_softness(torques, margins.sag),
+        mass=mass,
+        center=center,
+        gravity=float(-model.opt.gravity[2]),
+        soles=np.array([sole_corners(model, foot)[:, :2] for foot in robot.feet]),
+        points=np.array([sole_point(model, foot) for foot in robot.feet]),
+        swing=tree.frame(robot.swing_foot),
+        torso=frames[0],
+        moved=moved,
+        upstream=carried & ~np.eye(len(carried), dtype=bool),
+        spread=_spread(model, parameters, standard, margins.mass_sd),
+        limbs=limbs,
+        legs=legs,
+        nominal=parameters.values(standard),
+    )
+
+
+def _torque_limits(model: mujoco.MjModel) -> np.ndarray:
+    """Of every joint by its motor: control range times gear, and the force range, (n, 2) [N m]."""
+    limits = []
+    for name in joint_names(model):
+        joint = model.joint(name).id
+        low, high = -np.inf, np.inf
+        for k in np.flatnonzero(model.actuator_trnid[:, 0] == joint):
+            if model.actuator_trntype[k] != mujoco.mjtTrn.mjTRN_JOINT:
+                continue
+            gear = abs(float(model.actuator_gear[k, 0]))
+            for limited, interval in (
+                (model.actuator_ctrllimited[k], model.actuator_ctrlrange[k] * gear),
+                (model.actuator_forcelimited[k], model.actuator_forcerange[k] * gear),
+            ):
+                if limited:
+                    low, high = max(low, interval[0]), min(high, interval[1])
+        limits.append([low, high])
+    return np.array(limits).reshape(-1, 2)
+
+
+def _softness(torques: np.ndarray, sag: float) -> np.ndarray:
+    limit = np.abs(torques).min(axis=1)
+    usable = np.isfinite(limit) & (limit > 0)
+    typical = float(np.median(limit[usable])) if usable.any() else 1.0
+    return sag / np.where(usable, limit, typical)
+
+
+def _spread(
+    model: mujoco.MjModel, parameters: BaseParameters, standard: np.ndarray, relative: float
+) -> np.ndarray:
+    """Covariance of the nominal base parameters by that of masses and centres of mass, linearised."""
+    mass, inertia = standard[:, 0], model.body_inertia[1:]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        squares = 1.5 * (inertia.sum(axis=1, keepdims=True) - 2 * inertia) / mass[:, None]
+    half = np.sqrt(np.maximum(np.where(mass[:, None] > 0, squares, 0.0), 0.0))
+    total = mass.sum()
+    by_standard = parameters.from_standard.reshape(-1, len(mass), 4) / total
+    by_mass = by_standard[..., 0] + (by_standard[..., 1:] * model.body_ipos[1:]).sum(axis=2)
+    by_mass = by_mass - (parameters.values(standard) / total)[:, None]
+    columns = [relative * mass * by_mass]
+    for link, quaternion in enumerate(model.body_iquat[1:]):
+        turn = np.zeros(9)
+        mujoco.mju_quat2Mat(turn, quaternion)
+        columns.append(by_standard[:, link, 1:] @ turn.reshape(3, 3) * (relative * mass[link] * half[link]))
+    root = np.column_stack(columns)
+    return root @ root.T
+
+
+def _limbs(
+    model: mujoco.MjModel, robot: Robot, parameters: BaseParameters
+) -> tuple[tuple[Leg, Leg], tuple[Limb, ...]]:
+    """Links between the torso and each foot that are long enough to meet the other leg's, and whole legs.
+
+    A limb is a capsule between the origins of its own and of the next frame; its radius is its box's
+    reach to the side.
+    """
+    tree = parameters.tree
+    rotations = link_rotations(tree, tree.frame_of_link[0], np.zeros((1, len(tree.joints))))
+    places = frame_positions(tree, tree.frame_of_link[0], rotations, np.zeros(3))[0]
+    before = {step.new: step.known for step in walk(tree, tree.frame_of_link[0])}
+    boxes = link_boxes(model)
+    limbs, legs = [], []
+    for foot in robot.feet:
+        leg, length, frame = [], 0.0, tree.frame(foot)
+        while frame in before:
+            parent = before[frame]
+            long = float(np.linalg.norm(places[frame] - places[parent]))
+            if parent in before and long >= LEAST_LIMB:
+                link = tree.frame_of_link.index(parent)
+                leg.append((parent, frame, float(np.abs(boxes[link, :, 1]).max())))
+                length += long
+            frame = parent
+        limbs.append(tuple(leg))
+        if len(leg) > 1:
+            legs.append((leg[-1][0], leg[0][1], length))
+    return (limbs[0], limbs[1]), tuple(legs)

@@ -1,0 +1,218 @@
+"""The whole optimisation of one trial: repaired random start, descent, exchange, polish.
+
+One round is one checkpoint. Its random numbers depend on the seed and its own number alone, so a run
+that was interrupted and taken up again ends in the same bits.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from identification.planning.blocks import FEASIBLE, Block, improve, information, repair
+from identification.planning.closed_chain import chain_at
+from identification.planning.constraints import evaluate, slot_names
+from identification.planning.exchange import candidates, exchange
+from identification.planning.linear_steps import Whole, descend, merit, whole
+from identification.planning.objectives import Objective, Smooth, condition_number
+from identification.planning.problem import Problem
+from sim.errors import InputError
+
+WARM = 15  # linear steps for each of the smooth objectives at the start
+HOPS = 40  # rounds that exchange one placement's postures each, by default
+STEPS = 12  # linear steps a hop
+REGION, FINE = 0.3, 0.1  # of trust
+POLISH = 20  # SLSQP's iterations on each placement at the end
+LEAST_POOL = 3  # candidates that are worth an exchange
+GAIN = 1e-6
+
+
+@dataclass(frozen=True)
+class State:
+    """Where the search stands after a number of rounds.
+
+    Attributes:
+        rounds: done. design, angles: where it goes on from, perhaps slightly infeasible, (m, 9), (m, n).
+        best_design, best_angles: the best that keeps every constraint. value: its objective.
+        initial: the repaired start's objective; initial_condition: its condition number.
+    """
+
+    rounds: int
+    design: np.ndarray
+    angles: np.ndarray
+    best_design: np.ndarray
+    best_angles: np.ndarray
+    value: float
+    initial: float
+    initial_condition: float
+
+
+def begin(
+    problem: Problem,
+    objective: Objective,
+    angles: np.ndarray,
+    swing: np.ndarray,
+    per: int,
+    placements: int,
+    source: str,
+) -> State:
+    """The first placements of a random plan that can be repaired: moved to where every constraint holds.
+
+    Args:
+        angles: of a random plan, (m, n) [rad]. swing: its swing foot poses, (m, 3) [m, m, rad].
+        per: postures a placement. placements: how many are wanted.
+        source: for error messages.
+
+    Raises:
+        InputError: too few placements can be repaired; names what blocks.
+    """
+    design = design_of(problem, angles, swing)
+    names, tally, blocks = slot_names(problem), Counter[str](), list[Block]()
+    for i in range(0, len(design), per):
+        block = repair(problem, Block(design[i : i + per], angles[i : i + per]))
+        found = evaluate(problem, block.design, block.angles)
+        if not found.reached.all():
+            tally["out of reach"] += 1
+        elif found.slots.min() < -FEASIBLE:
+            tally[names[int(found.slots.min(axis=0).argmin())]] += 1
+        else:
+            blocks.append(block)
+        if len(blocks) == placements:
+            break
+    if len(blocks) < placements:
+        listed = ", ".join(f"{name} ({count})" for name, count in tally.most_common(4))
+        raise InputError(
+            f"{source}: found random postures on {tally.total()} of {len(design) // per} placements that "
+            f"cannot be repaired to keep every constraint, expected {placements} that can; "
+            f"blocked by {listed}"
+        )
+    design, angles = _joined(blocks)
+    start = information(evaluate(problem, design, angles))
+    value = objective.value(start)
+    return State(0, design, angles, design, angles, value, value, condition_number(start))
+
+
+def rounds(objective: Objective, hops: int) -> int:
+    """How many rounds `search` takes."""
+    return len(objective.smooth) + hops + 1
+
+
+def search(
+    problem: Problem, objective: Objective, state: State, per: int, seed: int, hops: int = HOPS
+) -> Iterator[State]:
+    """Go on from a state; yields after every round.
+
+    First descent by each smooth objective in turn, then hops, then polish by SLSQP.
+    """
+    stages = objective.smooth
+    while state.rounds < rounds(objective, hops):
+        k = state.rounds
+        plan = whole(problem, state.design, state.angles, per)
+        if k < len(stages):
+            plan, _ = descend(problem, plan, stages[k], WARM, _regions(plan, REGION))
+        elif k < len(stages) + hops:
+            smooth = stages[min(_middle(stages) + (k - len(stages)) * 2 // max(hops, 1), len(stages) - 1)]
+            plan = _hop(problem, plan, smooth, np.random.default_rng([seed, k]))
+        else:
+            plan = _polish(problem, replace_plan(problem, state, per), stages[-1])
+        state = _kept(problem, objective, state, plan)
+        yield state
+
+
+def replace_plan(problem: Problem, state: State, per: int) -> Whole:
+    """The best plan so far."""
+    return whole(problem, state.best_design, state.best_angles, per)
+
+
+def design_of(problem: Problem, angles: np.ndarray, swing: np.ndarray) -> np.ndarray:
+    """Design variables of given postures, (m, 9)."""
+    chain = chain_at(problem, angles)
+    torso = chain.rotations[:, problem.torso]
+    rpy = np.column_stack(
+        [
+            np.arctan2(torso[:, 2, 1], torso[:, 2, 2]),
+            -np.arcsin(np.clip(torso[:, 2, 0], -1, 1)),
+            np.arctan2(torso[:, 1, 0], torso[:, 0, 0]),
+        ]
+    )
+    return np.column_stack([chain.com, rpy, swing])
+
+
+def _kept(problem: Problem, objective: Objective, state: State, plan: Whole) -> State:
+    """The state after a round; its best only changes for a plan that keeps every constraint."""
+    after = replace(state, rounds=state.rounds + 1, design=plan.design, angles=plan.found.chain.angles)
+    if objective.value(information(plan.found)) > state.value:
+        return after
+    blocks = _blocks(plan)
+    lack = plan.found.slots.min(axis=1).reshape(-1, plan.per).min(axis=1)
+    whole_blocks = [
+        block if least >= -FEASIBLE else repair(problem, block)
+        for block, least in zip(blocks, lack, strict=True)
+    ]
+    design, angles = _joined(whole_blocks)
+    found = evaluate(problem, design, angles)
+    value = objective.value(information(found))
+    if found.reached.all() and found.slots.min() >= -FEASIBLE and value < state.value:
+        return replace(after, best_design=design, best_angles=found.chain.angles, value=value)
+    return after
+
+
+def _hop(problem: Problem, plan: Whole, smooth: Smooth, rng: np.random.Generator) -> Whole:
+    """Other postures on one placement, perhaps elsewhere; kept if a short descent from there is better."""
+    blocks = _blocks(plan)
+    at = int(rng.integers(len(blocks)))
+    block, per = blocks[at], plan.per
+    every = plan.found.regressor.reshape(len(blocks), -1, plan.found.regressor.shape[-1])
+    rest = np.delete(every, at, axis=0)
+    rest = np.einsum("krp,krq->pq", rest, rest)
+    moves = bool(rng.integers(2))
+    r = problem.ranges
+    swing = block.design[0, 6:]
+    if moves:
+        low, high = np.array([r.swing_x, r.swing_y, r.swing_yaw]).T
+        swing = low + (high - low) * rng.random(3)
+    pool = candidates(problem, swing, block, rng)
+    stay = rng.permutation(per)[: 0 if moves else int(rng.integers(per))]
+    if len(pool.design) < max(LEAST_POOL, per - len(stay)):
+        return plan
+    kept = Block(block.design[stay], block.angles[stay])
+    blocks[at] = exchange(problem, kept, pool, rest, smooth, per)
+    moved = whole(problem, *_joined(blocks), per)
+    moved, _ = descend(problem, moved, smooth, STEPS, _regions(plan, REGION))
+    return moved if merit(moved, smooth) < merit(plan, smooth) - GAIN else plan
+
+
+def _polish(problem: Problem, plan: Whole, smooth: Smooth) -> Whole:
+    """SLSQP on one placement after another."""
+    blocks = _blocks(plan)
+    parts = [information(evaluate(problem, b.design, b.angles)) for b in blocks]
+    for k, block in enumerate(blocks):
+        rest = np.sum([part for j, part in enumerate(parts) if j != k], axis=0)
+        rest = rest if len(parts) > 1 else np.zeros_like(parts[0])
+        blocks[k] = improve(problem, block, rest, smooth, POLISH)
+        parts[k] = information(evaluate(problem, blocks[k].design, blocks[k].angles))
+    return whole(problem, *_joined(blocks), plan.per)
+
+
+def _middle(stages: tuple[Smooth, ...]) -> int:
+    return min(1, len(stages) - 1)
+
+
+def _regions(plan: Whole, size: float) -> np.ndarray:
+    return np.full(len(plan.design) // plan.per, size)
+
+
+def _firsts(design: np.ndarray, per: int) -> range:
+    return range(0, len(design), per)
+
+
+def _blocks(plan: Whole) -> list[Block]:
+    angles, per = plan.found.chain.angles, plan.per
+    return [Block(plan.design[i : i + per], angles[i : i + per]) for i in _firsts(plan.design, per)]
+
+
+def _joined(blocks: list[Block]) -> tuple[np.ndarray, np.ndarray]:
+    return np.concatenate([b.design for b in blocks]), np.concatenate([b.angles for b in blocks])

@@ -1,0 +1,168 @@
+"""From a robot to an optimal plan, and what a plan promises."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from identification.planning.constraints import ANGLE, FORCE, LENGTH, TORQUE, evaluate, slot_names
+from identification.planning.objectives import OBJECTIVES, Objective, objectives
+from identification.planning.problem import Problem
+from identification.planning.search import HOPS, State, begin, design_of, rounds, search
+from identification.postures import random_postures
+from identification.statistics import WELL_IDENTIFIED, correlations, relative_standard_errors
+from sim.errors import look_up
+from sim.measurements import PosturePlan
+
+SPARE = 2  # random placements drawn for each that is wanted: some cannot be repaired
+HIGH_CORRELATION = 0.85
+UNITS = {  # of a margin, by the first word of its constraint: unit, and how much a slot of one is
+    "joint": ("deg", float(np.rad2deg(ANGLE))),
+    "cell": ("N", FORCE),
+    "foot": ("N", FORCE),
+    "torque": ("% of limit", 100 * TORQUE),
+}
+MILLIMETRES = ("mm", 1e3 * LENGTH)
+
+
+def objective_named(problem: Problem, name: str, sigma: float) -> Objective:
+    """One of `OBJECTIVES`.
+
+    Raises:
+        InputError: unknown; lists the valid ones.
+    """
+    look_up("objective", name, OBJECTIVES, "--objective")
+    return objectives(problem.nominal, sigma)[name]
+
+
+def first_state(
+    problem: Problem, objective: Objective, placements: int, per: int, seed: int
+) -> tuple[PosturePlan, State]:
+    """The random start of a trial, repaired.
+
+    Raises:
+        InputError: the ranges admit nothing, or the margins beyond them.
+    """
+    drawn = random_postures(problem.robot, problem.plate, SPARE * placements, per, seed, problem.ranges)
+    where = f"{problem.robot.path}: planning ranges, seed {seed}"
+    state = begin(problem, objective, drawn.joint_angles, drawn.swing_pose, per, placements, where)
+    count = placements * per
+    drawn = dataclasses.replace(
+        drawn,
+        joint_angles=state.angles,
+        posture=drawn.posture[:count],
+        placement=drawn.placement[:count],
+        support=drawn.support[:count],
+        swing_pose=state.design[:, 6:],
+    )
+    return drawn, state
+
+
+def run_trial(
+    problem: Problem,
+    objective: Objective,
+    placements: int,
+    per: int,
+    seed: int,
+    hops: int = HOPS,
+    progress: Callable[[State], None] = lambda state: None,
+    state: State | None = None,
+) -> PosturePlan:
+    """One trial from its own random start.
+
+    Args:
+        progress: called with the state after every round; may raise KeyboardInterrupt.
+        state: to go on from, of the same trial.
+
+    Raises:
+        InputError: as `first_state`.
+    """
+    drawn, start = first_state(problem, objective, placements, per, seed)
+    state = state or start
+    for found in search(problem, objective, state, per, seed, hops):
+        state = found
+        progress(found)
+    return plan_of(problem, objective, drawn, state, seed, hops)
+
+
+def plan_of(
+    problem: Problem, objective: Objective, drawn: PosturePlan, state: State, seed: int, hops: int
+) -> PosturePlan:
+    """The best plan of a state, with how it was made."""
+    made = {
+        "objective": objective.name,
+        "seed": seed,
+        "placements": len(np.unique(drawn.placement)),
+        "per_placement": int((drawn.placement == drawn.placement[0]).sum()),
+        "solver": "sequential linear programming, exchange, slsqp",
+        "rounds": state.rounds,
+        "rounds_planned": rounds(objective, hops),
+        "initial_condition_number": state.initial_condition,
+        "initial_objective": state.initial,
+        "final_objective": state.value,
+        "ranges": dataclasses.asdict(problem.ranges),
+        "margins": dataclasses.asdict(problem.margins),
+    }
+    return dataclasses.replace(
+        drawn, joint_angles=state.best_angles, swing_pose=state.best_design[:, 6:], made=made
+    )
+
+
+def smallest_margins(problem: Problem, plan: PosturePlan) -> dict[str, dict[str, Any]]:
+    """What is left of every constraint at the posture that has least, by constraint.
+
+    Zero: as much as was asked for (d_s and whatever is kept beyond it). Infeasible where negative.
+    """
+    design = design_of(problem, plan.joint_angles, plan.swing_pose)
+    found = evaluate(problem, design, plan.joint_angles)
+    names = slot_names(problem)
+    least: dict[str, dict[str, Any]] = {}
+    for k, name in enumerate(names):
+        first = name.split()[0]
+        group = {"joint": "joint limits", "torque": "torques"}.get(first, name)
+        unit, size = UNITS.get(first, MILLIMETRES)
+        values = (found.slots[:, k] + problem.margins.rounding) * size
+        row = int(values.argmin())
+        if group not in least or values[row] < least[group]["value"]:
+            least[group] = {
+                "value": float(values[row]),
+                "unit": unit,
+                "posture": int(plan.posture[row]),
+                "at": name,
+            }
+    return least
+
+
+def predicted_standard_errors(problem: Problem, plan: PosturePlan, sigma: float) -> np.ndarray:
+    """Eq. 14 before any measurement, for independent errors of every coordinate, (p,) [m].
+
+    Args:
+        sigma: s.d. of a centre of pressure's coordinate [m].
+    """
+    rows = problem.parameters.regressor(plan.joint_angles).reshape(-1, len(problem.nominal))
+    return sigma * np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+
+
+def described(problem: Problem, plan: PosturePlan, sigma: float) -> dict[str, Any]:
+    """What a plan says of itself, from its joint angles alone.
+
+    Args:
+        sigma: s.d. of a centre of pressure's coordinate [m].
+    """
+    rows = problem.parameters.regressor(plan.joint_angles).reshape(-1, len(problem.nominal))
+    errors = predicted_standard_errors(problem, plan, sigma)
+    relative = relative_standard_errors(problem.nominal, errors)
+    rho = correlations(np.linalg.inv(rows.T @ rows))
+    pairs = np.argwhere(np.triu(np.abs(rho) > HIGH_CORRELATION, k=1))
+    return {
+        "condition_number": float(np.linalg.cond(rows)),
+        "sigma_mm": 1e3 * sigma,
+        "predicted_standard_error_mm": (1e3 * errors).tolist(),
+        "predicted_relative_standard_error_percent": relative.tolist(),
+        "well_identified": int((relative < WELL_IDENTIFIED).sum()),
+        "correlations": [{"a": int(a) + 1, "b": int(b) + 1, "rho": float(rho[a, b])} for a, b in pairs],
+        "margins": smallest_margins(problem, plan),
+    }

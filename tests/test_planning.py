@@ -1,0 +1,194 @@
+"""Optimal postures: derivatives, constraints held against independent code, small plans."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from identification.feasibility import place_polygon, stability_margin, support_polygon
+from identification.planning.blocks import information, information_slope
+from identification.planning.constraints import evaluate, slot_names
+from identification.planning.legs import holding_torques
+from identification.planning.objectives import OBJECTIVES, condition_number, objectives
+from identification.planning.problem import planning_problem
+from identification.planning.search import begin, design_of, search
+from identification.planning.trial import described, run_trial
+from identification.postures import planning_ranges
+from identification.regressor import stacked_regressor
+from sim.errors import InputError
+from sim.measurements import read_plan, write_plan
+from sim.model import sole_corners
+
+STEP = 1e-6
+SIGMA = 4.16e-3
+
+
+@pytest.fixture(scope="module")
+def problem(robot, plate):
+    return planning_problem(robot, plate)
+
+
+@pytest.fixture(scope="module")
+def goal(problem):
+    return objectives(problem.nominal, SIGMA)["condition"]
+
+
+@pytest.fixture(scope="module")
+def small(problem, goal):
+    """Five placements of three postures, as `tulip plan --hops 1` makes them."""
+    return run_trial(problem, goal, 5, 3, 211, hops=1)
+
+
+def differences(function, design):
+    steps = STEP * np.eye(design.shape[1])
+    return np.stack([(function(design + s) - function(design - s)) / (2 * STEP) for s in steps], axis=-1)
+
+
+@settings(max_examples=15, deadline=None)
+@given(row=st.integers(0, 149), noise=st.integers(0, 2**31))
+def test_derivatives_through_the_inverse_kinematics(problem, plan, row, noise):
+    angles = plan.joint_angles[row : row + 1]
+    bent = np.array([problem.parameters.tree.joints.index(f"{side}_knee") for side in ("right", "left")])
+    if angles[0, bent].min() < 0.2:  # near a straight knee differences lose digits; plans keep away
+        return
+    design = design_of(problem, angles, plan.swing_pose[row : row + 1])
+    design = design + 1e-3 * np.random.default_rng(noise).standard_normal(design.shape)
+    found = evaluate(problem, design, angles)
+    slopes = differences(lambda u: evaluate(problem, u, angles).slots, design)
+    smooth = np.abs(found.slots)[0] < 50  # not the corners off the hull, which begin no edge
+    scale = np.maximum(np.abs(found.slot_slopes[0]).max(axis=1, keepdims=True), 1.0)
+    assert np.abs((slopes - found.slot_slopes)[0] / scale)[smooth].max() < 1e-6
+    regressor = differences(lambda u: evaluate(problem, u, angles).regressor, design)
+    assert np.abs(regressor - found.regressor_slopes).max() < 1e-6 * np.abs(found.regressor_slopes).max()
+
+
+@pytest.mark.parametrize("name", OBJECTIVES)
+def test_derivatives_of_the_objectives(problem, plan, name):
+    rows = plan.placement <= 10
+    angles, swing = plan.joint_angles[rows], plan.swing_pose[rows]
+    found = evaluate(problem, design_of(problem, angles, swing), angles)
+    rng = np.random.default_rng(5)
+    way = rng.standard_normal(found.regressor.shape)
+    for smooth in objectives(problem.nominal, SIGMA)[name].smooth:
+
+        def along(t, smooth=smooth):
+            regressor = found.regressor + t * way
+            return smooth(information(dataclasses.replace(found, regressor=regressor)))[0]
+
+        _, by_matrix = smooth(information(found))
+        exact = (2 * found.regressor @ by_matrix * way).sum()
+        numeric = (along(1e-6) - along(-1e-6)) / 2e-6
+        assert numeric == pytest.approx(exact, rel=1e-4, abs=1e-7)
+        assert information_slope(found, by_matrix).shape == (50, 9)
+
+
+def test_holding_torques_balance_the_robot(problem, model, robot, plan):
+    """MuJoCo at rest, with the predicted wrench on the swing foot, asks for the same torques."""
+    data = mujoco.MjData(model)
+    design = design_of(problem, plan.joint_angles, plan.swing_pose)
+    chain = evaluate(problem, design, plan.joint_angles).chain
+    torque, _, wrench, _ = holding_torques(problem, chain)
+    for row in range(0, 150, 30):
+        data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
+        data.qpos[7:] = plan.joint_angles[row]
+        mujoco.mj_forward(model, data)
+        # The base frame in MuJoCo's world: at the stance sole.
+        foot = data.body(robot.stance_foot)
+        turn, place = foot.xmat.reshape(3, 3), foot.xpos + foot.xmat.reshape(3, 3) @ problem.points[0]
+        model.opt.gravity[:] = turn @ [0, 0, -problem.gravity]
+        data.qvel[:] = data.qacc[:] = 0
+        mujoco.mj_forward(model, data)
+        bias = data.qfrc_bias.copy()
+        model.opt.gravity[:] = [0, 0, -problem.gravity]
+        own = np.zeros(model.nv)
+        total = np.zeros(6)
+        total[2] = problem.weight
+        com = chain.com[row]
+        total[3:] = np.cross(com, [0, 0, problem.weight])
+        for body, w in ((robot.swing_foot, wrench[row]), (robot.stance_foot, total - wrench[row])):
+            force, moment = turn @ w[:3], turn @ w[3:]
+            mujoco.mj_applyFT(model, data, force, moment, place, model.body(body).id, own)
+        left = bias - own
+        assert np.abs(left[:6]).max() < 1e-6  # the whole robot is in balance
+        assert left[6:] == pytest.approx(torque[row], abs=1e-6)
+
+
+def test_small_plan_improves_and_keeps_every_constraint(problem, small, model, robot):
+    """Recomputed from joint angles through MuJoCo and the random search's own geometry."""
+    assert small.made["final_objective"] < 0.6 * small.made["initial_objective"]
+    ranges, data = problem.ranges, mujoco.MjData(model)
+    low, high = np.array([model.joint(j).range for j in small.joints]).T
+    assert ((small.joint_angles >= low) & (small.joint_angles <= high)).all()
+    for axis, interval in enumerate((ranges.swing_x, ranges.swing_y, ranges.swing_yaw)):
+        assert small.swing_pose[:, axis].min() >= interval[0] - 1e-9
+        assert small.swing_pose[:, axis].max() <= interval[1] + 1e-9
+    for row in range(len(small)):
+        data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
+        data.qpos[7:] = small.joint_angles[row]
+        mujoco.mj_forward(model, data)
+        stance, swing = data.body("right_foot"), data.body("left_foot")
+        base = stance.xmat.reshape(3, 3)
+        offset, relative = base.T @ (swing.xpos - stance.xpos), base.T @ swing.xmat.reshape(3, 3)
+        pose = [*offset[:2], np.arctan2(relative[1, 0], relative[0, 0])]
+        assert pose == pytest.approx(small.swing_pose[row], abs=1e-7)
+        assert abs(offset[2]) < 1e-7
+        com = base.T @ (data.subtree_com[1] - stance.xpos)
+        feet = [
+            place_polygon(sole_corners(model, f)[:, :2], p)
+            for f, p in (("right_foot", np.zeros(3)), ("left_foot", small.swing_pose[row]))
+        ]
+        assert stability_margin(com[:2], support_polygon(np.array(feet))) > ranges.stability_margin
+        assert (base.T @ (data.body("torso").xpos - stance.xpos))[2] + 0.06 > ranges.least_height - 1e-9
+
+
+def test_objective_is_recomputed_from_the_plan_file(tmp_path, robot, model, parameters, small):
+    write_plan(tmp_path / "plan", small)
+    again = read_plan(tmp_path / "plan", robot, model)
+    found = np.linalg.cond(stacked_regressor(parameters, again.joint_angles))
+    assert found == pytest.approx(small.made["final_objective"], rel=1e-8)
+
+
+def test_plan_describes_itself(problem, small):
+    said = described(problem, small, SIGMA)
+    assert len(said["predicted_standard_error_mm"]) == 25
+    assert all(margin["value"] > -1e-6 for margin in said["margins"].values())
+    assert set(said["margins"]) >= {"stability margin", "cell load", "torques", "joint limits"}
+
+
+def test_chance_margin_covers_robots_that_differ(problem, plan):
+    """The linear s.d. of the CoM against robots drawn around the nominal one."""
+    from sim.model import load_model
+    from sim.random_robots import draw_robot
+
+    model, rng = load_model(problem.robot), np.random.default_rng(212)
+    rows = problem.parameters.regressor(plan.joint_angles[:5])
+    drawn = np.array([rows @ problem.parameters.values(draw_robot(model, 0.1, rng)) for _ in range(400)])
+    predicted = np.sqrt(np.einsum("mip,pq,miq->mi", rows, problem.spread, rows))
+    assert drawn.std(axis=0) == pytest.approx(predicted, rel=0.15)
+
+
+def test_taken_up_again_it_ends_in_the_same_bits(problem, goal, small):
+    whole = []
+    run_trial(problem, goal, 5, 3, 211, hops=1, progress=whole.append)
+    middle = whole[3]
+    last = list(search(problem, goal, middle, 3, 211, hops=1))[-1]
+    assert last.best_angles.tobytes() == whole[-1].best_angles.tobytes() == small.joint_angles.tobytes()
+
+
+def test_what_cannot_be_repaired_is_refused_with_its_reason(robot, plate, plan):
+    ranges = dataclasses.replace(planning_ranges(robot), least_cell_load=60.0)
+    problem = planning_problem(robot, plate, ranges)
+    goal = objectives(problem.nominal, SIGMA)["condition"]
+    with pytest.raises(InputError, match=r"cannot be repaired .* expected 1 that can; blocked by cell load"):
+        begin(problem, goal, plan.joint_angles[:5], plan.swing_pose[:5], 5, 1, "ranges")
+
+
+def test_condition_number_and_slots_are_named(problem):
+    matrix = np.random.default_rng(3).standard_normal((60, 25))
+    assert condition_number(matrix.T @ matrix) == pytest.approx(np.linalg.cond(matrix), rel=1e-9)
+    assert len(set(slot_names(problem))) > 10
