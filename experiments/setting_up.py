@@ -71,7 +71,7 @@ def enough(where: str, postures: int, parameters: BaseParameters) -> None:
 
 def planned_parameters(robot: Robot, plan: PosturePlan) -> BaseParameters:
     """The base parameters that a plan's postures can tell."""
-    return base_parameters(robot, support=common_support(plan.support))
+    return base_parameters(robot, support=common_support(plan.support, "plan"))
 
 
 def told_apart(source: str, plan: PosturePlan, parameters: BaseParameters) -> np.ndarray:

@@ -92,7 +92,9 @@ def identify(
     Raises:
         InputError: the measurements do not fit the robot or do not suffice, or an unknown estimator.
     """
-    parameters = parameters or base_parameters(robot, support=common_support(measurements.support))
+    parameters = parameters or base_parameters(
+        robot, support=common_support(measurements.support, f"{source}: postures")
+    )
     data = regression(parameters, measurements, robot, source)
     kept = simplified_numbers(robot, parameters)
     full = estimate_by(data, estimator)

@@ -110,19 +110,22 @@ def standard_parameters(model: mujoco.MjModel) -> np.ndarray:
     return np.column_stack([mass, mass[:, None] * model.body_ipos[1:]])
 
 
-def common_support(support: np.ndarray) -> str:
+def common_support(support: np.ndarray, where: str = "postures") -> str:
     """The support whose base parameters serve for all of these postures, (m,) of text.
 
     On both feet the swing foot's z has no effect, on the stance foot it has: 25 and 26 parameters
     of TULip, the 25 among them.
+
+    Args:
+        where: they come from, for error messages.
 
     Raises:
         InputError: a posture on the swing foot, whose base frame is another one.
     """
     if (other := support == "left").any():
         raise InputError(
-            f"posture row {int(other.argmax()) + 1}: found support 'left', expected 'double' or 'right' "
-            "(the swing foot alone cannot be identified so far)"
+            f"{where}, column 'support', row {int(other.argmax()) + 1}: found 'left', "
+            "expected 'double' or 'right' (the swing foot alone cannot be identified so far)"
         )
     return "right" if (support == "right").any() else "double"
 

@@ -124,7 +124,7 @@ def test_the_preflight_says_what_it_leaves_out(robot, balanced, tmp_path):
 
 
 def test_the_swing_foot_alone_is_refused():
-    with pytest.raises(InputError, match="row 2: found support 'left', expected 'double' or 'right'"):
+    with pytest.raises(InputError, match="row 2: found 'left', expected 'double' or 'right'"):
         common_support(np.array(["double", "left"]))
 
 

@@ -147,10 +147,8 @@ def test_one_foot_postures_stand_and_the_torques_balance(robot: Robot) -> None:
 def test_single_support_study(rig: Rig, plan: PosturePlan, tmp_path: Path) -> None:
     one_foot = one_foot_postures(rig.robot, 10, np.random.default_rng(SEED))
     rows, errors = single_support.study(rig, plan, one_foot, [(30, 0), (30, 10)], SEED, 2)
-    # More data can only help, and so does leaving out cells that carry nothing.
+    # More data can only help.
     assert rows[1]["median_predicted_mm"] < rows[0]["median_predicted_mm"]
-    assert rows[1]["median_without_empty_plate_mm"] < rows[1]["median_predicted_mm"]
-    assert rows[0]["median_without_empty_plate_mm"] == rows[0]["median_predicted_mm"]
     assert len(errors) == 25
     single_support.draw(errors, [(30, 0), (30, 10)], tmp_path / "s.png")
 

@@ -52,9 +52,9 @@ def _newton(mechanism: Mechanism, start: State, load: Load) -> Reference:
         change = -(inverse @ residual(mechanism, state, load)[..., None])[..., 0]
         moves = np.abs(change[..., : 6 + state.angles.shape[-1]]).max(axis=-1)
         # Whoever is there stays: what one item does must not depend on the others.
-        still |= moves < TOLERANCE
         part = np.where(still, 0.0, np.minimum(1.0, LARGEST_STEP / np.maximum(moves, TOLERANCE)))
         state = state.moved(part[..., None] * change)
+        still |= moves < TOLERANCE
         if still.all():
             break
     return Reference(state, inverse, slope, still)

@@ -79,7 +79,7 @@ def study(
         matrix = stacked_regressor(parameters, plan.joint_angles)
         (one,) = run_static(prepare(rig, plan), [stream_of(seed + k, 0)])
         value = parameters.values(one.standard)
-        stated = predicted_covariance(rig, one.measurements, parameters, value, ignore_empty=False)
+        stated = predicted_covariance(rig, one.measurements, parameters, value)
         found = repeat(rig, plan, parameters, runs, seed + k)
         off = found.full.off
         rows.append(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from identification.base_parameters import BaseParameters
-from identification.center_of_pressure import cell_positions, center_of_pressure
 from identification.reading_noise import cell_noise, placement_levers
 from sim.measurements import Measurements
 from sim.rig import Rig
@@ -13,22 +12,17 @@ from sim.sensors import averaged_sd
 
 
 def predicted_covariance(
-    rig: Rig, measured: Measurements, parameters: BaseParameters, value: np.ndarray, ignore_empty: bool
+    rig: Rig, measured: Measurements, parameters: BaseParameters, value: np.ndarray
 ) -> np.ndarray:
     """Covariance of generalised least squares, (H' V^-1 H)^-1 with V by the sensors' true s.d., (p, p) [m2].
 
     Args:
         value: true parameters, (p,) [m].
-        ignore_empty: leave the empty plate's cells out of the CoP of postures on one foot.
     """
     s, samples = rig.sensors, round(rig.protocol.window * rig.sensors.sample_rate)
     cell = averaged_sd(s.cell_repeatability, s.cell_noise, s.cell_resolution, samples)
     encoder = averaged_sd(s.encoder_repeatability, s.encoder_noise, s.encoder_resolution, samples)
     cells = cell_noise(measured)
-    if ignore_empty and (single := measured.support != "double").any():
-        lever = (cell_positions(measured) - center_of_pressure(measured)[:, None])[single, :4]
-        lever /= measured.cell_forces[single].sum(axis=1)[:, None, None]
-        cells[single] = np.einsum("mca,mcb->mab", lever, lever)
     slope = encoder * (parameters.slope(measured.joint_angles) @ value)
     own = cell**2 * cells + slope @ slope.mT
     levers = placement_levers(measured) * np.array([*s.mark_sd, *s.placement_sd])

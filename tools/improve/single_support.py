@@ -59,10 +59,7 @@ def study(
         parameters = base_parameters(rig.robot, support="right" if single else "double")
         value = parameters.values(standard_parameters(load_model(rig.robot)))
         measured = run_static(prepare(rig, plan), [stream_of(seed, 0)])[0].measurements
-        stated, alone = (
-            1e3 * standard_errors(predicted_covariance(rig, measured, parameters, value, ignore))
-            for ignore in (False, True)
-        )
+        stated = 1e3 * standard_errors(predicted_covariance(rig, measured, parameters, value))
         found = repeat(rig, plan, parameters, runs, seed)
         off = found.full.off[:, : len(names)]  # the same 25 in either support
         root = 1e3 * rms(off)
@@ -83,8 +80,6 @@ def study(
                 "rms_below_15": int(well.sum()),
                 "median_predicted_mm": float(np.median(stated[: len(names)])),
                 "worst_predicted_mm": float(stated[: len(names)].max()),
-                "median_without_empty_plate_mm": float(np.median(alone[: len(names)])),
-                "worst_without_empty_plate_mm": float(alone[: len(names)].max()),
                 "swing_foot_z_rms_mm": float(1e3 * rms(found.full.off)[-1]) if single else "",
                 "runs": len(found.rows),
             }
