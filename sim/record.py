@@ -114,7 +114,7 @@ def record(
         columns: the other fields of `Measurements`.
     """
     m = len(reading["q"])
-    return Measurements(
+    handed_over = Measurements(
         window=np.full(m, rig.protocol.window),
         samples=np.full(m, round(rig.protocol.window * rig.sensors.sample_rate)),
         joint_angles=reading["q"],
@@ -126,3 +126,4 @@ def record(
         **fixed,
         **columns,
     )
+    return handed_over if rig.misread is None else rig.misread(handed_over)

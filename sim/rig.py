@@ -12,6 +12,7 @@ from sim.compliance import Compliance
 from sim.control import Controller
 from sim.drives import Drives
 from sim.errors import InputError, look_up
+from sim.measurements import Measurements
 from sim.model import Robot, load_robot
 from sim.sensors import PRESETS, Sensors
 
@@ -66,6 +67,8 @@ class Rig:
         sensors, controller, drives, compliance, protocol: see there.
         edit: changes the scene before it is compiled, so that the true robot or the physics
             differ from the nominal model; it edits by name.
+        misread: what instruments make of the readings beyond noise: of what is handed over another one.
+        later: from this part of the experiment's time on another laboratory stands there.
     """
 
     robot: Robot = field(default_factory=load_robot)
@@ -75,6 +78,8 @@ class Rig:
     compliance: Compliance = field(default_factory=Compliance)
     protocol: Protocol = field(default_factory=Protocol)
     edit: Callable[[mujoco.MjSpec], None] | None = None
+    misread: Callable[[Measurements], Measurements] | None = None
+    later: tuple[float, Rig] | None = None
 
 
 def preset_rig(name: str, robot: Robot | None = None) -> Rig:

@@ -1,0 +1,62 @@
+"""An effect: a physical cause that the nominal model lacks, defined once for both sides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from experiments.effects.seen import Seen
+from experiments.effects.targets import WHOLE, Targets
+from sim.rig import Rig
+
+Values = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of an effect.
+
+    Attributes:
+        name, unit: SI; "" for a ratio.
+        prior: physically plausible size, the s.d. of its prior [unit].
+        positive: whether it cannot be negative.
+        grid: values at which a search tries it, for what cannot be linearised (a time, a choice);
+            empty: a size, which is estimated.
+    """
+
+    name: str
+    unit: str
+    prior: float = 0.0
+    positive: bool = False
+    grid: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One entry of the catalogue.
+
+    Attributes:
+        name: as in `tulip simulate --effect NAME:TARGET=VALUE`.
+        sentence: what it is, for a person.
+        parameters: its numbers, in order.
+        inject: (rig, target, values) -> rig: changes the physics or the instruments of the laboratory.
+        predict: (seen, target, values) -> seen: what was seen, freed of the effect: what the nominal
+            laboratory would have shown instead.
+        words: of a finding, with {target} and {0}, {1}, ... for the values with their intervals.
+        targets: what it may concern.
+        statics: whether the static laboratory knows it; else only the full dynamics does.
+    """
+
+    name: str
+    sentence: str
+    parameters: tuple[Parameter, ...]
+    inject: Callable[[Rig, str, Values], Rig]
+    predict: Callable[[Seen, str, Values], Seen]
+    words: str
+    targets: Targets = WHOLE
+    statics: bool = True
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Numbers of the parameters that are estimated; the others are chosen from their grid."""
+        return tuple(k for k, parameter in enumerate(self.parameters) if not parameter.grid)

@@ -1,0 +1,98 @@
+"""What the nominal robot's weight does in a held posture: its centre of mass, the torque on every joint."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from identification.kinematics import Tree, joint_axes, moved_frames, walk
+from sim.model import joint_names, load_model
+
+if TYPE_CHECKING:
+    from experiments.effects.seen import Seen
+
+
+def mass_center(tree: Tree, rotations: np.ndarray, positions: np.ndarray, standard: np.ndarray) -> np.ndarray:
+    """Centre of mass (eq. 1), (m, 3) [m].
+
+    Args:
+        rotations, positions: of all frames, (m, n_frames, 3, 3) and (m, n_frames, 3) [m].
+        standard: (n_links, 4) [kg, kg m].
+    """
+    frames = np.array(tree.frame_of_link)
+    moment = standard[:, 0, None] * positions[:, frames]
+    moment = moment + (rotations[:, frames] @ standard[:, 1:, None])[..., 0]
+    return moment.sum(axis=1) / standard[:, 0].sum()
+
+
+def joint_torques(seen: Seen) -> np.ndarray:
+    """Torque with which the load turns what lies beyond each joint (seen from the torso), (m, n_joints) [Nm].
+
+    The cells tell how the feet share the weight and where it passes, not what the feet bear
+    sideways against each other and in torsion. Elastic servos settle where the complementary energy
+    sum tau^2 / stiffness is least (Castigliano); their stiffness goes as their torque limits.
+    """
+    tree, base, nominal = seen.tree, seen.nominal.parameters.base, seen.nominal
+    rotations, positions = seen.frames
+    axes = joint_axes(tree, base, rotations)
+    pivots = joint_pivots(tree, base, rotations, positions)
+    moved = moved_frames(tree, base)
+    frames = np.array(tree.frame_of_link)
+    mass = seen.standard[:, 0]
+    places = (
+        positions[:, frames] * mass[:, None] + (rotations[:, frames] @ seen.standard[:, 1:, None])[..., 0]
+    )
+    carried = moved[:, frames].astype(float)
+    heavy = carried @ mass
+    moment = np.einsum("jl,mlk->mjk", carried, places) - heavy[:, None] * pivots
+    g = seen.weight / mass.sum()
+    torque = g * (-moment[..., 1] * axes[..., 0] + moment[..., 0] * axes[..., 1])
+    # What the ground does to the swing foot acts on every joint between it and the base.
+    between = moved[:, nominal.swing_frame]
+    down, point = seen.foot_loads
+    place = np.concatenate([point[:, 1], np.zeros((len(seen), 1))], axis=1)
+    arm = (place[:, None] - pivots) * between[:, None]
+    torque = torque + _about(axes, arm, [0.0, 0.0, 1.0]) * down[:, 1, None]
+    unknown = np.stack(
+        [
+            _about(axes, arm, [1.0, 0.0, 0.0]),
+            _about(axes, arm, [0.0, 1.0, 0.0]),
+            axes[..., 2] * between,
+        ],
+        axis=-1,
+    )
+    # On one foot the other one bears nothing.
+    both = seen.measurements.support == "double"
+    weigh = 1 / np.sqrt(_limits(seen))
+    scaled = unknown * weigh[:, None]
+    push = -(np.linalg.pinv(scaled) @ (torque * weigh)[..., None])[..., 0]
+    torque = torque + np.where(both[:, None], (unknown @ push[..., None])[..., 0], 0.0)
+    return torque
+
+
+def joint_pivots(tree: Tree, base: int, rotations: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    """A point on every joint's axis, (m, n_joints, 3) [m]."""
+    pivots = np.zeros((len(rotations), len(tree.joints), 3))
+    for step in walk(tree, base):
+        if step.edge.joint >= 0:
+            turned = (rotations[:, step.new] @ step.anchor_new[:, None])[..., 0]
+            pivots[:, step.edge.joint] = positions[:, step.new] + turned
+    return pivots
+
+
+def _about(axes: np.ndarray, arm: np.ndarray, force: list[float]) -> np.ndarray:
+    """Moment of a force at an arm about axes, (m, n_joints)."""
+    return (np.cross(arm, np.array(force)) * axes).sum(axis=-1)
+
+
+def _limits(seen: Seen) -> np.ndarray:
+    """Torque limits of the joints' motors, (n_joints,) [Nm]; alike where one has none."""
+    model = load_model(seen.nominal.robot)
+    limits = np.ones(len(seen.tree.joints))
+    for k, name in enumerate(joint_names(model)):
+        joint = model.joint(name).id
+        for i in range(model.nu):
+            if model.actuator_trnid[i, 0] == joint and model.actuator_forcerange[i, 1] > 0:
+                limits[k] = model.actuator_forcerange[i, 1]
+    return limits

@@ -1,0 +1,151 @@
+"""What an experiment has shown: the readings, and how the robot is taken to stand.
+
+An effect's `predict` changes it; the nominal laboratory has flat soles, a level floor, cells where
+the data sheet puts them and nothing but gravity pulling. Only measurements and the nominal robot enter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from experiments.effects.injection import passed
+from experiments.effects.nominal_loads import joint_torques, mass_center
+from identification.base_parameters import standard_parameters
+from identification.kinematics import Tree, frame_positions, link_rotations
+from identification.nominal import Nominal
+from sim.measurements import Measurements
+from sim.model import load_model
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One experiment of m postures, as it is taken to have been.
+
+    Attributes:
+        nominal: the robot as its files say.
+        measurements: as handed over; time and placement are taken from here.
+        tree: kinematics with the lengths that are believed.
+        cells: places of the cells on their plates, (2, 4, 2) [m].
+        joint_angles: of the links, (m, n_joints) [rad].
+        cell_forces: that the cells bear, (m, 8) [N].
+        plate_poses: where the plates lie, (m, 2, 3) [m, m, rad].
+        stance_tilt, swing_tilt: roll and pitch of the soles off the ground they stand on, (m, 2) [rad].
+        swing_rise: height of the swing foot's sole point over the stance foot's, (m,) [m].
+        shift: of the centre of pressure by other forces than weight, (m, 2) [m].
+        lift: vertical force beside the weighed weight, downwards, (m,) [N].
+    """
+
+    nominal: Nominal
+    measurements: Measurements
+    tree: Tree
+    cells: np.ndarray
+    joint_angles: np.ndarray
+    cell_forces: np.ndarray
+    plate_poses: np.ndarray
+    stance_tilt: np.ndarray
+    swing_tilt: np.ndarray
+    swing_rise: np.ndarray
+    shift: np.ndarray
+    lift: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.joint_angles)
+
+    @cached_property
+    def standard(self) -> np.ndarray:
+        """Nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m]."""
+        return standard_parameters(load_model(self.nominal.robot))
+
+    @cached_property
+    def weight(self) -> float:
+        """Of the robot, by its weighed mass or its nominal one [N]."""
+        weighed = self.measurements.weighed_mass
+        return (weighed[0] if weighed else self.nominal.mass) * self.measurements.gravity
+
+    @cached_property
+    def part(self) -> np.ndarray:
+        """Time of every posture as a part of the experiment's, 0 to 1, (m,)."""
+        return passed(self.measurements.time)
+
+    @cached_property
+    def frames(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rotations (m, n_frames, 3, 3) and origins (m, n_frames, 3) [m] of all frames, soles flat."""
+        base = self.nominal.parameters.base
+        rotations = link_rotations(self.tree, base, self.joint_angles)
+        return rotations, frame_positions(self.tree, base, rotations, -self.nominal.points[0])
+
+    @cached_property
+    def center(self) -> np.ndarray:
+        """Nominal centre of mass in the base frame, (m, 3) [m]."""
+        return mass_center(self.tree, *self.frames, self.standard)
+
+    @cached_property
+    def height(self) -> np.ndarray:
+        """Of the nominal centre of mass over the cells, (m,) [m]."""
+        return self.center[:, 2] + self.measurements.top_height[0]
+
+    @cached_property
+    def swing_sole(self) -> tuple[np.ndarray, np.ndarray]:
+        """Place of the swing foot's sole point, (m, 3) [m], and the foot's rotation, (m, 3, 3), soles flat."""
+        rotations, positions = self.frames
+        turn = rotations[:, self.nominal.swing_frame]
+        return positions[:, self.nominal.swing_frame] + turn @ self.nominal.points[1], turn
+
+    @cached_property
+    def foot_loads(self) -> tuple[np.ndarray, np.ndarray]:
+        """Vertical force on the right and left foot, (m, 2) [N], and its point on the ground, (m, 2, 2) [m]."""
+        forces = self.cell_forces.reshape(-1, 2, 4)
+        down = forces.sum(axis=2)
+        moment = (forces[..., None] * self.cell_places.reshape(-1, 2, 4, 2)).sum(axis=2)
+        return down, moment / np.where(np.abs(down) > 1e-6, down, np.inf)[..., None]
+
+    @cached_property
+    def sole_loads(self) -> np.ndarray:
+        """Force times lever about each sole point in the foot's own axes, (m, 2, 2) [Nm]: along its x and y."""
+        down, point = self.foot_loads
+        place, turn = self.swing_sole
+        yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+        c, s = np.cos(yaw), np.sin(yaw)
+        x, y = (point[:, 1] - place[:, :2]).T
+        own = np.stack([point[:, 0], np.column_stack([c * x + s * y, c * y - s * x])], axis=1)
+        return down[..., None] * own
+
+    @cached_property
+    def cell_places(self) -> np.ndarray:
+        """The cells in the base frame, (m, 8, 2) [m]."""
+        c, s = np.cos(self.plate_poses[..., 2]), np.sin(self.plate_poses[..., 2])
+        x, y = self.cells[None, ..., 0], self.cells[None, ..., 1]
+        turned = np.stack([c[..., None] * x - s[..., None] * y, s[..., None] * x + c[..., None] * y], axis=-1)
+        return (turned + self.plate_poses[:, :, None, :2]).reshape(-1, 8, 2)
+
+    @cached_property
+    def torques(self) -> np.ndarray:
+        """By which every joint's load turns what lies beyond it, about its axis, (m, n_joints) [Nm]."""
+        return joint_torques(self)
+
+    def changed(self, **fields: np.ndarray) -> Seen:
+        """Another one with some fields replaced."""
+        return replace(self, **fields)
+
+
+def see(measurements: Measurements, nominal: Nominal) -> Seen:
+    """An experiment as its readings say, in the nominal laboratory."""
+    m = len(measurements)
+    forces = np.where(np.isfinite(measurements.cell_forces), measurements.cell_forces, 0.0)
+    return Seen(
+        nominal=nominal,
+        measurements=measurements,
+        tree=nominal.parameters.tree,
+        cells=measurements.cells,
+        joint_angles=measurements.joint_angles,
+        cell_forces=forces,
+        plate_poses=measurements.plate_poses,
+        stance_tilt=np.zeros((m, 2)),
+        swing_tilt=np.zeros((m, 2)),
+        swing_rise=np.zeros(m),
+        shift=np.zeros((m, 2)),
+        lift=np.zeros(m),
+    )

@@ -1,0 +1,54 @@
+"""What an effect may concern: a joint, a cell, a plate, a link, a foot's corner, a placement, or the whole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from sim.errors import InputError, listed, look_up
+from sim.model import CELLS, CORNERS, PLATES, Robot, joint_names, load_model
+
+
+@dataclass(frozen=True)
+class Targets:
+    """A kind of target.
+
+    Attributes:
+        word: for help texts; "" where the effect is of the whole.
+        of: all of them, of a robot and an experiment's placements, written as in the measurement folder.
+    """
+
+    word: str
+    of: Callable[[Robot, tuple[int, ...]], tuple[str, ...]]
+
+
+def links(robot: Robot) -> tuple[str, ...]:
+    """Bodies of the robot in MJCF order."""
+    model = load_model(robot)
+    return tuple(model.body(k).name for k in range(1, model.nbody))
+
+
+WHOLE = Targets("", lambda robot, placements: ("",))
+JOINTS = Targets("JOINT", lambda robot, placements: joint_names(load_model(robot)))
+PLATE_NAMES = Targets("PLATE", lambda robot, placements: PLATES)
+CELL_NAMES = Targets("PLATE.CORNER", lambda robot, placements: CELLS)
+LINKS = Targets("LINK", lambda robot, placements: links(robot))
+FOOT_CORNERS = Targets(
+    "FOOT.CORNER",
+    lambda robot, placements: tuple(f"{foot}.{corner}" for foot in robot.feet for corner in CORNERS),
+)
+PLACEMENTS = Targets("PLACEMENT", lambda robot, placements: tuple(str(number) for number in placements))
+
+
+def check_target(targets: Targets, target: str, valid: tuple[str, ...], where: str) -> None:
+    """Refuse a target that does not exist.
+
+    Raises:
+        InputError: names what was found and what is valid.
+    """
+    if not targets.word and target:
+        raise InputError(f"{where}: found target '{target}', expected none")
+    if targets.word and not target:
+        raise InputError(f"{where}: found no target, expected {targets.word}, one of {listed(valid)}")
+    if targets.word:
+        look_up("target", target, valid, where)
