@@ -78,7 +78,8 @@ class Tries:
 
     Attributes:
         run, row: number of the run and row of the plan, (b,).
-        before: row of the plan from which the robot moves; the row itself: it is put down, (b,).
+        before: row of the plan from which the robot moves, (b,).
+        fresh: whether it is put down instead, (b,) bool.
         command: commanded angles, (b, n_joints).
         push, scatter: standard normal, of swaying and of dry friction, (b, 2) and (b, n).
         plates: true poses, (b, 2, 3).
@@ -87,6 +88,7 @@ class Tries:
     run: np.ndarray
     row: np.ndarray
     before: np.ndarray
+    fresh: np.ndarray
     command: np.ndarray
     push: np.ndarray
     scatter: np.ndarray
@@ -180,7 +182,7 @@ def hold_static(
 ) -> tuple[State, Load, np.ndarray]:
     """Equilibria of all tries, and why they could not be used or "", (b,) of text."""
     m, plan, rig = prepared.mechanism, prepared.plan, prepared.rig
-    moved = tries.before != tries.row
+    moved = ~tries.fresh
     way = swaying(prepared.near, -float(m.gravity[2] * m.mass.sum()), tries.row, tries.push)
     if m.friction.any() and moved.any():
         pairs, number = np.unique(
@@ -224,6 +226,7 @@ def _draw(prepared: Prepared, run: int, rng: np.random.Generator) -> Tries:
         run=np.full(len(row), run),
         row=row,
         before=np.where(fresh, row, np.append(0, row[:-1])),
+        fresh=fresh,
         command=plan.joint_angles[row] + noise,
         push=rng.standard_normal((len(row), 2)),
         scatter=rng.standard_normal((len(row), len(m.names))),
@@ -234,7 +237,7 @@ def _draw(prepared: Prepared, run: int, rng: np.random.Generator) -> Tries:
 def _feet(prepared: Prepared, tries: Tries) -> np.ndarray:
     """Where the feet stand, (b, 2, 3): the left one where its placement's first command puts it."""
     m, near = prepared.mechanism, prepared.near.state
-    down = np.flatnonzero(tries.before == tries.row)
+    down = np.flatnonzero(tries.fresh)
     angles = np.zeros((len(down), len(m.names)))
     angles[:, m.motors] = tries.command[down]
     angles[:, m.joints] = tries.command[down]
@@ -244,7 +247,7 @@ def _feet(prepared: Prepared, tries: Tries) -> np.ndarray:
     c, s = np.cos(poses[:, 0, 2]), np.sin(poses[:, 0, 2])
     feet = np.zeros((len(down), 2, 3))
     feet[:, 1] = np.column_stack([c * x + s * y, c * y - s * x, yaw])
-    return feet[np.cumsum(tries.before == tries.row) - 1]
+    return feet[np.cumsum(tries.fresh) - 1]
 
 
 def _bodies(

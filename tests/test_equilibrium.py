@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import ks_2samp
 
+from identification.nominal import nominal_robot
 from sim.equilibrium import Load, State, faults, mechanism, reference, residual
 from sim.equilibrium.statics import turn
 from sim.errors import InputError
@@ -247,3 +248,14 @@ def test_a_sole_is_held_against_its_own_edges(prepared):
     reasons = faults(m, state, load, np.full((2, 8), 25.0), ("right_foot", "left_foot"))
     assert reasons[0] == ""
     assert reasons[1].startswith("lost sole corner left_foot_")
+
+
+def test_the_feet_stay_when_the_last_posture_is_measured_again(rig, plan):
+    """A repeat that follows its own first try is a move, not a new set-up."""
+    one = part_of(plan, np.flatnonzero(plan.placement == 2))
+    every = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=len(one)))
+    measured = run_static(prepare(every, part_of(one, np.array([0]))), [np.random.SeedSequence(1)])[0]
+    nominal = nominal_robot(rig.robot)
+    place = nominal.swing_sole(measured.measurements.joint_angles)[:, [0, 1, 5]]
+    assert len(place) == 2
+    np.testing.assert_allclose(place[1], place[0], atol=1e-9)

@@ -240,6 +240,7 @@ def excess_sag(
             run=np.zeros(len(rows), int),
             row=rows,
             before=before,
+            fresh=fresh,
             command=np.array([a.held.commanded for a in held if a.held]),
             push=rng.standard_normal((len(rows), 2)),
             scatter=rng.standard_normal((len(rows), len(m.names))),

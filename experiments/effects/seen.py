@@ -17,7 +17,11 @@ from identification.base_parameters import standard_parameters
 from identification.kinematics import Tree, frame_positions, link_rotations
 from identification.nominal import Nominal
 from sim.measurements import Measurements
-from sim.model import load_model
+from sim.model import PLATES, compile_spec, load_model
+from sim.scene import load_scene
+
+LONG_GAP = 1.5  # of the median time between a placement's postures
+LEAST_LOAD = 0.5  # N
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,8 @@ class Seen:
         swing_rise: height of the swing foot's sole point over the stance foot's, (m,) [m].
         shift: of the centre of pressure by other forces than weight, (m, 2) [m].
         lift: vertical force beside the weighed weight, downwards, (m,) [N].
+        standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
+        board_share: of a board's own weight on each of its cells, right and left, (2,) [N].
     """
 
     nominal: Nominal
@@ -50,14 +56,11 @@ class Seen:
     swing_rise: np.ndarray
     shift: np.ndarray
     lift: np.ndarray
+    standard: np.ndarray
+    board_share: np.ndarray
 
     def __len__(self) -> int:
         return len(self.joint_angles)
-
-    @cached_property
-    def standard(self) -> np.ndarray:
-        """Nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m]."""
-        return standard_parameters(load_model(self.nominal.robot))
 
     @cached_property
     def weight(self) -> float:
@@ -69,6 +72,30 @@ class Seen:
     def part(self) -> np.ndarray:
         """Time of every posture as a part of the experiment's, 0 to 1, (m,)."""
         return passed(self.measurements.time)
+
+    @cached_property
+    def stance(self) -> np.ndarray:
+        """Number of the stance: postures between which the feet stay where they are, (m,).
+
+        A new placement begins one; so does a gap in time, in which a posture was lost and the robot
+        may have been put down anew.
+        """
+        placement, time = self.measurements.placement, self.measurements.time
+        order = np.lexsort((time, placement))
+        gap, same = np.diff(time[order]), placement[order][1:] == placement[order][:-1]
+        long = gap > LONG_GAP * np.median(gap[same]) if same.any() else np.zeros(len(gap), bool)
+        number = np.empty(len(time), int)
+        number[order] = np.append(0, np.cumsum(~same | long))
+        return number
+
+    @cached_property
+    def on_four_cells(self) -> np.ndarray:
+        """Whether all cells of the right and the left plate bear something, (m, 2) bool.
+
+        On three, a board's twist says nothing. A tared cell without load reads minus its share of the board.
+        """
+        margin = max(LEAST_LOAD, 4 * (self.measurements.sensors.cell_sd or 0.0))
+        return self.cell_forces.reshape(-1, 2, 4).min(axis=2) > margin - self.board_share
 
     @cached_property
     def frames(self) -> tuple[np.ndarray, np.ndarray]:
@@ -134,6 +161,7 @@ class Seen:
 def see(measurements: Measurements, nominal: Nominal) -> Seen:
     """An experiment as its readings say, in the nominal laboratory."""
     m = len(measurements)
+    scene = compile_spec(load_scene(nominal.robot), str(nominal.robot.path))
     forces = np.where(np.isfinite(measurements.cell_forces), measurements.cell_forces, 0.0)
     return Seen(
         nominal=nominal,
@@ -148,4 +176,8 @@ def see(measurements: Measurements, nominal: Nominal) -> Seen:
         swing_rise=np.zeros(m),
         shift=np.zeros((m, 2)),
         lift=np.zeros(m),
+        standard=standard_parameters(load_model(nominal.robot)),
+        board_share=np.array(
+            [scene.body(f"{plate}_plate").mass[0] * measurements.gravity / 4 for plate in PLATES]
+        ),
     )

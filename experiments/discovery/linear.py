@@ -1,0 +1,147 @@
+"""The linear model of the residuals: what is not known anyway is projected out.
+
+r = N nu + G phi + e: nu holds the base parameters (A), the swing foot's place in every placement (C) and
+the error of the weighing (F); G the effects' columns; e the noise, white here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import qr
+
+from experiments.discovery.channels import ANCHORED, ROWS, SIZE, center, packed, residuals, unpacked
+from experiments.discovery.noise import Noise, White, whitening
+from experiments.effects.seen import Seen
+
+RANK = 1e-9  # of the largest diagonal element of R
+UNWEIGHED = 0.3  # of the nominal mass: s.d. of a robot's mass that nobody has weighed
+
+
+@dataclass(frozen=True)
+class Linear:
+    """An experiment about which effects are sought.
+
+    Attributes:
+        seen: readings as measured.
+        smooth: readings less the noise that the residuals tell; where columns are taken, so that a
+            column does not hold the noise that it is compared with.
+        theta: base parameters, (p,) [m].
+        noise, white: see there.
+        basis: orthonormal, of the whitened nuisances, (r + 1, k); the last row is the weighing's.
+        residual: whitened and projected, (r + 1,).
+        weighed: whether the weighing is among the data: where channel F is.
+    """
+
+    seen: Seen
+    smooth: Seen
+    theta: np.ndarray
+    noise: Noise
+    white: White
+    basis: np.ndarray
+    residual: np.ndarray
+    weighed: bool
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of the residual."""
+        return len(self.basis) - self.basis.shape[1] - int(not self.weighed)
+
+    def project(self, columns: np.ndarray) -> np.ndarray:
+        """Take the nuisances out of whitened columns (r, ...): (r + 1, ...)."""
+        full = np.concatenate([columns, np.zeros((1, *columns.shape[1:]))])
+        return full - self.basis @ (self.basis.T @ full)
+
+    def at(self, seen: Seen) -> np.ndarray:
+        """Whitened, projected residual of readings that are taken to be others, (r + 1,)."""
+        return self.project(self.white(residuals(seen, self.theta)))
+
+
+def linear_model(
+    seen: Seen, noise: Noise, channels: str = "AFTC", corrected: Seen | None = None, rounds: int = 2
+) -> Linear:
+    """Build it from an experiment.
+
+    Args:
+        channels: those that are looked at.
+        corrected: the readings freed of effects that are already known; None: none is.
+        rounds: how often readings are smoothed and all is taken anew there.
+
+    Raises:
+        numpy.linalg.LinAlgError: readings that are no numbers.
+    """
+    shown = seen if corrected is None else corrected
+    smooth = shown
+    theta = np.linalg.lstsq(
+        shown.nominal.parameters.regressor(shown.joint_angles).reshape(2 * len(shown), -1),
+        center(shown).ravel(),
+        rcond=None,
+    )[0]
+    for _ in range(rounds):
+        white = whitening(smooth, theta, noise, channels)
+        nuisance = _nuisances(smooth, channels)
+        kept = np.abs(nuisance).max(axis=(0, 1)) > 0
+        basis, triangle, order = qr(
+            np.vstack([white(nuisance[..., kept]), _weighing(shown)[None, kept]]),
+            mode="economic",
+            pivoting=True,
+        )
+        size = np.abs(np.diag(triangle))
+        rank = int((size > RANK * size.max(initial=0.0)).sum())
+        basis, triangle = basis[:, :rank], triangle[:rank, :rank]
+        start = np.append(white(residuals(shown, theta)), 0.0)
+        gain = basis.T @ start
+        left = start - basis @ gain
+        solution = np.zeros(nuisance.shape[-1])
+        solution[np.flatnonzero(kept)[order[:rank]]] = -np.linalg.solve(triangle, gain)
+        theta = theta + solution[: len(theta)]
+        smooth = _smoothed(shown, white, left, noise)
+    return Linear(shown, smooth, theta, noise, white, basis, left, "F" in channels)
+
+
+def _smoothed(shown: Seen, white: White, left: np.ndarray, noise: Noise) -> Seen:
+    """Readings less their noise's mean given the residuals, S J' V^-1 r."""
+    pull = white.back(left[:-1])
+    k = white.sensitivity.shape[-1]
+    n = shown.joint_angles.shape[1]
+    variance = np.zeros(k)
+    variance[:n] = noise.encoder**2
+    variance[n : n + 8] = noise.cell**2
+    errors = variance * (white.sensitivity.mT @ pull[..., None])[..., 0]
+    plates = slice(n + 8, n + 14)
+    for placement in np.unique(shown.measurements.placement):
+        inside = shown.measurements.placement == placement
+        together = np.einsum("mrk,mr->k", white.sensitivity[inside][..., plates], pull[inside])
+        errors[inside, plates] = noise.plates**2 * together
+    return unpacked(shown, packed(shown) - errors)
+
+
+def _nuisances(seen: Seen, channels: str) -> np.ndarray:
+    """Derivative of the residuals by all that is not known anyway, (m, 11, k)."""
+    m, stance = len(seen), seen.stance
+    regressor = seen.nominal.parameters.regressor(seen.joint_angles)
+    p = regressor.shape[2]
+    sets = np.unique(stance)
+    out = np.zeros((m, SIZE, p + 3 * len(sets) + 1))
+    if "A" in channels:
+        out[:, ROWS["A"], :p] = -regressor
+    if "C" in channels:
+        for k, number in enumerate(sets):
+            inside = np.flatnonzero(stance == number)
+            for axis in range(3):
+                out[inside, ANCHORED.start + axis, p + 3 * k + axis] = -1.0
+    if "F" in channels:
+        out[:, ROWS["F"], -1] = -1.0
+    return out
+
+
+def _weighing(seen: Seen) -> np.ndarray:
+    """The row that says how well the weight is known."""
+    regressor = seen.nominal.parameters
+    sets = len(np.unique(seen.stance))
+    row = np.zeros(len(regressor.names) + 3 * sets + 1)
+    weighed = seen.measurements.weighed_mass
+    sd = weighed[1] if weighed and weighed[1] else (UNWEIGHED * seen.nominal.mass if not weighed else 1e-3)
+    row[-1] = 1.0 / (sd * seen.measurements.gravity)
+    return row

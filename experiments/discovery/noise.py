@@ -1,0 +1,120 @@
+"""The noise of an experiment's residuals, and the coordinates in which it is white."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from experiments.discovery.channels import ROWS, SIZE, TWIST, fields, sensitivity, standing
+from experiments.effects.seen import Seen
+from identification.loop_closure import encoder_sd_by_closure
+from identification.variance_components import MARK_RATIO
+
+# What the nominal laboratory itself leaves with exact sensors in full dynamics: contacts give way.
+FLOOR = np.array([1.5e-5] * 2 + [2e-3] + [2e-3] * 2 + [5e-6] + [1e-5] * 2 + [5e-6] * 2 + [1e-5])
+FREE_PLATE = (0.01, 0.01, 0.03)  # m, m, rad: of a recorded pose where nothing is known
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of an experiment's readings.
+
+    Attributes:
+        encoder [rad], cell [N], plates: of both recorded poses, (6,) [m, m, rad].
+        assumed: which of them no data sheet stated, as text.
+    """
+
+    encoder: float
+    cell: float
+    plates: np.ndarray
+    assumed: tuple[str, ...]
+
+
+def noise_of(seen: Seen) -> Noise:
+    """By the data sheets; what they do not state is taken from the readings, or assumed.
+
+    The sheet states the left plate's placement only. The right one's foot stands on a mark.
+    """
+    sheet, m = seen.measurements.sensors, seen.measurements
+    assumed = []
+    encoder, cell, left = sheet.encoder_sd, sheet.cell_sd, sheet.placement_sd
+    if encoder is None:
+        both = m.support == "double"
+        tree, base = seen.tree, seen.nominal.parameters.base
+        found = encoder_sd_by_closure(
+            tree, base, seen.nominal.swing_frame, m.joint_angles[both], m.placement[both]
+        )
+        encoder = 5e-4 if found is None else found
+        assumed.append("encoders (from the closure of the legs)")
+    if cell is None:
+        twist = m.cell_forces.reshape(-1, 2, 4) @ TWIST
+        cell = float(1.4826 * np.median(np.abs(twist - np.median(twist, axis=0))) / 2)
+        assumed.append("cells (from the plates' twist)")
+    if left is None:
+        left = FREE_PLATE
+        assumed.append("placement (taken as unknown)")
+    plates = np.concatenate([MARK_RATIO * np.array(left), left])
+    return Noise(encoder, cell, plates, tuple(assumed))
+
+
+@dataclass(frozen=True)
+class White:
+    """Coordinates in which the residuals' noise is independent, of unit variance.
+
+    Attributes:
+        rows: numbers of the residuals (11 a posture) that there are, placement by placement.
+        blocks: inverse Cholesky factor of every placement's covariance, and where it stands in `rows`.
+        sensitivity: derivative of the residuals by the readings, (m, 11, k).
+        own: part of each posture's covariance that is its own, (m, 11, 11).
+    """
+
+    rows: np.ndarray
+    blocks: tuple[tuple[slice, np.ndarray], ...]
+    sensitivity: np.ndarray
+    own: np.ndarray
+
+    def __call__(self, residuals: np.ndarray) -> np.ndarray:
+        """Whiten residuals (m, 11) or columns (m, 11, k): (r,) or (r, k)."""
+        flat = residuals.reshape(residuals.shape[0] * SIZE, *residuals.shape[2:])[self.rows]
+        out = np.empty_like(flat)
+        for where, factor in self.blocks:
+            out[where] = factor @ flat[where]
+        return out
+
+    def back(self, white: np.ndarray) -> np.ndarray:
+        """V^-1 times residuals, from the whitened ones, (r,) -> (m, 11)."""
+        flat = np.zeros(self.own.shape[0] * SIZE)
+        for where, factor in self.blocks:
+            flat[self.rows[where]] = factor.T @ white[where]
+        return flat.reshape(-1, SIZE)
+
+
+def whitening(seen: Seen, theta: np.ndarray, noise: Noise, channels: str = "AFTC") -> White:
+    """Coordinates for some channels of an experiment."""
+    slope, at = sensitivity(seen, theta), fields(seen.nominal)
+    m = len(seen)
+    angles, cells = slope[..., at["angles"]], slope[..., at["cells"]]
+    own = noise.encoder**2 * angles @ angles.mT + noise.cell**2 * cells @ cells.mT + np.diag(FLOOR**2)
+    levers = slope[..., at["plates"]] * noise.plates
+    used = np.zeros((m, SIZE), bool)
+    for channel in channels:
+        used[:, ROWS[channel]] = True
+    used[:, ROWS["C"]] &= standing(seen).all(axis=1)[:, None]
+    used[:, 3:5] &= standing(seen) & seen.on_four_cells
+    rows, blocks, at_row = [], [], 0
+    for placement in np.unique(seen.measurements.placement):
+        inside = np.flatnonzero(seen.measurements.placement == placement)
+        numbers = (inside[:, None] * SIZE + np.arange(SIZE)).ravel()
+        keep = used[inside].ravel()
+        block = np.zeros((len(inside), SIZE, len(inside), SIZE))
+        block[np.arange(len(inside)), :, np.arange(len(inside))] = own[inside]
+        block = block.reshape(len(numbers), -1)
+        shared = levers[inside].reshape(-1, 6)
+        block = (block + shared @ shared.T)[np.ix_(keep, keep)]
+        factor = solve_triangular(np.linalg.cholesky(block), np.eye(len(block)), lower=True)
+        blocks.append((slice(at_row, at_row + len(block)), factor))
+        rows.append(numbers[keep])
+        at_row += len(block)
+    return White(np.concatenate(rows), tuple(blocks), slope, own)
