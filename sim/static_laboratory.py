@@ -148,12 +148,17 @@ def standing_feet(support: np.ndarray) -> np.ndarray:
 
 
 def run_static(
-    prepared: Prepared, streams: Sequence[np.random.SeedSequence], standard: np.ndarray | None = None
+    prepared: Prepared,
+    streams: Sequence[np.random.SeedSequence],
+    standard: np.ndarray | None = None,
+    all_solved: bool = False,
 ) -> list[StaticRun]:
     """Repeat the experiment, every run with its own random stream.
 
     Args:
         standard: true standard parameters by run, (runs, n_links, 4); None: as the rig's scene says.
+        all_solved: hand over every posture that has an equilibrium, also one that would not stand as it
+            should.
 
     Raises:
         InputError: a run in which nothing could be measured.
@@ -165,6 +170,8 @@ def run_static(
     )
     mass, center = _bodies(prepared, standard, joined.run)
     state, load, reason = hold_static(prepared, joined, mass, center)
+    if all_solved:
+        reason = np.where(reason == NO_EQUILIBRIUM, reason, "")
     forces = cell_forces(prepared.mechanism, state, load)
     truth = (
         standard

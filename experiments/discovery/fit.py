@@ -1,0 +1,161 @@
+"""The sizes of effects that are taken to be there, by Gauss-Newton through their predictions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import norm
+
+from experiments.discovery.candidates import Candidate, columns
+from experiments.discovery.channels import packed, unpacked
+from experiments.discovery.linear import Linear, linear_model
+from experiments.discovery.noise import Noise
+from experiments.effects.effect import Values
+from experiments.effects.seen import Seen
+
+STEPS = 6
+CONVERGED = 1e-3  # posterior s.d.
+
+
+@dataclass(frozen=True)
+class Term:
+    """A candidate with its sizes, (s,), at a point of its grid."""
+
+    candidate: Candidate
+    point: int
+    sizes: np.ndarray
+
+    @property
+    def values(self) -> Values:
+        return self.candidate.values(self.sizes, self.point)
+
+    def freed(self, seen: Seen) -> Seen:
+        """Readings without the effect."""
+        return self.candidate.effect.predict(seen, self.candidate.target, self.values)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Terms fitted to an experiment.
+
+    Attributes:
+        terms: with their sizes (maximum a posteriori).
+        covariance: of all sizes, (s, s).
+        linear: the experiment freed of the terms.
+        columns: of the terms, whitened and projected, (r + 1, s).
+        residual: whitened and projected, of the freed experiment, (r + 1,).
+        log_bayes_factor: against no effect, in the coordinates of `about`.
+    """
+
+    terms: tuple[Term, ...]
+    covariance: np.ndarray
+    linear: Linear
+    columns: np.ndarray
+    residual: np.ndarray
+    log_bayes_factor: float
+
+    @property
+    def chi_square(self) -> float:
+        return float(self.residual @ self.residual)
+
+
+def freed(seen: Seen, smooth: Seen, terms: Sequence[Term]) -> Seen:
+    """Readings without the terms; what they take away is taken from readings without noise."""
+    clean = smooth
+    for term in terms:
+        clean = term.freed(clean)
+    change = packed(clean) - packed(smooth)
+    return replace(unpacked(seen, packed(seen) + change), tree=clean.tree, cells=clean.cells)
+
+
+def search(linear: Linear, terms: Sequence[Term], bend: np.ndarray | None = None) -> Fit:
+    """Fit the terms about one linear model, whose noise and nuisances stay as they are.
+
+    Args:
+        terms: where to start.
+        bend: what stays of the terms in the laboratory when they are taken away as predicted, by their
+            sizes, (m, 11, s); None: the predictions hold.
+    """
+    terms = tuple(terms)
+    prior = np.concatenate([term.candidate.prior for term in terms])
+    positive = np.concatenate([term.candidate.positive for term in terms])
+    more = 0.0 if bend is None else linear.project(linear.white(bend))
+    before = linear.residual
+    residual, gram, matrix = before, np.eye(len(prior)), np.zeros((len(before), len(prior)))
+    for _ in range(STEPS):
+        matrix = linear.project(_joint_columns(linear, terms)) + more
+        residual = _left(linear, terms, more)
+        sizes = np.concatenate([term.sizes for term in terms])
+        gram = matrix.T @ matrix + np.diag(prior**-2.0)
+        step = np.linalg.solve(gram, matrix.T @ residual - sizes / prior**2)
+        moved = np.where(positive, np.maximum(sizes + step, 0.0), sizes + step)
+        done = np.abs(moved - sizes).max() < CONVERGED * np.sqrt(np.diag(np.linalg.inv(gram))).max()
+        terms = _sized(terms, moved)
+        if done:
+            break
+    sizes = np.concatenate([term.sizes for term in terms])
+    residual = _left(linear, terms, more)
+    covariance = np.linalg.inv(gram)
+    gained = before @ before - residual @ residual - ((sizes / prior) ** 2).sum()
+    volume = np.linalg.slogdet(prior[:, None] * gram * prior)[1]
+    log = 0.5 * gained - 0.5 * volume
+    if positive.any():
+        spread = np.sqrt(np.diag(covariance))
+        log += float((norm.logcdf(sizes / spread) + np.log(2))[positive].sum())
+    return Fit(terms, covariance, linear, matrix, residual, float(log))
+
+
+def _left(linear: Linear, terms: tuple[Term, ...], more: np.ndarray | float) -> np.ndarray:
+    """Whitened, projected residual without the terms, (r + 1,)."""
+    left = linear.at(freed(linear.seen, linear.smooth, terms))
+    return left if isinstance(more, float) else left - more @ np.concatenate([t.sizes for t in terms])
+
+
+def _joint_columns(linear: Linear, terms: tuple[Term, ...]) -> np.ndarray:
+    """Columns of every term about its sizes, of readings freed of the others, (r, s)."""
+    out = []
+    for k, term in enumerate(terms):
+        others = terms[:k] + terms[k + 1 :]
+        clean = linear.smooth
+        for other in others:
+            clean = other.freed(clean)
+        about = replace(linear, smooth=clean) if others else linear
+        out.append(columns(about, term.candidate, term.point, term.sizes))
+    return np.concatenate(out, axis=1)
+
+
+def _sized(terms: tuple[Term, ...], sizes: np.ndarray) -> tuple[Term, ...]:
+    parts = np.split(sizes, np.cumsum([len(term.sizes) for term in terms])[:-1])
+    return tuple(replace(term, sizes=part) for term, part in zip(terms, parts, strict=True))
+
+
+def fit(seen: Seen, noise: Noise, terms: Sequence[Term], bend: np.ndarray | None = None) -> Fit:
+    """Fit terms with all that depends on them taken anew: noise, base parameters, smoothed readings.
+
+    The residual, columns and linear model of what is returned belong to the freed experiment.
+
+    Args:
+        bend: see `search`.
+    """
+    terms = tuple(terms)
+    if not terms:
+        linear = linear_model(seen, noise)
+        empty = np.zeros((len(linear.residual), 0))
+        return Fit((), np.zeros((0, 0)), linear, empty, linear.residual, 0.0)
+    smooth = seen
+    for _ in range(2):
+        linear = linear_model(freed(seen, smooth, terms), noise, rounds=1)
+        errors = packed(linear.seen) - packed(linear.smooth)
+        smooth = unpacked(seen, packed(seen) - errors)
+        about = replace(linear, seen=seen, smooth=smooth)
+        about = replace(about, residual=about.at(seen))
+        found = search(about, terms, bend)
+        terms = found.terms
+    final = linear_model(freed(seen, smooth, terms), noise, rounds=1)
+    residual = final.residual
+    if bend is not None:
+        sizes = np.concatenate([term.sizes for term in terms])
+        residual = residual - final.project(final.white(bend @ sizes))
+    return replace(found, linear=final, residual=residual)

@@ -1,0 +1,116 @@
+"""The virtual laboratory asked about an effect: what its prediction misses there.
+
+An effect's prediction is a formula, the laboratory a mechanism: a hinge on a spring lets the whole robot
+sink and shift its load. The difference is simulated for the measured postures, with sensors that err
+in nothing, and added to the prediction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from experiments.discovery.channels import residuals, swing_pose
+from experiments.discovery.fit import Fit, Term, fit
+from experiments.discovery.noise import Noise
+from experiments.effects.seen import Seen, see
+from sim.errors import InputError
+from sim.measurements import Measurements, PosturePlan
+from sim.rig import Rig, preset_rig
+from sim.static_laboratory import prepare, run_static
+
+ROUNDS = 3
+CLOSE = 0.02  # posterior s.d.: a smaller change of the sizes ends the refit
+STREAM = 0  # of friction and swaying: the same with and without the effect
+
+
+def exact_rig(seen: Seen) -> Rig:
+    """The nominal laboratory of an experiment, with nothing random but friction."""
+    rig = preset_rig("ideal", seen.nominal.robot)
+    return replace(
+        rig,
+        controller=replace(rig.controller, command_sd=0.0),
+        protocol=replace(rig.protocol, plate_sd=(0.0, 0.0, 0.0), repeats=0),
+    )
+
+
+def measured_plan(seen: Seen) -> PosturePlan:
+    """The postures as they were commanded (as they were measured, where that is not told), one a row."""
+    m = seen.measurements
+    pose = swing_pose(seen)[:, [0, 1, 5]]
+    first = np.array([np.flatnonzero(seen.stance == number)[0] for number in seen.stance])
+    return PosturePlan(
+        joints=m.joints,
+        joint_angles=m.joint_angles if m.command is None else m.command,
+        posture=np.arange(1, len(m) + 1),
+        placement=seen.stance + 1,
+        support=m.support,
+        swing_pose=pose[first],
+        robot={"model": m.robot["model"] or "", "sha256": m.robot["sha256"] or ""},
+    )
+
+
+def simulated(rig: Rig, plan: PosturePlan) -> Measurements:
+    """What a rig shows of a plan, every posture that has an equilibrium."""
+    return run_static(prepare(rig, plan), [np.random.SeedSequence(STREAM)], all_solved=True)[0].measurements
+
+
+def with_terms(rig: Rig, terms: Sequence[Term]) -> Rig:
+    """A rig with effects."""
+    for term in terms:
+        rig = term.candidate.effect.inject(rig, term.candidate.target, term.values)
+    return rig
+
+
+def missed(seen: Seen, plan: PosturePlan, rig: Rig, plain: Measurements, terms: Sequence[Term]) -> np.ndarray:
+    """Residuals that the laboratory keeps when the terms' predictions are taken away, (m, 11).
+
+    Zero where the posture has no equilibrium with them.
+    """
+    theta = seen.nominal.value
+    shown, without = see(simulated(with_terms(rig, terms), plan), seen.nominal), see(plain, seen.nominal)
+    clean = shown
+    for term in terms:
+        clean = term.freed(clean)
+    out = np.zeros((len(seen), 11))
+    after, before = residuals(clean, theta), residuals(without, theta)
+    rows = {int(number): k for k, number in enumerate(without.measurements.posture)}
+    for k, number in enumerate(shown.measurements.posture):
+        if (at := rows.get(int(number))) is None:
+            continue
+        change = after[k] - before[at]
+        change[3:5] *= shown.on_four_cells[k] & without.on_four_cells[at]
+        out[int(number) - 1] = change
+    return out
+
+
+def refit(seen: Seen, noise: Noise, found: Fit) -> tuple[Fit, np.ndarray]:
+    """Fit the sizes anew through the laboratory.
+
+    Returns:
+        the fit, and what the predictions miss by size, (m, 11, s).
+    """
+    rig, plan = exact_rig(seen), measured_plan(seen)
+    s = sum(len(term.sizes) for term in found.terms)
+    bend = np.zeros((len(seen), 11, s))
+    changed = with_terms(rig, found.terms)
+    misread_only = replace(changed, misread=None) == rig
+    if misread_only or not all(term.candidate.effect.statics for term in found.terms):
+        return found, bend  # what instruments make of readings, predictions undo exactly
+    try:
+        plain = simulated(rig, plan)
+        prior = np.concatenate([term.candidate.prior for term in found.terms])
+        for _ in range(ROUNDS):
+            sizes = np.concatenate([term.sizes for term in found.terms])
+            scaled = sizes / prior
+            left = missed(seen, plan, rig, plain, found.terms)
+            bend = left[..., None] * (scaled / prior) / max(float(scaled @ scaled), 1e-12)
+            found = fit(seen, noise, found.terms, bend)
+            change = np.concatenate([term.sizes for term in found.terms]) - sizes
+            if (np.abs(change) < CLOSE * np.sqrt(np.diag(found.covariance))).all():
+                break
+    except InputError:
+        return found, np.zeros_like(bend)
+    return found, bend
