@@ -11,6 +11,8 @@ import numpy as np
 from sim.measurements import Measurements
 from sim.rig import Rig
 
+STARTS = tuple(k / 10 for k in range(1, 10))  # parts of the experiment's time that a search tries
+
 
 def misreading(rig: Rig, read: Callable[[Measurements], Measurements]) -> Rig:
     """A rig whose readings pass through `read` too."""
@@ -19,7 +21,28 @@ def misreading(rig: Rig, read: Callable[[Measurements], Measurements]) -> Rig:
 
 
 def edited(rig: Rig, edit: Callable[[mujoco.MjSpec], None]) -> Rig:
-    """A rig whose scene is changed by `edit` too."""
+    """A rig whose scene is changed by `edit` too, at any time of the experiment."""
+    return always(rig, lambda one: _edited(one, edit))
+
+
+def always(rig: Rig, change: Callable[[Rig], Rig]) -> Rig:
+    """A rig changed, and so what stands there later."""
+    changed = change(rig)
+    if rig.later is None:
+        return changed
+    start, then = rig.later
+    return replace(changed, later=(start, always(then, change)))
+
+
+def from_then_on(rig: Rig, part: float, change: Callable[[Rig], Rig]) -> Rig:
+    """A rig that is changed from this part of the experiment's time on."""
+    if rig.later is None or part < rig.later[0]:
+        return replace(rig, later=(part, always(rig, change)))
+    start, then = rig.later
+    return replace(rig, later=(start, from_then_on(then, part, change)))
+
+
+def _edited(rig: Rig, edit: Callable[[mujoco.MjSpec], None]) -> Rig:
     before = rig.edit
     if before is None:
         return replace(rig, edit=edit)

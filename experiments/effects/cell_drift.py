@@ -1,0 +1,42 @@
+"""One load cell's zero drifts, evenly over the experiment: it was tared at its beginning."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from experiments.effects.effect import Effect, Parameter, Values
+from experiments.effects.injection import column, misreading, passed
+from experiments.effects.seen import Seen
+from experiments.effects.targets import CELL_NAMES
+from sim.measurements import Measurements
+from sim.model import CELLS
+from sim.rig import Rig
+
+
+def _inject(rig: Rig, target: str, values: Values) -> Rig:
+    def read(m: Measurements) -> Measurements:
+        return replace(m, cell_forces=m.cell_forces + _drift(passed(m.time), target, values))
+
+    return misreading(rig, read)
+
+
+def _predict(seen: Seen, target: str, values: Values) -> Seen:
+    return seen.changed(cell_forces=seen.cell_forces - _drift(seen.part, target, values))
+
+
+def _drift(part: np.ndarray, target: str, values: Values) -> np.ndarray:
+    """What is read too much, (m, 8) [N]."""
+    return values[0] * np.outer(part, column(CELLS, target, len(CELLS)))
+
+
+EFFECT = Effect(
+    name="cell-drift",
+    sentence="A load cell's zero drifts evenly, from nothing at the first posture to this at the last.",
+    parameters=(Parameter("drift", "N", prior=2.0),),
+    inject=_inject,
+    predict=_predict,
+    words="The {target} cell drifts by {0} over the experiment.",
+    targets=CELL_NAMES,
+)

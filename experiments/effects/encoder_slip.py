@@ -1,0 +1,46 @@
+"""A joint's encoder slips on its shaft during the experiment: from then on it reads an angle too much."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from experiments.effects.effect import Effect, Parameter, Values
+from experiments.effects.injection import STARTS, column, misreading, passed
+from experiments.effects.seen import Seen
+from experiments.effects.targets import JOINTS
+from sim.measurements import Measurements
+from sim.rig import Rig
+
+
+def _inject(rig: Rig, target: str, values: Values) -> Rig:
+    def read(m: Measurements) -> Measurements:
+        return replace(m, joint_angles=m.joint_angles + _error(m.joints, target, passed(m.time), values))
+
+    return misreading(rig, read)
+
+
+def _predict(seen: Seen, target: str, values: Values) -> Seen:
+    error = _error(seen.tree.joints, target, seen.part, values)
+    return seen.changed(joint_angles=seen.joint_angles - error)
+
+
+def _error(joints: tuple[str, ...], target: str, part: np.ndarray, values: Values) -> np.ndarray:
+    """What is read too much, (m, n_joints) [rad]."""
+    slip, start = values
+    return slip * np.outer(part >= start, column(joints, target, len(joints)))
+
+
+EFFECT = Effect(
+    name="encoder-slip",
+    sentence="A joint's encoder slips: from a part of the experiment's time on it reads an angle too much.",
+    parameters=(
+        Parameter("slip", "rad", prior=np.radians(1.0)),
+        Parameter("start", "", grid=STARTS),
+    ),
+    inject=_inject,
+    predict=_predict,
+    words="The {target} encoder slipped and reads {0} too high, from {1} of the experiment on.",
+    targets=JOINTS,
+)
