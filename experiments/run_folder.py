@@ -18,6 +18,7 @@ from sim.laboratory import Experiment
 from sim.measurements import write_measurements, write_plan
 from sim.measurements.tables import software, write_json
 from sim.model import sha256
+from sim.static_laboratory import StaticRun
 
 
 def check_new(path: Path) -> None:
@@ -67,7 +68,9 @@ def write_run(folder: Path, result: Validation) -> None:
         )
 
 
-def write_experiment(out: Path, truth: Path | None, scenario: Scenario, experiment: Experiment) -> None:
+def write_experiment(
+    out: Path, truth: Path | None, scenario: Scenario, experiment: Experiment | StaticRun
+) -> None:
     """The truth first: where the folder stands, its truth stands too."""
     if truth is not None:
         write_json(truth, truth_document(scenario, experiment))

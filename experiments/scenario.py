@@ -10,12 +10,14 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from experiments.effects.occurrence import Occurrence
 from identification.base_parameters import base_parameters, common_support, standard_parameters
 from sim.laboratory import Attempt, Experiment
 from sim.measurements import PosturePlan
 from sim.model import PLATES, compile_spec
 from sim.rig import Rig
 from sim.scene import load_scene
+from sim.static_laboratory import StaticRun
 
 DEFAULT_PLAN = Path(__file__).resolve().parent / "plans" / "random"
 DEFAULT_SEED = 1
@@ -28,12 +30,18 @@ class Scenario:
     Attributes:
         rig: the laboratory. plan: postures. seed: of everything random in the laboratory.
         preset: name of the sensors' preset.
+        adopted: effects that the laboratory is known to have; the rig has them.
+        hidden: effects of the rig that nobody is told.
+        statics: whether it is the static laboratory.
     """
 
     rig: Rig
     plan: PosturePlan
     seed: int
     preset: str
+    adopted: tuple[Occurrence, ...] = ()
+    hidden: tuple[Occurrence, ...] = ()
+    statics: bool = False
 
     def true_model(self) -> mujoco.MjModel:
         """The robot that really stands there, alone."""
@@ -64,12 +72,14 @@ class Scenario:
             "sensors": dataclasses.asdict(self.rig.sensors),
             "protocol": dataclasses.asdict(self.rig.protocol),
             "edited": self.rig.edit is not None,
+            "adopted": [found.document() for found in self.adopted],
+            "statics": self.statics,
             "plan": {"robot": self.plan.robot, "made": self.plan.made, "postures": len(self.plan)},
         }
 
 
-def truth_document(scenario: Scenario, experiment: Experiment) -> dict[str, Any]:
-    """What only the simulation knows, as one JSON object."""
+def truth_document(scenario: Scenario, experiment: Experiment | StaticRun) -> dict[str, Any]:
+    """What only the simulation knows, as one JSON object; statics keeps no account of its attempts."""
     model = scenario.true_model()
     parameters = base_parameters(scenario.rig.robot, model, common_support(scenario.plan.support))
     standard = standard_parameters(model)
@@ -77,11 +87,12 @@ def truth_document(scenario: Scenario, experiment: Experiment) -> dict[str, Any]
         "format": "tulip-truth",
         "version": 1,
         "configuration": scenario.configuration(),
+        "effects": [found.document() for found in scenario.hidden],
         "total_mass": experiment.true_mass,
         "links": list(parameters.tree.links),
         "standard_parameters": standard.tolist(),
         "base_parameters": dict(zip(parameters.names, parameters.values(standard).tolist(), strict=True)),
-        "attempts": [_attempt(a) for a in experiment.attempts],
+        "attempts": [_attempt(a) for a in experiment.attempts] if isinstance(experiment, Experiment) else [],
     }
 
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from experiments.description import described_robot
+from experiments.effects.hidden import check_laboratory, read_effects
+from experiments.effects.occurrence import Occurrence, check_occurrence, injected
+from experiments.rig_folder import RIG_FILE, read_rig
 from experiments.run_folder import check_new
 from experiments.scenario import DEFAULT_PLAN, Scenario
 from experiments.terminal import progress
@@ -29,8 +33,21 @@ def at_least(option: str, value: int, least: int) -> None:
         raise InputError(f"{option}: found {value}, expected {least} or more")
 
 
-def read_scenario(plan: Path | None, preset: str, seed: int, robot: Path, workers: int) -> Scenario:
+def read_scenario(
+    plan: Path | None,
+    preset: str,
+    seed: int,
+    robot: Path,
+    workers: int,
+    rig: Path | None = None,
+    effects: Sequence[str] = (),
+    statics: bool = False,
+) -> Scenario:
     """A laboratory with a plan that fits it; the shipped plan if `plan` is None.
+
+    Args:
+        rig: folder of the effects that the laboratory is known to have.
+        effects: to hide in it, as on the command line. statics: whether it is the static laboratory.
 
     Raises:
         InputError: what cannot be run.
@@ -39,9 +56,29 @@ def read_scenario(plan: Path | None, preset: str, seed: int, robot: Path, worker
     at_least("--workers", workers, 1)
     described = described_robot(robot)
     made = plan_for(described, plan)
-    rig = preset_rig(preset, described)
-    check_scene(rig)
-    return Scenario(rig, made, seed, preset)
+    nominal = preset_rig(preset, described)
+    check_scene(nominal)
+    placements = np.unique(made.placement).tolist()
+    adopted = adopted_effects(rig, described, placements)
+    for found in adopted:
+        check_laboratory(found, statics, f"--rig {rig}")
+    hidden = read_effects(effects, described, placements, seed, statics)
+    changed = injected(injected(nominal, adopted), hidden)
+    return Scenario(changed, made, seed, preset, adopted, hidden, statics)
+
+
+def adopted_effects(rig: Path | None, robot: Robot, placements: Sequence[int]) -> tuple[Occurrence, ...]:
+    """The effects of a rig folder, none if `rig` is None, for an experiment with these placements.
+
+    Raises:
+        InputError: a rig that does not fit.
+    """
+    if rig is None:
+        return ()
+    found = read_rig(rig, robot)
+    for occurrence in found:
+        check_occurrence(occurrence, robot, placements, f"{rig / RIG_FILE}")
+    return found
 
 
 def plan_for(robot: Robot, plan: Path | None) -> PosturePlan:

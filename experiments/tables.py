@@ -26,6 +26,7 @@ from sim.errors import InputError
 from sim.files import read_text
 from sim.laboratory import Experiment
 from sim.model import Robot
+from sim.static_laboratory import StaticRun
 
 LEGEND = (
     "s.e.: by the estimator (least squares: eq. 14); clustered: errors common to a placement allowed for; "
@@ -247,8 +248,14 @@ def print_validation(console: Console, result: Validation, document: dict[str, A
     console.print(f"Verdict: [{colour}]{result.verdict}[/] after {result.wall_s:.0f} s")
 
 
-def print_experiment(console: Console, experiment: Experiment, planned: int, paper: dict[str, Any]) -> None:
-    """How many postures could be used, and why the others could not."""
+def print_experiment(
+    console: Console,
+    experiment: Experiment | StaticRun,
+    planned: int,
+    paper: dict[str, Any],
+    reasons: bool = True,
+) -> None:
+    """How many postures could be used and, if `reasons`, why the others could not."""
     dropped = experiment.dropped
     beside = f" (paper {paper['postures_used']} of {paper['postures_planned']})" if paper else ""
     console.print(
@@ -256,7 +263,7 @@ def print_experiment(console: Console, experiment: Experiment, planned: int, pap
         f"{len(experiment.measurements)} rows with repeats."
     )
     tally: dict[str, int] = {}
-    for _, reason in dropped:
+    for _, reason in dropped if reasons else ():
         key = reason.rsplit(" ", 1)[0] if reason.startswith(("lost", "lifted")) else reason
         key = "slipped" if reason.startswith("slipped") else key
         tally[key] = tally.get(key, 0) + 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,8 @@ from experiments.checks import (
     skipped,
     verdict,
 )
+from experiments.effects.corrected import without
+from experiments.effects.occurrence import Occurrence
 from experiments.scenario import Scenario
 from identification.base_parameters import (
     BaseParameters,
@@ -32,7 +34,8 @@ from identification.base_parameters import (
 )
 from identification.center_of_pressure import total_mass
 from identification.estimators import DEFAULT, Estimate, StandardEstimate, estimate_by, solve_least_squares
-from identification.regressor import regression, stacked_regressor
+from identification.nominal import nominal_robot
+from identification.regressor import check_measurements, regression, stacked_regressor
 from identification.statistics import (
     correlations,
     high_correlations,
@@ -82,12 +85,14 @@ def identify(
     source: str = "measurements",
     estimator: str = DEFAULT,
     parameters: BaseParameters | None = None,
+    adopted: Sequence[Occurrence] = (),
 ) -> Identification:
     """Full and simplified model.
 
     Args:
         estimator: a name of `identification.estimators.ESTIMATORS`.
         parameters: the robot's base parameters, if they are at hand: for many identifications of one robot.
+        adopted: effects that the measurements are freed of before the regression.
 
     Raises:
         InputError: the measurements do not fit the robot or do not suffice, or an unknown estimator.
@@ -95,6 +100,10 @@ def identify(
     parameters = parameters or base_parameters(
         robot, support=common_support(measurements.support, f"{source}: postures")
     )
+    if adopted:
+        check_measurements(parameters, measurements, robot, source)
+        measurements, seen = without(measurements, nominal_robot(robot, parameters.support), adopted)
+        parameters = dataclasses.replace(parameters, tree=seen.tree)
     data = regression(parameters, measurements, robot, source)
     kept = simplified_numbers(robot, parameters)
     full = estimate_by(data, estimator)
@@ -115,7 +124,9 @@ def validate(
     """
     began = time.perf_counter()
     experiment = run_experiment(scenario.rig, scenario.plan, scenario.seed, workers, progress)
-    found = identify(experiment.measurements, scenario.rig.robot, estimator=estimator)
+    found = identify(
+        experiment.measurements, scenario.rig.robot, estimator=estimator, adopted=scenario.adopted
+    )
     truth = scenario.true_base_parameters()
     checks = evaluate(scenario, experiment, found, truth)
     return Validation(scenario, experiment, found, truth, tuple(checks), time.perf_counter() - began)

@@ -110,17 +110,13 @@ def _fitted(matrix: np.ndarray, output: np.ndarray) -> np.ndarray:
     return matrix @ np.linalg.lstsq(matrix, output, rcond=None)[0]
 
 
-def regression(
+def check_measurements(
     parameters: BaseParameters, measurements: Measurements, robot: Robot, source: str = "measurements"
-) -> Regression:
-    """Stack measured joint angles and centres of pressure.
-
-    Args:
-        source: where the measurements came from, for error messages.
+) -> None:
+    """Refuse measurements that do not fit the robot or do not suffice.
 
     Raises:
-        InputError: another model than the measurements were made with, other joints or feet,
-            another support, or fewer data points than parameters.
+        InputError: see `regression`.
     """
     where = f"{source}: manifest.json"
     check_model(where, measurements.robot["model"], measurements.robot["sha256"], robot)
@@ -147,6 +143,22 @@ def regression(
             f"{source}: found {len(measurements)} postures ({rows} data points), expected at least "
             f"{columns // 2 + 1} for {columns} base parameters"
         )
+
+
+def regression(
+    parameters: BaseParameters, measurements: Measurements, robot: Robot, source: str = "measurements"
+) -> Regression:
+    """Stack measured joint angles and centres of pressure.
+
+    Args:
+        source: where the measurements came from, for error messages.
+
+    Raises:
+        InputError: another model than the measurements were made with, other joints or feet,
+            another support, or fewer data points than parameters.
+    """
+    check_measurements(parameters, measurements, robot, source)
+    columns = len(parameters.names)
     sheet = measurements.sensors
     slope = parameters.slope(measurements.joint_angles)
     tree, swing = parameters.tree, parameters.tree.frame(robot.swing_foot)

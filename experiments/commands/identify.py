@@ -8,9 +8,11 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from experiments.commands.options import EstimatorName, Json, RobotFile
+from experiments.commands.options import EstimatorName, Json, RigFolder, RobotFile
 from experiments.correlation_table import print_correlations
 from experiments.description import described_robot
+from experiments.effects.wording import told
+from experiments.setting_up import adopted_effects
 from experiments.tables import (
     LEGEND,
     models,
@@ -33,19 +35,23 @@ def identify_command(
     /,
     *,
     estimator: EstimatorName = DEFAULT,
+    rig: RigFolder = None,
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
     """Identify the robot from a measurement folder: base parameters and what they are worth.
 
+    With --rig RIG the measurements are freed of the rig's effects before.
     Example: tulip identify data/first
     """
     look_up("estimator", estimator, ESTIMATORS, "--estimator")
     described = described_robot(robot)
     measurements = read_measurements(folder)
-    found = identify(measurements, described, str(folder), estimator)
+    adopted = adopted_effects(rig, described, np.unique(measurements.placement).tolist())
+    found = identify(measurements, described, str(folder), estimator, adopted=adopted)
     document: dict[str, Any] = {
         "estimator": found.estimator,
+        "rig": None if rig is None else str(rig),
         "postures": len(measurements),
         "placements": len(np.unique(measurements.placement)),
         "condition_number": found.full.condition_number,
@@ -61,6 +67,8 @@ def identify_command(
         print_json(document)
         return 0
     screen = console()
+    for occurrence in adopted:
+        screen.print(f"Corrected: {told(occurrence)}", markup=False, highlight=False, soft_wrap=True)
     for model in models(described):
         title = f"{model.capitalize()} model, mm"
         print_table(screen, parameter_table(title, fitted[model], found.parameters, {}, model))

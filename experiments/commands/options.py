@@ -21,5 +21,9 @@ Json = Annotated[bool, tyro.conf.arg(name="json", help="one JSON document on std
 Seed = Annotated[int, tyro.conf.arg(help="seed of everything random")]
 Workers = Annotated[int, tyro.conf.arg(help="processes; results do not depend on it")]
 EstimatorName = Annotated[str, tyro.conf.arg(help=f"one of {', '.join(ESTIMATORS)}")]
+RigFolder = Annotated[
+    Path | None,
+    tyro.conf.arg(name="rig", metavar="RIG", help="rig folder: effects that the laboratory is known to have"),
+]
 
 CORES = os.cpu_count() or 1

@@ -3,18 +3,35 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from experiments.commands.options import CORES, Json, Plan, Preset, RobotFile, Seed, Workers
+import numpy as np
+import tyro
+
+from experiments.commands.options import CORES, Json, Plan, Preset, RigFolder, RobotFile, Seed, Workers
+from experiments.effects.hidden import RANDOM
 from experiments.run_folder import check_new, write_experiment
-from experiments.scenario import DEFAULT_SEED
+from experiments.scenario import DEFAULT_SEED, Scenario
 from experiments.setting_up import read_scenario, tries
-from experiments.tables import (
-    print_experiment,
-)
+from experiments.tables import print_experiment
 from experiments.terminal import ERR, console, print_json, progress
 from sim.errors import InputError
-from sim.laboratory import run_experiment
+from sim.laboratory import Experiment, run_experiment
 from sim.model import TULIP
+from sim.static_laboratory import StaticRun, prepare, run_static
+
+Effects = Annotated[
+    list[str],
+    tyro.conf.UseAppendAction,
+    tyro.conf.arg(
+        name="effect",
+        metavar="NAME[:TARGET]=VALUE[,VALUE]",
+        help="hide an effect in the data (SI units; `tulip effects` lists them), or `random`; repeatable",
+    ),
+]
+Statics = Annotated[
+    bool, tyro.conf.arg(help="solve every posture's static equilibrium instead of waiting for it to settle")
+]
 
 
 def simulate_command(
@@ -25,14 +42,17 @@ def simulate_command(
     preset: Preset = "wii",
     seed: Seed = DEFAULT_SEED,
     truth: Path | None = None,
+    effect: Effects = [],  # noqa: B006
+    rig: RigFolder = None,
+    statics: Statics = False,
     workers: Workers = CORES,
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
     """Simulate the experiment and write a measurement folder, without the truth.
 
-    --truth FILE writes what really happened, elsewhere.
-    Example: tulip simulate --out data/first --preset force-plate --truth first-truth.json
+    --truth FILE writes what really happened, elsewhere: `--effect random` tells it alone.
+    Example: tulip simulate --out data/first --effect encoder-offset:right_knee=0.01 --truth first-truth.json
     """
     check_new(out)
     if truth is not None:
@@ -41,20 +61,39 @@ def simulate_command(
         raise InputError(f"{truth}: lies inside the measurement folder, which must not hold the truth")
     if truth is not None and out.resolve().is_relative_to(truth.resolve()):
         raise InputError(f"{out}: lies inside {truth}, which is to be a file")
-    scenario = read_scenario(plan, preset, seed, robot, workers)
-    with progress("holding postures", tries(scenario)) as advance:
-        experiment = run_experiment(scenario.rig, scenario.plan, seed, workers, advance)
+    secret = RANDOM in effect
+    if secret and truth is None:
+        raise InputError("--effect random: found no --truth FILE, expected one: nothing else would know it")
+    scenario = read_scenario(plan, preset, seed, robot, workers, rig, effect, statics)
+    try:
+        experiment = _experiment(scenario, workers)
+    except InputError:
+        if not secret:
+            raise
+        raise InputError(
+            f"--effect random: found an experiment that cannot be carried out with the effect that "
+            f"--seed {seed} draws, expected one that can; give another --seed"
+        ) from None
     write_experiment(out, truth, scenario, experiment)
+    planned = len(scenario.plan)
     if as_json:
+        dropped = experiment.dropped
         print_json(
             {
                 "measurements": str(out),
-                "postures_planned": len(scenario.plan),
+                "postures_planned": planned,
                 "rows": len(experiment.measurements),
-                "dropped": [{"posture": p, "reason": r} for p, r in experiment.dropped],
+                "dropped": [{"posture": p, "reason": None if secret else r} for p, r in dropped],
             }
         )
     else:
-        print_experiment(console(), experiment, len(scenario.plan), {})
+        print_experiment(console(), experiment, planned, {}, reasons=not secret)
     ERR.print(f"Measurement folder: {out}")
     return 0
+
+
+def _experiment(scenario: Scenario, workers: int) -> Experiment | StaticRun:
+    if scenario.statics:
+        return run_static(prepare(scenario.rig, scenario.plan), [np.random.SeedSequence(scenario.seed)])[0]
+    with progress("holding postures", tries(scenario)) as advance:
+        return run_experiment(scenario.rig, scenario.plan, scenario.seed, workers, advance)

@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from experiments.commands.options import CORES, EstimatorName, Json, Plan, Preset, RobotFile, Seed, Workers
+from experiments.commands.options import (
+    CORES,
+    EstimatorName,
+    Json,
+    Plan,
+    Preset,
+    RigFolder,
+    RobotFile,
+    Seed,
+    Workers,
+)
 from experiments.run_folder import check_new, write_run
 from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
 from experiments.setting_up import planned_parameters, read_scenario, told_apart, tries
@@ -27,17 +37,19 @@ def validate_command(
     seed: Seed = DEFAULT_SEED,
     workers: Workers = CORES,
     estimator: EstimatorName = DEFAULT,
+    rig: RigFolder = None,
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
     """Simulate a plan, identify the robot, compare with the truth and give a verdict.
 
+    With --rig RIG the laboratory has the rig's effects, and the measurements are freed of them.
     Exit code 0: every check passed; 1: a check failed; 2: could not run.
     Example: tulip validate --out runs/first
     """
     check_new(out)
     look_up("estimator", estimator, ESTIMATORS, "--estimator")
-    scenario = read_scenario(plan, preset, seed, robot, workers)
+    scenario = read_scenario(plan, preset, seed, robot, workers, rig)
     told_apart(
         str(plan or DEFAULT_PLAN), scenario.plan, planned_parameters(scenario.rig.robot, scenario.plan)
     )

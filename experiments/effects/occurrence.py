@@ -1,0 +1,92 @@
+"""An effect that is there: which, on what, how large."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from experiments.effects.effect import Effect, Values
+from experiments.effects.seen import Seen
+from experiments.effects.targets import check_target
+from sim.errors import InputError
+from sim.model import Robot
+from sim.rig import Rig
+
+MOST_PRIORS = 100.0  # a size beyond this many of its prior's s.d. is a wrong unit
+
+
+@dataclass(frozen=True)
+class Occurrence:
+    """One effect of a laboratory, hidden or adopted.
+
+    Attributes:
+        target: "" where the effect is of the whole.
+        values: of its parameters, in order [SI].
+        intervals: 95 % interval of each value, None where it is not an estimate; empty: of none.
+    """
+
+    effect: Effect
+    target: str
+    values: Values
+    intervals: tuple[tuple[float, float] | None, ...] = ()
+
+    def document(self) -> dict[str, Any]:
+        """For JSON: name, target (None: the whole) and parameters [SI]."""
+        intervals = self.intervals or (None,) * len(self.values)
+        return {
+            "name": self.effect.name,
+            "target": self.target or None,
+            "parameters": [
+                {
+                    "name": parameter.name,
+                    "value": value,
+                    "unit": parameter.unit,
+                    "low95": None if interval is None else interval[0],
+                    "high95": None if interval is None else interval[1],
+                }
+                for parameter, value, interval in zip(
+                    self.effect.parameters, self.values, intervals, strict=True
+                )
+            ],
+        }
+
+
+def injected(rig: Rig, occurrences: Sequence[Occurrence]) -> Rig:
+    """The laboratory with these effects, one after the other."""
+    for found in occurrences:
+        rig = found.effect.inject(rig, found.target, found.values)
+    return rig
+
+
+def freed(seen: Seen, occurrences: Sequence[Occurrence]) -> Seen:
+    """What was seen, freed of these effects: the last one first, since it acted upon the others."""
+    for found in reversed(occurrences):
+        seen = found.effect.predict(seen, found.target, found.values)
+    return seen
+
+
+def check_occurrence(found: Occurrence, robot: Robot, placements: Sequence[int], where: str) -> None:
+    """Refuse a target or a value that makes no sense.
+
+    Args:
+        placements: of the experiment.
+
+    Raises:
+        InputError: names what was found and what is valid.
+    """
+    effect = found.effect
+    valid = effect.targets.of(robot, tuple(int(p) for p in placements))
+    check_target(effect.targets, found.target, valid, where)
+    for parameter, value in zip(effect.parameters, found.values, strict=True):
+        unit = f" [{parameter.unit}]" if parameter.unit else ""
+        here = f"{where}: {effect.name}, {parameter.name}{unit}: found {value:g}"
+        if not np.isfinite(value):
+            raise InputError(f"{here}, expected a finite number")
+        if parameter.positive and value < 0:
+            raise InputError(f"{here}, expected 0 or more")
+        if parameter.prior > 0 and abs(value) > MOST_PRIORS * parameter.prior:
+            most = MOST_PRIORS * parameter.prior
+            raise InputError(f"{here}, expected at most {most:.3g} in size (SI units: rad, m, N, kg)")

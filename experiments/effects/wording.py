@@ -1,0 +1,43 @@
+"""Effects in words: values in the units that a laboratory speaks."""
+
+from __future__ import annotations
+
+import math
+
+from experiments.effects.effect import Parameter
+from experiments.effects.hidden import CORNER
+from experiments.effects.occurrence import Occurrence
+from sim.model import CORNERS
+
+SPOKEN = {
+    "": (100.0, "%"),
+    "rad": (180 / math.pi, "deg"),
+    "rad/Nm": (180 / math.pi, "deg/Nm"),
+    "m": (1e3, "mm"),
+}
+
+
+def spoken(parameter: Parameter, value: float, interval: tuple[float, float] | None = None) -> str:
+    """A value as text, with half its 95 % interval where there is one.
+
+    Args:
+        value, interval: in the parameter's unit.
+    """
+    if parameter.unit == CORNER:
+        return CORNERS[round(value)]
+    factor, unit = SPOKEN.get(parameter.unit, (1.0, parameter.unit))
+    if interval is None:
+        return f"{factor * value:.3g} {unit}".strip()
+    half = factor * (interval[1] - interval[0]) / 2
+    digits = max(0, 1 - math.floor(math.log10(half))) if half > 0 else 3
+    return f"{factor * value:.{digits}f} +- {half:.{digits}f} {unit}".strip()
+
+
+def told(found: Occurrence) -> str:
+    """The finding as a sentence."""
+    intervals = found.intervals or (None,) * len(found.values)
+    texts = [
+        spoken(parameter, value, interval)
+        for parameter, value, interval in zip(found.effect.parameters, found.values, intervals, strict=True)
+    ]
+    return found.effect.words.format(*texts, target=found.target.replace("_", " ").replace(".", " "))

@@ -1,0 +1,222 @@
+"""The rig folder: a laboratory with effects that were found, as the new nominal one."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Literal
+
+import mujoco
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
+
+from experiments.effects import catalogue
+from experiments.effects.occurrence import Occurrence, check_occurrence, injected
+from experiments.effects.targets import PLACEMENTS
+from experiments.effects.wording import told
+from identification.nominal import nominal_robot
+from sim.errors import InputError, listed, look_up, shortened, validation_message
+from sim.files import new_folder, present, write_text
+from sim.laboratory import boards_under
+from sim.measurements.measurement_folder import Version
+from sim.measurements.plan_folder import check_model
+from sim.measurements.tables import read_json, software, write_json
+from sim.model import Robot, compile_spec, sha256
+from sim.rig import Rig, preset_rig
+from sim.scene import laboratory_scene
+
+RIG_FILE = "rig.json"
+NOMINAL, CHANGED, LATER, DIFF = "nominal.xml", "scene.xml", "scene-later.xml", "diff.txt"
+Number = Annotated[float, Strict()]
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class RobotEntry(_Entry):
+    model: str
+    sha256: str
+    files: dict[str, str]
+
+
+class ParameterEntry(_Entry):
+    name: str
+    value: Number
+    unit: str
+    low95: Number | None
+    high95: Number | None
+
+
+class EffectEntry(_Entry):
+    name: str
+    target: str | None
+    parameters: list[ParameterEntry]
+
+
+class RigManifest(_Entry):
+    """rig.json."""
+
+    format: Literal["tulip-rig"]
+    version: Version
+    robot: RobotEntry
+    preset: str | None
+    effects: list[EffectEntry] = Field(min_length=1)
+    software: dict[str, str] | None
+    files: dict[str, str]
+
+
+def write_rig(
+    folder: Path, robot: Robot, occurrences: Sequence[Occurrence], preset: str | None = None
+) -> None:
+    """Write a rig folder; it appears whole or not at all.
+
+    rig.json beside the MJCF of the nominal scene and of the changed one (on plates as they lie under
+    straight legs), and what differs, for a person.
+
+    Args:
+        preset: of the sensors, if it is known.
+
+    Raises:
+        InputError: no effects, or a folder that exists or cannot be written.
+    """
+    if not occurrences:
+        raise InputError(f"{folder}: found no effects, expected at least one")
+    nominal = preset_rig(preset or "ideal", robot)
+    changed = injected(nominal, occurrences)
+    scenes = {NOMINAL: scene_xml(nominal), CHANGED: scene_xml(changed)}
+    if changed.later is not None:
+        scenes[LATER] = scene_xml(changed.later[1])
+    with new_folder(folder) as working:
+        for name, text in scenes.items():
+            write_text(working / name, text)
+        write_text(working / DIFF, difference(nominal, changed, occurrences, scenes))
+        write_json(
+            working / RIG_FILE,
+            {
+                "format": "tulip-rig",
+                "version": 1,
+                "robot": {
+                    "model": robot.model.name,
+                    "sha256": sha256(robot.model),
+                    "files": {path.name: sha256(path) for path in robot.files[1:]},
+                },
+                "preset": preset,
+                "effects": [found.document() for found in occurrences],
+                "software": software(),
+                "files": {path.name: sha256(path) for path in sorted(working.iterdir())},
+            },
+        )
+
+
+def read_rig(folder: Path, robot: Robot) -> tuple[Occurrence, ...]:
+    """Read and check a rig folder for a robot: its effects, in the order in which they act.
+
+    Whether a placement is there, the experiment must tell.
+
+    Raises:
+        InputError: broken, of another robot, an effect or a target that does not exist, a file that was
+            changed.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such rig folder")
+    where = folder / RIG_FILE
+    if not present(where):
+        raise InputError(f"{folder}: found no {RIG_FILE}, expected a rig folder")
+    try:
+        manifest = RigManifest.model_validate(read_json(where))
+    except ValidationError as error:
+        raise InputError(f"{where}: {validation_message(error)}") from None
+    check_model(where, manifest.robot.model, manifest.robot.sha256, robot)
+    for path in robot.files[1:]:
+        _check_hash(path, manifest.robot.files.get(path.name), f"{where}: key 'robot.files'")
+    if missing := [name for name in (NOMINAL, CHANGED, DIFF) if name not in manifest.files]:
+        raise InputError(f"{where}: key 'files': found no {listed(missing)}, expected the hash of each")
+    for name, expected in manifest.files.items():
+        if name not in (NOMINAL, CHANGED, LATER, DIFF):
+            raise InputError(f"{where}: key 'files': found '{shortened(name)}', expected scenes and {DIFF}")
+        _check_hash(folder / name, expected, f"{where}: key 'files'")
+    return tuple(_occurrence(entry, robot, str(where)) for entry in manifest.effects)
+
+
+def _check_hash(path: Path, expected: str | None, where: str) -> None:
+    found = sha256(path)
+    if found != expected:
+        raise InputError(
+            f"{where}: hash mismatch: {path} has sha256 {found[:12]}..., "
+            f"expected {shortened((expected or 'none')[:12])}...; it was changed after the rig was written"
+        )
+
+
+def _occurrence(entry: EffectEntry, robot: Robot, where: str) -> Occurrence:
+    effect = catalogue()[look_up("effect", entry.name, catalogue(), where)]
+    expected = [(parameter.name, parameter.unit) for parameter in effect.parameters]
+    found = [(parameter.name, parameter.unit) for parameter in entry.parameters]
+    if found != expected:
+        raise InputError(
+            f"{where}: {effect.name}: found parameters {shortened(listed(found), 120)}, "
+            f"expected {listed(expected)} (name, unit)"
+        )
+    intervals = tuple(
+        None if p.low95 is None or p.high95 is None else (p.low95, p.high95) for p in entry.parameters
+    )
+    values = tuple(p.value for p in entry.parameters)
+    read = Occurrence(effect, entry.target or "", values, intervals if any(intervals) else ())
+    placements = [int(read.target)] if effect.targets is PLACEMENTS and _whole(read.target) else []
+    check_occurrence(read, robot, placements, where)
+    return read
+
+
+def _whole(text: str) -> bool:
+    return text.isascii() and text.removeprefix("-").isdigit() and str(int(text)) == text
+
+
+def scene_xml(rig: Rig) -> str:
+    """MJCF of the laboratory's scene, its plates under straight legs."""
+    straight = nominal_robot(rig.robot)
+    swing = straight.swing_sole(np.zeros((1, len(straight.parameters.tree.joints))))[:, [0, 1, 5]]
+    spec: mujoco.MjSpec = laboratory_scene(rig, boards_under(rig, swing)[0])
+    compile_spec(spec, str(rig.robot.path))
+    return spec.to_xml()
+
+
+def difference(nominal: Rig, changed: Rig, occurrences: Sequence[Occurrence], scenes: dict[str, str]) -> str:
+    """What the effects change, for a person: the findings, the instruments in words, the lines of MJCF."""
+    lines = ["Effects", *(f"  {told(found)} ({found.effect.sentence})" for found in occurrences), ""]
+    lines += ["Instruments and procedure", *_outside(nominal, changed, occurrences), "", "Scene (MJCF)"]
+    for name, text in scenes.items():
+        if name != NOMINAL:
+            pieces = difflib.unified_diff(
+                scenes[NOMINAL].splitlines(), text.splitlines(), NOMINAL, name, n=1, lineterm=""
+            )
+            lines += list(pieces) or ["  No line differs."]
+    return "\n".join(lines) + "\n"
+
+
+def _outside(nominal: Rig, changed: Rig, occurrences: Sequence[Occurrence]) -> list[str]:
+    """What MJCF does not hold."""
+    lines = []
+    for found in occurrences:
+        if injected(nominal, [found]).misread is not None:
+            lines.append(f"  Readings are changed: {found.effect.sentence} {_numbers(found)}")
+    for part in ("sensors", "controller", "drives", "compliance", "protocol"):
+        before, after = getattr(nominal, part), getattr(changed, part)
+        lines += [
+            f"  {part}, {field.name}: {getattr(before, field.name)} -> {getattr(after, field.name)}"
+            for field in fields(before)
+            if getattr(before, field.name) != getattr(after, field.name)
+        ]
+    if changed.later is not None:
+        lines.append(f"  From {100 * changed.later[0]:.0f} % of the experiment's time on: {LATER}")
+    return lines or ["  Nothing differs."]
+
+
+def _numbers(found: Occurrence) -> str:
+    values = ", ".join(
+        f"{parameter.name} {value:.6g} {parameter.unit}".strip()
+        for parameter, value in zip(found.effect.parameters, found.values, strict=True)
+    )
+    return f"({found.target + ': ' if found.target else ''}{values})"
