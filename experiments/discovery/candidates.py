@@ -90,6 +90,8 @@ def columns(linear: Linear, candidate: Candidate, point: int, sizes: np.ndarray 
         point: of the candidate's grid. sizes: about which; zero if None.
     """
     smooth, effect = linear.smooth, candidate.effect
+    if not effect.sizes:
+        return np.zeros((len(linear.white.rows), 0))
     start = np.zeros(len(effect.sizes)) if sizes is None else sizes
     before = _freed(smooth, candidate, start, point)
     out = []
@@ -103,6 +105,12 @@ def columns(linear: Linear, candidate: Candidate, point: int, sizes: np.ndarray 
             raw = (residuals(after, linear.theta) - residuals(before, linear.theta)) / step
         out.append(-raw)
     return linear.white(np.stack(out, axis=-1))
+
+
+def whole_change(linear: Linear, candidate: Candidate, point: int) -> np.ndarray:
+    """How the residuals change with an effect that has no size: it is there or not, whitened, (r, 1)."""
+    after = _freed(linear.seen, candidate, np.zeros(0), point)
+    return linear.white(residuals(linear.seen, linear.theta) - residuals(after, linear.theta))[:, None]
 
 
 def _freed(smooth: Seen, candidate: Candidate, sizes: np.ndarray, point: int) -> Seen:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2, norm
 
-from experiments.discovery.candidates import Candidate, columns
+from experiments.discovery.candidates import Candidate, columns, whole_change
 from experiments.discovery.linear import Linear
 
 VISIBLE = 0.5  # least singular value times prior s.d. of what could be seen
@@ -52,7 +52,6 @@ class Field:
     Attributes:
         candidates: those of the catalogue.
         projected: columns of every candidate at every grid point, whitened and projected, (r + 1, s).
-        roots: of each, (G'G), so that what depends on the plan alone is computed once.
     """
 
     candidates: list[Candidate]
@@ -61,7 +60,10 @@ class Field:
 
 def field(linear: Linear, among: list[Candidate]) -> Field:
     """Columns of many candidates."""
-    raw = [[columns(linear, c, point) for point in range(len(c.settings))] for c in among]
+    raw = [
+        [(columns if c.effect.sizes else whole_change)(linear, c, point) for point in range(len(c.settings))]
+        for c in among
+    ]
     flat = [column for points in raw for column in points]
     sizes = [column.shape[1] for column in flat]
     whole = linear.project(np.concatenate(flat, axis=1))
@@ -71,6 +73,8 @@ def field(linear: Linear, among: list[Candidate]) -> Field:
 
 def score(candidate: Candidate, points: list[np.ndarray], residual: np.ndarray) -> Score:
     """One candidate against a projected residual, (r + 1,)."""
+    if not candidate.effect.sizes:
+        return _score_of_presence(candidate, points, residual)
     prior, positive = candidate.prior, candidate.positive
     best, logs = None, []
     for point, column in enumerate(points):
@@ -80,7 +84,7 @@ def score(candidate: Candidate, points: list[np.ndarray], residual: np.ndarray) 
         inverse = np.linalg.inv(np.eye(len(prior)) + scaled)
         covariance = prior[:, None] * inverse * prior
         sizes = covariance @ pull
-        sign, volume = np.linalg.slogdet(np.eye(len(prior)) + scaled)
+        _, volume = np.linalg.slogdet(np.eye(len(prior)) + scaled)
         log = 0.5 * float(pull @ sizes) - 0.5 * volume
         free = np.linalg.pinv(gram, hermitian=True) @ pull
         gain = float(pull @ free)
@@ -97,6 +101,19 @@ def score(candidate: Candidate, points: list[np.ndarray], residual: np.ndarray) 
     assert best is not None
     average = float(np.logaddexp.reduce(logs) - np.log(len(logs)))
     return Score(**{**vars(best), "log_bayes_factor": average if best.visible else -np.inf})
+
+
+def _score_of_presence(candidate: Candidate, points: list[np.ndarray], residual: np.ndarray) -> Score:
+    """Of an effect without a size, which is there or not: ln BF = g'r - g'g / 2."""
+    size = np.array([float(g[:, 0] @ g[:, 0]) for g in points])
+    logs = np.array([float(g[:, 0] @ residual) for g in points]) - size / 2
+    point = int(logs.argmax())
+    gain = max(2 * float(logs[point]), 0.0)
+    seen = bool(size[point] > VISIBLE**2)
+    average = float(np.logaddexp.reduce(logs) - np.log(len(logs))) if seen else -np.inf
+    p = float(chi2.sf(gain, 1)) / 2 if gain > 0 else 1.0
+    empty = np.zeros((len(residual), 0))
+    return Score(candidate, point, empty, np.zeros(0), np.zeros((0, 0)), gain, p, average, seen)
 
 
 def scores(found: Field, residual: np.ndarray) -> list[Score]:
@@ -120,6 +137,10 @@ def family(found: Field, rng: np.random.Generator, draws: int = DRAWS) -> float:
     least = np.ones(draws)
     for column, candidate in blocks:
         gram, pull = column.T @ column, column.T @ noise
+        if not candidate.effect.sizes:
+            gain = 2 * pull[0] - gram[0, 0]
+            least = np.minimum(least, np.where(gain > 0, chi2.sf(np.maximum(gain, 0), 1) / 2, 1.0))
+            continue
         if np.linalg.eigvalsh(candidate.prior[:, None] * gram * candidate.prior).max() <= VISIBLE**2:
             continue
         free = np.linalg.pinv(gram, hermitian=True) @ pull

@@ -81,10 +81,10 @@ def search(linear: Linear, terms: Sequence[Term], bend: np.ndarray | None = None
     terms = tuple(terms)
     prior = np.concatenate([term.candidate.prior for term in terms])
     positive = np.concatenate([term.candidate.positive for term in terms])
-    more = 0.0 if bend is None else linear.project(linear.white(bend))
+    more = 0.0 if bend is None or not bend.shape[-1] else linear.project(linear.white(bend))
     before = linear.residual
     residual, gram, matrix = before, np.eye(len(prior)), np.zeros((len(before), len(prior)))
-    for _ in range(STEPS):
+    for _ in range(STEPS if len(prior) else 0):
         matrix = linear.project(_joint_columns(linear, terms)) + more
         residual = _left(linear, terms, more)
         sizes = np.concatenate([term.sizes for term in terms])
@@ -155,7 +155,7 @@ def fit(seen: Seen, noise: Noise, terms: Sequence[Term], bend: np.ndarray | None
         terms = found.terms
     final = linear_model(freed(seen, smooth, terms), noise, rounds=1)
     residual = final.residual
-    if bend is not None:
+    if bend is not None and bend.shape[-1]:
         sizes = np.concatenate([term.sizes for term in terms])
         residual = residual - final.project(final.white(bend @ sizes))
     return replace(found, linear=final, residual=residual)

@@ -16,6 +16,7 @@ from experiments.discovery.noise import Noise, White, whitening
 from experiments.effects.seen import Seen
 
 RANK = 1e-9  # of the largest diagonal element of R
+LARGEST = 4.0  # s.d. of a reading's noise
 UNWEIGHED = 0.3  # of the nominal mass: s.d. of a robot's mass that nobody has weighed
 
 
@@ -114,6 +115,9 @@ def _smoothed(shown: Seen, white: White, left: np.ndarray, noise: Noise) -> Seen
         inside = shown.measurements.placement == placement
         together = np.einsum("mrk,mr->k", white.sensitivity[inside][..., plates], pull[inside])
         errors[inside, plates] = noise.plates**2 * together
+    variance[plates] = noise.plates**2
+    # What is larger than noise can be is no noise.
+    errors = np.clip(errors, -LARGEST * np.sqrt(variance), LARGEST * np.sqrt(variance))
     return unpacked(shown, packed(shown) - errors)
 
 
