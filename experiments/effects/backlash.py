@@ -1,0 +1,59 @@
+"""Free play between a joint's encoder and its link.
+
+The link rests at one end of the play, where its load presses it. In the laboratory a second hinge
+behind the encoder has a dead band as wide as the play and a stiff spring beyond it; a joint that bears
+next to nothing floats somewhere in between, which `predict` smooths over.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from experiments.effects.effect import Effect, Parameter, Values
+from experiments.effects.injection import column, edited
+from experiments.effects.seen import Seen
+from experiments.effects.targets import JOINTS
+from sim.rig import Rig
+
+SUFFIX = "_play"
+STIFFNESS = 1e5  # Nm/rad beyond the play, assumed: 0.006 deg under 10 Nm
+LOSS_TIME = 0.005  # s, damping over stiffness, assumed; at rest it makes no difference
+FLOATING = 0.5  # Nm, below which a joint is between the ends: what closed legs shift among their joints
+
+
+def _inject(rig: Rig, target: str, values: Values) -> Rig:
+    def edit(spec: mujoco.MjSpec) -> None:
+        joint, half = spec.joint(target), values[0] / 2
+        joint.parent.add_joint(
+            name=f"{target}{SUFFIX}",
+            type=mujoco.mjtJoint.mjJNT_HINGE,
+            axis=joint.axis,
+            pos=joint.pos,
+            damping=[LOSS_TIME * STIFFNESS, 0.0, 0.0],
+            armature=joint.armature,
+        )
+        spring = spec.add_tendon(
+            name=f"{target}{SUFFIX}", stiffness=[STIFFNESS, 0.0, 0.0], springlength=[-half, half]
+        )
+        spring.wrap_joint(f"{target}{SUFFIX}", 1.0)
+
+    return edited(rig, edit)
+
+
+def _predict(seen: Seen, target: str, values: Values) -> Seen:
+    side = np.clip(seen.torques / FLOATING, -1.0, 1.0) * column(
+        seen.tree.joints, target, len(seen.tree.joints)
+    )
+    return seen.changed(joint_angles=seen.joint_angles + values[0] / 2 * side)
+
+
+EFFECT = Effect(
+    name="backlash",
+    sentence="A joint has free play between encoder and link, whose load presses it to one end.",
+    parameters=(Parameter("play", "rad", prior=np.radians(0.5), positive=True),),
+    inject=_inject,
+    predict=_predict,
+    words="The {target} joint has a free play of {0} between its encoder and its link.",
+    targets=JOINTS,
+)
