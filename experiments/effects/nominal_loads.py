@@ -26,8 +26,10 @@ def mass_center(tree: Tree, rotations: np.ndarray, positions: np.ndarray, standa
     return moment.sum(axis=1) / standard[:, 0].sum()
 
 
-def joint_torques(seen: Seen) -> np.ndarray:
-    """Torque with which the load turns what lies beyond each joint (seen from the torso), (m, n_joints) [Nm].
+def joint_torques(seen: Seen) -> tuple[np.ndarray, np.ndarray]:
+    """Torque with which the load turns what lies beyond each joint, (m, n_joints) [Nm], and the ground's push.
+
+    The push is what the ground exerts on the swing foot sideways and in torsion, (m, 3) [N, N, Nm].
 
     The cells tell how the feet share the weight and where it passes, not what the feet bear
     sideways against each other and in torsion. Elastic servos settle where the complementary energy
@@ -67,8 +69,8 @@ def joint_torques(seen: Seen) -> np.ndarray:
     weigh = 1 / np.sqrt(_limits(seen))
     scaled = unknown * weigh[:, None]
     push = -(np.linalg.pinv(scaled) @ (torque * weigh)[..., None])[..., 0]
-    torque = torque + np.where(both[:, None], (unknown @ push[..., None])[..., 0], 0.0)
-    return torque
+    push = np.where(both[:, None], push, 0.0)
+    return torque + (unknown @ push[..., None])[..., 0], push
 
 
 def joint_pivots(tree: Tree, base: int, rotations: np.ndarray, positions: np.ndarray) -> np.ndarray:

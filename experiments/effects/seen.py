@@ -104,14 +104,19 @@ class Seen:
 
     @cached_property
     def sole_loads(self) -> np.ndarray:
-        """Force times lever about each sole point in the foot's own axes, (m, 2, 2) [Nm]: along its x and y."""
+        """Force times lever about each sole point in the foot's axes, (m, 2, 2) [Nm]: along its x and y.
+
+        The cells tell where the force meets their floor; at the sole it passes beside by the feet's push
+        against each other.
+        """
         down, point = self.foot_loads
         place, turn = self.swing_sole
         yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+        push = self.measurements.top_height[0] * self.nominal_loads[1][:, :2]
+        stance = down[:, :1] * point[:, 0] - push
+        x, y = (down[:, 1:] * (point[:, 1] - place[:, :2]) + push).T
         c, s = np.cos(yaw), np.sin(yaw)
-        x, y = (point[:, 1] - place[:, :2]).T
-        own = np.stack([point[:, 0], np.column_stack([c * x + s * y, c * y - s * x])], axis=1)
-        return down[..., None] * own
+        return np.stack([stance, np.column_stack([c * x + s * y, c * y - s * x])], axis=1)
 
     @cached_property
     def cell_places(self) -> np.ndarray:
@@ -122,9 +127,14 @@ class Seen:
         return (turned + self.plate_poses[:, :, None, :2]).reshape(-1, 8, 2)
 
     @cached_property
+    def nominal_loads(self) -> tuple[np.ndarray, np.ndarray]:
+        """See `joint_torques`."""
+        return joint_torques(self)
+
+    @property
     def torques(self) -> np.ndarray:
         """By which every joint's load turns what lies beyond it, about its axis, (m, n_joints) [Nm]."""
-        return joint_torques(self)
+        return self.nominal_loads[0]
 
     def changed(self, **fields: np.ndarray) -> Seen:
         """Another one with some fields replaced."""
