@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from experiments.effects.injection import passed
-from experiments.effects.nominal_loads import joint_torques, mass_center
+from experiments.effects.nominal_loads import Loads, loads, mass_center
 from identification.base_parameters import standard_parameters
 from identification.kinematics import Tree, frame_positions, link_rotations
 from identification.nominal import Nominal
@@ -112,7 +112,7 @@ class Seen:
         down, point = self.foot_loads
         place, turn = self.swing_sole
         yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
-        push = self.measurements.top_height[0] * self.nominal_loads[1][:, :2]
+        push = self.measurements.top_height[0] * self.loads.push[:, :2]
         stance = down[:, :1] * point[:, 0] - push
         x, y = (down[:, 1:] * (point[:, 1] - place[:, :2]) + push).T
         c, s = np.cos(yaw), np.sin(yaw)
@@ -127,14 +127,14 @@ class Seen:
         return (turned + self.plate_poses[:, :, None, :2]).reshape(-1, 8, 2)
 
     @cached_property
-    def nominal_loads(self) -> tuple[np.ndarray, np.ndarray]:
-        """See `joint_torques`."""
-        return joint_torques(self)
+    def loads(self) -> Loads:
+        """What the joints and the feet bear."""
+        return loads(self)
 
     @property
     def torques(self) -> np.ndarray:
         """By which every joint's load turns what lies beyond it, about its axis, (m, n_joints) [Nm]."""
-        return self.nominal_loads[0]
+        return self.loads.torques
 
     def changed(self, **fields: np.ndarray) -> Seen:
         """Another one with some fields replaced."""
