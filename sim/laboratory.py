@@ -21,11 +21,12 @@ from sim.record import (
     order_of_tries,
     record,
     record_error,
+    stage_at,
     start_times,
     support_of,
     weigh,
 )
-from sim.rig import Rig
+from sim.rig import Rig, stages
 from sim.scene import load_scene
 from sim.sensors import read_cells, read_encoders
 from sim.stand import Stand
@@ -104,18 +105,48 @@ def run_experiment(
     streams = np.random.SeedSequence(seed).spawn(len(placements) + 1)
     shared = np.random.default_rng(streams[-1])
     repeats = choose_repeats(plan, rig.protocol.repeats, shared)
-    jobs = (
-        joblib.delayed(run_placement)(rig, plan, placement, repeats, stream)
-        for placement, stream in zip(placements, streams, strict=False)
-    )
-    attempts: list[Attempt] = []
-    # More workers than placements would all be started, and wait.
-    for done in joblib.Parallel(n_jobs=min(workers, len(placements)), return_as="generator")(jobs):
-        attempts += done
-        progress(len(done))
+    attempts = _try_all(rig, plan, repeats, streams, workers, progress)
     stand = Stand(rig, np.zeros((2, 3)))
     mass = float(stand.model.body_subtreemass[stand.torso])
     return Experiment(_measurements(rig, plan, attempts, mass, shared), tuple(attempts), mass)
+
+
+def _try_all(
+    rig: Rig,
+    plan: PosturePlan,
+    repeats: frozenset[int],
+    streams: list[np.random.SeedSequence],
+    workers: int,
+    progress: Callable[[int], None],
+) -> list[Attempt]:
+    """All tries in order, each in the laboratory that stands there at its time.
+
+    A placement in which the laboratory changes is gone through as before and as after the change.
+    """
+    starts, rigs = zip(*stages(rig), strict=True)
+    placements = list(dict.fromkeys(plan.placement.tolist()))
+    tries = [(place, k) for place in placements for k in range(len(order_of_tries(plan, place, repeats)))]
+    time = start_times(rig, np.array([place for place, _ in tries]))
+    done: dict[tuple[int, int], list[Attempt]] = {}  # by placement and number of the rig
+    used = np.ones((len(rigs), len(tries)), bool)
+    while True:
+        stage = stage_at(np.array(starts), time, used).tolist()
+        wanted = dict.fromkeys((place, s) for (place, _), s in zip(tries, stage, strict=True))
+        if not (missing := [key for key in wanted if key not in done]):
+            return [done[place, s][k] for (place, k), s in zip(tries, stage, strict=True)]
+        jobs = (
+            joblib.delayed(run_placement)(rigs[s], plan, place, repeats, streams[placements.index(place)])
+            for place, s in missing
+        )
+        # More workers than placements would all be started, and wait.
+        runs = joblib.Parallel(n_jobs=min(workers, len(missing)), return_as="generator")(jobs)
+        for key, attempts in zip(missing, runs, strict=True):
+            done[key] = attempts
+            progress(len(attempts))
+        for number, (place, k) in enumerate(tries):
+            for s in range(len(rigs)):
+                if (place, s) in done:
+                    used[s, number] = done[place, s][k].held is not None
 
 
 def read_again(rig: Rig, plan: PosturePlan, experiment: Experiment, rng: np.random.Generator) -> Measurements:

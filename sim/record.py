@@ -69,6 +69,27 @@ def start_times(rig: Rig, placement: np.ndarray) -> np.ndarray:
     return np.cumsum(np.where(fresh, p.placement_time, p.move_time) + held) - p.window
 
 
+def stage_at(starts: np.ndarray, time: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Which of a rig's stages stood there at every try, (k,) of numbers.
+
+    The experiment's time runs from the first to the last posture that could be used; which these
+    are depends, at the ends, on the stage.
+
+    Args:
+        starts: parts of the experiment's time, the first 0, (s,). time: of every try, (k,) [s].
+        used: whether a try can be used in a stage, (s, k) bool.
+    """
+    every = np.arange(len(time))
+    stage = np.searchsorted(starts, (time - time[0]) / max(np.ptp(time), 1e-9), side="right") - 1
+    for _ in starts:
+        kept = time[used[stage, every]]
+        if not len(kept):
+            break
+        part = (time - kept[0]) / max(np.ptp(kept), 1e-9)
+        stage = np.maximum(np.searchsorted(starts, part, side="right") - 1, 0)
+    return stage
+
+
 def weigh(rig: Rig, mass: float, rng: np.random.Generator) -> tuple[float, float]:
     """The scale's reading of the whole robot and its s.d. [kg]."""
     return mass + rig.sensors.weighed_mass_sd * rng.standard_normal(), rig.sensors.weighed_mass_sd

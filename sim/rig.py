@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import mujoco
 import numpy as np
@@ -68,7 +68,8 @@ class Rig:
         edit: changes the scene before it is compiled, so that the true robot or the physics
             differ from the nominal model; it edits by name.
         misread: what instruments make of the readings beyond noise: of what is handed over another one.
-        later: from this part of the experiment's time on another laboratory stands there.
+        later: from this part of the time between first and last posture on, another laboratory stands
+            there; its instruments and protocol are this one's.
     """
 
     robot: Robot = field(default_factory=load_robot)
@@ -80,6 +81,24 @@ class Rig:
     edit: Callable[[mujoco.MjSpec], None] | None = None
     misread: Callable[[Measurements], Measurements] | None = None
     later: tuple[float, Rig] | None = None
+
+
+def stages(rig: Rig) -> list[tuple[float, Rig]]:
+    """What stands there one after the other, each from a part of the experiment's time on.
+
+    Raises:
+        InputError: parts of the time that do not grow.
+    """
+    found, start = [(0.0, replace(rig, later=None))], 0.0
+    while rig.later is not None:
+        before, (start, rig) = start, rig.later
+        if not before < start <= 1:
+            raise InputError(
+                f"laboratory: found a change at {start:g} of the experiment's time, "
+                f"expected more than {before:g} and at most 1"
+            )
+        found.append((start, replace(rig, later=None)))
+    return found
 
 
 def preset_rig(name: str, robot: Robot | None = None) -> Rig:

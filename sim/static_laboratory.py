@@ -7,7 +7,7 @@ robot's motion is left out. docs/equilibrium.md says what that misses.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -41,10 +41,11 @@ from sim.record import (
     order_of_tries,
     record,
     record_error,
+    stage_at,
     start_times,
     weigh,
 )
-from sim.rig import Rig
+from sim.rig import Rig, stages
 from sim.sensors import read_cells, read_encoders, sample_mean
 
 NO_EQUILIBRIUM = "tipped"
@@ -60,6 +61,7 @@ class Prepared:
         placement: index of every posture's placement, (postures,).
         links: the robot's bodies as numbers of the mechanism's, in MJCF order, (n_links,).
         fixed: see `sim.record.constants`.
+        later: the same of what stands there later, by the part of the experiment's time.
     """
 
     rig: Rig
@@ -70,6 +72,7 @@ class Prepared:
     placement: np.ndarray
     links: np.ndarray
     fixed: dict[str, Any]
+    later: tuple[tuple[float, Prepared], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,21 @@ class Tries:
     push: np.ndarray
     scatter: np.ndarray
     plates: np.ndarray
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What some tries came to.
+
+    Attributes:
+        joints, motors: angles, (b, n_joints) [rad]. forces: of the cells, (b, 8) [N].
+        reason: why a try cannot be used, or "", (b,) of text.
+    """
+
+    joints: np.ndarray
+    motors: np.ndarray
+    forces: np.ndarray
+    reason: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -121,6 +139,12 @@ def prepare(rig: Rig, plan: PosturePlan) -> Prepared:
     Raises:
         InputError: a support other than double, or a scene that this statics does not know.
     """
+    first, *others = stages(rig)
+    later = tuple((start, _prepare(one, plan)) for start, one in others)
+    return replace(_prepare(first[1], plan), rig=rig, later=later)
+
+
+def _prepare(rig: Rig, plan: PosturePlan) -> Prepared:
     check_support(plan)
     m, model = mechanism(rig), load_model(rig.robot)
     placements, placement = np.unique(plan.placement, return_inverse=True)
@@ -168,20 +192,47 @@ def run_static(
     joined = Tries(
         *(np.concatenate(column) for column in zip(*(vars(t).values() for t in tries), strict=True))
     )
-    mass, center = _bodies(prepared, standard, joined.run)
-    state, load, reason = hold_static(prepared, joined, mass, center)
+    outcome = _outcome(prepared, joined, standard)
+    if prepared.later:
+        outcome = _in_time(prepared, joined, outcome, standard)
     if all_solved:
-        reason = np.where(reason == NO_EQUILIBRIUM, reason, "")
-    forces = cell_forces(prepared.mechanism, state, load)
+        standing = np.where(outcome.reason == NO_EQUILIBRIUM, outcome.reason, "")
+        outcome = replace(outcome, reason=standing)
     truth = (
         standard
         if standard is not None
         else np.broadcast_to(nominal(prepared), (len(tries), len(prepared.links), 4))
     )
     return [
-        _hand_over(prepared, joined, state, forces, reason, joined.run == k, truth[k], rng)
+        _hand_over(prepared, joined, outcome, joined.run == k, truth[k], rng)
         for k, rng in enumerate(generators)
     ]
+
+
+def _outcome(prepared: Prepared, tries: Tries, standard: np.ndarray | None) -> Outcome:
+    m = prepared.mechanism
+    mass, center = _bodies(prepared, standard, tries.run)
+    state, load, reason = hold_static(prepared, tries, mass, center)
+    forces = cell_forces(m, state, load)
+    return Outcome(state.angles[:, m.joints], state.angles[:, m.motors], forces, reason)
+
+
+def _in_time(prepared: Prepared, tries: Tries, first: Outcome, standard: np.ndarray | None) -> Outcome:
+    """Every try in the laboratory that stood there at its time."""
+    starts, outcomes = [0.0], [first]
+    for start, then in prepared.later:
+        added = None if standard is None else standard + (nominal(then) - nominal(prepared))
+        starts.append(start)
+        outcomes.append(_outcome(then, tries, added))
+    used = np.array([outcome.reason == "" for outcome in outcomes])
+    stage = np.zeros(len(tries.run), int)
+    for run in np.unique(tries.run):
+        mine = tries.run == run
+        time = start_times(prepared.rig, prepared.placement[tries.row[mine]])
+        stage[mine] = stage_at(np.array(starts), time, used[:, mine])
+    every = np.arange(len(stage))
+    columns = zip(*(vars(outcome).values() for outcome in outcomes), strict=True)
+    return Outcome(*(np.array(column)[stage, every] for column in columns))
 
 
 def hold_static(
@@ -274,16 +325,14 @@ def _bodies(
 def _hand_over(
     prepared: Prepared,
     tries: Tries,
-    state: State,
-    forces: np.ndarray,
-    reason: np.ndarray,
+    outcome: Outcome,
     mine: np.ndarray,
     standard: np.ndarray,
     rng: np.random.Generator,
 ) -> StaticRun:
     """Read the sensors in one run's equilibria."""
-    rig, plan, m = prepared.rig, prepared.plan, prepared.mechanism
-    row, why = tries.row[mine], reason[mine]
+    rig, plan = prepared.rig, prepared.plan
+    row, why = tries.row[mine], outcome.reason[mine]
     place = prepared.placement[row]
     plates = tries.plates[mine] + record_error(rig, rng, len(prepared.boards))[place]
     used = why == ""
@@ -293,11 +342,9 @@ def _hand_over(
     if not used.any():
         raise InputError(f"none of {len(row)} postures could be measured: {'; '.join(sorted(set(why)))}")
     samples = round(rig.protocol.window * rig.sensors.sample_rate)
-    angles = state.angles[mine][used]
-    q, q_sd, motor = read_encoders(
-        rig.sensors, angles[:, m.joints], angles[:, m.motors], samples, rng, sample_mean
-    )
-    cell, cell_sd = read_cells(rig.sensors, forces[mine][used], samples, rng, sample_mean)
+    joints, motors, forces = (part[mine][used] for part in (outcome.joints, outcome.motors, outcome.forces))
+    q, q_sd, motor = read_encoders(rig.sensors, joints, motors, samples, rng, sample_mean)
+    cell, cell_sd = read_cells(rig.sensors, forces, samples, rng, sample_mean)
     measured = record(
         rig,
         prepared.fixed,

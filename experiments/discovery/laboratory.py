@@ -97,8 +97,10 @@ def refit(seen: Seen, noise: Noise, found: Fit) -> tuple[Fit, np.ndarray]:
     bend = np.zeros((len(seen), 11, s))
     changed = with_terms(rig, found.terms)
     misread_only = replace(changed, misread=None) == rig
-    if misread_only or not all(term.candidate.effect.statics for term in found.terms):
-        return found, bend  # what instruments make of readings, predictions undo exactly
+    known = all(term.candidate.effect.statics for term in found.terms)
+    # What instruments make of readings, predictions undo exactly; times are not those of the simulation.
+    if misread_only or not known or changed.later is not None:
+        return found, bend
     try:
         plain = simulated(rig, plan)
         prior = np.concatenate([term.candidate.prior for term in found.terms])

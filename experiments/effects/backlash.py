@@ -1,8 +1,8 @@
 """Free play between a joint's encoder and its link.
 
-The link rests at one end of the play, where its load presses it. In the laboratory a second hinge
-behind the encoder has a dead band as wide as the play and a stiff spring beyond it; a joint that bears
-next to nothing floats somewhere in between, which `predict` smooths over.
+The link rests at one end of the play, where its load presses it. In closed legs it stops between the ends
+where that takes all load off the joint. In the laboratory a second hinge behind the encoder has a dead
+band as wide as the play and a stiff spring beyond it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from experiments.effects.effect import Effect, Parameter, Values
-from experiments.effects.injection import column, edited
+from experiments.effects.injection import edited
 from experiments.effects.seen import Seen
 from experiments.effects.targets import JOINTS
 from sim.rig import Rig
@@ -19,7 +19,7 @@ from sim.rig import Rig
 SUFFIX = "_play"
 STIFFNESS = 1e5  # Nm/rad beyond the play, assumed: 0.006 deg under 10 Nm
 LOSS_TIME = 0.005  # s, damping over stiffness, assumed; at rest it makes no difference
-FLOATING = 0.5  # Nm, below which a joint is between the ends: what closed legs shift among their joints
+LEAST_STIFFNESS = 1.0  # Nm/rad, where the legs' closure leaves a joint free
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:
@@ -42,10 +42,11 @@ def _inject(rig: Rig, target: str, values: Values) -> Rig:
 
 
 def _predict(seen: Seen, target: str, values: Values) -> Seen:
-    side = np.clip(seen.torques / FLOATING, -1.0, 1.0) * column(
-        seen.tree.joints, target, len(seen.tree.joints)
-    )
-    return seen.changed(joint_angles=seen.joint_angles + values[0] / 2 * side)
+    half, column_of = values[0] / 2, seen.tree.joints.index(target)
+    stiffness = np.maximum(seen.loads.stiffness[:, column_of], LEAST_STIFFNESS)
+    angles = seen.joint_angles.copy()
+    angles[:, column_of] += np.clip(seen.torques[:, column_of] / stiffness, -half, half)
+    return seen.changed(joint_angles=angles)
 
 
 EFFECT = Effect(

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from identification.kinematics import Tree, joint_axes, moved_frames, walk
+from sim.control import Controller
 from sim.model import joint_names, load_model
 
 if TYPE_CHECKING:
@@ -26,8 +28,23 @@ def mass_center(tree: Tree, rotations: np.ndarray, positions: np.ndarray, standa
     return moment.sum(axis=1) / standard[:, 0].sum()
 
 
-def joint_torques(seen: Seen) -> np.ndarray:
-    """Torque with which the load turns what lies beyond each joint (seen from the torso), (m, n_joints) [Nm].
+@dataclass(frozen=True)
+class Loads:
+    """What the joints and the feet bear.
+
+    Attributes:
+        torques: with which the load turns what lies beyond each joint, (m, n_joints) [Nm].
+        push: of the ground on the swing foot sideways and in torsion, (m, 3) [N, N, Nm].
+        stiffness: with which the closed legs resist a joint's turning by itself, (m, n_joints) [Nm/rad].
+    """
+
+    torques: np.ndarray
+    push: np.ndarray
+    stiffness: np.ndarray
+
+
+def loads(seen: Seen) -> Loads:
+    """What the joints and the feet bear in held postures.
 
     The cells tell how the feet share the weight and where it passes, not what the feet bear
     sideways against each other and in torsion. Elastic servos settle where the complementary energy
@@ -51,7 +68,8 @@ def joint_torques(seen: Seen) -> np.ndarray:
     # What the ground does to the swing foot acts on every joint between it and the base.
     between = moved[:, nominal.swing_frame]
     down, point = seen.foot_loads
-    place = np.concatenate([point[:, 1], np.zeros((len(seen), 1))], axis=1)
+    floor = np.full((len(seen), 1), -seen.measurements.top_height[1])  # where the cells tell the force passes
+    place = np.concatenate([point[:, 1], floor], axis=1)
     arm = (place[:, None] - pivots) * between[:, None]
     torque = torque + _about(axes, arm, [0.0, 0.0, 1.0]) * down[:, 1, None]
     unknown = np.stack(
@@ -66,9 +84,14 @@ def joint_torques(seen: Seen) -> np.ndarray:
     both = seen.measurements.support == "double"
     weigh = 1 / np.sqrt(_limits(seen))
     scaled = unknown * weigh[:, None]
-    push = -(np.linalg.pinv(scaled) @ (torque * weigh)[..., None])[..., 0]
-    torque = torque + np.where(both[:, None], (unknown @ push[..., None])[..., 0], 0.0)
-    return torque
+    inverse = np.linalg.pinv(scaled)
+    push = np.where(both[:, None], -(inverse @ (torque * weigh)[..., None])[..., 0], 0.0)
+    shared = np.einsum("mjk,mkj->mj", scaled, inverse) * both[:, None]
+    return Loads(
+        torques=torque + (unknown @ push[..., None])[..., 0],
+        push=push,
+        stiffness=shared / weigh**2 / Controller().error_at_full_torque,
+    )
 
 
 def joint_pivots(tree: Tree, base: int, rotations: np.ndarray, positions: np.ndarray) -> np.ndarray:

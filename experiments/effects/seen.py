@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from experiments.effects.injection import passed
-from experiments.effects.nominal_loads import joint_torques, mass_center
+from experiments.effects.nominal_loads import Loads, loads, mass_center
 from identification.base_parameters import standard_parameters
 from identification.kinematics import Tree, frame_positions, link_rotations
 from identification.nominal import Nominal
@@ -131,14 +131,19 @@ class Seen:
 
     @cached_property
     def sole_loads(self) -> np.ndarray:
-        """Force times lever about each sole point in the foot's own axes, (m, 2, 2) [Nm]: along its x and y."""
+        """Force times lever about each sole point in the foot's axes, (m, 2, 2) [Nm]: along its x and y.
+
+        The cells tell where the force meets their floor; at the sole it passes beside by the feet's push
+        against each other.
+        """
         down, point = self.foot_loads
         place, turn = self.swing_sole
         yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+        push = self.measurements.top_height[0] * self.loads.push[:, :2]
+        stance = down[:, :1] * point[:, 0] - push
+        x, y = (down[:, 1:] * (point[:, 1] - place[:, :2]) + push).T
         c, s = np.cos(yaw), np.sin(yaw)
-        x, y = (point[:, 1] - place[:, :2]).T
-        own = np.stack([point[:, 0], np.column_stack([c * x + s * y, c * y - s * x])], axis=1)
-        return down[..., None] * own
+        return np.stack([stance, np.column_stack([c * x + s * y, c * y - s * x])], axis=1)
 
     @cached_property
     def cell_places(self) -> np.ndarray:
@@ -149,9 +154,14 @@ class Seen:
         return (turned + self.plate_poses[:, :, None, :2]).reshape(-1, 8, 2)
 
     @cached_property
+    def loads(self) -> Loads:
+        """What the joints and the feet bear."""
+        return loads(self)
+
+    @property
     def torques(self) -> np.ndarray:
         """By which every joint's load turns what lies beyond it, about its axis, (m, n_joints) [Nm]."""
-        return joint_torques(self)
+        return self.loads.torques
 
     def changed(self, **fields: np.ndarray) -> Seen:
         """Another one with some fields replaced."""

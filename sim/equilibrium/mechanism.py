@@ -16,6 +16,7 @@ from sim.rig import Rig
 from sim.scene import laboratory_scene
 from sim.stiction import BREAKAWAY, sliding_friction
 
+LEVEL = 1e-6  # m, by which a sole's corners may differ in height
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
@@ -120,11 +121,20 @@ def mechanism(rig: Rig) -> Mechanism:
     """Read it from the rig's scene, compiled with all that the rig changes.
 
     Raises:
-        InputError: something in the scene that this statics does not know.
+        InputError: something in the scene or protocol that this statics does not know.
     """
+    if not np.isfinite(rig.protocol.speed_gate):
+        raise InputError("static equilibrium: found a robot read before it is at rest (speed_gate inf)")
     nominal = load_model(rig.robot)
     spec = laboratory_scene(rig, np.zeros((2, 3)))
     model = compile_spec(spec, str(rig.robot.path))
+    for foot in rig.robot.feet:
+        heights = [model.geom(f"{foot}_{corner}").pos[2] for corner in CORNERS]
+        if (gap := np.ptp(heights)) > LEVEL:
+            raise InputError(
+                f"static equilibrium: foot '{foot}': found sole corners at heights that differ by "
+                f"{1e3 * gap:.3g} mm, expected one height (it rocks; use the full dynamics)"
+            )
     free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)[0]
     root = int(model.jnt_bodyid[free])
     members = [b for b in range(1, model.nbody) if model.body_rootid[b] == root]

@@ -1,0 +1,82 @@
+"""Something lies under a corner of a foot's sole: a cable, a stone, a bent edge.
+
+The foot stands on that corner, the opposite one and one of the two between them: the one on whose side of
+the diagonal its centre of pressure is. So it is turned about one of two edges. The nominal robot's feet
+stand on four corners; MuJoCo's contact is soft, which blurs the change from one edge to the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from experiments.effects.effect import Effect, Parameter, Values
+from experiments.effects.injection import always, edited
+from experiments.effects.seen import Seen
+from experiments.effects.targets import FOOT_CORNERS
+from sim.model import CORNERS
+from sim.rig import Rig
+
+
+def _inject(rig: Rig, target: str, values: Values) -> Rig:
+    geom, thickness = target.replace(".", "_"), values[0]
+
+    def edit(spec: mujoco.MjSpec) -> None:
+        corner = spec.geom(geom)
+        corner.pos = corner.pos - np.array([0.0, 0.0, thickness])
+
+    def tolerant(one: Rig) -> Rig:
+        limit = one.protocol.lift_limit + 2 * thickness
+        return replace(one, protocol=replace(one.protocol, lift_limit=limit))
+
+    return always(edited(rig, edit), tolerant)
+
+
+def _predict(seen: Seen, target: str, values: Values) -> Seen:
+    foot, _, corner = target.partition(".")
+    side = seen.nominal.robot.feet.index(foot)
+    tilt, rise = _stand(seen.nominal.soles[side], CORNERS.index(corner), _center(seen, side))
+    tilt, rise = values[0] * tilt, values[0] * rise
+    if side == 0:
+        return seen.changed(stance_tilt=seen.stance_tilt + tilt, swing_rise=seen.swing_rise - rise)
+    return seen.changed(swing_tilt=seen.swing_tilt + tilt, swing_rise=seen.swing_rise + rise)
+
+
+def _center(seen: Seen, side: int) -> np.ndarray:
+    """Centre of pressure under a foot from its sole point, in its axes, (m, 2) [m]."""
+    down = seen.foot_loads[0][:, side]
+    return seen.sole_loads[:, side] / np.where(np.abs(down) > 1e-6, down, np.inf)[:, None]
+
+
+def _stand(corners: np.ndarray, lifted: int, center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Roll and pitch (m, 2) [rad/m] and rise of the sole point (m,) by the thickness under a corner.
+
+    Args:
+        corners: of the sole from its point, (4, 2) [m]. lifted: number of the corner.
+        center: of pressure, (m, 2) [m].
+    """
+    opposite, *between = ((lifted + k) % 4 for k in (2, 1, 3))
+    along = corners[opposite] - corners[lifted]
+    planes = []
+    for third in between:
+        points = np.column_stack([corners[[lifted, third, opposite]], np.ones(3)])
+        planes.append(np.linalg.solve(points, [1.0, 0.0, 0.0]))  # height = a x + b y + c over the ground
+    normal = np.array([-along[1], along[0]])
+    beside = (center - corners[lifted]) @ normal
+    first = beside * ((corners[between[0]] - corners[lifted]) @ normal) > 0
+    a, b, c = np.where(first[:, None], *planes).T
+    return np.column_stack([b, -a]), c
+
+
+EFFECT = Effect(
+    name="lifted-corner",
+    sentence="Something of this thickness lies under a corner of a foot's sole.",
+    parameters=(Parameter("thickness", "m", prior=0.001, positive=True),),
+    inject=_inject,
+    predict=_predict,
+    words="Something {0} thick lies under the {target} corner.",
+    targets=FOOT_CORNERS,
+    statics=False,
+)
