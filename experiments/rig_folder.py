@@ -198,10 +198,11 @@ def difference(nominal: Rig, changed: Rig, occurrences: Sequence[Occurrence], sc
 
 def _outside(nominal: Rig, changed: Rig, occurrences: Sequence[Occurrence]) -> list[str]:
     """What MJCF does not hold."""
-    lines = []
-    for found in occurrences:
-        if injected(nominal, [found]).misread is not None:
-            lines.append(f"  Readings are changed: {found.effect.sentence} {_numbers(found)}")
+    lines = [
+        f"  Readings are changed: {found.effect.sentence} {_numbers(found)}"
+        for found in occurrences
+        if injected(nominal, [found]).misread is not None
+    ]
     for part in ("sensors", "controller", "drives", "compliance", "protocol"):
         before, after = getattr(nominal, part), getattr(changed, part)
         lines += [

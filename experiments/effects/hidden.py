@@ -114,5 +114,5 @@ def check_laboratory(found: Occurrence, statics: bool, where: str) -> None:
         known = listed(effect.name for effect in catalogue().values() if effect.statics)
         raise InputError(
             f"{where}: found {found.effect.name}, which acts in the full dynamics alone; "
-            f"without --statics it can be simulated; with it: {known}"
+            f"the static laboratory knows {known}"
         )
