@@ -22,6 +22,7 @@ class Parameter:
         positive: whether it cannot be negative.
         grid: values at which a search tries it, for what cannot be linearised (a time, a choice);
             empty: a size, which is estimated.
+        choices: names of the values 0, 1, ... of a choice.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Parameter:
     prior: float = 0.0
     positive: bool = False
     grid: tuple[float, ...] = ()
+    choices: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
