@@ -11,10 +11,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from experiments.effects.corrected import without
 from experiments.example import compact_json, example_manifest, example_row
+from experiments.setting_up import adopted_effects
 from experiments.terminal import print_table
 from identification.nominal import Nominal, nominal_robot
 from identification.preflight import RESULTS, Finding, preflight, worst_of
+from identification.preflight.plates import plate_poses
+from identification.regressor import check_robot
 from sim.errors import InputError, shortened
 from sim.measurements import Measurements, read_measurements, read_series
 from sim.measurements.folder_kind import check_kind
@@ -26,8 +30,11 @@ COLOURS = {"pass": "green", "warn": "yellow", "fail": "bold red", "not evaluated
 UNREADABLE = "could not read"
 
 
-def check_folder(folder: Path, robot: Robot) -> dict[str, Any]:
+def check_folder(folder: Path, robot: Robot, rig: Path | None = None) -> dict[str, Any]:
     """The whole report as one JSON document; `verdict` is "pass", "warn", "fail" or "could not read".
+
+    Args:
+        rig: folder of the effects that the measurements are freed of before; None: of none.
 
     Raises:
         InputError: no such folder, a broken robot, or a folder that cannot be read for a reason
@@ -46,7 +53,17 @@ def check_folder(folder: Path, robot: Robot) -> dict[str, Any]:
             "example_row": example_row(robot),
         }
     measurements, series = read_measurements(folder, likely=False), read_series(folder)
-    return findings_document(measurements, nominal, preflight(measurements, nominal, series))
+    adopted = adopted_effects(rig, robot, np.unique(measurements.placement).tolist())
+    if not adopted:
+        return findings_document(measurements, nominal, preflight(measurements, nominal, series))
+    check_robot(nominal.parameters, measurements, robot, str(folder))
+    freed, _ = without(measurements, nominal, adopted)
+    findings = preflight(freed, nominal, series)
+    # Of the records of the plates: freed ones hold what moves the centre of pressure otherwise.
+    recorded = plate_poses(measurements)
+    return findings_document(
+        freed, nominal, [recorded if finding.name == recorded.name else finding for finding in findings]
+    )
 
 
 def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:

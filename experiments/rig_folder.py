@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -28,7 +29,8 @@ from sim.rig import Rig, preset_rig
 from sim.scene import laboratory_scene
 
 RIG_FILE = "rig.json"
-NOMINAL, CHANGED, LATER, DIFF = "nominal.xml", "scene.xml", "scene-later.xml", "diff.txt"
+NOMINAL, CHANGED, DIFF = "nominal.xml", "scene.xml", "diff.txt"
+LATER = re.compile(r"scene-\d{1,3}\.xml")
 Number = Annotated[float, Strict()]
 
 
@@ -87,8 +89,7 @@ def write_rig(
     nominal = preset_rig(preset or "ideal", robot)
     changed = injected(nominal, occurrences)
     scenes = {NOMINAL: scene_xml(nominal), CHANGED: scene_xml(changed)}
-    if changed.later is not None:
-        scenes[LATER] = scene_xml(changed.later[1])
+    scenes |= {name: scene_xml(rig) for name, (_, rig) in _later(changed).items()}
     with new_folder(folder) as working:
         for name, text in scenes.items():
             write_text(working / name, text)
@@ -136,7 +137,7 @@ def read_rig(folder: Path, robot: Robot) -> tuple[Occurrence, ...]:
     if missing := [name for name in (NOMINAL, CHANGED, DIFF) if name not in manifest.files]:
         raise InputError(f"{where}: key 'files': found no {listed(missing)}, expected the hash of each")
     for name, expected in manifest.files.items():
-        if name not in (NOMINAL, CHANGED, LATER, DIFF):
+        if name not in (NOMINAL, CHANGED, DIFF) and not LATER.fullmatch(name):
             raise InputError(f"{where}: key 'files': found '{shortened(name)}', expected scenes and {DIFF}")
         _check_hash(folder / name, expected, f"{where}: key 'files'")
     return tuple(_occurrence(entry, robot, str(where)) for entry in manifest.effects)
@@ -174,6 +175,15 @@ def _whole(text: str) -> bool:
     return text.isascii() and text.removeprefix("-").isdigit() and str(int(text)) == text
 
 
+def _later(rig: Rig) -> dict[str, tuple[float, Rig]]:
+    """Laboratories that stand there later, by the name of their scene's file."""
+    found: dict[str, tuple[float, Rig]] = {}
+    while rig.later is not None:
+        found[f"scene-{len(found) + 2}.xml"] = rig.later
+        _, rig = rig.later
+    return found
+
+
 def scene_xml(rig: Rig) -> str:
     """MJCF of the laboratory's scene, its plates under straight legs."""
     straight = nominal_robot(rig.robot)
@@ -198,10 +208,11 @@ def difference(nominal: Rig, changed: Rig, occurrences: Sequence[Occurrence], sc
 
 def _outside(nominal: Rig, changed: Rig, occurrences: Sequence[Occurrence]) -> list[str]:
     """What MJCF does not hold."""
-    lines = []
-    for found in occurrences:
-        if injected(nominal, [found]).misread is not None:
-            lines.append(f"  Readings are changed: {found.effect.sentence} {_numbers(found)}")
+    lines = [
+        f"  Readings are changed: {found.effect.sentence} {_numbers(found)}"
+        for found in occurrences
+        if injected(nominal, [found]).misread is not None
+    ]
     for part in ("sensors", "controller", "drives", "compliance", "protocol"):
         before, after = getattr(nominal, part), getattr(changed, part)
         lines += [
@@ -209,8 +220,10 @@ def _outside(nominal: Rig, changed: Rig, occurrences: Sequence[Occurrence]) -> l
             for field in fields(before)
             if getattr(before, field.name) != getattr(after, field.name)
         ]
-    if changed.later is not None:
-        lines.append(f"  From {100 * changed.later[0]:.0f} % of the experiment's time on: {LATER}")
+    lines += [
+        f"  From {100 * start:.0f} % of the experiment's time on: {name}"
+        for name, (start, _) in _later(changed).items()
+    ]
     return lines or ["  Nothing differs."]
 
 

@@ -111,6 +111,12 @@ def planned_parameters(robot: Robot, plan: PosturePlan) -> BaseParameters:
     return base_parameters(robot, support=common_support(plan.support, "plan"))
 
 
+def true_parameters(scenario: Scenario) -> BaseParameters:
+    """The base parameters that a scenario's plan can tell, with the lengths that are known to be true."""
+    model = scenario.true_model() if scenario.adopted else None
+    return base_parameters(scenario.rig.robot, model, common_support(scenario.plan.support, "plan"))
+
+
 def told_apart(source: str, plan: PosturePlan, parameters: BaseParameters) -> np.ndarray:
     """The regressor (2m, p) of a plan whose postures, if all could be held, would identify the robot.
 

@@ -35,7 +35,7 @@ from identification.base_parameters import (
 from identification.center_of_pressure import total_mass
 from identification.estimators import DEFAULT, Estimate, StandardEstimate, estimate_by, solve_least_squares
 from identification.nominal import nominal_robot
-from identification.regressor import check_measurements, regression, stacked_regressor
+from identification.regressor import check_robot, regression, stacked_regressor
 from identification.statistics import (
     correlations,
     high_correlations,
@@ -101,7 +101,7 @@ def identify(
         robot, support=common_support(measurements.support, f"{source}: postures")
     )
     if adopted:
-        check_measurements(parameters, measurements, robot, source)
+        check_robot(parameters, measurements, robot, source)
         measurements, seen = without(measurements, nominal_robot(robot, parameters.support), adopted)
         parameters = dataclasses.replace(parameters, tree=seen.tree)
     data = regression(parameters, measurements, robot, source)

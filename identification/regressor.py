@@ -110,13 +110,13 @@ def _fitted(matrix: np.ndarray, output: np.ndarray) -> np.ndarray:
     return matrix @ np.linalg.lstsq(matrix, output, rcond=None)[0]
 
 
-def check_measurements(
+def check_robot(
     parameters: BaseParameters, measurements: Measurements, robot: Robot, source: str = "measurements"
 ) -> None:
-    """Refuse measurements that do not fit the robot or do not suffice.
+    """Refuse measurements of another robot.
 
     Raises:
-        InputError: see `regression`.
+        InputError: another model than the measurements were made with, other joints or feet.
     """
     where = f"{source}: manifest.json"
     check_model(where, measurements.robot["model"], measurements.robot["sha256"], robot)
@@ -129,19 +129,6 @@ def check_measurements(
         raise InputError(
             f"{where}: key 'joints': found {listed(measurements.joints)}; "
             f"expected the model's order {listed(parameters.tree.joints)}"
-        )
-    served = ("double",) if parameters.support == "double" else ("double", "right")
-    if (other := ~np.isin(measurements.support, served)).any():
-        row = int(np.flatnonzero(other)[0])
-        raise InputError(
-            f"{source}: postures, column 'support', row {row + 1}: found '{measurements.support[row]}', "
-            f"expected {' or '.join(map(repr, served))} (base parameters in {parameters.support} support)"
-        )
-    rows, columns = 2 * len(measurements), len(parameters.names)
-    if rows <= columns:
-        raise InputError(
-            f"{source}: found {len(measurements)} postures ({rows} data points), expected at least "
-            f"{columns // 2 + 1} for {columns} base parameters"
         )
 
 
@@ -157,8 +144,20 @@ def regression(
         InputError: another model than the measurements were made with, other joints or feet,
             another support, or fewer data points than parameters.
     """
-    check_measurements(parameters, measurements, robot, source)
-    columns = len(parameters.names)
+    check_robot(parameters, measurements, robot, source)
+    served = ("double",) if parameters.support == "double" else ("double", "right")
+    if (other := ~np.isin(measurements.support, served)).any():
+        row = int(np.flatnonzero(other)[0])
+        raise InputError(
+            f"{source}: postures, column 'support', row {row + 1}: found '{measurements.support[row]}', "
+            f"expected {' or '.join(map(repr, served))} (base parameters in {parameters.support} support)"
+        )
+    rows, columns = 2 * len(measurements), len(parameters.names)
+    if rows <= columns:
+        raise InputError(
+            f"{source}: found {len(measurements)} postures ({rows} data points), expected at least "
+            f"{columns // 2 + 1} for {columns} base parameters"
+        )
     sheet = measurements.sensors
     slope = parameters.slope(measurements.joint_angles)
     tree, swing = parameters.tree, parameters.tree.frame(robot.swing_foot)

@@ -8,22 +8,28 @@ from typing import Annotated
 import tyro
 
 from experiments.check import UNREADABLE, check_folder, print_report
-from experiments.commands.options import Json, RobotFile
+from experiments.commands.options import Json, RigFolder, RobotFile
 from experiments.description import described_robot
 from experiments.terminal import console, print_json
 from sim.model import TULIP
 
 
 def check_command(
-    folder: Annotated[Path, tyro.conf.Positional], /, *, robot: RobotFile = TULIP, as_json: Json = False
+    folder: Annotated[Path, tyro.conf.Positional],
+    /,
+    *,
+    rig: RigFolder = None,
+    robot: RobotFile = TULIP,
+    as_json: Json = False,
 ) -> int:
     """Check a measurement folder before anybody trusts it: weights, drift, plates, legs, units and more.
 
     Exit code 0: passed, perhaps with warnings; 1: a check failed; 2: could not read. What an
-    incomplete folder lacks is listed, with an example to copy.
+    incomplete folder lacks is listed, with an example to copy. With --rig RIG the measurements
+    are freed of the rig's effects before.
     Example: tulip check data/first
     """
-    document = check_folder(folder, described_robot(robot))
+    document = check_folder(folder, described_robot(robot), rig)
     if as_json:
         print_json(document)
     else:

@@ -94,9 +94,8 @@ def _table(effects: list[Effect]) -> Table:
 
 def _explain(screen: Console, effect: Effect, robot: Robot) -> None:
     where = "static laboratory and full dynamics" if effect.statics else "full dynamics only"
-    targets = (
-        "the experiment's placements" if effect.targets is PLACEMENTS else listed(_targets(effect, robot))
-    )
+    named = effect.targets is PLACEMENTS
+    targets = "the experiment's placements" if named else listed(_targets(effect, robot))
     lines = [
         f"{effect.name}: {effect.sentence}",
         "",

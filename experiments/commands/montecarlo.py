@@ -8,7 +8,17 @@ from typing import Annotated
 
 import tyro
 
-from experiments.commands.options import CORES, EstimatorName, Json, Plan, Preset, RobotFile, Seed, Workers
+from experiments.commands.options import (
+    CORES,
+    EstimatorName,
+    Json,
+    Plan,
+    Preset,
+    RigFolder,
+    RobotFile,
+    Seed,
+    Workers,
+)
 from experiments.montecarlo.engine import ENGINES
 from experiments.montecarlo.run import Interrupted, Place, montecarlo
 from experiments.montecarlo.settings import Settings, check_settings
@@ -45,6 +55,7 @@ def montecarlo_command(
     runs: int,
     preset: Preset = "wii",
     estimator: EstimatorName = DEFAULT,
+    rig: RigFolder = None,
     engine: EngineName = "loky",
     address: Address = None,
     workers: Workers = CORES,
@@ -56,6 +67,7 @@ def montecarlo_command(
 ) -> int:
     """Repeat an experiment with known truth and ask whether the estimator is right about its own errors.
 
+    With --rig RIG the laboratory has the rig's effects, and the measurements are freed of them.
     The same command resumes a run that was stopped, and reports again on a finished one.
     Exit code 0: every check passed; 1: a check failed; 2: could not run; 130: interrupted.
     Example: tulip montecarlo --out runs/calibration --runs 1000
@@ -67,7 +79,7 @@ def montecarlo_command(
         raise InputError(
             "--preset ideal: found no noise, so no standard errors to judge; valid: wii, force-plate"
         )
-    scenario = read_scenario(plan, preset, seed, robot, workers)
+    scenario = read_scenario(plan, preset, seed, robot, workers, rig, statics=not dynamics)
     told_apart(
         str(plan or DEFAULT_PLAN), scenario.plan, planned_parameters(scenario.rig.robot, scenario.plan)
     )

@@ -10,10 +10,9 @@ from experiments.effects import catalogue
 from experiments.effects.effect import Effect, Parameter
 from experiments.effects.occurrence import Occurrence, check_occurrence
 from sim.errors import InputError, listed, look_up, shortened
-from sim.model import CORNERS, Robot
+from sim.model import Robot
 
 RANDOM = "random"
-CORNER = "corner"  # unit of a parameter that is a corner's number in CORNERS
 
 
 def usage(effect: Effect) -> str:
@@ -23,7 +22,7 @@ def usage(effect: Effect) -> str:
 
 
 def read_effect(text: str, robot: Robot, placements: Sequence[int], where: str = "--effect") -> Occurrence:
-    """Read NAME[:TARGET]=VALUE[,VALUE...]; values in SI units, corners by name.
+    """Read NAME[:TARGET]=VALUE[,VALUE...]; values in SI units, choices by name.
 
     Args:
         placements: of the experiment.
@@ -47,8 +46,8 @@ def read_effect(text: str, robot: Robot, placements: Sequence[int], where: str =
 
 
 def _number(text: str, parameter: Parameter, where: str) -> float:
-    if parameter.unit == CORNER:
-        return float(CORNERS.index(look_up("corner", text.strip(), CORNERS, where)))
+    if parameter.choices:
+        return float(parameter.choices.index(look_up(parameter.name, text.strip(), parameter.choices, where)))
     try:
         return float(text)
     except ValueError:
@@ -70,7 +69,10 @@ def draw_effect(
     effect = effects[rng.integers(len(effects))]
     targets = effect.targets.of(robot, tuple(int(p) for p in placements))
     target = targets[rng.integers(len(targets))]
-    return Occurrence(effect, target, tuple(_draw(parameter, rng) for parameter in effect.parameters))
+    while True:
+        found = Occurrence(effect, target, tuple(_draw(parameter, rng) for parameter in effect.parameters))
+        if len(chosen := found.choices) == len(set(chosen)):
+            return found
 
 
 def _draw(parameter: Parameter, rng: np.random.Generator) -> float:
@@ -114,5 +116,5 @@ def check_laboratory(found: Occurrence, statics: bool, where: str) -> None:
         known = listed(effect.name for effect in catalogue().values() if effect.statics)
         raise InputError(
             f"{where}: found {found.effect.name}, which acts in the full dynamics alone; "
-            f"without --statics it can be simulated; with it: {known}"
+            f"the static laboratory knows {known}"
         )

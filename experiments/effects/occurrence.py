@@ -33,6 +33,11 @@ class Occurrence:
     values: Values
     intervals: tuple[tuple[float, float] | None, ...] = ()
 
+    @property
+    def choices(self) -> list[float]:
+        """The values that name one of several things."""
+        return [v for p, v in zip(self.effect.parameters, self.values, strict=True) if p.choices]
+
     def document(self) -> dict[str, Any]:
         """For JSON: name, target (None: the whole) and parameters [SI]."""
         intervals = self.intervals or (None,) * len(self.values)
@@ -87,6 +92,13 @@ def check_occurrence(found: Occurrence, robot: Robot, placements: Sequence[int],
             raise InputError(f"{here}, expected a finite number")
         if parameter.positive and value < 0:
             raise InputError(f"{here}, expected 0 or more")
+        if parameter.choices:
+            if value not in range(len(parameter.choices)):
+                raise InputError(f"{here}, expected 0 to {len(parameter.choices) - 1}")
+        elif parameter.grid and not min(parameter.grid) <= value <= max(parameter.grid):
+            raise InputError(f"{here}, expected within [{min(parameter.grid):g}, {max(parameter.grid):g}]")
         if parameter.prior > 0 and abs(value) > MOST_PRIORS * parameter.prior:
             most = MOST_PRIORS * parameter.prior
             raise InputError(f"{here}, expected at most {most:.3g} in size (SI units: rad, m, N, kg)")
+    if len(chosen := found.choices) > len(set(chosen)):
+        raise InputError(f"{where}: {effect.name}: found the same choice twice, expected different ones")

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 
 from experiments.effects.effect import Parameter
-from experiments.effects.hidden import CORNER
 from experiments.effects.occurrence import Occurrence
-from sim.model import CORNERS
 
 SPOKEN = {
     "": (100.0, "%"),
@@ -23,8 +21,8 @@ def spoken(parameter: Parameter, value: float, interval: tuple[float, float] | N
     Args:
         value, interval: in the parameter's unit.
     """
-    if parameter.unit == CORNER:
-        return CORNERS[round(value)]
+    if parameter.choices:
+        return parameter.choices[round(value)].replace("_", " ")
     factor, unit = SPOKEN.get(parameter.unit, (1.0, parameter.unit))
     if interval is None:
         return f"{factor * value:.3g} {unit}".strip()

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from experiments.effects.occurrence import Occurrence
 from experiments.validate import identify
 from identification.base_parameters import BaseParameters
 from identification.estimators import Estimate
@@ -47,13 +49,22 @@ class Fits:
     mass: tuple[float, float]
 
 
-def fit(measurements: Measurements, robot: Robot, parameters: BaseParameters, estimator: str) -> Fits:
+def fit(
+    measurements: Measurements,
+    robot: Robot,
+    parameters: BaseParameters,
+    estimator: str,
+    adopted: Sequence[Occurrence] = (),
+) -> Fits:
     """Identify a robot with an estimator of `identification.estimators.ESTIMATORS`.
+
+    Args:
+        adopted: effects that the measurements are freed of before.
 
     Raises:
         InputError: the measurements do not suffice.
     """
-    found = identify(measurements, robot, estimator=estimator, parameters=parameters)
+    found = identify(measurements, robot, estimator=estimator, parameters=parameters, adopted=adopted)
     models = {"full": found.full, "simplified": found.simplified}
     fits = {name: _fit(estimate) for name, estimate in models.items()}
     return Fits(len(measurements), fits, found.mass)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -10,6 +9,7 @@ from functools import partial
 import mujoco
 import numpy as np
 
+from experiments.effects.injection import edited
 from experiments.scenario import Scenario
 from identification.base_parameters import standard_parameters
 from sim.errors import InputError
@@ -56,7 +56,8 @@ def laboratory(scenario: Scenario, spread: float | None, dynamics: bool) -> Labo
     Raises:
         InputError: a plan or a scene that this laboratory cannot stand on.
     """
-    rig, plan, model = scenario.rig, scenario.plan, load_model(scenario.rig.robot)
+    rig, plan = scenario.rig, scenario.plan
+    model = scenario.true_model() if scenario.adopted else load_model(rig.robot)
     if dynamics:
         return partial(_hold, rig, plan, model, spread)
     return partial(_solve, prepare(rig, plan), model, spread)
@@ -88,7 +89,7 @@ def _hold_one(
 ) -> Run | str:
     seed = int.from_bytes(stream.generate_state(4, np.uint32).tobytes(), "little")
     try:
-        held = run_experiment(dataclasses.replace(rig, edit=edit_of(model, standard)), plan, seed)
+        held = run_experiment(edited(rig, edit_of(model, standard)), plan, seed)
     except InputError as error:
         return str(error)
     return Run(held.measurements, standard, len(held.dropped), held.true_mass)

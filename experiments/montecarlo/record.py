@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from experiments.effects.occurrence import Occurrence
 from experiments.montecarlo.estimators import Fit, Fits, fit
 from experiments.montecarlo.laboratory import Laboratory, Run, stream_of
 from identification.base_parameters import BaseParameters, renumbered, simplified_numbers
@@ -61,7 +62,12 @@ def layout_of(robot: Robot, parameters: BaseParameters) -> Layout:
 
 @dataclass(frozen=True)
 class Job:
-    """What every run does; it travels to the workers."""
+    """What every run does; it travels to the workers.
+
+    Attributes:
+        parameters: with the lengths of the robot that stands there.
+        adopted: effects that the measurements are freed of.
+    """
 
     laboratory: Laboratory
     robot: Robot
@@ -69,6 +75,7 @@ class Job:
     layout: Layout
     estimator: str
     seed: int
+    adopted: tuple[Occurrence, ...] = ()
 
     def __call__(self, runs: Sequence[int]) -> Columns:
         """Carry out some runs.
@@ -91,7 +98,7 @@ class Job:
             return record, outcome
         record |= {"rows": len(outcome.measurements), "dropped": outcome.dropped}
         try:
-            fits = fit(outcome.measurements, self.robot, self.parameters, self.estimator)
+            fits = fit(outcome.measurements, self.robot, self.parameters, self.estimator, self.adopted)
         except InputError as error:
             return record, str(error)
         truth = self.parameters.values(outcome.standard)

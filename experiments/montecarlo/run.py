@@ -16,7 +16,7 @@ from experiments.montecarlo.report import report
 from experiments.montecarlo.settings import Settings
 from experiments.montecarlo.summary import summarise
 from experiments.scenario import Scenario
-from experiments.setting_up import planned_parameters
+from experiments.setting_up import true_parameters
 from experiments.terminal import progress
 from sim.errors import InputError
 from sim.measurements.tables import write_json
@@ -51,7 +51,7 @@ def montecarlo(scenario: Scenario, settings: Settings, place: Place) -> dict[str
         InputError: what cannot be run, written or read; runs that were written stay.
         Interrupted: by Ctrl-C, after the folder was begun.
     """
-    parameters = planned_parameters(scenario.rig.robot, scenario.plan)
+    parameters = true_parameters(scenario)
     layout = layout_of(scenario.rig.robot, parameters)
     document = run_document(scenario, settings.document())
     chunks = Chunks(place.folder / CHUNK_FOLDER, settings.runs, settings.chunk)
@@ -64,6 +64,7 @@ def montecarlo(scenario: Scenario, settings: Settings, place: Place) -> dict[str
                 layout,
                 settings.estimator,
                 settings.seed,
+                scenario.adopted,
             )
             with open_folder(place.folder, document):
                 _collect(chunks, job, place.folder)

@@ -1,0 +1,177 @@
+"""Effects on the command line: explained, hidden, drawn; the truth stands in its own file alone."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.cli import main
+from experiments.effects import catalogue
+from experiments.effects.hidden import draw_effect, read_effect
+from experiments.effects.occurrence import check_occurrence
+from experiments.effects.wording import told
+from experiments.rig_folder import write_rig
+from sim.errors import InputError
+from sim.measurements import read_measurements
+from tests.test_cli import refused
+
+OFFSET = "encoder-offset:right_knee=0.01"
+
+
+def simulated(folder, *more):
+    assert main(["simulate", "--statics", "--seed", "241", "--out", str(folder), *map(str, more)]) == 0
+    return read_measurements(folder)
+
+
+def test_all_effects_are_listed(capsys):
+    assert main(["effects"]) == 0
+    out = capsys.readouterr().out
+    assert "encoder-offset:JOINT=OFFSET" in out
+    assert all(name in out for name in catalogue())
+    assert main(["effects", "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)["effects"]
+    assert [effect["name"] for effect in listed] == list(catalogue())
+
+
+def test_one_effect_is_explained(capsys):
+    assert main(["effects", "encoder-offset"]) == 0
+    out = capsys.readouterr().out
+    assert "--effect encoder-offset:JOINT=OFFSET" in out
+    assert "OFFSET [rad]: s.d. 1 deg" in out
+    assert "a wrong zero" in out
+    assert "left_knee" in out
+    assert "unknown effect 'encoder-ofset'; valid: " in refused(capsys, "effects", "encoder-ofset")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("offset:right_knee=1", "unknown effect 'offset'; valid: "),
+        ("encoder-offset:knee=0.01", "unknown target 'knee'; valid: right_hip_yaw"),
+        ("encoder-offset=0.01", "found no target, expected JOINT"),
+        ("encoder-offset:right_knee", "found 0 values, expected 1: encoder-offset:JOINT=OFFSET"),
+        ("encoder-offset:right_knee=1,2", "found 2 values, expected 1"),
+        ("encoder-offset:right_knee=a", "offset: found 'a', expected a number [rad]"),
+        ("encoder-offset:right_knee=nan", "found nan, expected a finite number"),
+        ("encoder-offset:right_knee=36", "found 36, expected at most 1.75 in size"),
+        ("joint-compliance:right_knee=-1e-4", "compliance [rad/Nm]: found -0.0001, expected 0 or more"),
+        ("", "unknown effect ''"),
+    ],
+)
+def test_what_is_wrong_is_named(text, message, tmp_path, capsys):
+    assert message in refused(capsys, "simulate", "--out", tmp_path / "data", "--effect", text)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_hidden_effect_leaves_the_noise_and_the_folder_as_they_are(tmp_path):
+    plain = simulated(tmp_path / "plain")
+    hidden = simulated(tmp_path / "data", "--effect", OFFSET, "--truth", tmp_path / "truth.json")
+    column = plain.joints.index("right_knee")
+    change = hidden.joint_angles - plain.joint_angles
+    assert change[:, column] == pytest.approx(np.full(len(plain), 0.01), abs=1e-12)
+    assert np.delete(change, column, axis=1) == pytest.approx(0.0)
+    assert np.array_equal(hidden.cell_forces, plain.cell_forces)
+    manifests = [json.loads((tmp_path / name / "manifest.json").read_text()) for name in ("plain", "data")]
+    assert manifests[0].keys() == manifests[1].keys()
+    assert all(
+        manifests[0][key] == manifests[1][key] for key in manifests[0] if key not in ("created", "tables")
+    )
+    truth = json.loads((tmp_path / "truth.json").read_text())
+    assert truth["effects"] == [
+        {
+            "name": "encoder-offset",
+            "target": "right_knee",
+            "parameters": [{"name": "offset", "value": 0.01, "unit": "rad", "low95": None, "high95": None}],
+        }
+    ]
+    assert truth["configuration"]["statics"] is True
+
+
+def test_several_effects(tmp_path):
+    more = ("--effect", OFFSET, "--effect", "cell-gain:left.front_left=0.05", "--truth", tmp_path / "t.json")
+    simulated(tmp_path / "data", *more)
+    effects = json.loads((tmp_path / "t.json").read_text())["effects"]
+    assert [effect["name"] for effect in effects] == ["encoder-offset", "cell-gain"]
+
+
+def everything_in(folder: Path) -> bytes:
+    return b"".join(path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file())
+
+
+@pytest.mark.parametrize("style", [(), ("--json",)])
+def test_a_random_effect_tells_the_truth_file_alone(style, tmp_path, capsys):
+    simulated(tmp_path / "data", "--effect", "random", "--truth", tmp_path / "truth.json", *style)
+    (effect,) = json.loads((tmp_path / "truth.json").read_text())["effects"]
+    assert effect["name"] in catalogue()
+    assert all(parameter["value"] != 0 for parameter in effect["parameters"])
+    printed = "".join(capsys.readouterr()).replace("\n", "").replace(str(tmp_path), "")
+    # Joints and cells are column names; a reason for a lost posture could be a hint.
+    words = [effect["name"], "effect", "random", "dropped 1", "lost sole"]
+    folder = everything_in(tmp_path / "data").decode("latin-1")
+    values = [repr(parameter["value"])[:8] for parameter in effect["parameters"]]
+    assert not [word for word in words if word in printed]
+    assert not [word for word in [effect["name"], "effect", "random", *values] if word in folder]
+    assert '"reason": "' not in printed
+
+
+def test_a_random_effect_wants_a_truth_file(tmp_path, capsys):
+    message = refused(capsys, "simulate", "--out", tmp_path / "data", "--effect", "random")
+    assert "--effect random: found no --truth FILE" in message
+
+
+def test_a_random_effect_that_cannot_be_simulated_is_not_named(tmp_path, capsys, monkeypatch):
+    def fail(*_):
+        raise InputError("joint-compliance at left_knee is too soft")
+
+    monkeypatch.setattr("experiments.commands.simulate.run_static", fail)
+    more = ("--statics", "--effect", "random", "--truth", tmp_path / "truth.json")
+    message = refused(capsys, "simulate", "--out", tmp_path / "data", *more)
+    assert "give another --seed" in message
+    assert "knee" not in message
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("statics", [True, False])
+def test_draws_are_valid_and_of_all_kinds(statics, robot):
+    rng, placements = np.random.default_rng(242), range(1, 31)
+    drawn = [draw_effect(robot, placements, rng, statics) for _ in range(600)]
+    for found in drawn:
+        check_occurrence(found, robot, placements, "draw")
+        assert told(found)
+    possible = [e.name for e in catalogue().values() if e.statics or not statics]
+    assert {found.effect.name for found in drawn} == set(possible)
+    sizes = [f.values[0] for f in drawn if f.effect.name == "encoder-offset"]
+    assert np.std(sizes) == pytest.approx(np.radians(1.0), rel=0.5)
+
+
+def test_a_rig_is_the_new_nominal_laboratory(tmp_path, robot, capsys):
+    write_rig(tmp_path / "rig", robot, [read_effect(OFFSET, robot, [1])])
+    hidden = simulated(tmp_path / "hidden", "--effect", OFFSET)
+    adopted = simulated(tmp_path / "adopted", "--rig", tmp_path / "rig", "--truth", tmp_path / "t.json")
+    assert np.array_equal(hidden.joint_angles, adopted.joint_angles)
+    truth = json.loads((tmp_path / "t.json").read_text())
+    assert truth["effects"] == []
+    assert [found["name"] for found in truth["configuration"]["adopted"]] == ["encoder-offset"]
+    plain = simulated(tmp_path / "plain")
+    assert len(plain) == len(hidden)
+    capsys.readouterr()
+    documents = []
+    for arguments in (["plain"], ["hidden", "--rig", str(tmp_path / "rig")]):
+        assert main(["identify", str(tmp_path / arguments[0]), *arguments[1:], "--json"]) == 0
+        documents.append(json.loads(capsys.readouterr().out))
+    estimates = [[row["estimate"] for row in d["full"]["parameters"]] for d in documents]
+    assert estimates[1] == pytest.approx(estimates[0], abs=1e-9)
+    assert documents[1]["rig"] == str(tmp_path / "rig")
+    assert main(["identify", str(tmp_path / "hidden"), "--rig", str(tmp_path / "rig")]) == 0
+    assert "Corrected: The right knee encoder reads 0.573 deg too high." in capsys.readouterr().out
+
+
+def test_check_with_a_rig(tmp_path, robot, capsys):
+    write_rig(tmp_path / "rig", robot, [read_effect(OFFSET, robot, [1])])
+    simulated(tmp_path / "data", "--effect", OFFSET, "--preset", "force-plate")
+    capsys.readouterr()
+    assert main(["check", str(tmp_path / "data"), "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["verdict"] == "fail"
+    assert main(["check", str(tmp_path / "data"), "--rig", str(tmp_path / "rig"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["counts"]["fail"] == 0

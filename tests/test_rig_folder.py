@@ -1,0 +1,168 @@
+"""The rig folder: what was found becomes the laboratory, and nothing broken does."""
+
+import json
+
+import numpy as np
+import pytest
+
+from experiments.effects.hidden import read_effect, read_effects
+from experiments.effects.occurrence import Occurrence, injected
+from experiments.rig_folder import CHANGED, DIFF, NOMINAL, RIG_FILE, read_rig, write_rig
+from experiments.validate import identify
+from sim.errors import InputError
+from sim.model import load_spec
+from sim.rig import preset_rig
+from sim.static_laboratory import prepare, run_static
+from tests.test_cli import edit, refused
+
+SEED = 231
+TEXTS = ("encoder-offset:right_knee=0.01", "joint-compliance:left_ankle_roll=0.0005")
+
+
+@pytest.fixture(scope="module")
+def found(robot):
+    return read_effects(TEXTS, robot, range(30), SEED, True)
+
+
+@pytest.fixture
+def rig(found, robot, tmp_path):
+    write_rig(tmp_path / "rig", robot, found, "force-plate")
+    return tmp_path / "rig"
+
+
+def measured(robot, plan, found):
+    prepared = prepare(injected(preset_rig("force-plate", robot), found), plan)
+    return run_static(prepared, [np.random.SeedSequence(SEED)])[0].measurements
+
+
+@pytest.fixture(scope="module")
+def plain(robot, plan):
+    return identify(measured(robot, plan, ()), robot).full
+
+
+def test_what_is_written_is_read(rig, found, robot):
+    assert read_rig(rig, robot) == found
+
+
+def test_intervals_are_kept(found, robot, tmp_path):
+    first = Occurrence(found[0].effect, found[0].target, found[0].values, ((0.008, 0.012),))
+    write_rig(tmp_path / "rig", robot, [first, found[1]])
+    assert read_rig(tmp_path / "rig", robot) == (first, found[1])
+    assert "reads 0.57 +- 0.11 deg too high" in (tmp_path / "rig" / DIFF).read_text()
+
+
+def test_the_scenes_are_mjcf_and_the_difference_is_what_changed(rig):
+    nominal, changed = (load_spec(rig / name) for name in (NOMINAL, CHANGED))
+    assert nominal.joint("left_ankle_roll_yield") is None
+    assert changed.joint("left_ankle_roll_yield").stiffness[0] == pytest.approx(2000)
+    text = (rig / DIFF).read_text()
+    assert '+                  <joint name="left_ankle_roll_yield"' in text
+    assert "Readings are changed" in text
+    assert "right_knee: offset 0.01 rad" in text
+    assert len(text.splitlines()) < 25
+
+
+def test_an_adopted_encoder_offset_gives_back_the_parameters_of_the_data_without_it(
+    robot, plan, found, plain
+):
+    hidden = measured(robot, plan, found[:1])
+    error = np.sqrt(np.diag(plain.covariance))
+    biased = identify(hidden, robot).full
+    mended = identify(hidden, robot, adopted=found[:1]).full
+    assert np.abs((biased.value - plain.value) / error).max() > 2
+    assert mended.value == pytest.approx(plain.value, abs=1e-9)
+    assert mended.covariance == pytest.approx(plain.covariance, rel=1e-6)
+
+
+def test_an_adopted_effect_of_the_physics_takes_its_bias_away(robot, plan, plain):
+    texts = ("joint-compliance:right_ankle_pitch=0.0005", "cell-gain:right.rear_left=0.03")
+    effects = read_effects(texts, robot, range(30), SEED, True)
+    hidden = measured(robot, plan, effects)
+    truth = np.sqrt(np.diag(plain.covariance))
+    biased = np.abs((identify(hidden, robot).full.value - plain.value) / truth)
+    mended = np.abs((identify(hidden, robot, adopted=effects).full.value - plain.value) / truth)
+    # A few postures are lost to the effect, so the estimates differ by chance.
+    assert np.sqrt((biased**2).mean()) > 3
+    assert np.sqrt((mended**2).mean()) < 1.5
+
+
+def broken(rig, robot, path, old, new):
+    edit(rig / path, old, new)
+    with pytest.raises(InputError) as refusal:
+        read_rig(rig, robot)
+    return str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("path", "old", "new", "message"),
+    [
+        (CHANGED, "left_ankle_roll_yield", "left_ankle_roll_y", "hash mismatch"),
+        (DIFF, "Effects", "effects", "hash mismatch"),
+        (RIG_FILE, '"encoder-offset"', '"encoder-ofset"', "unknown effect 'encoder-ofset'; valid: "),
+        (RIG_FILE, '"right_knee"', '"right_kne"', "unknown target 'right_kne'; valid: right_hip_yaw"),
+        (RIG_FILE, '"right_knee"', "null", "found no target, expected JOINT"),
+        (RIG_FILE, '"unit": "rad"', '"unit": "deg"', "encoder-offset: found parameters ('offset', 'deg')"),
+        (RIG_FILE, '"value": 0.01,', '"value": 1e9,', "expected at most 1.75 in size"),
+        (RIG_FILE, '"value": 0.0005', '"value": -0.0005', "found -0.0005, expected 0 or more"),
+        (RIG_FILE, '"value": 0.01,', '"value": "0.01",', "found '0.01'; expected a valid number"),
+        (RIG_FILE, '"version": 1', '"version": 2', "key 'version': found 2"),
+        (RIG_FILE, '"tulip-rig"', '"tulip-run"', "key 'format'"),
+        (RIG_FILE, f'"{CHANGED}"', '"../scene.xml"', f"found no {CHANGED}, expected the hash of each"),
+    ],
+)
+def test_a_broken_rig_is_refused(rig, robot, path, old, new, message):
+    text = broken(rig, robot, path, old, new)
+    assert message in text
+    assert str(rig) in text
+
+
+def test_a_rig_of_another_robot_is_refused(rig, robot):
+    content = json.loads((rig / RIG_FILE).read_text())
+    content["robot"]["sha256"] = "0" * 64
+    (rig / RIG_FILE).write_text(json.dumps(content))
+    with pytest.raises(InputError, match="hash mismatch of the robot's model"):
+        read_rig(rig, robot)
+
+
+def test_a_rig_needs_all_of_its_files(rig, robot, tmp_path):
+    (rig / DIFF).unlink()
+    with pytest.raises(InputError, match=r"diff\.txt"):
+        read_rig(rig, robot)
+    (rig / RIG_FILE).unlink()
+    with pytest.raises(InputError, match=f"found no {RIG_FILE}, expected a rig folder"):
+        read_rig(rig, robot)
+    with pytest.raises(InputError, match="no such rig folder"):
+        read_rig(tmp_path / "none", robot)
+
+
+def test_nothing_half_written(found, robot, tmp_path, monkeypatch):
+    with pytest.raises(InputError, match="found no effects"):
+        write_rig(tmp_path / "rig", robot, ())
+    write_rig(tmp_path / "taken", robot, found[:1])
+    with pytest.raises(InputError, match="exists already"):
+        write_rig(tmp_path / "taken", robot, found)
+    monkeypatch.setattr("experiments.rig_folder.software", lambda: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        write_rig(tmp_path / "rig", robot, found)
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
+
+
+def test_commands_refuse_a_broken_rig_before_the_work(rig, tmp_path, capsys):
+    edit(rig / RIG_FILE, '"right_knee"', '"right_kne"')
+    for command in ("simulate", "validate"):
+        message = refused(capsys, command, "--out", tmp_path / "out", "--rig", rig)
+        assert "unknown target 'right_kne'" in message
+    run = ("montecarlo", "--out", tmp_path / "out", "--runs", 2)
+    assert "unknown target 'right_kne'" in refused(capsys, *run, "--rig", rig)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_rig_of_a_placement_that_is_not_there(robot, tmp_path):
+    from experiments.setting_up import adopted_effects
+
+    pytest.importorskip("experiments.effects.placement_blunder")
+    blunder = read_effect("placement-blunder:7=0.01,0.0", robot, [7])
+    write_rig(tmp_path / "rig", robot, [blunder])
+    assert adopted_effects(tmp_path / "rig", robot, [1, 7]) == (blunder,)
+    with pytest.raises(InputError, match="unknown target '7'; valid: 1, 2"):
+        adopted_effects(tmp_path / "rig", robot, [1, 2])
