@@ -81,10 +81,10 @@ def linear_model(
     )[0]
     for _ in range(rounds):
         white = whitening(smooth, theta, noise, channels)
-        nuisance = _nuisances(smooth, channels)
+        nuisance = nuisances(smooth, channels)
         kept = np.abs(nuisance).max(axis=(0, 1)) > 0
         basis, triangle, order = qr(
-            np.vstack([white(nuisance[..., kept]), _weighing(shown)[None, kept]]),
+            np.vstack([white(nuisance[..., kept]), weighing(shown)[None, kept]]),
             mode="economic",
             pivoting=True,
         )
@@ -121,7 +121,7 @@ def _smoothed(shown: Seen, white: White, left: np.ndarray, noise: Noise) -> Seen
     return unpacked(shown, packed(shown) - errors)
 
 
-def _nuisances(seen: Seen, channels: str) -> np.ndarray:
+def nuisances(seen: Seen, channels: str) -> np.ndarray:
     """Derivative of the residuals by all that is not known anyway, (m, 11, k)."""
     m, stance = len(seen), seen.stance
     regressor = seen.nominal.parameters.regressor(seen.joint_angles)
@@ -140,7 +140,7 @@ def _nuisances(seen: Seen, channels: str) -> np.ndarray:
     return out
 
 
-def _weighing(seen: Seen) -> np.ndarray:
+def weighing(seen: Seen) -> np.ndarray:
     """The row that says how well the weight is known."""
     regressor = seen.nominal.parameters
     sets = len(np.unique(seen.stance))

@@ -42,6 +42,7 @@ class Seen:
         lift: vertical force beside the weighed weight, downwards, (m,) [N].
         standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
         board_share: of a board's own weight on each of its cells, right and left, (2,) [N].
+        part: time of every posture as a part of the experiment's, 0 to 1, (m,).
     """
 
     nominal: Nominal
@@ -58,6 +59,7 @@ class Seen:
     lift: np.ndarray
     standard: np.ndarray
     board_share: np.ndarray
+    part: np.ndarray
 
     def __len__(self) -> int:
         return len(self.joint_angles)
@@ -67,11 +69,6 @@ class Seen:
         """Of the robot, by its weighed mass or its nominal one [N]."""
         weighed = self.measurements.weighed_mass
         return (weighed[0] if weighed else self.nominal.mass) * self.measurements.gravity
-
-    @cached_property
-    def part(self) -> np.ndarray:
-        """Time of every posture as a part of the experiment's, 0 to 1, (m,)."""
-        return passed(self.measurements.time)
 
     @cached_property
     def stance(self) -> np.ndarray:
@@ -190,4 +187,5 @@ def see(measurements: Measurements, nominal: Nominal) -> Seen:
         board_share=np.array(
             [scene.body(f"{plate}_plate").mass[0] * measurements.gravity / 4 for plate in PLATES]
         ),
+        part=passed(measurements.time),
     )
