@@ -44,10 +44,18 @@ class Scenario:
     statics: bool = False
 
     def true_model(self) -> mujoco.MjModel:
-        """The robot that really stands there, alone."""
+        """The robot that really stands there at first, alone: with its own masses and lengths.
+
+        What the nominal robot does not have, joints that yield and ropes, is no part of it.
+        """
         spec = load_scene(self.rig.robot)
         if self.rig.edit is not None:
+            joints, tendons = ({part.name for part in parts} for parts in (spec.joints, spec.tendons))
             self.rig.edit(spec)
+            for part in [part for part in spec.tendons if part.name not in tendons]:
+                spec.delete(part)
+            for part in [part for part in spec.joints if part.name not in joints]:
+                spec.delete(part)
         for plate in PLATES:
             spec.delete(spec.body(f"{plate}_plate"))
         for key in list(spec.keys):
