@@ -11,6 +11,7 @@ from collections.abc import Callable
 import tyro
 
 from experiments.commands.check import check_command
+from experiments.commands.discover import discover_command
 from experiments.commands.effects import effects_command
 from experiments.commands.identify import identify_command
 from experiments.commands.model import model_command
@@ -32,6 +33,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "postures": postures_command,
     "plan": plan_command,
     "model": model_command,
+    "discover": discover_command,
     "effects": effects_command,
 }
 

@@ -161,9 +161,7 @@ def occurrence_of(term: Term, found: Fit, k: int) -> Occurrence:
     spread = np.sqrt(np.diag(found.covariance))[first : first + len(term.sizes)]
     effect = term.candidate.effect
     intervals: list[tuple[float, float] | None] = [None] * len(effect.parameters)
-    for at, size, sd, positive in zip(
-        effect.sizes, term.sizes, spread, term.candidate.positive, strict=True
-    ):
+    for at, size, sd, positive in zip(effect.sizes, term.sizes, spread, term.candidate.positive, strict=True):
         low = size - QUANTILE * sd
         intervals[at] = (float(max(low, 0.0) if positive else low), float(size + QUANTILE * sd))
     for at, parameter in enumerate(effect.parameters):

@@ -153,5 +153,3 @@ def _shared(linear, p: int) -> tuple[np.ndarray, np.ndarray]:
     start = np.append(linear.white(residuals(linear.seen, linear.theta)), 0.0)
     spread = np.linalg.pinv(known.T @ known, hermitian=True)
     return spread, -spread @ (known.T @ start)
-
-
