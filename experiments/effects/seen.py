@@ -89,14 +89,14 @@ class Seen:
 
     @cached_property
     def swing_sole(self) -> tuple[np.ndarray, np.ndarray]:
-        """Place of the swing foot's sole point, (m, 3) [m], and the foot's rotation, (m, 3, 3), soles flat."""
+        """Place of the swing sole's point, (m, 3) [m], and the foot's rotation, (m, 3, 3), soles flat."""
         rotations, positions = self.frames
         turn = rotations[:, self.nominal.swing_frame]
         return positions[:, self.nominal.swing_frame] + turn @ self.nominal.points[1], turn
 
     @cached_property
     def foot_loads(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertical force on the right and left foot, (m, 2) [N], and its point on the ground, (m, 2, 2) [m]."""
+        """Vertical force on the right and left foot, (m, 2) [N], and its point on the floor, (m, 2, 2) [m]."""
         forces = self.cell_forces.reshape(-1, 2, 4)
         down = forces.sum(axis=2)
         moment = (forces[..., None] * self.cell_places.reshape(-1, 2, 4, 2)).sum(axis=2)
