@@ -96,7 +96,7 @@ class Seen:
 
     @cached_property
     def foot_loads(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertical force on the right and left foot, (m, 2) [N], and its point on the floor, (m, 2, 2) [m]."""
+        """Vertical force on the right and left foot, (m, 2) [N], and its point there, (m, 2, 2) [m]."""
         forces = self.cell_forces.reshape(-1, 2, 4)
         down = forces.sum(axis=2)
         moment = (forces[..., None] * self.cell_places.reshape(-1, 2, 4, 2)).sum(axis=2)
