@@ -60,7 +60,9 @@ def plan_for(robot: Robot, plan: Path | None) -> PosturePlan:
 
 def tries(scenario: Scenario) -> int:
     """How many postures will be held, repeats included."""
-    return len(scenario.plan) + min(scenario.rig.protocol.repeats, len(scenario.plan))
+    plan = scenario.plan
+    planned = len(np.unique(plan.posture)) < len(plan)
+    return len(plan) + (0 if planned else min(scenario.rig.protocol.repeats, len(plan)))
 
 
 def enough(where: str, postures: int, parameters: BaseParameters) -> None:
