@@ -11,7 +11,7 @@ import numpy as np
 
 from identification.planning.objectives import Objective, objectives
 from identification.planning.problem import Problem, planning_problem
-from identification.planning.sequential import measured_information, next_plan, next_state, search_next
+from identification.planning.sequential import measured_information, run_next
 from identification.postures import random_postures
 from sim.measurements import Measurements, PosturePlan
 from sim.model import load_robot
@@ -41,11 +41,7 @@ def as_error(name: str, value: float) -> float:
 
 def chosen(problem: Problem, goal: Objective, taken: Measurements, seed: int) -> PosturePlan:
     """As `tulip plan --after TAKEN --placements 2`."""
-    known = measured_information(problem, taken)
-    drawn, state = next_state(problem, goal, known, NEXT, PER, seed)
-    for found in search_next(problem, goal, known, state, PER, seed, HOPS):
-        state = found
-    return next_plan(problem, goal, drawn, state, taken, seed, HOPS)
+    return run_next(problem, goal, taken, NEXT, PER, seed, HOPS)
 
 
 def main() -> None:

@@ -32,12 +32,4 @@ def with_repeats(plan: PosturePlan, count: int, seed: int) -> PosturePlan:
     placement = np.append(plan.placement[rows], plan.placement.max() + 1 + np.arange(len(anew)))
     chosen = np.append(rows, anew).astype(int)
     repeats = {"within_placement": plan.posture[within].tolist(), "placed_anew": plan.posture[anew].tolist()}
-    return dataclasses.replace(
-        plan,
-        joint_angles=plan.joint_angles[chosen],
-        posture=plan.posture[chosen],
-        placement=placement,
-        support=plan.support[chosen],
-        swing_pose=plan.swing_pose[chosen],
-        made=plan.made | {"repeats": repeats},
-    )
+    return dataclasses.replace(plan.take(chosen), placement=placement, made=plan.made | {"repeats": repeats})

@@ -7,7 +7,7 @@ problem of `search` with fewer placements.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -94,6 +94,35 @@ def search_next(
                 state, design=design, angles=angles, best_design=design, best_angles=angles, value=value
             )
         yield state
+
+
+def run_next(
+    problem: Problem,
+    objective: Objective,
+    measurements: Measurements,
+    placements: int,
+    per: int,
+    seed: int,
+    hops: int,
+    progress: Callable[[State], None] = lambda state: None,
+    state: State | None = None,
+) -> PosturePlan:
+    """The next placements from a random start.
+
+    Args:
+        progress: called with the state after every round; may raise KeyboardInterrupt.
+        state: to go on from, of the same run.
+
+    Raises:
+        InputError: as `next_state`.
+    """
+    taken = measured_information(problem, measurements)
+    drawn, start = next_state(problem, objective, taken, placements, per, seed)
+    state = state or start
+    for found in search_next(problem, objective, taken, state, per, seed, hops):
+        state = found
+        progress(found)
+    return next_plan(problem, objective, drawn, state, measurements, seed, hops)
 
 
 def next_plan(
