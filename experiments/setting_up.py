@@ -61,8 +61,7 @@ def plan_for(robot: Robot, plan: Path | None) -> PosturePlan:
 def tries(scenario: Scenario) -> int:
     """How many postures will be held, repeats included."""
     plan = scenario.plan
-    planned = len(np.unique(plan.posture)) < len(plan)
-    return len(plan) + (0 if planned else min(scenario.rig.protocol.repeats, len(plan)))
+    return len(plan) + (min(scenario.rig.protocol.repeats, len(plan)) if plan.postures == len(plan) else 0)
 
 
 def enough(where: str, postures: int, parameters: BaseParameters) -> None:

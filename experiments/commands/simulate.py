@@ -49,12 +49,12 @@ def simulate_command(
         print_json(
             {
                 "measurements": str(out),
-                "postures_planned": len(scenario.plan),
+                "postures_planned": scenario.plan.postures,
                 "rows": len(experiment.measurements),
                 "dropped": [{"posture": p, "reason": r} for p, r in experiment.dropped],
             }
         )
     else:
-        print_experiment(console(), experiment, len(scenario.plan), {})
+        print_experiment(console(), experiment, scenario.plan.postures, {})
     ERR.print(f"Measurement folder: {out}")
     return 0

@@ -27,6 +27,8 @@ DRAWS = 5000  # at once
 MOST_ROUNDS = 60
 POOL = 8  # candidates for each posture that is wanted
 NEWTON_STEPS = 6
+SAG_STEPS = 15
+MOST_SAG = 0.1  # rad
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,7 @@ def single_support_margins(problem: Problem, angles: np.ndarray, swing: np.ndarr
     """
     ranges, margins = problem.ranges, problem.margins
     chain = chain_at(problem, angles)
-    torque = open_chain_torques(problem, chain)
-    held = chain_at(problem, angles - problem.softness * torque)
+    held, torque = _sagged(problem, angles)
     low, high = problem.limits.T
     stops = np.concatenate(
         [angles - low, high - angles, held.angles - low - margins.joint, high - margins.joint - held.angles],
@@ -85,6 +86,19 @@ def single_support_margins(problem: Problem, angles: np.ndarray, swing: np.ndarr
     return {
         name: Margin(values.min(axis=1), unit) for name, (values, unit) in found.items() if values.shape[1]
     }
+
+
+def _sagged(problem: Problem, angles: np.ndarray) -> tuple[Chain, np.ndarray]:
+    """The posture that servos hold, and their torques there, (m, n) [N m].
+
+    They give way under the weight, and that under which they give way grows as the robot leans: half as
+    much again on one foot, so the equilibrium is iterated. Where it runs away, torques grow beyond any limit.
+    """
+    held = chain_at(problem, angles)
+    for _ in range(SAG_STEPS):
+        torque = open_chain_torques(problem, held)
+        held = chain_at(problem, angles - np.clip(problem.softness * torque, -MOST_SAG, MOST_SAG))
+    return held, open_chain_torques(problem, held)
 
 
 def open_chain_torques(problem: Problem, chain: Chain) -> np.ndarray:

@@ -34,6 +34,11 @@ class PosturePlan:
     def __len__(self) -> int:
         return len(self.posture)
 
+    @property
+    def postures(self) -> int:
+        """How many different ones, a repeated one counted once."""
+        return len(np.unique(self.posture))
+
     def take(self, rows: np.ndarray) -> PosturePlan:
         """Some of its postures, by a mask or by indices in any order."""
         names = ("joint_angles", "posture", "placement", "support", "swing_pose")
