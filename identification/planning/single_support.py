@@ -24,7 +24,7 @@ from sim.measurements import PosturePlan, lay_boards
 
 LIFTED = 0.02  # m, of the swing sole's lowest corner over the plates
 DRAWS = 5000  # at once
-MOST_ROUNDS = 60
+MOST_ROUNDS, HOPELESS = 60, 6  # at most; without a single feasible posture
 POOL = 8  # candidates for each posture that is wanted
 NEWTON_STEPS = 6
 SAG_STEPS = 15
@@ -154,7 +154,7 @@ def _pool(problem: Problem, swing: np.ndarray, count: int, rng: np.random.Genera
     inner = problem.ranges.stability_margin
     kept: list[np.ndarray] = []
     blocked: Counter[str] = Counter()
-    for _ in range(MOST_ROUNDS):
+    for tried in range(1, MOST_ROUNDS + 1):
         angles = rng.uniform(low, high, (DRAWS, len(low)))
         target = rng.uniform(sole.min(axis=0) + inner, sole.max(axis=0) - inner, (DRAWS, 2))
         for _ in range(NEWTON_STEPS):  # least-norm: all joints move a little to bring the CoM there
@@ -168,13 +168,13 @@ def _pool(problem: Problem, swing: np.ndarray, count: int, rng: np.random.Genera
         values = np.array([m.values for m in margins.values()])
         blocked.update({name: int((row < 0).sum()) for name, row in zip(margins, values, strict=True)})
         kept += list(angles[values.min(axis=0) >= 0])
-        if len(kept) >= POOL * count:
+        if len(kept) >= POOL * count or (not kept and tried == HOPELESS):
             break
     if len(kept) < count:
         tally = ", ".join(f"{name} ({times})" for name, times in blocked.most_common(4))
         raise InputError(
             f"{problem.robot.path}: planning ranges: found {len(kept)} postures on the stance foot in "
-            f"{MOST_ROUNDS * DRAWS} draws, expected {count}; blocked by {tally}"
+            f"{tried * DRAWS} draws, expected {count}; blocked by {tally}"
         )
     return np.array(kept)
 
