@@ -29,6 +29,8 @@ POOL = 8  # candidates for each posture that is wanted
 NEWTON_STEPS = 6
 SAG_STEPS = 15
 MOST_SAG = 0.1  # rad
+WAY = 7  # points between two postures
+ON_THE_WAY = ("stability margin", "torques", "leg clearance", "swing foot lifted")
 
 
 @dataclass(frozen=True)
@@ -116,6 +118,7 @@ def single_support_plan(
     """A plan with `count` postures on the stance foot after its own, in placements of their own.
 
     Exchange (Fedorov 1972) over random feasible ones; the boards stay where the last placement left them.
+    Ordered so that the robot does not tip on its way from one to the next.
 
     Args:
         problem: of support "right", whose base parameters one more posture kind makes visible.
@@ -135,16 +138,49 @@ def single_support_plan(
     offered = Block(np.tile([0.0] * 6 + swing.tolist(), (len(pool), 1)), pool)
     chosen = exchange(problem, none, offered, taken + rows.T @ rows, objective.smooth[-1], count).angles
     _, sizes = np.unique(plan.placement, return_counts=True)
-    number = plan.placement.max() + 1 + np.arange(count) // sizes.max()
+    order, group = _sequences(problem, chosen, swing, int(sizes.max()))
+    number = plan.placement.max() + 1 + group
     return dataclasses.replace(
         plan,
-        joint_angles=np.concatenate([plan.joint_angles, chosen]),
+        joint_angles=np.concatenate([plan.joint_angles, chosen[order]]),
         posture=np.append(plan.posture, plan.posture.max() + 1 + np.arange(count)),
         placement=np.append(plan.placement, number),
         support=np.append(plan.support, np.full(count, "right")),
         swing_pose=np.concatenate([plan.swing_pose, np.tile(swing, (count, 1))]),
         made=plan.made | {"single_support": {"postures": count, "candidates": len(pool), "lifted": LIFTED}},
     )
+
+
+def _sequences(
+    problem: Problem, angles: np.ndarray, swing: np.ndarray, most: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """An order of postures and the placement of each in it, both (m,), so that no way between two tips.
+
+    On one foot joints go straight from posture to posture. Where that way would leave the constraints
+    (`ON_THE_WAY`), the robot is lifted and put down instead: another placement begins.
+
+    Args:
+        most: postures on a placement.
+    """
+    count = len(angles)
+    first, second = np.triu_indices(count, k=1)
+    part = np.arange(1, WAY + 1)[:, None] / (WAY + 1)
+    ways = angles[first, None] + part * (angles[second] - angles[first])[:, None]
+    points = ways.reshape(-1, angles.shape[1])
+    margins = single_support_margins(problem, points, np.broadcast_to(swing, (len(points), 3)))
+    least = np.min([margins[name].values for name in ON_THE_WAY if name in margins], axis=0)
+    room = np.full((count, count), -np.inf)
+    room[first, second] = room[second, first] = least.reshape(-1, WAY).min(axis=1)
+    left, order, group = list(range(count)), [], []
+    while left:
+        ahead = room[order[-1], left] if order else np.array([-np.inf])
+        if ahead.max() >= 0 and group.count(group[-1]) < most:
+            order.append(left.pop(int(ahead.argmax())))
+            group.append(group[-1])
+        else:
+            order.append(left.pop(0))
+            group.append(group[-1] + 1 if group else 0)
+    return np.array(order), np.array(group)
 
 
 def _pool(problem: Problem, swing: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
