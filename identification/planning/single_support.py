@@ -200,7 +200,10 @@ def _pool(problem: Problem, swing: np.ndarray, count: int, rng: np.random.Genera
             inverse = np.linalg.inv(slope @ slope.mT + 1e-9 * np.eye(2))
             step = (slope.mT @ inverse @ lack[..., None])[..., 0]
             angles = angles + np.clip(step, -0.3, 0.3)
-        margins = single_support_margins(problem, angles, np.tile(swing, (DRAWS, 1)))
+        within = ((angles >= low) & (angles <= high)).all(axis=1)  # cheap, and most fail here
+        blocked["joint limits"] += int((~within).sum())
+        angles = angles[within]
+        margins = single_support_margins(problem, angles, np.tile(swing, (len(angles), 1)))
         values = np.array([m.values for m in margins.values()])
         blocked.update({name: int((row < 0).sum()) for name, row in zip(margins, values, strict=True)})
         kept += list(angles[values.min(axis=0) >= 0])
