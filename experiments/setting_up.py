@@ -97,7 +97,8 @@ def plan_for(robot: Robot, plan: Path | None) -> PosturePlan:
 
 def tries(scenario: Scenario) -> int:
     """How many postures will be held, repeats included."""
-    return len(scenario.plan) + min(scenario.rig.protocol.repeats, len(scenario.plan))
+    plan = scenario.plan
+    return len(plan) + (min(scenario.rig.protocol.repeats, len(plan)) if plan.postures == len(plan) else 0)
 
 
 def enough(where: str, postures: int, parameters: BaseParameters) -> None:
