@@ -60,20 +60,20 @@ class Linear:
 
 
 def linear_model(
-    seen: Seen, noise: Noise, channels: str = "AFTC", corrected: Seen | None = None, rounds: int = 2
+    shown: Seen, noise: Noise, channels: str = "AFTC", smooth: Seen | None = None, rounds: int = 2
 ) -> Linear:
     """Build it from an experiment.
 
     Args:
+        shown: the experiment, freed of what is already known.
         channels: those that are looked at.
-        corrected: the readings freed of effects that are already known; None: none is.
-        rounds: how often readings are smoothed and all is taken anew there.
+        smooth: its readings less their noise, where they are known; else the readings. Covariances taken at
+            noisy readings go with their noise: `rounds` of smoothing take that away.
 
     Raises:
         numpy.linalg.LinAlgError: readings that are no numbers.
     """
-    shown = seen if corrected is None else corrected
-    smooth = shown
+    smooth = shown if smooth is None else smooth
     theta = np.linalg.lstsq(
         shown.nominal.parameters.regressor(shown.joint_angles).reshape(2 * len(shown), -1),
         center(shown).ravel(),

@@ -102,7 +102,7 @@ def whitening(seen: Seen, theta: np.ndarray, noise: Noise, channels: str = "AFTC
     for channel in channels:
         used[:, ROWS[channel]] = True
     stands = standing(seen)
-    used[:, ROWS["C"]] &= stands.all(axis=1)[:, None]
+    used[:, ROWS["C"]] &= np.all(stands, axis=1, keepdims=True)
     used[:, ROWS["T"]] &= stands & seen.on_four_cells
     rows, blocks, at_row = [], [], 0
     for placement in np.unique(seen.measurements.placement):
