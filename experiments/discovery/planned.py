@@ -1,0 +1,103 @@
+"""A plan before any data: what it would show without noise, and how well it would identify the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from experiments.discovery.noise import Noise, noise_of
+from experiments.effects.seen import Seen, see
+from identification.estimators import DEFAULT, estimate_by
+from identification.nominal import Nominal, nominal_robot
+from identification.regressor import regression
+from sim.measurements import Measurements, PosturePlan
+from sim.model import Robot
+from sim.record import constants
+from sim.rig import Rig, preset_rig
+from sim.static_laboratory import Prepared, prepare, run_static
+
+RUNS = 20  # over which the estimator's variances are averaged
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A plan in the nominal laboratory of a sensor preset.
+
+    Attributes:
+        rig: that laboratory. prepared: its postures, solved.
+        seen: what sensors without noise would show, with the preset's data sheets.
+        noise: as those sheets state.
+        runs: noisy runs, every posture that has an equilibrium, the same rows in each.
+        standard_errors: of the base parameters by the default estimator, root mean square over the
+            runs, (p,) [m].
+    """
+
+    rig: Rig
+    plan: PosturePlan
+    prepared: Prepared
+    seen: Seen
+    noise: Noise
+    runs: tuple[Measurements, ...]
+    standard_errors: np.ndarray
+
+    @property
+    def nominal(self) -> Nominal:
+        return self.seen.nominal
+
+
+def planned(plan: PosturePlan, preset: str, robot: Robot, seed: int) -> Planned:
+    """Simulate a plan by static equilibrium.
+
+    Args:
+        seed: of the noisy runs.
+
+    Raises:
+        InputError: a support other than double, a scene that statics does not know, or a plan that
+            does not identify the robot.
+    """
+    rig, nominal = preset_rig(preset, robot), nominal_robot(robot)
+    quiet = preset_rig("ideal", robot)
+    quiet = replace(
+        quiet,
+        controller=replace(quiet.controller, command_sd=0.0),
+        protocol=replace(quiet.protocol, plate_sd=(0.0, 0.0, 0.0), repeats=0),
+    )
+    smooth = run_static(prepare(quiet, plan), [np.random.SeedSequence(seed)])[0].measurements
+    weighed = smooth.weighed_mass
+    smooth = replace(
+        smooth,
+        sensors=constants(rig)["sensors"],
+        weighed_mass=weighed and (weighed[0], rig.sensors.weighed_mass_sd),
+    )
+    seen = see(smooth, nominal)
+    prepared = prepare(rig, plan)
+    runs = noisy(prepared, streams(seed, RUNS))
+    variance = [
+        np.diag(estimate_by(regression(nominal.parameters, run, robot, "plan"), DEFAULT).covariance)
+        for run in runs
+    ]
+    errors = np.sqrt(np.mean(variance, axis=0))
+    return Planned(rig, plan, prepared, seen, noise_of(seen), tuple(runs), errors)
+
+
+def streams(seed: int, count: int) -> list[np.random.SeedSequence]:
+    """Random streams of the first runs of a seed."""
+    return np.random.SeedSequence(seed).spawn(count)
+
+
+def noisy(prepared: Prepared, of: Sequence[np.random.SeedSequence]) -> list[Measurements]:
+    """What some runs show, every posture that has an equilibrium."""
+    # A stream counts how often it was spawned from; a fresh copy gives the same numbers every time.
+    return [run.measurements for run in run_static(prepared, of, all_solved=True)]
+
+
+def estimates(runs: Sequence[Measurements], nominal: Nominal) -> np.ndarray:
+    """Base parameters of every run by the default estimator, (runs, p) [m]."""
+    return np.array(
+        [
+            estimate_by(regression(nominal.parameters, run, nominal.robot, "plan"), DEFAULT).value
+            for run in runs
+        ]
+    )
