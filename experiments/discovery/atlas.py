@@ -17,6 +17,7 @@ from experiments.discovery.isolability import ISOLABLE, angles, groups
 from experiments.discovery.linear import linear_model
 from experiments.discovery.planned import Planned
 from experiments.discovery.steps import LEVEL
+from experiments.effects.occurrence import MOST_PRIORS
 
 SAME = 1e-9  # of the largest column: a choice that changes nothing
 
@@ -146,10 +147,8 @@ def _detectable(board: Field, k: int, point: int, size: int | None, level: float
         return 1.0 if length**2 - 2 * norm.isf(1 - POWER) * length > needed else np.inf
     candidate = board.candidates[k]
     direction = (np.arange(column.shape[1]) == size).astype(float)
-    # What is left of an absorbed column is rounding, not a signature.
-    if np.linalg.norm(column @ direction) * candidate.prior[size] < SAME:
-        return np.inf
-    return detectable_size(candidate, column, level, direction)
+    found = detectable_size(candidate, column, level, direction)
+    return found if found < MOST_PRIORS * candidate.prior[size] else np.inf
 
 
 def document(found: Atlas) -> dict[str, Any]:

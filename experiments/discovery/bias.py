@@ -1,8 +1,8 @@
 """What an effect does to the identified parameters while nobody models it.
 
 To first order an estimate by generalised least squares moves by (H'V^-1 H)^-1 H'V^-1 d, d being what the
-effect adds to the residuals of the centre of pressure. An effect that changes the robot itself moves, besides,
-what is estimated: a payload, a wrong length. Both together are the bias against the nominal robot.
+effect adds to the residuals of the centre of pressure. An effect that changes the robot itself (a payload, a
+wrong length) moves, besides, what is estimated. Both together are the bias against the nominal robot.
 """
 
 from __future__ import annotations

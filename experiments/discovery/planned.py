@@ -9,6 +9,7 @@ import numpy as np
 
 from experiments.discovery.noise import Noise, noise_of
 from experiments.effects.seen import Seen, see
+from identification.base_parameters import common_support
 from identification.estimators import DEFAULT, estimate_by
 from identification.nominal import Nominal, nominal_robot
 from identification.regressor import regression
@@ -26,7 +27,8 @@ class Planned:
     """A plan in the nominal laboratory of a sensor preset.
 
     Attributes:
-        rig: that laboratory. prepared: its postures, solved.
+        rig: that laboratory. plan: all postures.
+        prepared: those that the nominal robot can be measured in, solved.
         seen: what sensors without noise would show, with the preset's data sheets.
         noise: as those sheets state.
         runs: noisy runs, every posture that has an equilibrium, the same rows in each.
@@ -57,7 +59,7 @@ def planned(plan: PosturePlan, preset: str, robot: Robot, seed: int) -> Planned:
         InputError: a support other than double, a scene that statics does not know, or a plan that
             does not identify the robot.
     """
-    rig, nominal = preset_rig(preset, robot), nominal_robot(robot)
+    rig, nominal = preset_rig(preset, robot), nominal_robot(robot, common_support(plan.support, "plan"))
     quiet = preset_rig("ideal", robot)
     quiet = replace(
         quiet,
@@ -72,7 +74,8 @@ def planned(plan: PosturePlan, preset: str, robot: Robot, seed: int) -> Planned:
         weighed_mass=weighed and (weighed[0], rig.sensors.weighed_mass_sd),
     )
     seen = see(smooth, nominal)
-    prepared = prepare(rig, plan)
+    stands = usable(plan, smooth.posture)
+    prepared = prepare(rig, stands)
     runs = noisy(prepared, streams(seed, RUNS))
     variance = [
         np.diag(estimate_by(regression(nominal.parameters, run, robot, "plan"), DEFAULT).covariance)
@@ -82,6 +85,19 @@ def planned(plan: PosturePlan, preset: str, robot: Robot, seed: int) -> Planned:
     return Planned(rig, plan, prepared, seen, noise_of(seen), tuple(runs), errors)
 
 
+def usable(plan: PosturePlan, postures: np.ndarray) -> PosturePlan:
+    """The rows of a plan that have these numbers."""
+    rows = np.isin(plan.posture, postures)
+    return replace(
+        plan,
+        joint_angles=plan.joint_angles[rows],
+        posture=plan.posture[rows],
+        placement=plan.placement[rows],
+        support=plan.support[rows],
+        swing_pose=plan.swing_pose[rows],
+    )
+
+
 def streams(seed: int, count: int) -> list[np.random.SeedSequence]:
     """Random streams of the first runs of a seed."""
     return np.random.SeedSequence(seed).spawn(count)
@@ -89,7 +105,6 @@ def streams(seed: int, count: int) -> list[np.random.SeedSequence]:
 
 def noisy(prepared: Prepared, of: Sequence[np.random.SeedSequence]) -> list[Measurements]:
     """What some runs show, every posture that has an equilibrium."""
-    # A stream counts how often it was spawned from; a fresh copy gives the same numbers every time.
     return [run.measurements for run in run_static(prepared, of, all_solved=True)]
 
 
