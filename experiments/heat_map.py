@@ -41,7 +41,11 @@ def heat_map(
             zmin=0.0,
             zmax=most,
             colorscale=scale,
-            colorbar={"title": unit, "thickness": 14, "tickvals": _ticks(most, bound)},
+            colorbar={
+                "title": {"text": unit, "side": "right"},
+                "thickness": 14,
+                "tickvals": _ticks(most, bound),
+            },
             hovertemplate=f"%{{y}}<br>%{{x}}<br>%{{z:.1f}} {unit}<extra></extra>",
             xgap=0.5,
             ygap=0.5,

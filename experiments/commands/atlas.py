@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from pathlib import Path
 from typing import Annotated
 
@@ -34,13 +36,17 @@ LEGEND = (
     "like: the angle to what it looks most like [deg]."
 )
 
+ABSORBED = (
+    "Effects that are absorbed: at plausible sizes they cannot be seen with these postures and channels"
+)
+
 
 def atlas_command(
     plan: Plan = None,
     /,
     *,
     out: Annotated[
-        Path | None, tyro.conf.arg(metavar="FOLDER", help="write atlas.json and a heat map")
+        Path | None, tyro.conf.arg(metavar="FOLDER", help="write atlas.json, bias.csv and a heat map")
     ] = None,
     preset: Preset = "wii",
     seed: Seed = DEFAULT_SEED,
@@ -62,6 +68,7 @@ def atlas_command(
     if out is not None:
         with new_folder(out) as working:
             write_json(working / "atlas.json", said)
+            write_text(working / "bias.csv", biases(found))
             write_text(working / "separation.html", separation(found, preset))
     if as_json:
         print_json(said)
@@ -70,6 +77,20 @@ def atlas_command(
     if out is not None:
         ERR.print(f"Atlas: {out}")
     return 0
+
+
+def biases(found: Atlas) -> str:
+    """Bias of every parameter by every effect at its plausible size, as CSV [mm] and [standard errors]."""
+    numbers = range(1, len(found.planned.standard_errors) + 1)
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    columns = [f"{number}_{unit}" for unit in ("mm", "se") for number in numbers]
+    table.writerow(["effect", "target", "parameter", *columns])
+    for row in found.rows:
+        both = np.concatenate([1e3 * row.bias, row.bias / found.planned.standard_errors])
+        name = row.candidate.effect.name
+        table.writerow([name, row.candidate.target, row.name, *(f"{value:.4g}" for value in both)])
+    return text.getvalue()
 
 
 def separation(found: Atlas, preset: str) -> str:
@@ -100,8 +121,8 @@ def print_atlas(screen: Console, found: Atlas) -> None:
     print_table(screen, _table(found, [row for row in _rows(found) if row.visible], "Effects that are seen"))
     hidden = [row for row in _rows(found) if not row.visible]
     if hidden:
-        print_table(screen, _table(found, hidden, "Effects that are absorbed: they cannot be seen here"))
-    screen.print(LEGEND)
+        print_table(screen, _table(found, hidden, ABSORBED))
+    screen.print(LEGEND, markup=False, highlight=False)
     if found.groups:
         screen.print(f"Cannot be told apart (any two closer than {np.degrees(ISOLABLE):.0f} deg):")
         for group in found.groups:
@@ -124,9 +145,7 @@ def _rows(found: Atlas) -> list[Row]:
 
 
 def _table(found: Atlas, rows: list[Row], title: str) -> Table:
-    table = Table(
-        title=title, title_justify="left", header_style="bold", padding=(0, 1, 0, 0), box=None
-    )
+    table = Table(title=title, title_justify="left", header_style="bold", padding=(0, 1, 0, 0), box=None)
     table.add_column("effect", no_wrap=True)
     table.add_column("unit", no_wrap=True)
     for header in ("plausible", "found", *CHANNELS, "bias at plausible", "at found"):
