@@ -37,7 +37,7 @@ def tolerance_command(
     with ERR.status("solving the plan"):
         prepared = planned(made, preset, described, seed)
     with progress("simulating errors", len(sources(prepared))) as advance:
-        found = tolerance(prepared, seed, advance)
+        found = tolerance(prepared, advance)
     if as_json:
         print_json({"preset": preset, "seed": seed, **document(found)})
     else:
@@ -56,8 +56,8 @@ def print_tolerance(screen: Console, found: Tolerance) -> None:
     difference = np.abs(found.simulated - found.bias)
     k, j = np.unravel_index(int(difference.argmax()), difference.shape)
     screen.print(
-        f"Checked by simulation ({CHECKED} runs with and without each error): the largest difference from "
-        f"the prediction is {difference[k, j]:.2f} s.e. ({found.sources[k].label}, parameter {j + 1}), beside a "
+        f"Checked by simulation ({CHECKED} runs with and without each error): the largest difference "
+        f"from the prediction is {difference[k, j]:.2f} s.e. ({found.sources[k].label}, parameter {j + 1}), beside a "
         f"largest bias of {np.abs(found.bias).max():.2f}."
     )
 

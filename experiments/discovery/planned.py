@@ -17,6 +17,7 @@ from sim.measurements import Measurements, PosturePlan
 from sim.model import Robot
 from sim.record import constants
 from sim.rig import Rig, preset_rig
+from sim.sensors import PRESETS
 from sim.static_laboratory import Prepared, prepare, run_static
 
 RUNS = 20  # over which the estimator's variances are averaged
@@ -34,6 +35,7 @@ class Planned:
         runs: noisy runs, every posture that has an equilibrium, the same rows in each.
         standard_errors: of the base parameters by the default estimator, root mean square over the
             runs, (p,) [m].
+        seed: of the runs.
     """
 
     rig: Rig
@@ -43,6 +45,7 @@ class Planned:
     noise: Noise
     runs: tuple[Measurements, ...]
     standard_errors: np.ndarray
+    seed: int
 
     @property
     def nominal(self) -> Nominal:
@@ -60,13 +63,9 @@ def planned(plan: PosturePlan, preset: str, robot: Robot, seed: int) -> Planned:
             does not identify the robot.
     """
     rig, nominal = preset_rig(preset, robot), nominal_robot(robot, common_support(plan.support, "plan"))
-    quiet = preset_rig("ideal", robot)
-    quiet = replace(
-        quiet,
-        controller=replace(quiet.controller, command_sd=0.0),
-        protocol=replace(quiet.protocol, plate_sd=(0.0, 0.0, 0.0), repeats=0),
-    )
-    smooth = run_static(prepare(quiet, plan), [np.random.SeedSequence(seed)])[0].measurements
+    quiet = without_noise(rig)
+    stands = usable(plan, run_static(prepare(quiet, plan), streams(seed, 1))[0].measurements.posture)
+    (smooth,) = noisy(prepare(quiet, stands), streams(seed, 1))
     weighed = smooth.weighed_mass
     smooth = replace(
         smooth,
@@ -74,7 +73,6 @@ def planned(plan: PosturePlan, preset: str, robot: Robot, seed: int) -> Planned:
         weighed_mass=weighed and (weighed[0], rig.sensors.weighed_mass_sd),
     )
     seen = see(smooth, nominal)
-    stands = usable(plan, smooth.posture)
     prepared = prepare(rig, stands)
     runs = noisy(prepared, streams(seed, RUNS))
     variance = [
@@ -82,7 +80,17 @@ def planned(plan: PosturePlan, preset: str, robot: Robot, seed: int) -> Planned:
         for run in runs
     ]
     errors = np.sqrt(np.mean(variance, axis=0))
-    return Planned(rig, plan, prepared, seen, noise_of(seen), tuple(runs), errors)
+    return Planned(rig, plan, prepared, seen, noise_of(seen), tuple(runs), errors, seed)
+
+
+def without_noise(rig: Rig) -> Rig:
+    """A laboratory with nothing random but friction, and no repeats."""
+    return replace(
+        rig,
+        sensors=PRESETS["ideal"],
+        controller=replace(rig.controller, command_sd=0.0),
+        protocol=replace(rig.protocol, plate_sd=(0.0, 0.0, 0.0), repeats=0),
+    )
 
 
 def usable(plan: PosturePlan, postures: np.ndarray) -> PosturePlan:

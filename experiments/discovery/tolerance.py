@@ -95,11 +95,11 @@ def sources(planned: Planned) -> tuple[Source, ...]:
     )
 
 
-def tolerance(planned: Planned, seed: int, progress: Callable[[int], None] = lambda count: None) -> Tolerance:
+def tolerance(planned: Planned, progress: Callable[[int], None] = lambda count: None) -> Tolerance:
     """Predict all biases and simulate them.
 
     Args:
-        seed: of the planned runs. progress: called with 1 after every error.
+        progress: called with 1 after every error.
     """
     estimator, every = weights(planned), sources(planned)
     predicted = np.array([_predicted(estimator, source) for source in every])
@@ -107,21 +107,21 @@ def tolerance(planned: Planned, seed: int, progress: Callable[[int], None] = lam
     without = estimates(plain, planned.nominal)
     moved = []
     for source in every:
-        moved.append(estimates(erring(planned, source, seed), planned.nominal) - without)
+        moved.append(estimates(erring(planned, source), planned.nominal) - without)
         progress(1)
     shifts = np.array(moved) / planned.standard_errors
     spread = shifts.std(axis=1, ddof=1) / np.sqrt(len(plain))
     return Tolerance(planned, every, predicted / planned.standard_errors, shifts.mean(axis=1), spread)
 
 
-def erring(planned: Planned, source: Source, seed: int) -> list[Measurements]:
+def erring(planned: Planned, source: Source) -> list[Measurements]:
     """The first runs again with one unit of an error: the same random numbers."""
     candidate = source.candidate
     rig = candidate.effect.inject(planned.rig, candidate.target, candidate.values(source.sizes))
     # What instruments make of readings moves nothing.
     only_misread = replace(rig, misread=None) == planned.rig
     prepared = replace(planned.prepared, rig=rig) if only_misread else prepare(rig, planned.prepared.plan)
-    return noisy(prepared, streams(seed, CHECKED))
+    return noisy(prepared, streams(planned.seed, CHECKED))
 
 
 def _predicted(estimator: Weights, source: Source) -> np.ndarray:
