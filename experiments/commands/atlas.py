@@ -179,10 +179,8 @@ def _like(found: Atlas, number: int | None) -> str:
 
 def _scale(row: Row) -> tuple[float, str]:
     """Factor from SI units to those that a laboratory speaks."""
-    if row.size is None:
-        return 1.0, ""
-    unit = row.candidate.effect.parameters[row.candidate.effect.sizes[row.size]].unit
-    return SPOKEN.get(unit, (1.0, unit))
+    unit = row.parameter.unit if row.parameter else ""
+    return SPOKEN.get(unit, (1.0, unit)) if row.parameter else (1.0, "")
 
 
 def _size(row: Row, value: float) -> str:

@@ -57,8 +57,8 @@ def print_tolerance(screen: Console, found: Tolerance) -> None:
     k, j = np.unravel_index(int(difference.argmax()), difference.shape)
     screen.print(
         f"Checked by simulation ({CHECKED} runs with and without each error): the largest difference "
-        f"from the prediction is {difference[k, j]:.2f} s.e. ({found.sources[k].label}, parameter {j + 1}), beside a "
-        f"largest bias of {np.abs(found.bias).max():.2f}."
+        f"from the prediction is {difference[k, j]:.2f} s.e. ({found.sources[k].label}, parameter {j + 1}), "
+        f"beside a largest bias of {np.abs(found.bias).max():.2f}."
     )
 
 

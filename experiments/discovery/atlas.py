@@ -17,6 +17,7 @@ from experiments.discovery.isolability import ISOLABLE, angles, groups
 from experiments.discovery.linear import linear_model
 from experiments.discovery.planned import Planned
 from experiments.discovery.steps import LEVEL
+from experiments.effects.effect import Parameter
 from experiments.effects.occurrence import MOST_PRIORS
 
 SAME = 1e-9  # of the largest column: a choice that changes nothing
@@ -43,10 +44,15 @@ class Row:
     bias: np.ndarray
 
     @property
+    def parameter(self) -> Parameter | None:
+        """Of the effect that this is the size of."""
+        effect = self.candidate.effect
+        return None if self.size is None else effect.parameters[effect.sizes[self.size]]
+
+    @property
     def name(self) -> str:
         """Of the parameter; "" where the effect has one only."""
-        effect = self.candidate.effect
-        return effect.parameters[effect.sizes[self.size]].name if len(effect.sizes) > 1 else ""
+        return self.parameter.name if self.parameter and len(self.candidate.effect.sizes) > 1 else ""
 
     @property
     def prior(self) -> float:
@@ -100,16 +106,17 @@ def atlas(planned: Planned, rng: np.random.Generator) -> Atlas:
         moved = bias(planned, estimator, candidate, point)
         for size in range(len(candidate.effect.sizes)) if candidate.effect.sizes else (None,):
             column = board.projected[k][point][:, [size or 0]]
-            row = Row(
-                candidate,
-                size,
-                _detectable(board, k, point, size, level),
-                {c: _detectable(single[c], k, point, size, level) for c in CHANNELS},
-                False,
-                moved[:, size or 0],
+            prior = 1.0 if size is None else candidate.prior[size]
+            rows.append(
+                Row(
+                    candidate,
+                    size,
+                    _detectable(board, k, point, size, level),
+                    {c: _detectable(single[c], k, point, size, level) for c in CHANNELS},
+                    float(np.linalg.norm(column)) * prior > VISIBLE,
+                    moved[:, size or 0],
+                )
             )
-            seen = float(np.linalg.norm(column)) * row.prior > VISIBLE
-            rows.append(Row(**{**vars(row), "visible": seen}))
     shown = [k for k in range(len(among)) if any(r.visible for r in rows if r.candidate is among[k])]
     angle = angles([_distinct(board.projected[k]) for k in shown])
     return Atlas(
@@ -163,12 +170,8 @@ def document(found: Atlas) -> dict[str, Any]:
         return {
             "effect": r.candidate.effect.name,
             "target": r.candidate.target or None,
-            "parameter": None
-            if r.size is None
-            else r.candidate.effect.parameters[r.candidate.effect.sizes[r.size]].name,
-            "unit": ""
-            if r.size is None
-            else r.candidate.effect.parameters[r.candidate.effect.sizes[r.size]].unit,
+            "parameter": r.parameter.name if r.parameter else None,
+            "unit": r.parameter.unit if r.parameter else "",
             "prior_sd": None if r.size is None else r.prior,
             "detectable": r.detectable,
             "by_channel": r.by_channel,
