@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 ORACLE := .venv-oracle
 
 .PHONY: setup validate test lint bench oracle study-contact study-equilibrium study-montecarlo study-estimators study-check \
-  study-improve study-plan study-verdict study-fuzz study-kill pictures constraints clean
+  study-improve study-plan study-sequential study-verdict study-fuzz study-kill pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -45,6 +45,9 @@ $(ORACLE)/.done: constraints.txt pyproject.toml
 
 study-contact: setup  ## docs/contact-study.md's table: contact and gate settings against accuracy
 	$(BIN)/python -m tools.study_contact
+
+study-sequential: setup  ## docs/planning.md's table: ten postures chosen next against ten random ones
+	$(BIN)/python -m tools.study_sequential
 
 study-fuzz: setup  ## docs/reliability.md's table: 1,000 broken folders, 200 broken robots
 	$(BIN)/python -m tools.study_fuzz

@@ -12,6 +12,7 @@ import tyro
 
 from experiments.commands.atlas import atlas_command
 from experiments.commands.check import check_command
+from experiments.commands.discover import discover_command
 from experiments.commands.effects import effects_command
 from experiments.commands.identify import identify_command
 from experiments.commands.model import model_command
@@ -34,6 +35,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "postures": postures_command,
     "plan": plan_command,
     "model": model_command,
+    "discover": discover_command,
     "effects": effects_command,
     "atlas": atlas_command,
     "tolerance": tolerance_command,

@@ -164,6 +164,12 @@ def _occurrence(entry: EffectEntry, robot: Robot, where: str) -> Occurrence:
     intervals = tuple(
         None if p.low95 is None or p.high95 is None else (p.low95, p.high95) for p in entry.parameters
     )
+    for name, interval in zip((p.name for p in entry.parameters), intervals, strict=True):
+        if interval is not None and interval[0] > interval[1]:
+            raise InputError(
+                f"{where}: {effect.name}, {name}: found an interval from {interval[0]:g} to {interval[1]:g}, "
+                "expected low95 up to high95"
+            )
     values = tuple(p.value for p in entry.parameters)
     read = Occurrence(effect, entry.target or "", values, intervals if any(intervals) else ())
     placements = [int(read.target)] if effect.targets is PLACEMENTS and _whole(read.target) else []
@@ -172,7 +178,8 @@ def _occurrence(entry: EffectEntry, robot: Robot, where: str) -> Occurrence:
 
 
 def _whole(text: str) -> bool:
-    return text.isascii() and text.removeprefix("-").isdigit() and str(int(text)) == text
+    """Whether a text is a number as a table of postures holds them."""
+    return re.fullmatch(r"0|-?[1-9][0-9]{0,15}", text) is not None
 
 
 def _later(rig: Rig) -> dict[str, tuple[float, Rig]]:

@@ -111,7 +111,8 @@ def check_plan(robot: Robot, plan: Path | None) -> PosturePlan:
 
 def tries(scenario: Scenario) -> int:
     """How many postures will be held, repeats included."""
-    return len(scenario.plan) + min(scenario.rig.protocol.repeats, len(scenario.plan))
+    plan = scenario.plan
+    return len(plan) + (min(scenario.rig.protocol.repeats, len(plan)) if plan.postures == len(plan) else 0)
 
 
 def enough(where: str, postures: int, parameters: BaseParameters) -> None:

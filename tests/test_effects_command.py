@@ -175,3 +175,16 @@ def test_check_with_a_rig(tmp_path, robot, capsys):
     assert json.loads(capsys.readouterr().out)["verdict"] == "fail"
     assert main(["check", str(tmp_path / "data"), "--rig", str(tmp_path / "rig"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["counts"]["fail"] == 0
+
+
+def test_choices_are_given_by_name(robot):
+    pytest.importorskip("experiments.effects.swapped_cells")
+    found = read_effect("swapped-cells:left=front_left,rear_right", robot, [1])
+    assert found.values == (0.0, 2.0)
+    assert told(found) == "The front left and rear right cells of the left plate are swapped."
+    for text, message in (
+        ("front_left,front_left", "found the same choice twice"),
+        ("0,2", "unknown first '0'; valid: front_left, front_right, rear_right, rear_left"),
+    ):
+        with pytest.raises(InputError, match=message):
+            read_effect(f"swapped-cells:left={text}", robot, [1])

@@ -4,12 +4,18 @@ import json
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
+from experiments.cli import main
 from experiments.effects.hidden import read_effect, read_effects
 from experiments.effects.occurrence import Occurrence, injected
+from experiments.effects.wording import told
 from experiments.rig_folder import CHANGED, DIFF, NOMINAL, RIG_FILE, read_rig, write_rig
+from experiments.setting_up import adopted_effects
 from experiments.validate import identify
 from sim.errors import InputError
+from sim.measurements import read_measurements
 from sim.model import load_spec
 from sim.rig import preset_rig
 from sim.static_laboratory import prepare, run_static
@@ -105,6 +111,12 @@ def broken(rig, robot, path, old, new):
         (RIG_FILE, '"value": 0.01,', '"value": 1e9,', "expected at most 1.75 in size"),
         (RIG_FILE, '"value": 0.0005', '"value": -0.0005', "found -0.0005, expected 0 or more"),
         (RIG_FILE, '"value": 0.01,', '"value": "0.01",', "found '0.01'; expected a valid number"),
+        (
+            RIG_FILE,
+            '"low95": null,\n     "high95": null',
+            '"low95": 2.0, "high95": 1.0',
+            "from 2 to 1, expected low95 up",
+        ),
         (RIG_FILE, '"version": 1', '"version": 2', "key 'version': found 2"),
         (RIG_FILE, '"tulip-rig"', '"tulip-run"', "key 'format'"),
         (RIG_FILE, f'"{CHANGED}"', '"../scene.xml"', f"found no {CHANGED}, expected the hash of each"),
@@ -114,6 +126,40 @@ def test_a_broken_rig_is_refused(rig, robot, path, old, new, message):
     text = broken(rig, robot, path, old, new)
     assert message in text
     assert str(rig) in text
+
+
+def leaves(value, place=()):
+    """Places of everything in a JSON document."""
+    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    return [*([place] if place else []), *(leaf for k, v in inner for leaf in leaves(v, (*place, k)))]
+
+
+@settings(
+    max_examples=100,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(data=st.data())
+def test_any_value_anywhere_is_read_or_refused(data, rig, robot):
+    before = (rig / RIG_FILE).read_text()
+    content = json.loads(before)
+    place = data.draw(st.sampled_from(leaves(content)))
+    inside = content
+    for key in place[:-1]:
+        inside = inside[key]
+    scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text()
+    inside[place[-1]] = data.draw(scalars | st.lists(scalars) | st.dictionaries(st.text(), scalars))
+    (rig / RIG_FILE).write_text(json.dumps(content))
+    try:
+        for found in read_rig(rig, robot):
+            assert told(found)
+            assert np.isfinite(found.values).all()
+    except InputError as error:
+        text = str(error)
+        assert "\n" not in text
+    finally:
+        (rig / RIG_FILE).write_text(before)
 
 
 def test_a_rig_of_another_robot_is_refused(rig, robot):
@@ -158,11 +204,42 @@ def test_commands_refuse_a_broken_rig_before_the_work(rig, tmp_path, capsys):
 
 
 def test_a_rig_of_a_placement_that_is_not_there(robot, tmp_path):
-    from experiments.setting_up import adopted_effects
-
     pytest.importorskip("experiments.effects.placement_blunder")
     blunder = read_effect("placement-blunder:7=0.01,0.0", robot, [7])
     write_rig(tmp_path / "rig", robot, [blunder])
     assert adopted_effects(tmp_path / "rig", robot, [1, 7]) == (blunder,)
     with pytest.raises(InputError, match="unknown target '7'; valid: 1, 2"):
         adopted_effects(tmp_path / "rig", robot, [1, 2])
+
+
+def test_a_monte_carlo_in_the_adopted_laboratory_is_freed_of_it(rig, robot, tmp_path, capsys):
+    numbers = []
+    for more in ((), ("--rig", str(rig))):
+        out = tmp_path / f"run{len(more)}"
+        run = ["montecarlo", "--preset", "force-plate", "--runs", "4", "--workers", "1", "--seed", "232"]
+        assert main([*run, "--out", str(out), "--json", *more]) == 0
+        report = json.loads(capsys.readouterr().out)
+        assert report["verdict"] == "pass"
+        numbers.append(report["sigma_mm"]["mean"])
+    assert numbers[1] == pytest.approx(numbers[0], rel=0.1)
+    run_file = json.loads((tmp_path / "run2" / "run.json").read_text())
+    assert [found["name"] for found in run_file["configuration"]["adopted"]] == [
+        "encoder-offset",
+        "joint-compliance",
+    ]
+
+
+def test_validate_in_the_adopted_laboratory(found, robot, tmp_path, capsys):
+    write_rig(tmp_path / "rig", robot, found[:1])
+    draw = ["postures", "--random", "--placements", "5", "--per-placement", "4", "--seed", "233"]
+    assert main([*draw, "--out", str(tmp_path / "plan")]) == 0
+    capsys.readouterr()
+    run = ["validate", str(tmp_path / "plan"), "--preset", "force-plate", "--seed", "234", "--json"]
+    main([*run, "--out", str(tmp_path / "run"), "--rig", str(tmp_path / "rig")])
+    report = json.loads(capsys.readouterr().out)
+    estimates = [row["estimate"] for row in report["full"]["parameters"]]
+    handed_over = read_measurements(tmp_path / "run" / "measurements")
+    assert estimates == pytest.approx(identify(handed_over, robot, adopted=found[:1]).full.value, abs=1e-12)
+    assert np.abs(estimates - identify(handed_over, robot).full.value).max() > 1e-4
+    configuration = json.loads((tmp_path / "run" / "run.json").read_text())["configuration"]
+    assert configuration["adopted"][0]["target"] == "right_knee"

@@ -21,7 +21,7 @@ from sim.model import TULIP
 from sim.static_laboratory import StaticRun, prepare, run_static
 
 Effects = Annotated[
-    list[str],
+    tuple[str, ...],
     tyro.conf.UseAppendAction,
     tyro.conf.arg(
         name="effect",
@@ -42,7 +42,7 @@ def simulate_command(
     preset: Preset = "wii",
     seed: Seed = DEFAULT_SEED,
     truth: Path | None = None,
-    effect: Effects = [],  # noqa: B006
+    effect: Effects = (),
     rig: RigFolder = None,
     statics: Statics = False,
     workers: Workers = CORES,
@@ -75,7 +75,7 @@ def simulate_command(
             f"--seed {seed} draws, expected one that can; give another --seed"
         ) from None
     write_experiment(out, truth, scenario, experiment)
-    planned = len(scenario.plan)
+    planned = scenario.plan.postures
     if as_json:
         dropped = experiment.dropped
         print_json(

@@ -64,7 +64,7 @@ class Fit:
 def freed(seen: Seen, smooth: Seen, terms: Sequence[Term]) -> Seen:
     """Readings without the terms; what they take away is taken from readings without noise."""
     clean = smooth
-    for term in terms:
+    for term in reversed(terms):
         clean = term.freed(clean)
     change = packed(clean) - packed(smooth)
     return replace(unpacked(seen, packed(seen) + change), tree=clean.tree, cells=clean.cells)

@@ -72,7 +72,7 @@ def missed(seen: Seen, plan: PosturePlan, rig: Rig, plain: Measurements, terms: 
     theta = seen.nominal.value
     shown, without = see(simulated(with_terms(rig, terms), plan), seen.nominal), see(plain, seen.nominal)
     clean = shown
-    for term in terms:
+    for term in reversed(terms):
         clean = term.freed(clean)
     out = np.zeros((len(seen), 11))
     after, before = residuals(clean, theta), residuals(without, theta)

@@ -79,26 +79,36 @@ def linear_model(
         center(shown).ravel(),
         rcond=None,
     )[0]
-    for _ in range(rounds):
-        white = whitening(smooth, theta, noise, channels)
-        nuisance = _nuisances(smooth, channels)
-        kept = np.abs(nuisance).max(axis=(0, 1)) > 0
-        basis, triangle, order = qr(
-            np.vstack([white(nuisance[..., kept]), _weighing(shown)[None, kept]]),
-            mode="economic",
-            pivoting=True,
-        )
-        size = np.abs(np.diag(triangle))
-        rank = int((size > RANK * size.max(initial=0.0)).sum())
-        basis, triangle = basis[:, :rank], triangle[:rank, :rank]
-        start = np.append(white(residuals(shown, theta)), 0.0)
-        gain = basis.T @ start
-        left = start - basis @ gain
-        solution = np.zeros(nuisance.shape[-1])
-        solution[np.flatnonzero(kept)[order[:rank]]] = -np.linalg.solve(triangle, gain)
-        theta = theta + solution[: len(theta)]
-        smooth = _smoothed(shown, white, left, noise)
-    return Linear(shown, smooth, theta, noise, white, basis, left, "F" in channels)
+    found = _round(shown, smooth, theta, noise, channels)
+    for _ in range(rounds - 1):
+        found = _round(shown, found.smooth, found.theta, noise, channels)
+    return found
+
+
+def _round(shown: Seen, smooth: Seen, theta: np.ndarray, noise: Noise, channels: str) -> Linear:
+    """Columns and covariances at smoothed readings, residuals at the readings."""
+    white = whitening(smooth, theta, noise, channels)
+    nuisance = nuisances(smooth, channels)
+    kept = np.abs(nuisance).max(axis=(0, 1)) > 0
+    basis, triangle, order = _pivoted(np.vstack([white(nuisance[..., kept]), weighing(shown)[None, kept]]))
+    size = np.abs(np.diag(triangle))
+    rank = int((size > RANK * size.max(initial=0.0)).sum())
+    basis, triangle = basis[:, :rank], triangle[:rank, :rank]
+    start = np.append(white(residuals(shown, theta)), 0.0)
+    gain = basis.T @ start
+    left = start - basis @ gain
+    solution = np.zeros(nuisance.shape[-1])
+    solution[np.flatnonzero(kept)[order[:rank]]] = -np.linalg.solve(triangle, gain)
+    theta = theta + solution[: len(theta)]
+    return Linear(
+        shown, _smoothed(shown, white, left, noise), theta, noise, white, basis, left, "F" in channels
+    )
+
+
+def _pivoted(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """QR decomposition with column pivoting: Q, R and the columns' order."""
+    basis, triangle, order = qr(matrix, mode="economic", pivoting=True)
+    return np.asarray(basis), np.asarray(triangle), np.asarray(order)
 
 
 def _smoothed(shown: Seen, white: White, left: np.ndarray, noise: Noise) -> Seen:
@@ -121,7 +131,7 @@ def _smoothed(shown: Seen, white: White, left: np.ndarray, noise: Noise) -> Seen
     return unpacked(shown, packed(shown) - errors)
 
 
-def _nuisances(seen: Seen, channels: str) -> np.ndarray:
+def nuisances(seen: Seen, channels: str) -> np.ndarray:
     """Derivative of the residuals by all that is not known anyway, (m, 11, k)."""
     m, stance = len(seen), seen.stance
     regressor = seen.nominal.parameters.regressor(seen.joint_angles)
@@ -140,7 +150,7 @@ def _nuisances(seen: Seen, channels: str) -> np.ndarray:
     return out
 
 
-def _weighing(seen: Seen) -> np.ndarray:
+def weighing(seen: Seen) -> np.ndarray:
     """The row that says how well the weight is known."""
     regressor = seen.nominal.parameters
     sets = len(np.unique(seen.stance))

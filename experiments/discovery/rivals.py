@@ -1,4 +1,4 @@
-"""Unnamed rivals: patterns that no catalogue entry need explain, to see whether anything is left, and where."""
+"""Unnamed rivals: patterns in the residuals that show whether anything is left, and where."""
 
 from __future__ import annotations
 

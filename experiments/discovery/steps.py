@@ -249,9 +249,7 @@ def _look_back(seen: Seen, noise: Noise, found: Fit) -> Fit:
     return found
 
 
-def _alternatives(
-    seen: Seen, noise: Noise, among: list[Candidate], found: Fit, k: int
-) -> tuple[Rival, ...]:
+def _alternatives(seen: Seen, noise: Noise, among: list[Candidate], found: Fit, k: int) -> tuple[Rival, ...]:
     """What else would explain what term k does, the others staying; the best first."""
     others = fit(seen, noise, found.terms[:k] + found.terms[k + 1 :])
     linear = _about(others)

@@ -38,7 +38,7 @@ def _inject(rig: Rig, target: str, values: Values) -> Rig:
         )
         spring.wrap_joint(f"{target}{SUFFIX}", 1.0)
 
-    return edited(rig, edit)
+    return rig if values[0] == 0 else edited(rig, edit)
 
 
 def _predict(seen: Seen, target: str, values: Values) -> Seen:

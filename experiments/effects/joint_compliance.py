@@ -28,7 +28,7 @@ def _inject(rig: Rig, target: str, values: Values) -> Rig:
             armature=joint.armature,
         )
 
-    return edited(rig, edit)
+    return rig if values[0] == 0 else edited(rig, edit)
 
 
 def _predict(seen: Seen, target: str, values: Values) -> Seen:

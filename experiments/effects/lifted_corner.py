@@ -1,8 +1,9 @@
 """Something lies under a corner of a foot's sole: a cable, a stone, a bent edge.
 
 The foot stands on that corner, the opposite one and one of the two between them: the one on whose side of
-the diagonal its centre of pressure is. So it is turned about one of two edges. The nominal robot's feet
-stand on four corners; MuJoCo's contact is soft, which blurs the change from one edge to the other.
+the diagonal its centre of pressure is. So it is turned about one of two edges. In closed legs it mostly
+rocks until its centre of pressure is on the diagonal itself, and rests anywhere between; the loads do not
+tell where, so `predict` takes the middle there.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from experiments.effects.seen import Seen
 from experiments.effects.targets import FOOT_CORNERS
 from sim.model import CORNERS
 from sim.rig import Rig
+
+ROCKING = 0.002  # m, width about the diagonal in which a foot is taken to rock: what noise leaves of it
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:
@@ -64,9 +67,9 @@ def _stand(corners: np.ndarray, lifted: int, center: np.ndarray) -> tuple[np.nda
         points = np.column_stack([corners[[lifted, third, opposite]], np.ones(3)])
         planes.append(np.linalg.solve(points, [1.0, 0.0, 0.0]))  # height = a x + b y + c over the ground
     normal = np.array([-along[1], along[0]])
-    beside = (center - corners[lifted]) @ normal
-    first = beside * ((corners[between[0]] - corners[lifted]) @ normal) > 0
-    a, b, c = np.where(first[:, None], *planes).T
+    normal = normal * np.sign((corners[between[0]] - corners[lifted]) @ normal) / np.linalg.norm(normal)
+    share = np.clip(0.5 + (center - corners[lifted]) @ normal / ROCKING, 0.0, 1.0)
+    a, b, c = np.outer(planes[0], share) + np.outer(planes[1], 1 - share)
     return np.column_stack([b, -a]), c
 
 

@@ -45,19 +45,22 @@ def reference(mechanism: Mechanism, start: State, load: Load) -> Reference:
 
 
 def _newton(mechanism: Mechanism, start: State, load: Load) -> Reference:
-    state, still = start, np.zeros(start.position.shape[:-1], bool)
+    count, n = start.position.shape[0], start.angles.shape[-1]
+    state = start.items(np.arange(count))
+    slope = np.zeros((count, 18 + n, 18 + n))
+    inverse, left = slope.copy(), np.arange(count)
     for _ in range(NEWTON_STEPS):
-        slope = derivative(mechanism, state, load)
-        inverse = np.linalg.pinv(slope)  # a posture that cannot be held may have no inverse
-        change = -(inverse @ residual(mechanism, state, load)[..., None])[..., 0]
-        moves = np.abs(change[..., : 6 + state.angles.shape[-1]]).max(axis=-1)
+        part, loads = state.items(left), load.items(left)
+        slope[left] = derivative(mechanism, part, loads)
+        inverse[left] = np.linalg.pinv(slope[left])  # a posture that cannot be held may have no inverse
+        change = -(inverse[left] @ residual(mechanism, part, loads)[..., None])[..., 0]
+        moves = np.abs(change[..., : 6 + n]).max(axis=-1)
         # Whoever is there stays: what one item does must not depend on the others.
-        part = np.where(still, 0.0, np.minimum(1.0, LARGEST_STEP / np.maximum(moves, TOLERANCE)))
-        state = state.moved(part[..., None] * change)
-        still |= moves < TOLERANCE
-        if still.all():
+        step = np.minimum(1.0, LARGEST_STEP / np.maximum(moves, TOLERANCE))
+        state.put(left, part.moved(step[:, None] * change))
+        if not len(left := left[moves >= TOLERANCE]):
             break
-    return Reference(state, inverse, slope, still)
+    return Reference(state, inverse, slope, ~np.isin(np.arange(count), left))
 
 
 def derivative(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:

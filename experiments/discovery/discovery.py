@@ -1,0 +1,215 @@
+"""From measurements to a verdict: named, ambiguous, unknown, or none."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from experiments.discovery.candidates import Candidate, columns
+from experiments.discovery.channels import packed, unpacked
+from experiments.discovery.fit import Fit, Term, search
+from experiments.discovery.heldout import LEAST_PLACEMENTS, HeldOut, held_out
+from experiments.discovery.laboratory import refit
+from experiments.discovery.linear import nuisances, weighing
+from experiments.discovery.noise import Noise, noise_of
+from experiments.discovery.pure_error import PureError, pure_error, widened
+from experiments.discovery.rivals import patterns
+from experiments.discovery.steps import LEVEL, Explanation, Rival, explain
+from experiments.effects.effect import Effect
+from experiments.effects.occurrence import Occurrence
+from experiments.effects.seen import Seen, see
+from identification.nominal import nominal_robot
+from sim.errors import InputError
+from sim.measurements import Measurements
+from sim.model import Robot
+
+NAMED, AMBIGUOUS, UNKNOWN, NONE = "named", "ambiguous", "unknown", "none"
+CLOSED = 0.95  # part of a gap whose explanation is kept although a little is left of it
+QUANTILE = 1.959964
+TIME_GAIN = 3.84  # chi-square with one degree of freedom, 95 %
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """An effect that these postures cannot show.
+
+    Attributes:
+        parameter: number of the base parameter that it would bias most, from 1; 0: none.
+        bias: of it, for a size of one prior s.d. [m].
+    """
+
+    label: str
+    parameter: int
+    bias: float
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """What was found in an experiment.
+
+    Attributes:
+        verdict: named, ambiguous, unknown or none.
+        seen, noise, repeats: the experiment, its noise, and what repeated postures say of it.
+        explanation: how it was searched. found: the fit through the laboratory.
+        bend: what the laboratory adds to the predictions, (m, 11, s).
+        adopted: what is added to the model; empty unless named.
+        rivals: for every term, what explains it as well.
+        unseen: what these postures cannot show.
+        where: the clearest pattern of the gap (of what is left, where the verdict is unknown).
+        heldout: the gap on held-out placements; None: too few placements.
+        wall_s: [s].
+    """
+
+    verdict: str
+    seen: Seen
+    noise: Noise
+    repeats: PureError
+    explanation: Explanation
+    found: Fit
+    bend: np.ndarray
+    adopted: tuple[Occurrence, ...]
+    rivals: tuple[tuple[Rival, ...], ...]
+    unseen: tuple[Unseen, ...]
+    where: str
+    heldout: HeldOut | None
+    wall_s: float
+
+
+def discover(
+    measurements: Measurements,
+    robot: Robot,
+    seed: int = 0,
+    effects: dict[str, Effect] | None = None,
+    through_laboratory: bool = True,
+    hold_out: bool = True,
+    progress: Callable[[int], None] = lambda count: None,
+) -> Discovery:
+    """Find what the nominal model lacks.
+
+    Args:
+        seed: of the bootstrap that calibrates the level.
+        effects: the catalogue by name; all of it if None.
+        through_laboratory: fit the sizes through the static laboratory.
+        hold_out: show the gap on held-out placements.
+        progress: called with 1 after every stage.
+
+    Raises:
+        InputError: measurements that do not fit the robot, or too few placements.
+    """
+    began = time.perf_counter()
+    seen = see(measurements, nominal_robot(robot, _support(measurements)))
+    if len(np.unique(measurements.placement)) < LEAST_PLACEMENTS and hold_out:
+        raise InputError(
+            f"measurements: found {len(np.unique(measurements.placement))} placements, expected at least "
+            f"{LEAST_PLACEMENTS}: whether a finding holds is shown on placements that took no part in it"
+        )
+    stated = noise_of(seen)
+    repeats = pure_error(seen, stated)
+    noise = widened(stated, repeats)
+    explanation = explain(seen, noise, np.random.default_rng(seed), effects, progress)
+    found, bend = explanation.found, np.zeros((len(seen), 11, 0))
+    if found.terms:
+        bend = np.zeros((len(seen), 11, sum(len(t.sizes) for t in found.terms)))
+        if through_laboratory:
+            found, bend = refit(seen, noise, found)
+    progress(1)
+    left = patterns(found.linear, found.residual, found.columns)
+    verdict = _verdict(explanation, found, left[0].p < LEVEL)
+    adopted = tuple(occurrence_of(term, found, k) for k, term in enumerate(found.terms))
+    heldout = held_out(seen, noise, found.terms, bend) if hold_out else None
+    progress(1)
+    before = patterns(explanation.before.linear, explanation.before.residual, explanation.before.columns)
+    clearest = left[0] if verdict == UNKNOWN and found.terms else before[0]
+    return Discovery(
+        verdict=verdict,
+        seen=seen,
+        noise=noise,
+        repeats=repeats,
+        explanation=explanation,
+        found=found,
+        bend=bend,
+        adopted=adopted if verdict == NAMED else (),
+        rivals=explanation.sets,
+        unseen=tuple(unseen(explanation, c) for c in explanation.undetectable),
+        where=f"{clearest.words} (channel {clearest.channel})" if verdict != NONE else "",
+        heldout=heldout,
+        wall_s=time.perf_counter() - began,
+    )
+
+
+def _support(measurements: Measurements) -> str:
+    return "double" if (measurements.support == "double").all() else "right"
+
+
+def _verdict(explanation: Explanation, found: Fit, leftover: bool) -> str:
+    if not found.terms:
+        gap = explanation.alarm < LEVEL or min(g.p for g in explanation.gaps) < LEVEL / len(explanation.gaps)
+        return UNKNOWN if gap else NONE
+    before, null = explanation.before.chi_square, found.linear.freedom
+    closure = (before - found.chi_square) / (before - null) if before > null else 1.0
+    if leftover and closure < CLOSED:
+        return UNKNOWN
+    return AMBIGUOUS if any(len(rivals) > 1 for rivals in explanation.sets) else NAMED
+
+
+def occurrence_of(term: Term, found: Fit, k: int) -> Occurrence:
+    """A fitted term with its 95 % intervals."""
+    first = sum(len(other.sizes) for other in found.terms[:k])
+    spread = np.sqrt(np.diag(found.covariance))[first : first + len(term.sizes)]
+    effect = term.candidate.effect
+    intervals: list[tuple[float, float] | None] = [None] * len(effect.parameters)
+    for at, size, sd, positive in zip(effect.sizes, term.sizes, spread, term.candidate.positive, strict=True):
+        low = size - QUANTILE * sd
+        intervals[at] = (float(max(low, 0.0) if positive else low), float(size + QUANTILE * sd))
+    for at, parameter in enumerate(effect.parameters):
+        if parameter.grid and not parameter.choices:
+            intervals[at] = _times(found, k, at)
+    return Occurrence(effect, term.candidate.target, term.values, tuple(intervals))
+
+
+def _times(found: Fit, k: int, at: int) -> tuple[float, float]:
+    """Times between postures at which a change explains nearly as much as at the best."""
+    term, seen = found.terms[k], found.linear.seen
+    part = np.unique(seen.part)
+    middles = (part[1:] + part[:-1]) / 2
+    here = int(np.abs(middles - term.values[at]).argmin())
+    # About the freed experiment the term's own change is gone; it is put back by its prediction.
+    shown = replace(found.linear, seen=_with(term, seen), smooth=_with(term, found.linear.smooth))
+    shown = replace(shown, residual=shown.at(shown.seen))
+
+    def worth(index: int) -> float:
+        settings = term.candidate.settings[[term.point]].copy()
+        settings[:, at] = middles[index]
+        tried = Term(replace(term.candidate, settings=settings), 0, term.sizes)
+        return search(shown, (tried,)).chi_square
+
+    best = worth(here)
+    low = high = here
+    while low > 0 and worth(low - 1) < best + TIME_GAIN:
+        low -= 1
+    while high < len(middles) - 1 and worth(high + 1) < best + TIME_GAIN:
+        high += 1
+    return float(part[low]), float(part[high + 1])
+
+
+def _with(term: Term, seen: Seen) -> Seen:
+    """Readings to which an effect is put back, to first order."""
+    return unpacked(seen, 2 * packed(seen) - packed(term.freed(seen)))
+
+
+def unseen(explanation: Explanation, candidate: Candidate) -> Unseen:
+    """What an effect that leaves no residual does to the base parameters."""
+    linear = explanation.before.linear
+    if not candidate.effect.sizes:
+        return Unseen(candidate.label, 0, 0.0)
+    known = np.vstack([linear.white(nuisances(linear.smooth, "AFTC")), weighing(linear.smooth)[None]])
+    effect = columns(linear, candidate, 0) * candidate.prior
+    pushed = np.linalg.lstsq(known, np.vstack([effect, np.zeros((1, effect.shape[1]))]), rcond=None)[0]
+    moved = pushed[: len(linear.theta)]
+    if not np.abs(moved).max(initial=0.0) > 0:
+        return Unseen(candidate.label, 0, 0.0)
+    at = np.unravel_index(np.abs(moved).argmax(), moved.shape)
+    return Unseen(candidate.label, int(at[0]) + 1, float(np.abs(moved[at])))

@@ -1,0 +1,95 @@
+"""The adopted model held against the measurements in the full dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from experiments.discovery.channels import SIZE, residuals
+from experiments.discovery.discovery import Discovery
+from experiments.discovery.laboratory import exact_rig, measured_plan
+from experiments.effects.occurrence import Occurrence, freed, injected
+from experiments.effects.seen import see
+from sim.errors import InputError
+from sim.laboratory import run_experiment
+from sim.measurements import PosturePlan
+
+PLACEMENTS = 8
+
+
+@dataclass(frozen=True)
+class DynamicsCheck:
+    """Some placements simulated anew with the adopted effects.
+
+    Attributes:
+        postures: that stood. tried: that were tried.
+        left: what the effects' removal leaves in the dynamics, r.m.s. over the noise; well below 1: the
+            adopted model is the same in statics and dynamics.
+        cells: r.m.s. difference of measured and simulated cells without and with the effects [N].
+        reason: why nothing could be compared, or "".
+    """
+
+    postures: int
+    tried: int
+    left: float
+    cells: tuple[float, float]
+    reason: str
+
+    def document(self) -> dict[str, object]:
+        """For JSON."""
+        return {
+            "postures": self.postures,
+            "tried": self.tried,
+            "left_over_noise": self.left,
+            "cells_rms_N": {"before": self.cells[0], "after": self.cells[1]},
+            "reason": self.reason or None,
+        }
+
+
+def check_in_dynamics(
+    found: Discovery,
+    adopted: Sequence[Occurrence],
+    workers: int = 1,
+    progress: Callable[[int], None] = lambda count: None,
+) -> DynamicsCheck:
+    """Simulate some placements in full dynamics, without and with the adopted effects."""
+    seen = found.seen
+    numbers = np.unique(seen.stance)
+    chosen = numbers[np.linspace(0, len(numbers) - 1, min(PLACEMENTS, len(numbers))).astype(int)]
+    rows = np.flatnonzero(np.isin(seen.stance, chosen))
+    whole = measured_plan(seen)
+    plan = PosturePlan(
+        **{
+            name: getattr(whole, name)[rows]
+            for name in ("joint_angles", "posture", "placement", "support", "swing_pose")
+        },
+        joints=whole.joints,
+        robot=whole.robot,
+    )
+    rig = exact_rig(seen)
+    shown = {}
+    try:
+        for label, laboratory in (("before", rig), ("after", injected(rig, adopted))):
+            shown[label] = run_experiment(laboratory, plan, 0, workers, progress).measurements
+    except InputError as error:
+        return DynamicsCheck(0, len(rows), np.nan, (np.nan, np.nan), str(error))
+    common = np.intersect1d(shown["before"].posture, shown["after"].posture)
+    if not len(common):
+        return DynamicsCheck(0, len(rows), np.nan, (np.nan, np.nan), "no posture stood both times")
+    at = {key: np.array([list(m.posture).index(n) for n in common]) for key, m in shown.items()}
+    plain, changed = (see(shown[key], seen.nominal) for key in ("before", "after"))
+    theta = seen.nominal.value
+    left = residuals(freed(changed, adopted), theta)[at["after"]] - residuals(plain, theta)[at["before"]]
+    white = found.explanation.before.linear.white
+    full = np.zeros((len(seen), SIZE))
+    full[common - 1] = left
+    full[common - 1, 3:5] *= changed.on_four_cells[at["after"]] & plain.on_four_cells[at["before"]]
+    used = np.isin(white.rows // SIZE, common - 1)
+    cells = tuple(
+        float(np.sqrt(((m.cell_forces[at[key]] - seen.measurements.cell_forces[common - 1]) ** 2).mean()))
+        for key, m in shown.items()
+    )
+    rms = float(np.sqrt((white(full)[used] ** 2).mean()))
+    return DynamicsCheck(len(common), len(rows), rms, (cells[0], cells[1]), "")

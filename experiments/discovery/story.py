@@ -1,0 +1,84 @@
+"""A discovery in words that a laboratory understands."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from experiments.discovery.discovery import AMBIGUOUS, NAMED, NONE, Discovery, occurrence_of
+from experiments.discovery.proposals import Proposal
+from experiments.effects.wording import told
+
+PLACES = {
+    "A": "the centre of pressure",
+    "F": "the sum of the cells",
+    "T": "the twist of the plates",
+    "C": "the closure of the legs",
+}
+
+
+def story(found: Discovery, next_experiment: list[Proposal]) -> list[str]:
+    """Sentences, the verdict first."""
+    lines = [_headline(found)]
+    if found.verdict == NONE:
+        lines.append(_sensitivity(found))
+    else:
+        lines += _seen_in(found)
+    if found.heldout is not None and found.found.terms and found.verdict != NONE:
+        before, after, floor = found.heldout.millimetres
+        lines.append(
+            f"On placements that took no part in the fit the residuals go from "
+            f"{found.heldout.before['AFTC']:.2f} to {found.heldout.after['AFTC']:.2f} times the noise "
+            f"(up to {found.heldout.floor['AFTC']:.2f} by chance), "
+            f"the centre of pressure from {before:.2f} to {after:.2f} mm (noise {floor:.2f} mm)."
+        )
+    lines += [f"To tell them apart: {p.words} ({p.gain:.3g} times the separation)" for p in next_experiment]
+    if found.noise.assumed:
+        lines.append(f"Noise not as the data sheets say: {'; '.join(found.noise.assumed)}.")
+    if found.repeats.pairs == 0:
+        lines.append("No posture was repeated: the stated noise is believed, nothing checks it.")
+    return lines
+
+
+def _headline(found: Discovery) -> str:
+    if found.verdict == NONE:
+        return "No gap: what was measured is what the nominal model and the stated noise explain."
+    if found.verdict == NAMED:
+        return " ".join(told(occurrence) for occurrence in found.adopted)
+    if found.verdict == AMBIGUOUS:
+        parts = []
+        for k, (term, rivals) in enumerate(zip(found.found.terms, found.rivals, strict=True)):
+            if len(rivals) > 1:
+                parts.append(f"One of these, which this experiment cannot tell apart: {_labels(rivals)}.")
+            else:
+                parts.append(told(occurrence_of(term, found.found, k)))
+        return " ".join(parts)
+    tried = ", ".join(term.candidate.label for term in found.found.terms)
+    closest = f" Closest, but not enough: {tried}." if tried else ""
+    return f"There is a gap that no effect of the catalogue closes: {found.where}.{closest}"
+
+
+def _labels(rivals) -> str:
+    return ", ".join(f"{r.label} (ln BF {r.log_bayes_factor:.1f})" for r in rivals)
+
+
+def _seen_in(found: Discovery) -> list[str]:
+    """In which channels it was seen."""
+    after = found.heldout.after if found.heldout is not None else {}
+    parts = []
+    for gap in found.explanation.gaps:
+        if gap.p < 0.01:
+            closed = f" -> {after[gap.channel] ** 2:.2g}" if gap.channel in after else ""
+            ratio = f"{gap.chi_square / gap.freedom:.2g}{closed}"
+            parts.append(f"{PLACES[gap.channel]} (chi2 per degree of freedom {ratio})")
+    if parts:
+        return [f"Seen in {', '.join(parts)}."]
+    return [
+        f"No channel alone shows it; along its direction it stands out (p = {found.explanation.alarm:.2g} "
+        "over the catalogue)."
+    ]
+
+
+def _sensitivity(found: Discovery) -> str:
+    names = sorted({u.label.split(":")[0] for u in found.unseen})
+    hidden = f" These postures cannot show: {', '.join(names)}." if names else ""
+    return f"{len(found.seen)} postures, {len(np.unique(found.seen.stance))} stances.{hidden}"
