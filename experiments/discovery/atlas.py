@@ -113,7 +113,7 @@ def atlas(planned: Planned, rng: np.random.Generator) -> Atlas:
                     size,
                     _detectable(board, k, point, size, level),
                     {c: _detectable(single[c], k, point, size, level) for c in CHANNELS},
-                    float(np.linalg.norm(column)) * prior > VISIBLE,
+                    bool(np.linalg.norm(column) * prior > VISIBLE),
                     moved[:, size or 0],
                 )
             )
