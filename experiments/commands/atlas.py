@@ -23,7 +23,7 @@ from experiments.effects.wording import SPOKEN
 from experiments.run_folder import check_new
 from experiments.scenario import DEFAULT_SEED
 from experiments.setting_up import at_least, check_plan
-from experiments.terminal import ERR, console, print_json, print_table
+from experiments.terminal import ERR, console, finite, print_json, print_table
 from sim.files import new_folder, write_text
 from sim.measurements.tables import write_json
 from sim.model import TULIP
@@ -67,7 +67,7 @@ def atlas_command(
     said = {"preset": preset, "seed": seed, **document(found)}
     if out is not None:
         with new_folder(out) as working:
-            write_json(working / "atlas.json", said)
+            write_json(working / "atlas.json", finite(said))
             write_text(working / "bias.csv", biases(found))
             write_text(working / "separation.html", separation(found, preset))
     if as_json:
@@ -148,7 +148,7 @@ def _table(found: Atlas, rows: list[Row], title: str) -> Table:
     table = Table(title=title, title_justify="left", header_style="bold", padding=(0, 1, 0, 0), box=None)
     table.add_column("effect", no_wrap=True)
     table.add_column("unit", no_wrap=True)
-    for header in ("plausible", "found", *CHANNELS, "bias at plausible", "at found"):
+    for header in ("plausible", "found", *CHANNELS, "bias, plausible", "found"):
         table.add_column(header, justify="right", no_wrap=True)
     seen = any(row.visible for row in rows)
     if seen:
@@ -167,6 +167,8 @@ def _table(found: Atlas, rows: list[Row], title: str) -> Table:
             _worst(row.bias_undetected / errors),
             *([_like(found, at)] if seen else []),
         )
+    for column in table.columns:  # figures are not cut
+        column.min_width = max(len(str(cell)) for cell in [column.header, *column.cells])
     return table
 
 
