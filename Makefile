@@ -67,7 +67,7 @@ study-estimators: setup  ## docs/estimators.md's table: is each estimator right 
 study-improve: setup  ## docs/improve.md's tables and figures: the paper's ways to improve (some seventeen minutes of one core)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.study_improve
 
-study-atlas: setup  ## docs/atlas.md's table: from which angle on two effects are told apart (two minutes of one core)
+study-atlas: setup  ## docs/atlas.md's table: from which angle on two effects are told apart (some minutes of one core)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.study_atlas
 
 study-verdict: setup  ## docs/verdict.md's tables: how often the verdict fails a true laboratory (an hour of one core)
