@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 ORACLE := .venv-oracle
 
 .PHONY: setup validate test lint bench oracle study-contact study-equilibrium study-montecarlo study-estimators study-check \
-  study-improve study-plan study-sequential study-verdict study-fuzz study-kill pictures constraints clean
+  study-improve study-plan study-sequential study-atlas study-verdict study-fuzz study-kill pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -66,6 +66,9 @@ study-estimators: setup  ## docs/estimators.md's table: is each estimator right 
 
 study-improve: setup  ## docs/improve.md's tables and figures: the paper's ways to improve (some seventeen minutes of one core)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.study_improve
+
+study-atlas: setup  ## docs/atlas.md's table: from which angle on two effects are told apart (some minutes of one core)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.study_atlas
 
 study-verdict: setup  ## docs/verdict.md's tables: how often the verdict fails a true laboratory (an hour of one core)
 	$(BIN)/python -m tools.study_verdict
