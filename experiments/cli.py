@@ -18,6 +18,7 @@ from experiments.commands.plan import plan_command
 from experiments.commands.postures import postures_command
 from experiments.commands.simulate import simulate_command
 from experiments.commands.validate import validate_command
+from experiments.commands.view import view_command
 from experiments.terminal import ERR, printable
 from sim.errors import InputError, listed, shortened
 from sim.measurements.tables import software
@@ -31,6 +32,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "postures": postures_command,
     "plan": plan_command,
     "model": model_command,
+    "view": view_command,
 }
 
 

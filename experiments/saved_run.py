@@ -155,7 +155,8 @@ def read_run(folder: Path, robot: Robot) -> SavedRun:
             raise InputError(f"{folder / RUN_FILE}: key 'outputs': found '{shortened(name)}'")
         if (found := sha256(path)) != expected:
             raise InputError(
-                f"{path}: hash mismatch: found sha256 {found[:12]}..., run.json says {shortened(expected, 12)}"
+                f"{path}: hash mismatch: found sha256 {found[:12]}..., "
+                f"expected {shortened(expected[:12])}... by run.json"
             )
     rows = np.genfromtxt(folder / "residuals.csv", delimiter=",", names=True)
     return SavedRun(

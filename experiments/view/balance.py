@@ -1,4 +1,4 @@
-"""Support polygon, centre of pressure and projections of the centre of mass: in space, from above, close up."""
+"""Support polygon, CoP and projections of the CoM: in space, from above, close up."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from identification.feasibility import place_polygon, support_polygon
 
 COM_COLOURS = {"estimate": ESTIMATE, "truth": TRUTH, "nominal model": NOMINAL}
 ABOVE_GROUND = 0.002  # m, so that lines do not flicker in the boards' surface
-MAGNIFIED_TO = 0.04  # m, about what the median residual is drawn as
+MAGNIFIED_TO = 0.08  # m, about what the median residual is drawn as
 
 
 def magnification(subject: Subject) -> int:
@@ -58,26 +58,50 @@ def log_close_up(recording: rr.RecordingStream, index: rr.TimeColumn, subject: S
     """CoP and CoM against the estimate (else the nominal model), under /close_up [mm]."""
     if subject.cop is None:
         return
-    reference = subject.com.get("estimate", subject.com["nominal model"])
-    points = {f"CoM, {name}": (value, COM_COLOURS[name]) for name, value in subject.com.items()}
-    if "estimate" in subject.com:  # a hand-breadth away it would set the scale
-        del points["CoM, nominal model"]
-    points["CoP"] = (subject.cop, MEASURED)
-    for name, (value, colour) in points.items():
+    reference, points, reach = close_up(subject)
+    for k, (name, value) in enumerate(points.items()):
+        colour = MEASURED if name == "CoP" else COM_COLOURS[name.removeprefix("CoM, ")]
         path = "close_up/" + name.replace(", ", "_").replace(" ", "_").lower()
-        style = rr.Points2D.from_fields(
-            colors=rgb(colour), radii=rr.Radius.ui_points(7), labels=name, show_labels=True
-        )
+        style = rr.Points2D.from_fields(colors=rgb(colour), radii=rr.Radius.ui_points(5))
         recording.log(path, style, static=True)
         columns = rr.Points2D.columns(positions=from_above(value - reference))
         recording.send_columns(path, [index], columns)
+        # Beside each other's points labels would lie over each other.
+        sign = rr.Points2D(
+            [[-1.9 * reach, (0.5 * k - 0.8) * reach]],
+            colors=rgb(colour),
+            radii=rr.Radius.ui_points(5),
+            labels=name,
+            show_labels=True,
+        )
+        recording.log(f"close_up/legend/{k}", sign, static=True)
     lines = from_above(np.stack([np.zeros_like(reference), subject.cop - reference], axis=1))
-    recording.log(
-        "close_up/residual",
-        rr.LineStrips2D.from_fields(colors=rgb(RESIDUAL), radii=rr.Radius.ui_points(2)),
-        static=True,
-    )
+    pink = rr.LineStrips2D.from_fields(colors=rgb(RESIDUAL), radii=rr.Radius.ui_points(1.5))
+    recording.log("close_up/residual", pink, static=True)
     recording.send_columns("close_up/residual", [index], rr.LineStrips2D.columns(strips=list(lines)))
+    turn = np.linspace(0, 2 * np.pi, 73)
+    for radius in circles(reach):
+        ring = radius * np.column_stack([np.cos(turn), np.sin(turn)])
+        grey = rr.LineStrips2D([ring], colors=(190, 190, 190), radii=rr.Radius.ui_points(0.7))
+        recording.log(f"close_up/circle/{radius:g}_mm", grey, static=True)
+
+
+def close_up(subject: Subject) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
+    """The point in the middle, (m, 2) [m], the points around it, and how far the picture reaches [mm]."""
+    assert subject.cop is not None
+    points = {f"CoM, {name}": value for name, value in subject.com.items()}
+    if "estimate" in subject.com:  # centimetres away, it would set the scale
+        del points["CoM, nominal model"]
+    points["CoP"] = subject.cop
+    reference = subject.com.get("estimate", subject.com["nominal model"])
+    furthest = np.max([np.abs(value - reference).max(axis=1) for value in points.values()], axis=0)
+    return reference, points, max(1.1e3 * float(np.quantile(furthest, 0.95)), 1e-6)
+
+
+def circles(reach: float) -> list[float]:
+    """Radii of the scale's two circles: round numbers below the reach [mm]."""
+    steps = [step * 10.0**power for power in range(-7, 5) for step in (1, 2, 5)]
+    return [step for step in steps if step < reach][-2:]
 
 
 def from_above(points: np.ndarray) -> np.ndarray:
@@ -150,7 +174,12 @@ def _strips_above(
 
 
 def _points(
-    recording: rr.RecordingStream, name: str, index: rr.TimeColumn, points: np.ndarray, colour: str, label: str
+    recording: rr.RecordingStream,
+    name: str,
+    index: rr.TimeColumn,
+    points: np.ndarray,
+    colour: str,
+    label: str,
 ) -> None:
     """A point on the ground for every row, in space and from above."""
     space, above = f"world/balance/{name}", f"above/{name}"
@@ -158,5 +187,5 @@ def _points(
     recording.log(space, rr.Points3D.from_fields(radii=0.008, **style), static=True)
     ground = np.column_stack([points, np.full(len(points), 2 * ABOVE_GROUND)])
     recording.send_columns(space, [index], rr.Points3D.columns(positions=ground))
-    recording.log(above, rr.Points2D.from_fields(radii=rr.Radius.ui_points(5), **style), static=True)
+    recording.log(above, rr.Points2D.from_fields(radii=rr.Radius.ui_points(3.5), **style), static=True)
     recording.send_columns(above, [index], rr.Points2D.columns(positions=from_above(points)))

@@ -2,38 +2,54 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import rerun.blueprint as rrb
 
-from experiments.view.balance import from_above
+from experiments.view.balance import circles, close_up, from_above
 from experiments.view.plots import TITLES, curves
+from experiments.view.robot import link_frames
 from experiments.view.subject import Subject
 
-MARGIN_ABOVE = 40.0  # mm around the plates
-EYE = (2.0, -1.45, 1.15)  # m, of a robot as tall as TULip
+EYE = (1.5, -1.05, 0.85)  # m, of a robot as tall as TULip
 TULIP_HEIGHT = 1.25  # m
 
 
-def posture_blueprint(subject: Subject, timeline: str = "posture") -> rrb.Blueprint:
-    """The robot large, the ground beside it, numbers, curves below."""
-    tabs = [
-        rrb.TimeSeriesView(origin=f"plots/{name}", name=TITLES[name], plot_legend=rrb.Corner2D.RightTop)
-        for name in curves(subject)
-    ]
+@dataclass(frozen=True)
+class Views:
+    """What there is to see, before it is laid out."""
+
+    space: list[rrb.View]
+    ground: list[rrb.View]
+    curves: list[rrb.View]
+    text: list[rrb.View]
+
+
+def posture_views(subject: Subject) -> Views:
+    """The views of postures."""
     ground: list[rrb.View] = [above_view(subject.plates, subject.board.size)]
     if subject.cop is not None:
         ground.append(close_up_view(subject))
+    curve_views: list[rrb.View] = [
+        rrb.TimeSeriesView(origin=f"plots/{name}", name=TITLES[name], plot_legend=rrb.Corner2D.RightTop)
+        for name in curves(subject)
+    ]
+    text: list[rrb.View] = [rrb.TextDocumentView(origin="text", name="Posture")]
+    return Views([*space_views(subject)], ground, curve_views, text)
+
+
+def laid_out(views: Views) -> rrb.Blueprint:
+    """The robot large, curves below it, the ground and the numbers beside it."""
+    beside = [*views.ground, *views.text]
+    shares = [1.1, *[0.8] * (len(views.ground) - 1), 1.6]
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(rrb.Tabs(*space_views(subject)), rrb.Tabs(*tabs), row_shares=[2.2, 1]),
-            rrb.Vertical(
-                *ground,
-                rrb.TextDocumentView(origin="text", name="Posture"),
-                row_shares=[1.25, *([0.85] if len(ground) > 1 else []), 1.3],
-            ),
+            rrb.Vertical(rrb.Tabs(*views.space), rrb.Tabs(*views.curves), row_shares=[2.2, 1]),
+            rrb.Vertical(*beside, row_shares=shares),
             column_shares=[1.7, 1],
         ),
-        rrb.TimePanel(timeline=timeline, state="collapsed", fps=2.0),
+        rrb.TimePanel(timeline="posture", state="collapsed", fps=2.0),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
     )
@@ -44,7 +60,7 @@ def space_views(subject: Subject) -> list[rrb.Spatial3DView]:
     height = _height(subject)
     eye = rrb.EyeControls3D(
         position=tuple(height / TULIP_HEIGHT * np.array(EYE)),
-        look_target=(0.0, 0.1, 0.42 * height),
+        look_target=(0.0, 0.1, 0.4 * height),
         eye_up=(0.0, 0.0, 1.0),
     )
     plain = {"origin": "world", "background": (238, 241, 244), "line_grid": False, "eye_controls": eye}
@@ -74,15 +90,13 @@ def above_view(plates: np.ndarray, size: np.ndarray) -> rrb.Spatial2DView:
 
 
 def close_up_view(subject: Subject) -> rrb.Spatial2DView:
-    """CoP and CoM around the reference, wide enough for all postures."""
-    assert subject.cop is not None
-    reference = subject.com.get("estimate", subject.com["nominal model"])
-    others = [subject.cop, *([subject.com["truth"]] if "truth" in subject.com else [])]
-    reach = 1.3e3 * max(float(np.abs(other - reference).max()) for other in others)
-    name = "estimated CoM" if "estimate" in subject.com else "nominal CoM"
+    """CoP and CoM around the reference."""
+    _, _, reach = close_up(subject)
+    name = "estimated" if "estimate" in subject.com else "nominal"
+    scale = " and ".join(f"{radius:g}" for radius in circles(reach))
     return rrb.Spatial2DView(
         origin="close_up",
-        name=f"Around the {name}, {2 * reach:.3g} mm high (x up, y left)",
+        name=f"Close-up around the {name} CoM: circles of {scale} mm (x up, y left)",
         background=(250, 250, 250),
         visual_bounds=rrb.VisualBounds2D(x_range=[-reach, reach], y_range=[-reach, reach]),
     )
@@ -90,7 +104,5 @@ def close_up_view(subject: Subject) -> rrb.Spatial2DView:
 
 def _height(subject: Subject) -> float:
     """Of the highest frame over the ground with the legs as they stand, plus what is above it [m]."""
-    from experiments.view.robot import link_frames
-
     _, positions = link_frames(subject.nominal, subject.joint_angles)
     return 2.0 * float(np.median(positions[..., 2].max(axis=1)))

@@ -48,12 +48,12 @@ def curves(subject: Subject) -> dict[str, dict[str, np.ndarray]]:
 
 
 TITLES = {
-    "cells": "Cell forces, N",
-    "tracking": "Measured minus commanded angle, mrad",
-    "joints": "Joint angles, deg",
+    "cells": "Cells, N",
+    "tracking": "Tracking error, mrad",
+    "joints": "Joints, deg",
     "cop": "CoP, mm",
-    "residual": "CoP minus estimated CoM, mm",
-    "margin": "Margin of stability d_e, mm",
+    "residual": "Residual, mm",
+    "margin": "Margin d_e, mm",
 }
 
 
@@ -83,8 +83,8 @@ def posture_text(subject: Subject, row: int) -> str:
         force = subject.cell_forces[row]
         lines += [
             "",
-            f"Right plate {force[:4].sum():.1f} N, left {force[4:].sum():.1f} N, together {force.sum():.1f} N; "
-            f"the nominal robot weighs {subject.weight:.1f} N.",
+            f"Right plate {force[:4].sum():.1f} N, left {force[4:].sum():.1f} N, together "
+            f"{force.sum():.1f} N; the nominal robot weighs {subject.weight:.1f} N.",
         ]
     if subject.command is not None:
         error = 1e3 * (subject.joint_angles[row] - subject.command[row])
@@ -108,8 +108,7 @@ def _legend(subject: Subject) -> list[str]:
         scale = 1e3 * METRES_PER_WEIGHT / subject.weight
         lines.append(
             f"Arrows: load on each cell, {scale:.1f} mm per N; front left dark blue, front right light "
-            "blue, rear right green, rear left orange. A cell that is pulled points up."
+            "blue, rear right green, rear left orange. A cell that reads less than under the empty board "
+            "points up."
         )
     return ["\n\n".join([*lines, *subject.notes])]
-
-

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import rerun as rr
 
+from experiments.colours import COMMAND, SKELETON
 from experiments.view.balance import log_balance, log_close_up
-from experiments.view.layout import posture_blueprint
+from experiments.view.layout import laid_out, posture_views
 from experiments.view.plates import log_loads, log_plates
 from experiments.view.plots import curves, log_curves, log_text
 from experiments.view.robot import log_geometry, log_masses, log_motion, log_skeleton
@@ -24,11 +25,14 @@ def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
     log_geometry(recording, "world/robot", model)
     index = rr.TimeColumn("posture", sequence=np.arange(1, len(subject) + 1))
     log_motion(recording, "world/robot", index, subject.nominal, subject.joint_angles)
-    masses = {"nominal model": standard_parameters(model)} | subject.true_masses
+    masses = {"nominal model": standard_parameters(model)}
+    for name, standard in subject.true_masses.items():
+        if not np.allclose(standard, masses["nominal model"]):
+            masses[name] = standard
     log_masses(recording, "world/masses", index, subject.nominal, subject.joint_angles, masses)
-    log_skeleton(recording, "world/masses/skeleton", index, subject.nominal, subject.joint_angles)
+    log_skeleton(recording, "world/masses/skeleton", index, subject.nominal, subject.joint_angles, SKELETON)
     if subject.command is not None:
-        log_skeleton(recording, "world/commanded", index, subject.nominal, subject.command)
+        log_skeleton(recording, "world/commanded", index, subject.nominal, subject.command, COMMAND)
     log_plates(recording, "world/plates", index, subject)
     if subject.measurements is not None:
         positions = cell_positions(subject.measurements)
@@ -41,4 +45,4 @@ def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
     log_text(recording, "text", index, subject)
     if subject.series is not None:
         log_series(recording, subject)
-    recording.send_blueprint(posture_blueprint(subject))
+    recording.send_blueprint(laid_out(posture_views(subject)))

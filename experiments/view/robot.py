@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 from scipy.spatial.transform import Rotation
 
-from experiments.colours import COMMAND, NOMINAL, TRUTH, rgb
+from experiments.colours import NOMINAL, TRUTH, rgb
 from identification.kinematics import frame_positions, link_rotations
 from identification.nominal import Nominal
 
@@ -52,7 +52,7 @@ def log_skeleton(
     index: rr.TimeColumn,
     nominal: Nominal,
     joint_angles: np.ndarray,
-    colour: str = COMMAND,
+    colour: str,
 ) -> None:
     """Lines from joint to joint at every time."""
     _, positions = link_frames(nominal, joint_angles)

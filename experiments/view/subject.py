@@ -122,9 +122,7 @@ def measured(folder: Path, robot: Robot, title: str) -> Subject:
         InputError: another robot's folder, or one that breaks the contract.
     """
     measurements = read_measurements(folder)
-    check_model(
-        f"{folder}: manifest.json", measurements.robot["model"], measurements.robot["sha256"], robot
-    )
+    check_model(f"{folder}: manifest.json", measurements.robot["model"], measurements.robot["sha256"], robot)
     subject = _of_measurements(measurements, robot, title)
     subject = replace(subject, series=read_series(folder))
     try:

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import rerun as rr
 
+from experiments.colours import COMMAND
 from experiments.view.plates import log_loads, log_plates
 from experiments.view.plots import curves, log_curves
 from experiments.view.robot import log_motion, log_skeleton
@@ -78,7 +79,7 @@ def _log_readings(recording: rr.RecordingStream, index: rr.TimeColumn, dense: Su
 def _log_robot(recording: rr.RecordingStream, index: rr.TimeColumn, dense: Subject) -> None:
     log_motion(recording, "world/robot", index, dense.nominal, dense.joint_angles)
     if dense.command is not None:
-        log_skeleton(recording, "world/commanded", index, dense.nominal, dense.command)
+        log_skeleton(recording, "world/commanded", index, dense.nominal, dense.command, COMMAND)
     log_plates(recording, "world/plates", index, dense)
     assert dense.measurements is not None
     positions = cell_positions(dense.measurements)
