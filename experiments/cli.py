@@ -16,6 +16,7 @@ from experiments.commands.model import model_command
 from experiments.commands.montecarlo import montecarlo_command
 from experiments.commands.plan import plan_command
 from experiments.commands.postures import postures_command
+from experiments.commands.report import report_command
 from experiments.commands.simulate import simulate_command
 from experiments.commands.validate import validate_command
 from experiments.commands.view import view_command
@@ -33,6 +34,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "plan": plan_command,
     "model": model_command,
     "view": view_command,
+    "report": report_command,
 }
 
 

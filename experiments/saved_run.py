@@ -194,6 +194,17 @@ def read_montecarlo(folder: Path, robot: Robot) -> SavedMonteCarlo:
     return SavedMonteCarlo(folder, document, settings, found, plan, parameters, layout, chunks, robot)
 
 
+def errors_mm(run: SavedMonteCarlo, model: str) -> np.ndarray:
+    """Estimate minus truth of every identified run, (runs, p) [mm]."""
+    numbers = run.layout.models[model]
+    names = [f"{model}.value.{n}" for n in numbers], [f"truth.{n}" for n in numbers]
+    parts = []
+    for columns in run.chunks.read([*names[0], *names[1], "failure"]):
+        value, truth = (np.column_stack([columns[name] for name in of]).astype(float) for of in names)
+        parts.append((value - truth)[columns["failure"] == ""])
+    return 1e3 * np.vstack(parts)
+
+
 def _run_kind(folder: Path) -> Literal["run", "montecarlo"]:
     where = folder / RUN_FILE
     head = _parsed(Head, folder, read_json(where))

@@ -275,8 +275,7 @@ def test_a_run_of_another_version_or_robot_or_one_that_was_changed(run, foreign,
 
 def test_serving_is_for_this_machine_alone(run):
     command = [sys.executable, "-c", "from experiments.entry import run; run()", "view", str(run), "--serve"]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    try:
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         line = process.stderr.readline()
         ports = [int(port) for port in re.findall(r"127\.0\.0\.1(?::|%3A)(\d+)", line)]
@@ -286,10 +285,8 @@ def test_serving_is_for_this_machine_alone(run):
         while len(listening) < 2 and time.monotonic() < until:
             time.sleep(0.3)
             listening = {port: address for port, address in _listening() if port in ports}
-        assert listening == dict.fromkeys(ports, "0100007F")
-    finally:
         process.terminate()
-        process.wait(timeout=20)
+    assert listening == dict.fromkeys(ports, "0100007F")
     time.sleep(1)
     assert not any(port in ports for port, _ in _listening())
 

@@ -12,7 +12,7 @@ from experiments.colours import ESTIMATE, MEASURED, SKELETON, rgb
 from experiments.montecarlo.folder import first_difference, run_document
 from experiments.montecarlo.laboratory import laboratory, stream_of
 from experiments.montecarlo.settings import Settings
-from experiments.saved_run import SavedMonteCarlo
+from experiments.saved_run import SavedMonteCarlo, errors_mm
 from experiments.scenario import Scenario
 from experiments.view.balance import from_above, log_balance
 from experiments.view.layout import Views, above_view, laid_out, space_views
@@ -82,17 +82,6 @@ def cop_clouds(run: SavedMonteCarlo) -> tuple[dict[int, np.ndarray], str]:
         {posture: np.array(cloud) for posture, cloud in points.items()},
         f"CoP clouds: measured CoP of each posture in the first {count} runs.{versions}",
     )
-
-
-def errors_mm(run: SavedMonteCarlo, model: str) -> np.ndarray:
-    """Estimate minus truth of every identified run, (runs, p) [mm]."""
-    numbers = run.layout.models[model]
-    names = [f"{model}.value.{n}" for n in numbers], [f"truth.{n}" for n in numbers]
-    parts = []
-    for columns in run.chunks.read([*names[0], *names[1], "failure"]):
-        value, truth = (np.column_stack([columns[name] for name in of]).astype(float) for of in names)
-        parts.append((value - truth)[columns["failure"] == ""])
-    return 1e3 * np.vstack(parts)
 
 
 def _log_clouds(recording: rr.RecordingStream, subject: Subject, clouds: dict[int, np.ndarray]) -> None:
