@@ -11,6 +11,7 @@ from collections.abc import Callable
 import tyro
 
 from experiments.commands.check import check_command
+from experiments.commands.compare import compare_command
 from experiments.commands.identify import identify_command
 from experiments.commands.model import model_command
 from experiments.commands.montecarlo import montecarlo_command
@@ -35,6 +36,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "model": model_command,
     "view": view_command,
     "report": report_command,
+    "compare": compare_command,
 }
 
 

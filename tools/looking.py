@@ -102,7 +102,12 @@ def browse(
     """
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         command = ["chromium", "--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run"]
-        command += ["--hide-scrollbars", "--remote-debugging-port=0", f"--user-data-dir={profile}", "about:blank"]
+        command += [
+            "--hide-scrollbars",
+            "--remote-debugging-port=0",
+            f"--user-data-dir={profile}",
+            "about:blank",
+        ]
         browser = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
         )
@@ -139,9 +144,7 @@ CELLS = (
 )
 
 
-def _visit(
-    tab: _Tab, page: Path, picture: Path, size: tuple[int, int], dark: bool, ready: str
-) -> Browsed:
+def _visit(tab: _Tab, page: Path, picture: Path, size: tuple[int, int], dark: bool, ready: str) -> Browsed:
     for domain in ("Page", "Runtime", "Log", "Network"):
         tab(f"{domain}.enable")
     metrics = {"width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": size[0] < 600}

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
-from plotly.subplots import make_subplots
 
 from experiments.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, POLYGON, RESIDUAL, TRUTH
 from identification.feasibility import place_polygon
@@ -24,12 +22,14 @@ class Figure:
     Attributes:
         name: its id in the page. caption: below it. text: for who cannot see it.
         json: plotly's, ready to stand inside of a script element.
+        small: several may stand beside each other.
     """
 
     name: str
     caption: str
     text: str
     json: str
+    small: bool = False
 
 
 def plotly_script() -> str:
@@ -102,7 +102,7 @@ def errors_over_se(z: dict[str, tuple[list[int], np.ndarray]]) -> Figure:
         )
     for level in (-2, 2):
         drawn.add_hline(y=level, line={"color": NOMINAL, "dash": "dash", "width": 1})
-    drawn.update_xaxes(title="number of the parameter", dtick=1)
+    drawn.update_xaxes(title="number of the parameter", tickangle=0)
     drawn.update_yaxes(title="error over standard error")
     worst = {model: float(np.abs(values).max()) for model, (_, values) in z.items()}
     text = "; ".join(f"{model} model: largest {value:.2f}" for model, value in worst.items())
@@ -136,7 +136,10 @@ def correlation_map(matrix: np.ndarray, pairs: list[tuple[list[int], str]]) -> F
         for x, y in ((a, b), (b, a)):
             drawn.add_shape(
                 type="rect",
-                **{"x0": x - 0.5, "x1": x + 0.5, "y0": y - 0.5, "y1": y + 0.5},
+                x0=x - 0.5,
+                x1=x + 0.5,
+                y0=y - 0.5,
+                y1=y + 0.5,
                 line={"color": "#000000", "width": 3},
             )
         drawn.add_annotation(
@@ -158,70 +161,34 @@ def correlation_map(matrix: np.ndarray, pairs: list[tuple[list[int], str]]) -> F
     return figure("correlations", caption, f"Map of correlations. {marked}.", drawn, 520)
 
 
-def support_polygons(pictures: list[dict[str, Any]], board: np.ndarray) -> Figure:
+def support_polygon_figure(
+    placement: int, plates: np.ndarray, polygon: np.ndarray, points: dict[str, np.ndarray], board: np.ndarray
+) -> Figure:
     """Fig. 2: what carries the robot, from above.
 
     Args:
-        pictures: title, plates (2, 3), polygon (k, 2), points: by name (n, 2) [m]; at most six.
+        plates: poses, (2, 3) [m, m, rad]. polygon: (k, 2) [m]. points: by name, (n, 2) [m].
         board: extent in x and y, (2,) [m].
     """
-    columns = min(3, len(pictures))
-    rows = -(-len(pictures) // columns)
-    drawn = make_subplots(
-        rows,
-        columns,
-        subplot_titles=[p["title"] for p in pictures],
-        horizontal_spacing=0.06,
-        vertical_spacing=0.12,
-    )
-    colours = {"CoP": MEASURED, "CoM, truth": TRUTH, "CoM, nominal model": NOMINAL}
+    drawn = go.Figure()
     x, y = board / 2
     corners = np.array([[x, y], [x, -y], [-x, -y], [-x, y]])
-    for k, picture in enumerate(pictures):
-        place = {"row": k // columns + 1, "col": k % columns + 1}
-        first = {"showlegend": k == 0}
-        outlines = [("plate", place_polygon(corners, pose), MARGIN) for pose in picture["plates"]]
-        outlines.append(("support polygon", picture["polygon"], POLYGON))
-        for n, (name, outline, colour) in enumerate(outlines):
-            closed = 1e3 * np.vstack([outline, outline[:1]])
-            drawn.add_scatter(
-                x=closed[:, 1],
-                y=closed[:, 0],
-                mode="lines",
-                name=name,
-                legendgroup=name,
-                showlegend=k == 0 and n != 1,
-                line={"color": colour, "width": 2},
-                hoverinfo="skip",
-                **place,
-            )
-        for name, points in picture["points"].items():
-            drawn.add_scatter(
-                x=1e3 * points[:, 1],
-                y=1e3 * points[:, 0],
-                mode="markers",
-                name=name,
-                legendgroup=name,
-                marker={
-                    "color": colours[name],
-                    "size": 7,
-                    "symbol": "circle" if name == "CoP" else "x-thin-open",
-                },
-                **first,
-                **place,
-            )
-        axis = "" if k == 0 else str(k + 1)
-        drawn.update_yaxes(scaleanchor=f"x{axis}", **place)
-    drawn.update_xaxes(autorange="reversed", constrain="domain")
-    drawn.update_yaxes(constrain="domain")
-    drawn.update_xaxes(title="y, mm", row=rows)
-    drawn.update_yaxes(title="x, mm", col=1)
-    caption = (
-        "Support polygons from above, as the paper's Fig. 2: x points up, y to the left; all postures of "
-        "some placements, the polygon of the first."
-    )
-    text = "Plates, support polygon and centres of pressure of " + ", ".join(p["title"] for p in pictures)
-    return figure("polygons", caption, text + ".", drawn, 300 * rows + 60)
+    outlines = [(place_polygon(corners, pose), MARGIN) for pose in plates]
+    for outline, colour in [*outlines, (polygon, POLYGON)]:
+        closed = 1e3 * np.vstack([outline, outline[:1]])
+        line = {"color": colour, "width": 2}
+        drawn.add_scatter(x=closed[:, 1], y=closed[:, 0], mode="lines", line=line, hoverinfo="skip")
+    styles = {"CoP": (MEASURED, "circle"), "CoM, truth": (TRUTH, "x-thin-open")}
+    for name, where in points.items():
+        colour, symbol = styles[name]
+        marker = {"color": colour, "size": 7, "symbol": symbol}
+        drawn.add_scatter(x=1e3 * where[:, 1], y=1e3 * where[:, 0], mode="markers", name=name, marker=marker)
+    drawn.update_layout(showlegend=False)
+    drawn.update_xaxes(autorange="reversed", constrain="domain", title="y, mm")
+    drawn.update_yaxes(scaleanchor="x", constrain="domain", title="x, mm")
+    caption = f"Placement {placement}"
+    text = f"Plates, support polygon and centres of pressure of placement {placement}, from above."
+    return replace(figure(f"polygon-{placement}", caption, text, drawn, 300), small=True)
 
 
 def with_intervals(
@@ -259,7 +226,7 @@ def with_intervals(
     drawn.add_hline(y=target, line={"color": NOMINAL, "width": 1})
     for bound in bounds:
         drawn.add_hline(y=bound, line={"color": MEASURED, "dash": "dash", "width": 1})
-    drawn.update_xaxes(title="number of the parameter", dtick=1)
+    drawn.update_xaxes(title="number of the parameter", tickangle=0)
     drawn.update_yaxes(title=axis)
     spans = "; ".join(
         f"{model} model: {min(v for _, v, _ in r):.3f} to {max(v for _, v, _ in r):.3f}"
@@ -288,5 +255,3 @@ def error_boxes(model: str, numbers: tuple[int, ...], errors_mm: np.ndarray) -> 
         f"{numbers[widest]}, s.d. {errors_mm[:, widest].std(ddof=1):.1f} mm."
     )
     return figure(f"boxes-{model}", f"Errors of all runs, {model} model.", text, drawn)
-
-

@@ -41,6 +41,11 @@ from sim.rig import preset_rig
 from sim.scene import load_scene
 
 TEMPLATE = "page.html.j2"
+POLYGON_WORDS = (
+    "From above, as the paper's Fig. 2 (x points up, y to the left): plates light blue, the support polygon of "
+    "a placement's first posture orange, CoP of all its postures as vermilion dots, CoM by truth as green "
+    "crosses. Below, some postures as in the paper's Fig. 3."
+)
 POLYGONS, PICTURES = 6, 4  # how many placements and postures are drawn
 
 
@@ -122,8 +127,8 @@ def validation_page(run: SavedRun) -> Page:
         Section("Correlations", figures=(drawn.correlation_map(matrix, pairs),)),
         Section(
             "Postures",
-            (_dropped(report),),
-            figures=(_polygons(robot, measured, run.truth),),
+            (_dropped(report), POLYGON_WORDS),
+            figures=_polygons(robot, measured, run.truth),
             pictures=_pictures(robot, measured.joint_angles, measured.plate_poses, _names(measured), missing),
         ),
         Section("How it was made", tables=(settings_table(run.document),)),
@@ -231,12 +236,15 @@ def _calibration_figures(rows: dict[str, list[dict[str, Any]]]) -> tuple[Figure,
             for model, found in rows.items()
         }
 
-    bias = {
-        model: [(row["number"], *_relative_bias(row)) for row in found] for model, found in rows.items()
-    }
+    bias = {model: [(row["number"], *_relative_bias(row)) for row in found] for model, found in rows.items()}
     return (
         drawn.with_intervals(
-            "ratio", "Standard error found over stated.", "found over stated", of("standard_error_ratio"), 1, RATIO
+            "ratio",
+            "Standard error found over stated.",
+            "found over stated",
+            of("standard_error_ratio"),
+            1,
+            RATIO,
         ),
         drawn.with_intervals(
             "coverage", "Coverage of 95 % intervals.", "coverage", of("coverage95"), 0.95, COVERAGE
@@ -267,25 +275,23 @@ def _names(measured: Measurements) -> list[str]:
     return [f"Posture {p}, placement {k}" for p, k in zip(measured.posture, measured.placement, strict=True)]
 
 
-def _polygons(robot: Robot, measured: Measurements, truth: dict[str, Any]) -> Figure:
+def _polygons(robot: Robot, measured: Measurements, truth: dict[str, Any]) -> tuple[Figure, ...]:
     nominal = nominal_robot(robot)
     soles, cop = nominal.soles_in_base(measured.joint_angles), center_of_pressure(measured)
     com = np.array([attempt["com"] for attempt in truth["attempts"] if "com" in attempt])
     placements = np.unique(measured.placement)
-    pictures = []
+    board = plate_geometry(load_scene(robot), "right").size
+    carrying = {"double": slice(0, 2), "right": slice(0, 1), "left": slice(1, 2)}
+    found = []
     for placement in placements[np.unique(np.linspace(0, len(placements) - 1, POLYGONS).astype(int))]:
         rows = np.flatnonzero(measured.placement == placement)
-        carrying = {"double": slice(0, 2), "right": slice(0, 1), "left": slice(1, 2)}
         feet = soles[rows[0]][carrying[str(measured.support[rows[0]])]]
-        pictures.append(
-            {
-                "title": f"placement {placement}",
-                "plates": measured.plate_poses[rows[0]],
-                "polygon": support_polygon(feet),
-                "points": {"CoP": cop[rows], "CoM, truth": com[rows]},
-            }
+        points = {"CoP": cop[rows], "CoM, truth": com[rows]}
+        plates = measured.plate_poses[rows[0]]
+        found.append(
+            drawn.support_polygon_figure(int(placement), plates, support_polygon(feet), points, board)
         )
-    return drawn.support_polygons(pictures, plate_geometry(load_scene(robot), "right").size)
+    return tuple(found)
 
 
 def _pictures(
@@ -325,4 +331,3 @@ def write_page(path: Path, page: Page) -> int:
     content = html(page).encode()
     write_bytes(path, content)
     return len(content)
-

@@ -55,9 +55,7 @@ def render(robot: Robot, joint_angles: np.ndarray, plate_poses: np.ndarray) -> l
             except subprocess.TimeoutExpired:
                 continue
             if drawn.returncode == 0:
-                return [
-                    (Path(scratch) / f"{row}.png").read_bytes() for row in range(len(joint_angles))
-                ]
+                return [(Path(scratch) / f"{row}.png").read_bytes() for row in range(len(joint_angles))]
     raise InputError(
         f"found no OpenGL to draw postures with (tried {' and '.join(BACKENDS)}), expected one: "
         f"`apt-get install {PACKAGE}`"
