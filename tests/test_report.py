@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-import time
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from experiments.report.tables import flattened
 from experiments.run_folder import write_run
 from experiments.saved_run import read_run
 from sim.errors import InputError
-from tests.test_view import calibration, not_blank, refused, run  # noqa: F401
+from tests.test_view import calibration, cpu_seconds, not_blank, refused, run  # noqa: F401
 from tools.looking import browse
 
 MOST_SECONDS, MOST_BYTES = 20, 12e6
@@ -35,9 +34,9 @@ def can_draw(robot, plan) -> bool:
 @pytest.fixture(scope="module")
 def page(run, tmp_path_factory):  # noqa: F811
     path = tmp_path_factory.mktemp("report") / "run.html"
-    began = time.perf_counter()
+    began = cpu_seconds()
     assert main(["report", str(run), "--out", str(path)]) == 0
-    assert time.perf_counter() - began < MOST_SECONDS
+    assert cpu_seconds() - began < MOST_SECONDS
     assert path.stat().st_size < MOST_BYTES
     return path
 

@@ -1,6 +1,7 @@
 """Views: written, opened in rerun itself, looked at."""
 
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -29,6 +30,13 @@ from tools.looking import headless_viewer
 from tools.study_check import rows_of
 
 MOST_SECONDS, MOST_BYTES = 20, 60e6  # of a view of 150 postures
+
+
+def cpu_seconds() -> float:
+    """Of this process and its children; a busy machine does not change it as it does wall time."""
+    kinds = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    used = [resource.getrusage(kind) for kind in kinds]
+    return sum(usage.ru_utime + usage.ru_stime for usage in used)
 
 
 def vulkan() -> bool:
@@ -106,9 +114,9 @@ def test_rerun_draws_every_view_of_a_montecarlo(calibration, robot, tmp_path, mo
 
 def test_a_view_of_150_postures_is_small_and_soon_there(run, tmp_path, capsys):
     for name, folder in {"run": run, "data": run / "measurements", "plan": DEFAULT_PLAN}.items():
-        began = time.perf_counter()
+        began = cpu_seconds()
         assert main(["view", str(folder), "--save", str(tmp_path / f"{name}.rrd")]) == 0
-        assert time.perf_counter() - began < MOST_SECONDS
+        assert cpu_seconds() - began < MOST_SECONDS
         assert 1e5 < (tmp_path / f"{name}.rrd").stat().st_size < MOST_BYTES
         assert "View: " in capsys.readouterr().err
 

@@ -42,8 +42,8 @@ from sim.scene import load_scene
 
 TEMPLATE = "page.html.j2"
 POLYGON_WORDS = (
-    "From above, as the paper's Fig. 2 (x points up, y to the left): plates light blue, the support polygon of "
-    "a placement's first posture orange, CoP of all its postures as vermilion dots, CoM by truth as green "
+    "From above, as the paper's Fig. 2 (x points up, y to the left): plates light blue, the support polygon "
+    "of a placement's first posture orange, CoP of all its postures as vermilion dots, CoM by truth as green "
     "crosses. Below, some postures as in the paper's Fig. 3."
 )
 POLYGONS, PICTURES = 6, 4  # how many placements and postures are drawn
@@ -88,7 +88,7 @@ class Page:
 
 def html(page: Page) -> str:
     """The page as one file that asks the network for nothing."""
-    template = files(__package__).joinpath(TEMPLATE).read_text(encoding="utf-8")
+    template = files("experiments.report").joinpath(TEMPLATE).read_text(encoding="utf-8")
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -207,16 +207,16 @@ def _montecarlo_sentence(report: dict[str, Any]) -> str:
     if report["shown"]:
         return f"The estimator is right about its own errors: {report['identified']} runs show it."
     return (
-        f"Nothing in {report['identified']} runs contradicts the estimator's own errors, but they are too few "
-        "to show that these are right: some intervals reach beyond the bounds."
+        f"Nothing in {report['identified']} runs contradicts the estimator's own errors, but they are too "
+        "few to show that these are right: some intervals reach beyond the bounds."
     )
 
 
 def _parameter_words(report: dict[str, Any]) -> tuple[str, ...]:
     right, left = report["full"]["placement_sd_mm"]
     return (
-        f"s.e.: standard error by the estimator ({report['estimator']}); rel. %: standard error over estimate "
-        "(eq. 13); well identified: below 15 %. Errors common to a placement are estimated as s.d. "
+        f"s.e.: standard error by the estimator ({report['estimator']}); rel. %: standard error over "
+        "estimate (eq. 13); well identified: below 15 %. Errors common to a placement are estimated as s.d. "
         f"{right:.2f} mm of the right plate and {left:.2f} mm of the left.",
     )
 
