@@ -69,7 +69,7 @@ def _report(run: Path, scratch: Path) -> Image.Image:
 
 
 def _save(target: Path, picture: Image.Image) -> None:
-    picture.quantize(128).save(target, optimize=True)
+    picture.quantize(256).save(target, optimize=True)
     print(target)
 
 

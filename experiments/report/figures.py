@@ -156,8 +156,10 @@ def correlation_map(matrix: np.ndarray, pairs: list[tuple[list[int], str]]) -> F
     marked = "; ".join(f"{a} and {b}: {matrix[a - 1, b - 1]:.4f}" for (a, b), _ in pairs)
     caption = (
         "Correlations of the full model's parameters (eq. 15) by the regressor of the measured angles, "
-        "whatever the estimator. Framed: the pairs that only an ankle's roll tells apart."
+        "whatever the estimator."
     )
+    if pairs:
+        caption += " Framed: the pairs that only one joint tells apart."
     return figure("correlations", caption, f"Map of correlations. {marked}.", drawn, 520)
 
 

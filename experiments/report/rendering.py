@@ -73,6 +73,7 @@ def draw(robot: Robot, joint_angles: np.ndarray, plate_poses: np.ndarray) -> lis
     for row, poses in enumerate(plate_poses):
         spec = load_scene(robot)
         place_plates(spec, poses)
+        _lit(spec)
         model = compile_spec(spec, str(robot.path))
         data = mujoco.MjData(model)
         free = int(model.jnt_qposadr[np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)[0]])
@@ -86,14 +87,37 @@ def draw(robot: Robot, joint_angles: np.ndarray, plate_poses: np.ndarray) -> lis
 
 
 def _picture(model: mujoco.MjModel, data: mujoco.MjData) -> Image.Image:
-    geoms = data.geom_xpos[model.geom_bodyid > 0]
-    scale = float(np.ptp(geoms[:, 2])) / TULIP_HEIGHT
+    # Planes have no bounding sphere.
+    tops = (data.geom_xpos[:, 2] + model.geom_rbound)[model.geom_rbound > 0]
+    scale = float(tops.max()) / TULIP_HEIGHT
     camera = mujoco.MjvCamera()
     camera.azimuth, camera.elevation, camera.distance = AZIMUTH, ELEVATION, DISTANCE * scale
     camera.lookat[:] = [0.0, 0.1 * scale, MIDDLE * scale]
     with mujoco.Renderer(model, SIZE[1], SIZE[0]) as renderer:
         renderer.update_scene(data, camera)
         return Image.fromarray(renderer.render()).quantize(COLOURS)
+
+
+def _lit(spec: mujoco.MjSpec) -> None:
+    """Light and a pale sky for a scene that brings none."""
+    if not spec.lights:
+        spec.worldbody.add_light(
+            pos=[0.6, -0.6, 3.0],
+            dir=[-0.2, 0.2, -1.0],
+            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            diffuse=[0.6, 0.6, 0.6],
+        )
+        spec.visual.headlight.ambient = [0.4, 0.4, 0.4]
+        spec.visual.headlight.diffuse = [0.4, 0.4, 0.4]
+        spec.add_texture(
+            name="sky",
+            type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+            builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+            rgb1=[0.95, 0.97, 1.0],
+            rgb2=[0.7, 0.78, 0.86],
+            width=64,
+            height=384,
+        )
 
 
 def main(description: str, task: str) -> None:

@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 
 from experiments.view.balance import circles, close_up, from_above
 from experiments.view.plots import TITLES, curves
-from experiments.view.robot import link_frames
+from experiments.view.robot import height_of
 from experiments.view.subject import Subject
 
 EYE = (1.5, -1.05, 0.85)  # m, of a robot as tall as TULip
@@ -57,7 +57,7 @@ def laid_out(views: Views) -> rrb.Blueprint:
 
 def space_views(subject: Subject) -> list[rrb.Spatial3DView]:
     """The robot on its plates, and its skeleton with the links' masses."""
-    height = _height(subject)
+    height = height_of(subject.nominal, subject.joint_angles)
     eye = rrb.EyeControls3D(
         position=tuple(height / TULIP_HEIGHT * np.array(EYE)),
         look_target=(0.0, 0.1, 0.4 * height),
@@ -100,9 +100,3 @@ def close_up_view(subject: Subject) -> rrb.Spatial2DView:
         background=(250, 250, 250),
         visual_bounds=rrb.VisualBounds2D(x_range=[-reach, reach], y_range=[-reach, reach]),
     )
-
-
-def _height(subject: Subject) -> float:
-    """Of the highest frame over the ground with the legs as they stand, plus what is above it [m]."""
-    _, positions = link_frames(subject.nominal, subject.joint_angles)
-    return 2.0 * float(np.median(positions[..., 2].max(axis=1)))

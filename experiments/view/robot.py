@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from experiments.colours import NOMINAL, TRUTH, rgb
 from identification.kinematics import frame_positions, link_rotations
 from identification.nominal import Nominal
+from sim.model import load_model
 
 SHOWN_GROUPS = (0, 1, 2)  # as MuJoCo's own viewer; collision geometry stands in the others
 MARKER = 0.025  # m, radius of the marker of 1 kg
@@ -104,6 +105,16 @@ def link_frames(nominal: Nominal, joint_angles: np.ndarray) -> tuple[np.ndarray,
     tree, base = nominal.parameters.tree, nominal.parameters.base
     rotations = link_rotations(tree, base, joint_angles)
     return rotations, frame_positions(tree, base, rotations, -nominal.points[0])
+
+
+def height_of(nominal: Nominal, joint_angles: np.ndarray) -> float:
+    """Of the robot's highest geom over the ground, the median of all postures [m]."""
+    model, tree = load_model(nominal.robot), nominal.parameters.tree
+    rotations, positions = link_frames(nominal, joint_angles)
+    frame = np.array(tree.frame_of_link)[model.geom_bodyid - 1]
+    # Rows of the rotations that give z; a geom's own sphere reaches as far upwards as in any direction.
+    middle = positions[:, frame, 2] + (rotations[:, frame, 2] * model.geom_pos).sum(axis=-1)
+    return float(np.median((middle + model.geom_rbound).max(axis=1)))
 
 
 def _shape(model: mujoco.MjModel, geom: int) -> rr.AsComponents | None:
