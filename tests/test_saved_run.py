@@ -33,7 +33,7 @@ def mutations(document):
                 del place[path[-1]]
             else:
                 place[path[-1]] = value
-            yield path, value, changed
+            yield changed
 
 
 @pytest.fixture
@@ -48,15 +48,10 @@ def test_no_run_file_breaks_the_reader(name, run, calibration, robot, empty):  #
     folder = {"run": run, "montecarlo": calibration}[name]
     document = json.loads((folder / "run.json").read_text())
     tried = 0
-    for path, value, changed in mutations(document):
+    for changed in mutations(document):
         (empty / "run.json").write_text(json.dumps(changed))
-        try:
-            kind = run_kind(empty)
-            READ[kind](empty, robot)
-        except InputError as error:
-            assert "\x1b" not in str(error).encode("unicode_escape").decode()
-        else:
-            pytest.fail(f"{path} = {value!r}: read a folder without a single table")
+        with pytest.raises(InputError):
+            READ[run_kind(empty)](empty, robot)
         settings_table(changed)
         tried += 1
     assert tried > 100
@@ -77,7 +72,7 @@ def test_every_file_of_a_run_is_guarded(run, robot, tmp_path):  # noqa: F811
         if name == Path("run.json"):
             continue
         for damage in ("changed", "emptied", "removed"):
-            other = tmp_path / damage / name.parent / name.stem
+            other = tmp_path / damage / str(name).replace("/", "-")
             shutil.copytree(run, other)
             content = (other / name).read_bytes()
             if damage == "removed":
@@ -93,5 +88,5 @@ def test_outputs_lie_in_the_folder(run, robot, tmp_path):  # noqa: F811
     document = json.loads((tmp_path / "run" / "run.json").read_text())
     document["outputs"]["../elsewhere"] = "0"
     (tmp_path / "run" / "run.json").write_text(json.dumps(document))
-    with pytest.raises(InputError, match="'../elsewhere'"):
+    with pytest.raises(InputError, match=r"'\.\./elsewhere'"):
         read_run(tmp_path / "run", robot)
