@@ -8,8 +8,9 @@ import numpy as np
 import rerun as rr
 
 from experiments.colours import COMMAND
+from experiments.view.balance import log_balance, log_close_up
 from experiments.view.plates import log_loads, log_plates
-from experiments.view.plots import curves, log_curves
+from experiments.view.plots import curves, log_curves, log_text
 from experiments.view.robot import log_motion, log_skeleton
 from experiments.view.subject import Subject
 from identification.center_of_pressure import cell_positions, center_of_pressure
@@ -18,10 +19,19 @@ MOST_POSES, MOST_READINGS = 2_000, 20_000
 
 
 def log_series(recording: rr.RecordingStream, subject: Subject) -> None:
-    """Curves of at most `MOST_READINGS` samples, the robot at `MOST_POSES` of them."""
+    """Curves of at most `MOST_READINGS` samples, the robot at `MOST_POSES` of them.
+
+    Ground and numbers stay those of the window's averages, from its start on.
+    """
     for most, log in ((MOST_READINGS, _log_readings), (MOST_POSES, _log_robot)):
         dense, t = sampled(subject, most)
         log(recording, rr.TimeColumn("time", duration=t), dense)
+    assert subject.measurements is not None
+    if np.isfinite(subject.measurements.time).all():
+        begun = rr.TimeColumn("time", duration=subject.measurements.time)
+        log_balance(recording, begun, subject)
+        log_close_up(recording, begun, subject)
+        log_text(recording, "text", begun, subject)
 
 
 def sampled(subject: Subject, most: int) -> tuple[Subject, np.ndarray]:
