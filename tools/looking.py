@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from rerun.experimental import ViewerClient
 from websockets.sync.client import ClientConnection, connect
@@ -60,7 +60,7 @@ def headless_viewer(recording: Path, size: tuple[int, int] = (1600, 1000)) -> It
             process.wait(timeout=10)
 
 
-def _wait_for_port(port: int, process: subprocess.Popen, log) -> None:
+def _wait_for_port(port: int, process: subprocess.Popen[bytes], log: IO[str]) -> None:
     until = time.monotonic() + PATIENCE
     while time.monotonic() < until:
         if process.poll() is not None:
@@ -173,7 +173,7 @@ def _visit(tab: _Tab, page: Path, picture: Path, size: tuple[int, int], dark: bo
     return Browsed(complaints, outside, cells, width)
 
 
-def _page_address(profile: Path, browser: subprocess.Popen) -> str:
+def _page_address(profile: Path, browser: subprocess.Popen[bytes]) -> str:
     """Of the page's DevTools socket."""
     port, until = profile / "DevToolsActivePort", time.monotonic() + PATIENCE
     while time.monotonic() < until and browser.poll() is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -57,8 +58,8 @@ def view_command(
     return 0
 
 
-def _logger(kind: str, folder: Path, robot: Robot, title: str):
-    """What logs the folder's content into a recording."""
+def _logger(kind: str, folder: Path, robot: Robot, title: str) -> Callable[..., None]:
+    """What logs the folder's content into a recording; a new kind of folder gets its line here."""
     from experiments.view.montecarlo import log_montecarlo
     from experiments.view.postures import log_postures
     from experiments.view.subject import measured, planned, validated
