@@ -15,6 +15,7 @@ from markupsafe import Markup
 
 from experiments.montecarlo.verdict import BIAS, COVERAGE, RATIO
 from experiments.report import figures as drawn
+from experiments.report import words
 from experiments.report.figures import Figure
 from experiments.report.rendering import render
 from experiments.report.tables import (
@@ -41,11 +42,6 @@ from sim.rig import preset_rig
 from sim.scene import load_scene
 
 TEMPLATE = "page.html.j2"
-POLYGON_WORDS = (
-    "From above, as the paper's Fig. 2 (x points up, y to the left): plates light blue, the support polygon "
-    "of a placement's first posture orange, CoP of all its postures as vermilion dots, CoM by truth as green "
-    "crosses. Below, some postures as in the paper's Fig. 3."
-)
 POLYGONS, PICTURES = 6, 4  # how many placements and postures are drawn
 
 
@@ -119,7 +115,7 @@ def validation_page(run: SavedRun) -> Page:
     matrix = correlations_at(parameters, measured.joint_angles)
     sections = (
         Section("What was checked", tables=(check_table(report["checks"]),)),
-        Section("Parameters", _parameter_words(report), tuple(tables), (drawn.errors_over_se(z),)),
+        Section("Parameters", words.parameter_words(report), tuple(tables), (drawn.errors_over_se(z),)),
         Section(
             "Residuals",
             figures=(drawn.residual_norms(measured.posture, measured.placement, norms, means),),
@@ -127,7 +123,7 @@ def validation_page(run: SavedRun) -> Page:
         Section("Correlations", figures=(drawn.correlation_map(matrix, pairs),)),
         Section(
             "Postures",
-            (_dropped(report), POLYGON_WORDS),
+            (words.dropped(report), words.POLYGON_WORDS),
             figures=_polygons(robot, measured, run.truth),
             pictures=_pictures(robot, measured.joint_angles, measured.plate_poses, _names(measured), missing),
         ),
@@ -146,7 +142,7 @@ def validation_page(run: SavedRun) -> Page:
         ),
     )
     title = f"{robot.settings.get('name', robot.model.stem)}: validation {run.folder.resolve().name}"
-    return Page(title, report["verdict"], _validation_sentence(report), facts, sections, tuple(missing))
+    return Page(title, report["verdict"], words.validation_sentence(report), facts, sections, tuple(missing))
 
 
 def montecarlo_page(run: SavedMonteCarlo) -> Page:
@@ -168,7 +164,7 @@ def montecarlo_page(run: SavedMonteCarlo) -> Page:
     chosen = np.unique(np.linspace(0, size - 1, PICTURES).astype(int))
     sections = (
         Section("What was checked", tables=(check_table(report["checks"]),)),
-        Section("Calibration and coverage", _calibration_words(report), (), figures[:3]),
+        Section("Calibration and coverage", words.calibration_words(report), (), figures[:3]),
         Section("Errors", figures=figures[3:]),
         Section("Parameters", tables=tables),
         Section("Postures", pictures=_planned_pictures(run.robot, run.plan, chosen, missing)),
@@ -183,50 +179,7 @@ def montecarlo_page(run: SavedMonteCarlo) -> Page:
         ("postures planned", str(size)),
     )
     title = f"{run.robot.settings.get('name', run.robot.model.stem)}: Monte Carlo {run.folder.resolve().name}"
-    return Page(title, report["verdict"], _montecarlo_sentence(report), facts, sections, tuple(missing))
-
-
-def _validation_sentence(report: dict[str, Any]) -> str:
-    failed = [check["name"] for check in report["checks"] if check["result"] == "fail"]
-    evaluated = sum(check["result"] != "not evaluated" for check in report["checks"])
-    if failed:
-        return f"The estimates cannot be trusted here: {len(failed)} of {evaluated} checks failed, " + (
-            f"{', '.join(failed)}."
-        )
-    return (
-        f"In this laboratory, with these sensors and postures, the estimates and the standard errors they "
-        f"come with are right: all {evaluated} evaluated checks passed. This says nothing about effects that "
-        "the laboratory does not hold."
-    )
-
-
-def _montecarlo_sentence(report: dict[str, Any]) -> str:
-    failed = [check["name"] for check in report["checks"] if check["result"] == "fail"]
-    if failed:
-        return f"The estimator is wrong about its own errors: {', '.join(failed)}."
-    if report["shown"]:
-        return f"The estimator is right about its own errors: {report['identified']} runs show it."
-    return (
-        f"Nothing in {report['identified']} runs contradicts the estimator's own errors, but they are too "
-        "few to show that these are right: some intervals reach beyond the bounds."
-    )
-
-
-def _parameter_words(report: dict[str, Any]) -> tuple[str, ...]:
-    right, left = report["full"]["placement_sd_mm"]
-    return (
-        f"s.e.: standard error by the estimator ({report['estimator']}); rel. %: standard error over "
-        "estimate (eq. 13); well identified: below 15 %. Errors common to a placement are estimated as s.d. "
-        f"{right:.2f} mm of the right plate and {left:.2f} mm of the left.",
-    )
-
-
-def _calibration_words(report: dict[str, Any]) -> tuple[str, ...]:
-    return (
-        "Found over stated: the scatter of the errors over the runs against the standard error that the "
-        "estimator stated. Coverage: share of the runs whose interval held the truth. Intervals of 95 % for "
-        "every single figure; the verdict's are wider, since they hold for all at once.",
-    )
+    return Page(title, report["verdict"], words.montecarlo_sentence(report), facts, sections, tuple(missing))
 
 
 def _calibration_figures(rows: dict[str, list[dict[str, Any]]]) -> tuple[Figure, ...]:
@@ -262,13 +215,6 @@ def _relative_bias(row: dict[str, Any]) -> tuple[float, list[float]]:
 def _z(rows: list[dict[str, Any]]) -> tuple[list[int], np.ndarray]:
     values = np.array([(row["estimate"] - row["truth"], row["standard_error"]) for row in rows])
     return [row["number"] for row in rows], values[:, 0] / values[:, 1]
-
-
-def _dropped(report: dict[str, Any]) -> str:
-    if not report["dropped"]:
-        return f"All {report['postures_planned']} planned postures could be measured."
-    reasons = "; ".join(f"{entry['posture']}: {entry['reason']}" for entry in report["dropped"])
-    return f"Dropped {len(report['dropped'])} of {report['postures_planned']} postures. {reasons}."
 
 
 def _names(measured: Measurements) -> list[str]:
