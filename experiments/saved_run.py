@@ -24,7 +24,8 @@ from sim.measurements.folder_kind import KINDS
 from sim.measurements.tables import read_json
 from sim.model import Robot, load_model, sha256
 
-FORMATS = {"tulip-run": "run", "tulip-montecarlo": "montecarlo"}
+FORMATS = ("tulip-run", "tulip-montecarlo")
+RunKind = Literal["run", "montecarlo", "discovery"]
 VERSION = 1
 Count = Annotated[int, Strict(), Field(ge=1)]
 
@@ -34,6 +35,7 @@ class Head(BaseModel):
 
     format: str
     version: Annotated[int, Strict()]
+    command: str = ""
 
 
 class Inputs(BaseModel):
@@ -106,7 +108,7 @@ class SavedMonteCarlo:
     robot: Robot
 
 
-def kind_of(folder: Path) -> Literal["run", "montecarlo", "plan", "measurement"]:
+def kind_of(folder: Path) -> Literal["run", "montecarlo", "discovery", "plan", "measurement"]:
     """What a folder holds, by the file that describes it.
 
     Raises:
@@ -124,14 +126,14 @@ def kind_of(folder: Path) -> Literal["run", "montecarlo", "plan", "measurement"]
     return "plan" if found[0] == "plan" else "measurement"
 
 
-def run_kind(folder: Path) -> Literal["run", "montecarlo"]:
+def run_kind(folder: Path) -> RunKind:
     """Which command made a run folder.
 
     Raises:
         InputError: no run folder, or one of another version.
     """
     kind = kind_of(folder)
-    if kind == "run" or kind == "montecarlo":
+    if kind != "plan" and kind != "measurement":
         return kind
     raise InputError(f"{folder}: found a {kind} folder, expected a run folder ({RUN_FILE})")
 
@@ -144,20 +146,9 @@ def read_run(folder: Path, robot: Robot) -> SavedRun:
     """
     folder = Path(folder)
     document = read_json(folder / RUN_FILE)
-    outputs = _parsed(RunFile, folder, document).outputs
-    _check_robot(folder, document["inputs"], robot)
-    for name in ("report.json", "truth.json", "residuals.csv"):
-        if name not in outputs:
-            raise InputError(f"{folder / RUN_FILE}: key 'outputs': found no {name}")
-    for name, expected in outputs.items():
-        path = folder / name
-        if ".." in Path(name).parts or Path(name).is_absolute():
-            raise InputError(f"{folder / RUN_FILE}: key 'outputs': found '{shortened(name)}'")
-        if (found := sha256(path)) != expected:
-            raise InputError(
-                f"{path}: hash mismatch: found sha256 {found[:12]}..., "
-                f"expected {shortened(expected[:12])}... by run.json"
-            )
+    outputs = parsed(RunFile, folder, document).outputs
+    check_robot(folder, document["inputs"], robot)
+    check_outputs(folder, outputs, ("report.json", "truth.json", "residuals.csv"))
     rows = np.genfromtxt(folder / "residuals.csv", delimiter=",", names=True)
     return SavedRun(
         folder,
@@ -179,8 +170,8 @@ def read_montecarlo(folder: Path, robot: Robot) -> SavedMonteCarlo:
     """
     folder = Path(folder)
     document = read_json(folder / RUN_FILE)
-    settings = _parsed(MonteCarloFile, folder, document).settings
-    _check_robot(folder, document["inputs"], robot)
+    settings = parsed(MonteCarloFile, folder, document).settings
+    check_robot(folder, document["inputs"], robot)
     plan = read_plan(folder / PLAN_FOLDER, robot, load_model(robot))
     parameters = planned_parameters(robot, plan)
     layout = layout_of(robot, parameters)
@@ -205,9 +196,9 @@ def errors_mm(run: SavedMonteCarlo, model: str) -> np.ndarray:
     return 1e3 * np.vstack(parts)
 
 
-def _run_kind(folder: Path) -> Literal["run", "montecarlo"]:
+def _run_kind(folder: Path) -> RunKind:
     where = folder / RUN_FILE
-    head = _parsed(Head, folder, read_json(where))
+    head = parsed(Head, folder, read_json(where))
     if head.format not in FORMATS:
         raise InputError(
             f"{where}: key 'format': found '{shortened(head.format)}', expected one of {listed(FORMATS)}"
@@ -217,17 +208,44 @@ def _run_kind(folder: Path) -> Literal["run", "montecarlo"]:
             f"{where}: key 'version': found {head.version}, expected {VERSION}: another version of this "
             "program made the run"
         )
-    return "run" if head.format == "tulip-run" else "montecarlo"
+    if head.format == "tulip-montecarlo":
+        return "montecarlo"
+    return "discovery" if head.command == "discover" else "run"
 
 
-def _parsed(kind: type[Kind], folder: Path, document: dict[str, Any]) -> Kind:
+def parsed(kind: type[Kind], folder: Path, document: dict[str, Any]) -> Kind:
+    """run.json as one of its kinds.
+
+    Raises:
+        InputError: it is none.
+    """
     try:
         return kind.model_validate(document)
     except ValidationError as error:
         raise InputError(f"{folder / RUN_FILE}: {validation_message(error)}") from None
 
 
-def _check_robot(folder: Path, inputs: dict[str, str], robot: Robot) -> None:
+def check_outputs(folder: Path, outputs: dict[str, str], needed: tuple[str, ...]) -> None:
+    """Refuse a run with a file that is missing or not what was written.
+
+    Raises:
+        InputError: names the file.
+    """
+    for name in needed:
+        if name not in outputs:
+            raise InputError(f"{folder / RUN_FILE}: key 'outputs': found no {name}")
+    for name, expected in outputs.items():
+        path = folder / name
+        if ".." in Path(name).parts or Path(name).is_absolute():
+            raise InputError(f"{folder / RUN_FILE}: key 'outputs': found '{shortened(name)}'")
+        if (found := sha256(path)) != expected:
+            raise InputError(
+                f"{path}: hash mismatch: found sha256 {found[:12]}..., "
+                f"expected {shortened(expected[:12])}... by run.json"
+            )
+
+
+def check_robot(folder: Path, inputs: dict[str, str], robot: Robot) -> None:
     """Refuse to draw or judge one robot's run by another robot's files."""
     name = robot.model.name
     if inputs.get(name) != sha256(robot.model):

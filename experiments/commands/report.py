@@ -10,6 +10,7 @@ import tyro
 from experiments.commands.options import Json, RobotFile
 from experiments.description import described_robot
 from experiments.run_folder import check_new
+from experiments.saved_discovery import read_discovery
 from experiments.saved_run import read_montecarlo, read_run, run_kind
 from experiments.terminal import ERR, print_json
 from sim.model import TULIP
@@ -30,10 +31,13 @@ def report_command(
     check_new(out)
     kind = run_kind(folder)
     described = described_robot(robot)
+    from experiments.report.discovery import discovery_page
     from experiments.report.page import montecarlo_page, validation_page, write_page  # loads slowly
 
     if kind == "run":
         page = validation_page(read_run(folder, described))
+    elif kind == "discovery":
+        page = discovery_page(read_discovery(folder, described))
     else:
         page = montecarlo_page(read_montecarlo(folder, described))
     size = write_page(out, page)

@@ -56,13 +56,18 @@ class Picture:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page; what it has not got is left out."""
+    """A part of the page; what it has not got is left out.
+
+    Attributes:
+        folded: a heading and a text as it stands, which a click unfolds.
+    """
 
     title: str
     paragraphs: tuple[str, ...] = ()
     tables: tuple[Table, ...] = ()
     figures: tuple[Figure, ...] = ()
     pictures: tuple[Picture, ...] = ()
+    folded: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -70,7 +75,8 @@ class Page:
     """The whole page.
 
     Attributes:
-        verdict: "pass" or "fail". sentence: what that means.
+        verdict: "pass" or "fail", or a discovery's. sentence: what that means.
+        story: more sentences beside the verdict.
         missing: what could not be drawn, one sentence each.
     """
 
@@ -80,6 +86,7 @@ class Page:
     facts: tuple[tuple[str, str], ...]
     sections: tuple[Section, ...]
     missing: tuple[str, ...] = field(default=())
+    story: tuple[str, ...] = field(default=())
 
 
 def html(page: Page) -> str:

@@ -10,6 +10,21 @@ POLYGON_WORDS = (
     "crosses. Below, some postures as in the paper's Fig. 3."
 )
 
+CHANNEL_NAMES = {
+    "A": "A, centre of pressure",
+    "F": "F, sum of the cells",
+    "T": "T, twist of the plates",
+    "C": "C, closure of the legs",
+    "all": "all channels",
+    "heldout_rms_mm": "centre of pressure",
+}
+VERDICTS = {
+    "named": "One explanation is left.",
+    "ambiguous": "Several explanations are left.",
+    "unknown": "No explanation is good enough.",
+    "none": "Nothing is missing that these postures can show.",
+}
+
 
 def validation_sentence(report: dict[str, Any]) -> str:
     """What a validation's verdict means."""

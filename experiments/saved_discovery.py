@@ -1,0 +1,167 @@
+"""Read a discovery's folder again, and its residuals as curves over the experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
+
+from experiments.discovery.channels import ANCHORED, SIZE
+from experiments.discovery.folder import PARTS
+from experiments.discovery.noise import Noise, whitening
+from experiments.effects.seen import Seen, see
+from experiments.montecarlo.folder import RUN_FILE
+from experiments.saved_run import Head, check_outputs, check_robot, parsed
+from identification.base_parameters import common_support
+from identification.nominal import nominal_robot
+from sim.errors import InputError
+from sim.files import read_bytes
+from sim.measurements import Measurements, read_measurements
+from sim.measurements.tables import read_json
+from sim.model import Robot
+
+NEEDED = ("discovery.json", "residuals.csv", "story.txt", "measurements/manifest.json")
+DIFF = "rig/diff.txt"
+# What each part is called, its unit, how many of it go on one SI unit, its channel.
+SHOWN = (
+    ("centre of pressure, x", "mm", 1e3, "A"),
+    ("centre of pressure, y", "mm", 1e3, "A"),
+    ("sum of the cells", "N", 1.0, "F"),
+    ("twist, right plate", "N", 1.0, "T"),
+    ("twist, left plate", "N", 1.0, "T"),
+    ("swing foot's height", "mm", 1e3, "C"),
+    ("swing foot's roll", "mrad", 1e3, "C"),
+    ("swing foot's pitch", "mrad", 1e3, "C"),
+    ("swing foot's x", "mm", 1e3, "C"),
+    ("swing foot's y", "mm", 1e3, "C"),
+    ("swing foot's yaw", "mrad", 1e3, "C"),
+)
+
+
+class Source(BaseModel):
+    measurements: str
+    robot: str
+
+
+class DiscoveryFile(Head):
+    """run.json of a discovery."""
+
+    configuration: Source
+    software: dict[str, str]
+    inputs: dict[str, str]
+    outputs: dict[str, str]
+
+
+@dataclass(frozen=True)
+class SavedDiscovery:
+    """A discovery as its folder holds it.
+
+    Attributes:
+        document: run.json. report: discovery.json.
+        before, after: residuals of every posture as measured and freed of what was found, (m, 11), as
+            `discovery.channels` has them.
+        diff: what the adopted rig changes, for a person; "": nothing was adopted.
+    """
+
+    folder: Path
+    document: dict[str, Any]
+    report: dict[str, Any]
+    measurements: Measurements
+    before: np.ndarray
+    after: np.ndarray
+    diff: str
+    robot: Robot
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One residual over the experiment, in the unit that it is shown in.
+
+    Attributes:
+        channel: "A", "F", "T" or "C". before, after, sd: (m,); nan where the posture does not have it.
+    """
+
+    channel: str
+    name: str
+    unit: str
+    before: np.ndarray
+    after: np.ndarray
+    sd: np.ndarray
+
+
+def read_discovery(folder: Path, robot: Robot) -> SavedDiscovery:
+    """Read a discovery and check that nothing in it was changed.
+
+    Raises:
+        InputError: another kind or version of run, another robot's, or a file that is not what was written.
+    """
+    folder = Path(folder)
+    document = read_json(folder / RUN_FILE)
+    outputs = parsed(DiscoveryFile, folder, document).outputs
+    check_robot(folder, document["inputs"], robot)
+    check_outputs(folder, outputs, NEEDED)
+    rows = np.atleast_1d(np.genfromtxt(folder / "residuals.csv", delimiter=",", names=True, deletechars=""))
+    measurements = read_measurements(folder / "measurements")
+    wanted = {side: [f"{side}.{part}" for part in PARTS] for side in ("before", "after")}
+    columns = rows.dtype.names or ()
+    for name in (*wanted["before"], *wanted["after"]):
+        if name not in columns:
+            raise InputError(f"{folder / 'residuals.csv'}: found no column {name}")
+    if len(rows) != len(measurements):
+        raise InputError(
+            f"{folder / 'residuals.csv'}: found {len(rows)} rows, expected {len(measurements)}, as many as "
+            "the measurements have"
+        )
+    before, after = (np.column_stack([rows[name] for name in wanted[side]]) for side in wanted)
+    diff = read_bytes(folder / DIFF).decode() if DIFF in outputs else ""
+    report = read_json(folder / "discovery.json")
+    return SavedDiscovery(folder, document, report, measurements, before, after, diff, robot)
+
+
+def residual_curves(run: SavedDiscovery) -> list[Curve]:
+    """All residuals in the order of time, with the s.d. that the noise gives them.
+
+    The swing foot's x, y and yaw are known up to a constant of the stance, hence about its mean.
+    """
+    seen = see(run.measurements, nominal_robot(run.robot, common_support(run.measurements.support)))
+    sd = _spread(run, seen)
+    before, after = (_about_stances(side, seen.stance) for side in (run.before, run.after))
+    order = time_order(run)
+    return [
+        Curve(channel, name, unit, *(scale * side[order, j] for side in (before, after, sd)))
+        for j, (name, unit, scale, channel) in enumerate(SHOWN)
+    ]
+
+
+def time_order(run: SavedDiscovery) -> np.ndarray:
+    """Rows of the measurements in the order in which they were measured, (m,)."""
+    return np.argsort(run.measurements.time, kind="stable")
+
+
+def _spread(run: SavedDiscovery, seen: Seen) -> np.ndarray:
+    """Standard deviation of every residual by the noise that the discovery took, (m, 11)."""
+    stated = run.report["noise"]
+    noise = Noise(stated["encoder_sd"], stated["cell_sd"], np.array(stated["placement_sd"]), ())
+    white = whitening(seen, seen.nominal.value, noise)
+    n = len(seen.tree.joints)
+    levers = white.sensitivity[..., n + 8 : n + 14] * noise.plates
+    variance = np.diagonal(white.own, axis1=1, axis2=2) + (levers**2).sum(axis=2)
+    missing = np.ones(variance.size, bool)
+    missing[white.rows] = False
+    return np.sqrt(np.where(missing.reshape(-1, SIZE), np.nan, variance))
+
+
+def _about_stances(residual: np.ndarray, stance: np.ndarray) -> np.ndarray:
+    out = residual.copy()
+    for rows in _groups(stance):
+        out[rows, ANCHORED] -= out[rows, ANCHORED].mean(axis=0)
+    return out
+
+
+def _groups(numbers: np.ndarray) -> Iterator[np.ndarray]:
+    for number in np.unique(numbers):
+        yield np.flatnonzero(numbers == number)
