@@ -11,6 +11,7 @@ import tyro
 
 from experiments.commands.options import Json, RobotFile
 from experiments.description import described_robot
+from experiments.saved_discovery import read_discovery
 from experiments.saved_run import kind_of, read_montecarlo, read_run
 from experiments.terminal import ERR, print_json
 from sim.errors import InputError
@@ -60,12 +61,15 @@ def view_command(
 
 def _logger(kind: str, folder: Path, robot: Robot, title: str) -> Callable[..., None]:
     """What logs the folder's content into a recording; a new kind of folder gets its line here."""
+    from experiments.view.discovery import log_discovery
     from experiments.view.montecarlo import log_montecarlo
     from experiments.view.postures import log_postures
     from experiments.view.subject import measured, planned, validated
 
     if kind == "montecarlo":
         return partial(log_montecarlo, run=read_montecarlo(folder, robot), title=title)
+    if kind == "discovery":
+        return partial(log_discovery, run=read_discovery(folder, robot), title=title)
     if kind == "run":
         subject = validated(read_run(folder, robot), title)
     elif kind == "plan":

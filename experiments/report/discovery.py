@@ -10,9 +10,10 @@ from experiments.report import discovery_figures as drawn
 from experiments.report.figures import Figure
 from experiments.report.page import Page, Section
 from experiments.report.tables import Cell, Table, number, settings_table
-from experiments.report.words import CHANNEL_NAMES, VERDICTS
+from experiments.report.words import CHANNEL_NAMES, VERDICTS, behind, candidate_label
 from experiments.saved_discovery import Curve, SavedDiscovery, residual_curves, time_order
 
+SHOWN_P = 0.05  # above it a pattern of what is left is not worth a row
 MOVED = 0.5  # standard errors from which on a parameter's change is marked
 
 
@@ -43,7 +44,7 @@ def discovery_page(run: SavedDiscovery) -> Page:
         *_check(report),
     ]
     if run.diff:
-        words = "What the adopted rig changes; its folder serves `--rig` of simulate, identify and validate."
+        words = "What the adopted rig changes; its folder serves --rig of simulate, identify and validate."
         sections.append(Section("The adopted rig", (words,), folded=(("Differences", run.diff),)))
     sections.append(Section("How it was made", tables=(settings_table(run.document),)))
     measured = run.measurements
@@ -66,7 +67,9 @@ def gap_table(gap: dict[str, Any]) -> Table:
     for channel, name in CHANNEL_NAMES.items():
         if entry := gap.get(channel):
             unit = " [mm, r.m.s.]" if channel == "heldout_rms_mm" else ""
-            figures = (number(f"gap.{channel}.{key}", entry[key], ".2f") for key in ("before", "after", "floor"))
+            figures = (
+                number(f"gap.{channel}.{key}", entry[key], ".2f") for key in ("before", "after", "floor")
+            )
             rows.append([Cell(name + unit), *figures])
     return Table("The gap before and after", ("channel", "before", "after", "by chance up to"), rows)
 
@@ -94,13 +97,8 @@ def _curves(run: SavedDiscovery, curves: list[Curve], changed: bool) -> tuple[Fi
     return tuple(
         drawn.curve_figure(k, curve, posture, changed)
         for k, curve in enumerate(curves)
-        if np.isfinite(curve.before).any()
+        if np.isfinite(curve.sd).any()
     )
-
-
-def candidate_label(candidate: dict[str, Any]) -> str:
-    """Name and target of an explanation."""
-    return candidate["name"] + (f":{candidate['target']}" if candidate["target"] else "")
 
 
 def _evidence(report: dict[str, Any]) -> tuple[Section, ...]:
@@ -108,7 +106,7 @@ def _evidence(report: dict[str, Any]) -> tuple[Section, ...]:
     if not found:
         return ()
     rows = []
-    for k, (candidate, short) in enumerate(zip(found, drawn.behind(found), strict=True)):
+    for k, (candidate, short) in enumerate(zip(found, behind(found), strict=True)):
         key = f"candidates.{k}"
         values = [_value(p) for p in candidate["parameters"]]
         rows.append(
@@ -180,6 +178,7 @@ def _doubts(report: dict[str, Any]) -> tuple[Section, ...]:
             number(f"left.{k}.p", entry["p"], ".2g"),
         ]
         for k, entry in enumerate(report["left"])
+        if entry["p"] < SHOWN_P
     ]
     repeats = report["repeats"]
     noise = [
@@ -190,23 +189,35 @@ def _doubts(report: dict[str, Any]) -> tuple[Section, ...]:
         ]
         for channel, ratio in repeats["chi_square_per_freedom"].items()
     ]
-    hidden = [
-        [
-            Cell(candidate_label(entry)),
-            number(f"undetectable.{k}.parameter", entry["parameter"], ".0f"),
-            number(f"undetectable.{k}.bias_mm_per_prior_sd", entry["bias_mm_per_prior_sd"], ".2f"),
-        ]
-        for k, entry in enumerate(report["undetectable"])
-    ]
-    tables = [Table("The clearest patterns in what is left", ("channel", "pattern", "p"), left)]
+    tables = []
+    if left:
+        tables.append(Table("The clearest patterns in what is left", ("channel", "pattern", "p"), left))
     if noise:
         headers = ("channel", "chi² per degree of freedom", "p")
         tables.append(Table("Repeated postures against the stated noise", headers, noise))
-    if hidden:
-        headers = ("effect", "biases parameter most", "bias, mm per prior s.d.")
-        tables.append(Table("What these postures cannot show", headers, hidden))
+    if report["undetectable"]:
+        tables.append(_hidden(report["undetectable"]))
     words = tuple(f"Noise not as stated: {text}." for text in report["noise"]["not_as_stated"])
+    if not left:
+        words += (f"What is left has no pattern (p above {SHOWN_P} for all that were tried).",)
     return (Section("What to doubt", words, tuple(tables)),)
+
+
+def _hidden(entries: list[dict[str, Any]]) -> Table:
+    """What leaves no residual, an effect a row."""
+    by_name: dict[str, list[dict[str, Any]]] = {}
+    for entry in entries:
+        by_name.setdefault(entry["name"], []).append(entry)
+    rows = []
+    for name, of in by_name.items():
+        worst = max(of, key=lambda entry: entry["bias_mm_per_prior_sd"])
+        cells = ("", "")
+        if worst["parameter"] is not None:
+            cells = (str(worst["parameter"]), f"{worst['bias_mm_per_prior_sd']:.2f}")
+        targets = ", ".join(entry["target"] for entry in of if entry["target"])
+        rows.append([Cell(name), Cell(targets), *(Cell(cell, style="number") for cell in cells)])
+    headers = ("effect", "targets", "biases parameter most", "by, mm per prior s.d.")
+    return Table("What these postures cannot show", headers, rows)
 
 
 def _check(report: dict[str, Any]) -> tuple[Section, ...]:

@@ -11,6 +11,7 @@ import plotly.graph_objects as go
 
 from experiments.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL
 from experiments.report.figures import Figure, figure
+from experiments.report.words import behind
 from experiments.saved_discovery import Curve
 
 BEFORE, AFTER = MEASURED, ESTIMATE
@@ -46,15 +47,16 @@ def curve_figure(k: int, curve: Curve, posture: np.ndarray, changed: bool) -> Fi
         posture: numbers in the order of time, (m,). changed: whether anything was taken off.
     """
     drawn = go.Figure()
-    row = np.arange(1, len(posture) + 1)
+    there = np.isfinite(curve.sd)
+    row, sd, posture = np.arange(1, len(posture) + 1)[there], curve.sd[there], posture[there]
     band = {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "showlegend": False}
-    drawn.add_scatter(x=row, y=-WIDE * curve.sd, **band)
+    drawn.add_scatter(x=row, y=-WIDE * sd, **band)
     drawn.add_scatter(
-        x=row, y=WIDE * curve.sd, fill="tonexty", fillcolor=_clear(MARGIN), name="noise, 95 %", **band
+        x=row, y=WIDE * sd, fill="tonexty", fillcolor=_clear(MARGIN), name="noise, 95 %", **band
     )
-    sides = [("before", curve.before, BEFORE, "circle")]
+    sides = [("before", curve.before[there], BEFORE, "circle")]
     if changed:
-        sides.append(("after", curve.after, AFTER, "diamond"))
+        sides.append(("after", curve.after[there], AFTER, "diamond"))
     for side, values, colour, symbol in sides:
         drawn.add_scatter(
             x=row,
@@ -69,7 +71,9 @@ def curve_figure(k: int, curve: Curve, posture: np.ndarray, changed: bool) -> Fi
     drawn.update_yaxes(title=curve.unit)
     drawn.update_layout(showlegend=False)
     spread = [float(np.nanstd(values)) for _, values, _, _ in sides]
-    text = f"{curve.name} over the experiment, s.d. {' before, '.join(f'{s:.3g}' for s in spread)} {curve.unit}"
+    text = (
+        f"{curve.name} over the experiment, s.d. {' before, '.join(f'{s:.3g}' for s in spread)} {curve.unit}"
+    )
     text += " after." if changed else "."
     caption = f"{curve.channel}: {curve.name}"
     return replace(figure(f"residual-{k}", caption, text, drawn, 260), small=True)
@@ -119,16 +123,6 @@ def evidence_figure(candidates: list[dict[str, Any]], labels: list[str]) -> Figu
     return figure("evidence", caption, f"Evidence. {text}.", drawn, 150 + 34 * len(factors))
 
 
-def behind(candidates: list[dict[str, Any]]) -> list[float]:
-    """How far ln BF of each lies behind the best of its gap."""
-    best: dict[int, float] = {}
-    for candidate in candidates:
-        gap = candidate["gap"]
-        best[gap] = max(best.get(gap, -np.inf), candidate["log_bayes_factor"])
-    return [best[candidate["gap"]] - candidate["log_bayes_factor"] for candidate in candidates]
-
-
 def _clear(colour: str) -> str:
     red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
     return f"rgba({red},{green},{blue},0.35)"
-

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 POLYGON_WORDS = (
@@ -79,3 +80,17 @@ def dropped(report: dict[str, Any]) -> str:
         return f"All {report['postures_planned']} planned postures could be measured."
     reasons = "; ".join(f"{entry['posture']}: {entry['reason']}" for entry in report["dropped"])
     return f"Dropped {len(report['dropped'])} of {report['postures_planned']} postures. {reasons}."
+
+
+def candidate_label(candidate: dict[str, Any]) -> str:
+    """Name and target of an explanation."""
+    return candidate["name"] + (f":{candidate['target']}" if candidate["target"] else "")
+
+
+def behind(candidates: list[dict[str, Any]]) -> list[float]:
+    """How far ln BF of each lies behind the best of its gap."""
+    best: dict[int, float] = {}
+    for candidate in candidates:
+        gap = candidate["gap"]
+        best[gap] = max(best.get(gap, -math.inf), candidate["log_bayes_factor"])
+    return [best[candidate["gap"]] - candidate["log_bayes_factor"] for candidate in candidates]

@@ -16,10 +16,13 @@ MAGNIFIED_TO = 0.08  # m, about what the median residual is drawn as
 
 
 def magnification(subject: Subject) -> int:
-    """Factor by which the residual is drawn: 1, 2 or 5 times a power of ten."""
-    if subject.residual is None:
-        return 1
-    median = float(np.median(np.linalg.norm(subject.residual, axis=1)))
+    """Factor by which the residual is drawn."""
+    return 1 if subject.residual is None else factor_for(subject.residual)
+
+
+def factor_for(residual: np.ndarray) -> int:
+    """1, 2 or 5 times a power of ten that makes residuals (m, 2) [m] long enough to be seen."""
+    median = float(np.median(np.linalg.norm(residual, axis=1)))
     steps = np.array([step * 10**power for power in range(7) for step in (1, 2, 5)])
     return int(steps[np.argmin(np.abs(np.log(steps * max(median, 1e-9) / MAGNIFIED_TO)))])
 

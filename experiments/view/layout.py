@@ -57,23 +57,32 @@ def laid_out(views: Views) -> rrb.Blueprint:
 
 def space_views(subject: Subject) -> list[rrb.Spatial3DView]:
     """The robot on its plates, and its skeleton with the links' masses."""
+    return [
+        space_view(subject, "Robot on its plates", ["$origin/**", "- $origin/masses/**"]),
+        space_view(
+            subject,
+            "Masses of the links",
+            ["$origin/masses/**", "$origin/plates/**", "$origin/balance/**"],
+        ),
+    ]
+
+
+def space_view(subject: Subject, name: str, contents: list[str]) -> rrb.Spatial3DView:
+    """A part of the world, seen from before the robot's right."""
     height = height_of(subject.nominal, subject.joint_angles)
     eye = rrb.EyeControls3D(
         position=tuple(height / TULIP_HEIGHT * np.array(EYE)),
         look_target=(0.0, 0.1, 0.4 * height),
         eye_up=(0.0, 0.0, 1.0),
     )
-    plain = {"origin": "world", "background": (238, 241, 244), "line_grid": False, "eye_controls": eye}
-    return [
-        rrb.Spatial3DView(
-            name="Robot on its plates", contents=["$origin/**", "- $origin/masses/**"], **plain
-        ),
-        rrb.Spatial3DView(
-            name="Masses of the links",
-            contents=["$origin/masses/**", "$origin/plates/**", "$origin/balance/**"],
-            **plain,
-        ),
-    ]
+    return rrb.Spatial3DView(
+        origin="world",
+        name=name,
+        contents=contents,
+        background=(238, 241, 244),
+        line_grid=False,
+        eye_controls=eye,
+    )
 
 
 def above_view(plates: np.ndarray, size: np.ndarray) -> rrb.Spatial2DView:

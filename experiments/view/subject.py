@@ -123,7 +123,7 @@ def measured(folder: Path, robot: Robot, title: str) -> Subject:
     """
     measurements = read_measurements(folder)
     check_model(f"{folder}: manifest.json", measurements.robot["model"], measurements.robot["sha256"], robot)
-    subject = _of_measurements(measurements, robot, title)
+    subject = of_measurements(measurements, robot, title)
     subject = replace(subject, series=read_series(folder))
     try:
         found = identify(measurements, robot, str(folder))
@@ -140,7 +140,7 @@ def validated(run: SavedRun, title: str) -> Subject:
     Raises:
         InputError: the truth does not belong to these measurements.
     """
-    subject = _of_measurements(run.measurements, run.robot, title)
+    subject = of_measurements(run.measurements, run.robot, title)
     held = [attempt for attempt in run.truth["attempts"] if "com" in attempt]
     if [attempt["posture"] for attempt in held] != run.measurements.posture.tolist():
         raise InputError(f"{run.folder / 'truth.json'}: found other postures than in the measurements")
@@ -164,7 +164,12 @@ def validated(run: SavedRun, title: str) -> Subject:
     )
 
 
-def _of_measurements(measurements: Measurements, robot: Robot, title: str) -> Subject:
+def of_measurements(measurements: Measurements, robot: Robot, title: str) -> Subject:
+    """What was measured, without an estimate.
+
+    Raises:
+        InputError: measurements of other joints.
+    """
     nominal = nominal_robot(robot)
     polygons = support_polygons(nominal, measurements.joint_angles, measurements.support)
     cop = center_of_pressure(measurements)
