@@ -9,14 +9,19 @@ from rich.markup import escape
 from rich.table import Table
 
 from experiments.report.tables import flattened
+from experiments.report.words import candidate_label
+from experiments.saved_discovery import SavedDiscovery
 from experiments.saved_run import SavedMonteCarlo, SavedRun
 from experiments.terminal import print_table
 from sim.errors import InputError
 
-Run = SavedRun | SavedMonteCarlo
+Run = SavedRun | SavedMonteCarlo | SavedDiscovery
+KINDS = {SavedRun: "a validation", SavedMonteCarlo: "a Monte Carlo", SavedDiscovery: "a discovery"}
 NOT_SETTINGS = ("outputs",)  # hashes of results: they differ whenever the results do
 VALIDATION = ("estimate", "standard_error", "truth")
 MONTECARLO = ("bias", "standard_error", "standard_error_ratio", "coverage95")
+DISCOVERY = ("before_mm", "after_mm", "standard_error_mm")
+QUANTITIES = {SavedRun: VALIDATION, SavedMonteCarlo: MONTECARLO, SavedDiscovery: DISCOVERY}
 
 
 def compare(first: Run, second: Run) -> dict[str, Any]:
@@ -26,13 +31,13 @@ def compare(first: Run, second: Run) -> dict[str, Any]:
         InputError: runs that cannot be compared; says why.
     """
     _check_alike(first, second)
-    quantities = VALIDATION if isinstance(first, SavedRun) else MONTECARLO
+    quantities = QUANTITIES[type(first)]
     both = [_models(first), _models(second)]
     return {
         "runs": [str(first.folder), str(second.folder)],
         "verdict": [first.report["verdict"], second.report["verdict"]],
         "settings": differences(first.document, second.document),
-        "checks": _checks(first.report["checks"], second.report["checks"]),
+        "checks": _checks(_judged(first), _judged(second)),
         "models": {
             model: [
                 {"number": a["number"], "name": a["name"]} | {name: [a[name], b[name]] for name in quantities}
@@ -60,12 +65,15 @@ def print_comparison(screen: Console, document: dict[str, Any]) -> None:
     screen.print(f"A: {first}, verdict {document['verdict'][0]}", markup=False)
     screen.print(f"B: {second}, verdict {document['verdict'][1]}", markup=False)
     print_table(screen, _settings_table(document["settings"]))
-    checks = Table(title="Checks", title_justify="left", header_style="bold")
-    for header in ("check", "A", "value", "B", "value"):
+    judged = any(result for check in document["checks"] for result in check["result"])
+    checks = Table(
+        title="Checks" if judged else "Gap and evidence", title_justify="left", header_style="bold"
+    )
+    for header in ("check", "A", "value", "B", "value") if judged else ("", "A", "B"):
         checks.add_column(header, justify="right" if header == "value" else "left")
     for check in document["checks"]:
-        (a, b), (x, y) = check["result"], check["value"]
-        checks.add_row(check["name"], a or "", _figure(x), b or "", _figure(y))
+        (a, b), (x, y) = check["result"], map(_figure, check["value"])
+        checks.add_row(check["name"], *((a or "", x, b or "", y) if judged else (x, y)))
     print_table(screen, checks)
     for model, rows in document["models"].items():
         print_table(screen, _model_table(model, rows))
@@ -75,8 +83,9 @@ def _check_alike(first: Run, second: Run) -> None:
     """Refuse what has no common measure."""
     where = f"{first.folder}, {second.folder}: cannot be compared"
     if type(first) is not type(second):
-        kinds = ["a validation" if isinstance(run, SavedRun) else "a Monte Carlo" for run in (first, second)]
-        raise InputError(f"{where}: found {kinds[0]} and {kinds[1]}, expected two of a kind")
+        raise InputError(
+            f"{where}: found {KINDS[type(first)]} and {KINDS[type(second)]}, expected two of a kind"
+        )
     models = [_models(first), _models(second)]
     for model in dict.fromkeys([*models[0], *models[1]]):
         names = [[row["name"] for row in of.get(model, [])] for of in models]
@@ -91,7 +100,25 @@ def _models(run: Run) -> dict[str, list[dict[str, Any]]]:
     report = run.report
     if isinstance(run, SavedRun):
         return {model: report[model]["parameters"] for model in ("full", "simplified")}
+    if isinstance(run, SavedDiscovery):
+        return {"full": report["parameters"]}
     return {"full": report["parameters"], "simplified": report["simplified"]["parameters"]}
+
+
+def _judged(run: Run) -> list[dict[str, Any]]:
+    """A run's checks; of a discovery the gap by channel, and ln BF of its explanations."""
+    if not isinstance(run, SavedDiscovery):
+        return run.report["checks"]
+    gap = [
+        {"name": f"gap {channel}, {side}", "result": None, "value": entry[side]}
+        for channel, entry in run.report["gap"].items()
+        if entry is not None
+        for side in ("before", "after")
+    ]
+    return gap + [
+        {"name": f"ln BF {candidate_label(c)}", "result": None, "value": c["log_bayes_factor"]}
+        for c in run.report["candidates"]
+    ]
 
 
 def _checks(first: list[dict[str, Any]], second: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -115,7 +142,7 @@ def _settings_table(settings: dict[str, list[Any]]) -> Table:
 
 
 def _model_table(model: str, rows: list[dict[str, Any]]) -> Table:
-    lengths = "mm" if "estimate" in rows[0] else "mm, ratios and shares"
+    lengths = "mm" if "bias" not in rows[0] else "mm, ratios and shares"
     title = f"{model.capitalize()} model, {lengths}"
     table = Table(title=title, title_justify="left", header_style="bold")
     quantities = [name for name in rows[0] if name not in ("number", "name")]
@@ -137,6 +164,9 @@ HEADERS = {
     "estimate": ("est.", 1e3, ".2f"),
     "standard_error": ("s.e.", 1e3, ".2f"),
     "truth": ("truth", 1e3, ".2f"),
+    "before_mm": ("before", 1.0, ".2f"),
+    "after_mm": ("after", 1.0, ".2f"),
+    "standard_error_mm": ("s.e.", 1.0, ".2f"),
     "bias": ("bias", 1e3, "+.3f"),
     "standard_error_ratio": ("ratio", 1.0, ".3f"),
     "coverage95": ("95 %", 1.0, ".3f"),

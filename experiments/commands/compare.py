@@ -10,6 +10,7 @@ import tyro
 from experiments.commands.options import Json, RobotFile
 from experiments.compare import compare, print_comparison
 from experiments.description import described_robot
+from experiments.saved_discovery import read_discovery
 from experiments.saved_run import read_montecarlo, read_run, run_kind
 from experiments.terminal import console, print_json
 from sim.model import TULIP
@@ -29,7 +30,7 @@ def compare_command(
 
     Example: tulip compare runs/first runs/second
     """
-    read = {"run": read_run, "montecarlo": read_montecarlo}
+    read = {"run": read_run, "montecarlo": read_montecarlo, "discovery": read_discovery}
     readers = [read[run_kind(folder)] for folder in (first, second)]
     described = described_robot(robot)
     runs = [reader(folder, described) for reader, folder in zip(readers, (first, second), strict=True)]

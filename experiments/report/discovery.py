@@ -10,7 +10,7 @@ from experiments.report import discovery_figures as drawn
 from experiments.report.figures import Figure
 from experiments.report.page import Page, Section
 from experiments.report.tables import Cell, Table, number, settings_table
-from experiments.report.words import CHANNEL_NAMES, VERDICTS, behind, candidate_label
+from experiments.report.words import CHANNEL_NAMES, EVIDENCE_WORDS, VERDICTS, behind, candidate_label
 from experiments.saved_discovery import Curve, SavedDiscovery, residual_curves, time_order
 
 SHOWN_P = 0.05  # above it a pattern of what is left is not worth a row
@@ -119,10 +119,7 @@ def _evidence(report: dict[str, Any]) -> tuple[Section, ...]:
             ]
         )
     headers = ("gap", "explanation", "size [95 % interval]", "ln BF", "behind the best")
-    words = (
-        "Explanations of one gap that lie within 3 in ln of the Bayes factor of each other cannot be told "
-        "apart by this experiment: all of them are listed, the others are refuted.",
-    )
+    words = (EVIDENCE_WORDS[report["verdict"] == "unknown"],)
     table = Table("Explanations", headers, rows)
     labels = [candidate_label(candidate) for candidate in found]
     return (Section("Evidence", words, (table,), (drawn.evidence_figure(found, labels),)),)

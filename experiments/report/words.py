@@ -19,6 +19,11 @@ CHANNEL_NAMES = {
     "all": "all channels",
     "heldout_rms_mm": "centre of pressure",
 }
+EVIDENCE_WORDS = (
+    "Explanations of one gap whose ln of the Bayes factor is within 3 of the best cannot be told apart by "
+    "this experiment; all of them are listed. Others of the catalogue explain it less well.",
+    "What was tried, and is not enough: it leaves more than noise.",
+)
 VERDICTS = {
     "named": "One explanation is left.",
     "ambiguous": "Several explanations are left.",

@@ -20,6 +20,7 @@ from identification.center_of_pressure import cell_positions
 from sim.model import load_model
 
 COLOURS = {"before": MEASURED, "after": ESTIMATE}
+LAYERS = {"before": "as_measured", "after": "freed"}  # rerun draws in the order of names, the last on top
 PALE = (250, 250, 250)
 BAR, STEP = 100.0, 14.0  # pixels: the longest bar, from bar to bar
 
@@ -113,7 +114,7 @@ def _log_channels(recording: rr.RecordingStream, curves: list[Curve], of: tuple[
         there = np.isfinite(curve.sd)
         index = rr.TimeColumn("posture", sequence=np.flatnonzero(there) + 1)
         for side in of:
-            path = f"channels/{curve.channel}/{side}/{k}"
+            path = f"channels/{curve.channel}/{LAYERS[side]}/{k}"
             style = rr.SeriesPoints(
                 colors=rgb(COLOURS[side]), markers="circle", marker_sizes=1.5, names=f"{curve.name}, {side}"
             )
@@ -133,14 +134,22 @@ def _log_evidence(recording: rr.RecordingStream, run: SavedDiscovery) -> None:
     most = max((candidate["log_bayes_factor"] for candidate in found), default=1.0)
     for k, (candidate, short) in enumerate(zip(found, behind(found), strict=True)):
         factor = candidate["log_bayes_factor"]
-        bar = rr.Boxes2D(
-            mins=[[0.0, STEP * k]],
-            sizes=[[max(BAR * factor / most, 0.5), 0.6 * STEP]],
+        length = max(BAR * factor / most, 0.5)
+        bar = rr.LineStrips2D(
+            [[[0.0, STEP * k], [length, STEP * k]]],
             colors=rgb(ESTIMATE if short == 0 else MARGIN),
+            radii=0.15 * STEP,
+        )
+        recording.log(f"evidence/{k}/bar", bar, static=True)
+        # A label stands below its point, in the point's colour.
+        label = rr.Points2D(
+            [[BAR / 2, STEP * (k + 0.15)]],
+            colors=(40, 40, 40),
+            radii=rr.Radius.ui_points(0.0),
             labels=f"{candidate_label(candidate)}: {factor:.1f}",
             show_labels=True,
         )
-        recording.log(f"evidence/{k}", bar, static=True)
+        recording.log(f"evidence/{k}/label", label, static=True)
 
 
 def discovery_text(run: SavedDiscovery, factor: int) -> str:
@@ -194,7 +203,7 @@ def _views(run: SavedDiscovery, space: list[rrb.View], reach: float) -> Discover
             origin="evidence",
             name="Evidence, ln of the Bayes factor",
             background=PALE,
-            visual_bounds=rrb.VisualBounds2D(x_range=[-5, BAR + 5], y_range=[-STEP / 2, STEP * count]),
+            visual_bounds=rrb.VisualBounds2D(x_range=[-5, BAR + 5], y_range=[-STEP, STEP * count]),
         )
     ]
     text = rrb.TextDocumentView(origin="text", name="Verdict")

@@ -1,0 +1,193 @@
+"""A discovery's view, page and comparison: opened in rerun and Chromium, held against its JSON."""
+
+import copy
+import dataclasses
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from experiments.cli import main
+from experiments.report.discovery import discovery_page
+from experiments.report.page import html
+from experiments.report.tables import flattened
+from experiments.saved_discovery import read_discovery, residual_curves
+from experiments.saved_run import kind_of
+from experiments.view import window
+from experiments.view.discovery import discovery_text, log_discovery
+from sim.errors import InputError
+from tests.test_report import needs_chromium
+from tests.test_view import cpu_seconds, look, needs_vulkan, not_blank, refused
+from tools.looking import browse
+
+SEED = "104"
+MOST_SECONDS, MOST_VIEW, MOST_PAGE = 20, 60e6, 12e6
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """An encoder's offset, hidden and found again."""
+    folder = tmp_path_factory.mktemp("discovery")
+    data, truth = folder / "data", folder / "truth.json"
+    effect = ["--effect", "encoder-offset:right_knee=0.01", "--truth", str(truth)]
+    what = ["--preset", "force-plate", "--seed", SEED, "--statics", *effect, "--out", str(data)]
+    assert main(["simulate", *what, "--json"]) == 0
+    assert main(["discover", str(data), "--no-check", "--out", str(folder / "found"), "--json"]) == 0
+    return folder / "found"
+
+
+@pytest.fixture(scope="module")
+def saved(found, robot):
+    return read_discovery(found, robot)
+
+
+def test_read_as_it_was_written(found, saved):
+    assert kind_of(found) == "discovery"
+    assert saved.report["verdict"] == "named"
+    assert saved.before.shape == saved.after.shape == (len(saved.measurements), 11)
+    assert "right knee encoder" in saved.diff
+
+
+def test_what_is_left_is_noise_and_what_was_there_is_not(saved):
+    """The band that is drawn is the noise: residuals over it have a mean square near one."""
+    curves = residual_curves(saved)
+    for curve in curves:
+        there = np.isfinite(curve.sd)
+        after = (curve.after / curve.sd)[there]
+        # Known up to the mean of a stance of four postures or so, x, y and yaw scatter less.
+        assert 0.6 < np.sqrt(np.mean(after**2)) < 1.2, curve.name
+    ratio = {curve.name: np.nanmean((curve.before / curve.sd) ** 2) for curve in curves}
+    assert ratio["swing foot's pitch"] > 100
+    assert ratio["sum of the cells"] < 1.4
+
+
+@needs_vulkan
+def test_rerun_draws_every_view(found, saved, tmp_path):
+    began = cpu_seconds()
+    assert main(["view", str(found), "--save", str(tmp_path / "d.rrd")]) == 0
+    assert cpu_seconds() - began < MOST_SECONDS
+    assert (tmp_path / "d.rrd").stat().st_size < MOST_VIEW
+    seen = look(tmp_path / "d.rrd", {"posture": 40}, tmp_path / "d.png")
+    assert len(seen) == 10
+    assert sum(name.startswith("Before") for name in seen) == 2
+    assert sum(name.startswith("After") for name in seen) == 2
+    assert not any(seen.values()), seen
+    not_blank(tmp_path / "d.png")
+
+
+@needs_chromium
+def test_a_browser_has_nothing_to_complain_of(found, tmp_path):
+    began = cpu_seconds()
+    page = tmp_path / "d.html"
+    assert main(["report", str(found), "--out", str(page)]) == 0
+    assert cpu_seconds() - began < MOST_SECONDS
+    assert page.stat().st_size < MOST_PAGE
+    seen = browse(page, tmp_path / "d.png", (412, 900), dark=True)
+    assert seen.complaints == []
+    assert seen.requests == []
+    assert seen.width == 412
+    expected = flattened(json.loads((found / "discovery.json").read_text()))
+    run = flattened(json.loads((found / "run.json").read_text()))
+    expected |= {f"run.{key}": value for key, value in run.items()}
+    assert {key: expected[key] for key in seen.cells} == seen.cells
+    assert {"gap.C.before", "gap.C.after", "candidates.0.log_bayes_factor"} <= set(seen.cells)
+    assert sum(key.endswith("after_mm") for key in seen.cells) == 25
+
+
+def other(saved, verdict):
+    """The same discovery with another verdict's document."""
+    report = copy.deepcopy(saved.report) | {"verdict": verdict}
+    if verdict == "none":
+        report |= {"candidates": [], "effects": [], "rig": None}
+    if verdict == "ambiguous":
+        rival = copy.deepcopy(report["candidates"][0]) | {"name": "link-length"}
+        rival["log_bayes_factor"] -= 1.5
+        rival["parameters"][0] |= {"low95": None, "high95": None}
+        report["candidates"].append(rival)
+        report["next_experiment"] = [{"do": "Turn the robot round.", "separation_gain": 2.5}]
+    if verdict == "unknown":
+        report["left"] = [{"channel": "C", "pattern": "the foot's height", "p": 1e-9}]
+        report["check"] = None
+    return dataclasses.replace(saved, report=report, diff="" if verdict != "named" else saved.diff)
+
+
+@pytest.mark.parametrize("verdict", ["named", "ambiguous", "unknown", "none"])
+def test_every_verdict_has_its_page_and_its_view(saved, verdict, tmp_path):
+    run = other(saved, verdict)
+    page = discovery_page(run)
+    titles = {section.title for section in page.sections}
+    assert page.verdict == verdict
+    assert ("Evidence" in titles) == (verdict != "none")
+    assert ("Next experiment" in titles) == (verdict == "ambiguous")
+    assert ("The adopted rig" in titles) == (verdict == "named")
+    names = {figure.name for section in page.sections for figure in section.figures}
+    assert ("plane-after" in names) == (verdict != "none")
+    text = html(page)
+    assert f'class="verdict {verdict}"' in text
+    assert all(line in text.replace("&gt;", ">") for line in run.report["story"])
+    if verdict == "ambiguous":
+        assert "link-length:right_knee" in discovery_text(run, 1)
+        assert "1.5" in text
+    window.save(tmp_path / "v.rrd", "v", lambda recording: log_discovery(recording, run, "v"))
+
+
+def test_a_hostile_target_stays_text(saved):
+    run = other(saved, "named")
+    run.report["candidates"][0]["target"] = "</script><script>alert(1)</script>"
+    run.report["story"][0] = "<script>alert(2)</script>"
+    assert "<script>alert" not in html(discovery_page(run))
+
+
+def test_two_discoveries_side_by_side(found, saved, tmp_path, capsys):
+    assert main(["compare", str(found), str(found), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["verdict"] == ["named", "named"]
+    values = {check["name"]: check["value"] for check in document["checks"]}
+    assert values["gap C, before"] == [saved.report["gap"]["C"]["before"]] * 2
+    assert len(document["models"]["full"]) == 25
+    assert main(["compare", str(found), str(found)]) == 0
+    assert "Gap and evidence" in capsys.readouterr().out
+
+
+def test_every_file_is_guarded(found, robot, tmp_path):
+    """Changed or removed: each is noticed, and named."""
+    names = [p.relative_to(found) for p in sorted(found.rglob("*")) if p.is_file() and p.name != "run.json"]
+    assert len(names) >= 9
+    work = tmp_path / "work"
+    shutil.copytree(found, work)
+    for name in names:
+        content = (work / name).read_bytes()
+        for damage in ("changed", "removed"):
+            (work / name).unlink()
+            if damage == "changed":
+                (work / name).write_bytes(content + b" ")
+            with pytest.raises(InputError, match=name.name.replace(".", r"\.")):
+                read_discovery(work, robot)
+            (work / name).write_bytes(content)
+    read_discovery(work, robot)
+
+
+def test_bad_input(found, foreign, tmp_path, capsys):
+    work = tmp_path / "work"
+    shutil.copytree(found, work)
+    document = json.loads((work / "run.json").read_text())
+
+    def written(**change):
+        (work / "run.json").write_text(json.dumps(document | change))
+
+    page, view = ("--out", tmp_path / "x.html"), ("--save", tmp_path / "x.rrd")
+    written(version=2)
+    assert "key 'version': found 2, expected 1" in refused(capsys, "report", work, *page)
+    written(outputs={k: v for k, v in document["outputs"].items() if k != "discovery.json"})
+    assert "found no discovery.json" in refused(capsys, "report", work, *page)
+    written(outputs=document["outputs"] | {"../x": "0"})
+    assert "'../x'" in refused(capsys, "view", work, *view)
+    written(configuration={})
+    assert "configuration" in refused(capsys, "view", work, *view)
+    written(command=3)
+    assert "command" in refused(capsys, "view", work, *view)
+    robot = next(iter(foreign.values()))
+    message = refused(capsys, "view", found, "--robot", robot.path, *view)
+    assert "--robot names the robot that the run was made with" in message
+    assert not list(tmp_path.glob("x.*"))
