@@ -3,11 +3,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 ORACLE := .venv-oracle
 
-.PHONY: setup validate test lint bench oracle study-contact study-equilibrium study-montecarlo study-estimators study-check \
+.PHONY: setup validate demo test lint bench oracle study-contact study-equilibrium study-montecarlo study-estimators study-check \
   study-improve study-plan study-sequential study-atlas study-verdict study-fuzz study-kill pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
+
+demo: setup  ## a hidden effect: identified wrong, discovered, identified right, report and view (two minutes)
+	MUJOCO_GL=disable OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.demo
 
 setup: $(VENV)/.done  ## the environment alone, once
 
