@@ -9,8 +9,8 @@ import io
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
-from scipy.spatial import HalfspaceIntersection
 
+from experiments.polygons import inset, nearest_on
 from experiments.rendering import rendered
 from identification.base_parameters import base_parameters, standard_parameters
 from identification.feasibility import place_polygon, stability_margin, support_polygon
@@ -64,7 +64,7 @@ def support_polygons(robot: Robot, plan: PosturePlan) -> str:
             parts.append(
                 _shape(polygon, low, high, f'fill="{POLYGON}" fill-opacity="0.10" stroke="{POLYGON}"')
             )
-            if inner is not None and (kept := _shrunk(polygon, inner)) is not None:
+            if inner is not None and (kept := inset(polygon, inner)) is not None:
                 parts.append(
                     _shape(kept, low, high, f'fill="none" stroke="{POLYGON}" stroke-dasharray="3 3"')
                 )
@@ -93,7 +93,9 @@ def contact_sheet(robot: Robot, plan: PosturePlan) -> bytes:
     _, once = np.unique(plan.posture, return_index=True)
     shown = plan.take(np.sort(once))
     width, height = THUMB
-    images = rendered(robot, shown, 2 * width, 2 * height)  # twice as large: smooth edges
+    boards = boards_under(preset_rig("ideal", robot), shown.swing_pose)
+    # Twice as large: smooth edges.
+    images = rendered(robot, shown.joint_angles, boards, 2 * width, 2 * height)
     columns = min(SHEET_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
     sheet = Image.new("RGB", (columns * width, rows * height), "white")
@@ -124,12 +126,7 @@ def _rectangle(pose: np.ndarray, half: np.ndarray, low: np.ndarray, high: np.nda
 
 def _mass(point: np.ndarray, polygon: np.ndarray, number: int, low: np.ndarray, high: np.ndarray) -> str:
     """The centre of mass, its number, and the shortest way to the edge."""
-    end = np.roll(polygon, -1, axis=0)
-    edge = end - polygon
-    along = ((point - polygon) * edge).sum(axis=1) / (edge**2).sum(axis=1)
-    feet = polygon + np.clip(along, 0, 1)[:, None] * edge
-    nearest = feet[np.linalg.norm(feet - point, axis=1).argmin()]
-    (x, y), (u, v) = _pixels(np.array([point, nearest]), low, high)
+    (x, y), (u, v) = _pixels(np.array([point, nearest_on(point, polygon)]), low, high)
     away = np.array([x - u, y - v]) / max(np.hypot(x - u, y - v), 1e-9)
     tx, ty = x + 9 * away[0], y + 9 * away[1] + 3
     return (
@@ -138,17 +135,6 @@ def _mass(point: np.ndarray, polygon: np.ndarray, number: int, low: np.ndarray, 
         f'<text x="{tx:.1f}" y="{ty:.1f}" font-size="9" text-anchor="middle" '
         f'stroke="white" stroke-width="2" stroke-opacity="0.8" paint-order="stroke">{number}</text>'
     )
-
-
-def _shrunk(polygon: np.ndarray, margin: float) -> np.ndarray | None:
-    """A convex polygon less a strip along its edges; None where nothing is left."""
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    outward = np.column_stack([edge[:, 1], -edge[:, 0]]) / np.linalg.norm(edge, axis=1)[:, None]
-    offset = -(outward * polygon).sum(axis=1) + margin
-    centre = polygon.mean(axis=0)
-    if (outward @ centre + offset >= 0).any():
-        return None
-    return support_polygon(HalfspaceIntersection(np.column_stack([outward, offset]), centre).intersections)
 
 
 def _legend(inner: float | None) -> str:

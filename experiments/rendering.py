@@ -1,4 +1,4 @@
-"""Pictures of the robot on its plates by MuJoCo, drawn by a process of its own.
+"""Pictures of the robot on its plates by MuJoCo (as the paper's Fig. 3), drawn by a process of its own.
 
 The command line runs without OpenGL (`experiments.entry`), and a broken driver may end a process; so a
 child with EGL or else OSMesa draws. It reads a request (JSON) and writes the images (npy).
@@ -11,12 +11,13 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from sim.errors import InputError, shortened
-from sim.measurements import PosturePlan
 from sim.model import Robot
 
 PLATFORMS = ("egl", "osmesa")
@@ -25,16 +26,21 @@ SIDE, ABOVE = 145.0, -14.0  # deg, where the camera stands
 FRAME, MIDDLE = 1.7, 0.5  # of the robot's height: the camera's distance, and what it looks at
 
 
-def rendered(robot: Robot, plan: PosturePlan, width: int, height: int) -> np.ndarray:
-    """Every posture of a plan on its boards, (m, height, width, 3), 8 bits a channel.
+def rendered(
+    robot: Robot, joint_angles: np.ndarray, plate_poses: np.ndarray, width: int, height: int
+) -> np.ndarray:
+    """Postures on their boards, (m, height, width, 3), 8 bits a channel.
+
+    Args:
+        joint_angles: (m, n_joints) [rad]. plate_poses: (m, 2, 3) [m, m, rad].
 
     Raises:
-        InputError: neither EGL nor OSMesa draws.
+        InputError: neither EGL nor OSMesa draws; names the packages to install.
     """
     request = {
         "robot": str(robot.path),
-        "angles": plan.joint_angles.tolist(),
-        "swing": plan.swing_pose.tolist(),
+        "angles": joint_angles.tolist(),
+        "plates": plate_poses.tolist(),
         "size": [width, height],
     }
     said = ""
@@ -62,42 +68,61 @@ def rendered(robot: Robot, plan: PosturePlan, width: int, height: int) -> np.nda
     )
 
 
-def draw(robot: Robot, angles: np.ndarray, swing: np.ndarray, width: int, height: int) -> np.ndarray:
-    """As `rendered`, in this process.
-
-    Args:
-        angles: (m, n_joints) [rad]. swing: poses of the swing foot, (m, 3) [m, m, rad].
-    """
+def draw(
+    robot: Robot, joint_angles: np.ndarray, plate_poses: np.ndarray, width: int, height: int
+) -> np.ndarray:
+    """As `rendered`, in this process, whose MUJOCO_GL says how."""
     import mujoco
 
-    from sim.laboratory import boards_under
     from sim.rig import preset_rig
     from sim.stand import Stand
 
-    rig = preset_rig("ideal", robot)
-    images = np.empty((len(angles), height, width, 3), dtype=np.uint8)
-    boards = boards_under(rig, swing)
-    _, where = np.unique(swing, axis=0, return_inverse=True)
+    rig = replace(preset_rig("ideal", robot), edit=_lit)
+    images = np.empty((len(joint_angles), height, width, 3), dtype=np.uint8)
+    places, where = np.unique(plate_poses.reshape(len(plate_poses), -1), axis=0, return_inverse=True)
     camera = mujoco.MjvCamera()
     camera.azimuth, camera.elevation = SIDE, ABOVE
-    for place in np.unique(where):
-        rows = np.flatnonzero(where == place)
-        stand = Stand(rig, boards[rows[0]])
+    for place, poses in enumerate(places.reshape(-1, 2, 3)):
+        stand = Stand(rig, poses)
         stand.model.vis.global_.offwidth, stand.model.vis.global_.offheight = width, height
         # One view for all, so that sizes compare: of the robot with all joints at zero.
-        straight = np.zeros(angles.shape[1])
+        straight = np.zeros(joint_angles.shape[1])
         stand.reset(straight, stand.chain.base_pose(straight))
         mujoco.mj_forward(stand.model, stand.data)
         top = float(stand.data.geom_xpos[:, 2].max())
-        camera.lookat[:] = [0.0, boards[:, :, 1].mean(), MIDDLE * top]
+        camera.lookat[:] = [0.0, plate_poses[:, :, 1].mean(), MIDDLE * top]
         camera.distance = FRAME * top
         with mujoco.Renderer(stand.model, height, width) as renderer:
-            for row in rows:
-                stand.reset(angles[row], stand.chain.base_pose(angles[row]))
+            for row in np.flatnonzero(where == place):
+                stand.reset(joint_angles[row], stand.chain.base_pose(joint_angles[row]))
                 mujoco.mj_forward(stand.model, stand.data)
                 renderer.update_scene(stand.data, camera)
                 images[row] = renderer.render()
     return images
+
+
+def _lit(spec: Any) -> None:
+    """Light and a pale sky for a scene that brings none."""
+    import mujoco
+
+    if not spec.lights:
+        spec.worldbody.add_light(
+            pos=[0.6, -0.6, 3.0],
+            dir=[-0.2, 0.2, -1.0],
+            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            diffuse=[0.6, 0.6, 0.6],
+        )
+        spec.visual.headlight.ambient = [0.4, 0.4, 0.4]
+        spec.visual.headlight.diffuse = [0.4, 0.4, 0.4]
+        spec.add_texture(
+            name="sky",
+            type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+            builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+            rgb1=[0.95, 0.97, 1.0],
+            rgb2=[0.7, 0.78, 0.86],
+            width=64,
+            height=384,
+        )
 
 
 def main() -> None:
@@ -108,7 +133,7 @@ def main() -> None:
     images = draw(
         load_robot(Path(request["robot"])),
         np.array(request["angles"]),
-        np.array(request["swing"]),
+        np.array(request["plates"]),
         *request["size"],
     )
     np.save(sys.stdout.buffer, images, allow_pickle=False)

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from experiments import rendering
 from experiments.cli import main
 from experiments.report import page as pages
-from experiments.report import rendering
-from experiments.report.rendering import render
 from experiments.report.tables import flattened
 from experiments.run_folder import write_run
 from experiments.saved_run import read_run
@@ -25,7 +24,8 @@ needs_chromium = pytest.mark.skipif(shutil.which("chromium") is None, reason="no
 
 def can_draw(robot, plan) -> bool:
     try:
-        render(robot, plan.joint_angles[:1], np.array([[[0.03, -0.155, 0], [0.03, 0.155, 0]]]))
+        plates = np.array([[[0.03, -0.155, 0], [0.03, 0.155, 0]]])
+        rendering.rendered(robot, plan.joint_angles[:1], plates, 64, 64)
     except InputError:
         return False
     return True
@@ -130,10 +130,11 @@ def test_postures_are_drawn(page, robot, plan):
 
 
 def test_without_opengl_the_report_says_what_to_install(run, tmp_path, capsys, monkeypatch):  # noqa: F811
-    monkeypatch.setattr(rendering, "BACKENDS", ("nothing",))
+    monkeypatch.setattr(rendering, "PLATFORMS", ("nothing",))
     assert main(["report", str(run), "--out", str(tmp_path / "x.html")]) == 0
-    assert "apt-get install libosmesa6" in " ".join(capsys.readouterr().err.split())
-    assert "apt-get install libosmesa6" in (tmp_path / "x.html").read_text(encoding="utf-8")
+    packages = "apt-get install libegl1 libgl1-mesa-dri libosmesa6"
+    assert packages in " ".join(capsys.readouterr().err.split())
+    assert packages in (tmp_path / "x.html").read_text(encoding="utf-8")
 
 
 def test_a_hostile_name_stays_text(run, robot, tmp_path):  # noqa: F811

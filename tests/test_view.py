@@ -16,6 +16,7 @@ import rerun.blueprint as rrb
 from PIL import Image
 
 from experiments.cli import main
+from experiments.polygons import inset, nearest_on
 from experiments.run_folder import write_run
 from experiments.saved_run import read_montecarlo, read_run
 from experiments.scenario import DEFAULT_PLAN
@@ -168,13 +169,13 @@ def test_residual_and_truth_are_the_runs_own(run, wii, robot):
 def test_inner_polygon_keeps_its_distance(plan, robot):
     subject = planned(plan, robot, "plan")
     for polygon in subject.polygons[::10]:
-        inner = balance.inset(polygon, 0.02)
+        inner = inset(polygon, 0.02)
         assert inner is not None
         margins = [stability_margin(corner, polygon) for corner in inner]
         assert margins == pytest.approx([0.02] * len(margins), abs=1e-9)
-        assert balance.inset(polygon, 0.2) is None
+        assert inset(polygon, 0.2) is None
         point = polygon.mean(axis=0)
-        assert np.linalg.norm(balance.nearest_on(point, polygon) - point) == pytest.approx(
+        assert np.linalg.norm(nearest_on(point, polygon) - point) == pytest.approx(
             stability_margin(point, polygon)
         )
 

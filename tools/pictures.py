@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image
 
 from experiments.cli import main as tulip
-from experiments.report.rendering import render
+from experiments.rendering import rendered
 from experiments.scenario import DEFAULT_PLAN
 from sim.laboratory import boards_under
 from sim.measurements import read_plan
@@ -27,6 +27,7 @@ DOCS = Path(__file__).resolve().parent.parent / "docs"
 ROWS = (2, 26, 58, 121)
 SEED = "1"
 VIEW_ROW = 75
+FRAME = (360, 480)  # pixels, of a posture
 WINDOW, PAGE = (1600, 1000), (1100, 1500)
 DRAWN_BY = 6.0  # s, until rerun's notes at its start are gone
 
@@ -46,8 +47,7 @@ def _postures() -> Image.Image:
     plan = read_plan(DEFAULT_PLAN, robot, load_model(robot))
     rows = list(ROWS)
     boards = boards_under(preset_rig("ideal", robot), plan.swing_pose[rows])
-    frames = [Image.open(io.BytesIO(png)) for png in render(robot, plan.joint_angles[rows], boards)]
-    return Image.fromarray(np.hstack([np.asarray(frame.convert("RGB")) for frame in frames]))
+    return Image.fromarray(np.hstack(rendered(robot, plan.joint_angles[rows], boards, *FRAME)))
 
 
 def _window(run: Path, scratch: Path) -> Image.Image:

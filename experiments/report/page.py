@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
@@ -12,12 +13,13 @@ from typing import Any
 import jinja2
 import numpy as np
 from markupsafe import Markup
+from PIL import Image
 
 from experiments.montecarlo.verdict import BIAS, COVERAGE, RATIO
+from experiments.rendering import rendered
 from experiments.report import figures as drawn
 from experiments.report import words
 from experiments.report.figures import Figure
-from experiments.report.rendering import render
 from experiments.report.tables import (
     Table,
     calibration_table,
@@ -43,6 +45,8 @@ from sim.scene import load_scene
 
 TEMPLATE = "page.html.j2"
 POLYGONS, PICTURES = 6, 4  # how many placements and postures are drawn
+SIZE = (360, 480)  # pixels, of a picture
+COLOURS = 128  # of a picture, which then takes a third of the space
 
 
 @dataclass(frozen=True)
@@ -253,18 +257,24 @@ def _pictures(
     """Postures spread over the experiment; what keeps them from being drawn goes to `missing`."""
     rows = np.unique(np.linspace(0, len(joint_angles) - 1, PICTURES).astype(int))
     try:
-        drawings = render(robot, joint_angles[rows], plates[rows])
+        drawings = rendered(robot, joint_angles[rows], plates[rows], *SIZE)
     except InputError as error:
         missing.append(f"Pictures of postures: {error}.")
         return ()
     return tuple(
         Picture(
-            "data:image/png;base64," + base64.b64encode(drawing).decode(),
+            "data:image/png;base64," + base64.b64encode(_png(drawing)).decode(),
             names[row],
             f"The robot on its two plates: {names[row]}.",
         )
         for row, drawing in zip(rows, drawings, strict=True)
     )
+
+
+def _png(image: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(image).quantize(COLOURS).save(file, "PNG", optimize=True)
+    return file.getvalue()
 
 
 def _planned_pictures(

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import rerun as rr
-from scipy.spatial import HalfspaceIntersection, QhullError
 
 from experiments.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, POLYGON, RESIDUAL, TRUTH, rgb
+from experiments.polygons import inset, nearest_on
 from experiments.view.subject import Subject
-from identification.feasibility import place_polygon, support_polygon
+from identification.feasibility import place_polygon
 
 COM_COLOURS = {"estimate": ESTIMATE, "truth": TRUTH, "nominal model": NOMINAL}
 ABOVE_GROUND = 0.002  # m, so that lines do not flicker in the boards' surface
@@ -110,30 +110,6 @@ def circles(reach: float) -> list[float]:
 def from_above(points: np.ndarray) -> np.ndarray:
     """Base frame to a picture with x up and y to the left, (..., 2) [m] -> [mm]."""
     return -1e3 * points[..., ::-1]
-
-
-def inset(polygon: np.ndarray, distance: float) -> np.ndarray | None:
-    """A convex polygon without what lies nearer to its edges than `distance` [m]; None: nothing is left."""
-    edges = np.roll(polygon, -1, axis=0) - polygon
-    outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
-    offset = distance - (outward * polygon).sum(axis=1)
-    middle = polygon.mean(axis=0)
-    if (outward @ middle + offset >= 0).any():
-        return None
-    try:
-        return support_polygon(
-            HalfspaceIntersection(np.column_stack([outward, offset]), middle).intersections
-        )
-    except QhullError:
-        return None
-
-
-def nearest_on(point: np.ndarray, polygon: np.ndarray) -> np.ndarray:
-    """The point of a polygon's edges that is nearest, (2,) [m]."""
-    edges = np.roll(polygon, -1, axis=0) - polygon
-    along = ((point - polygon) * edges).sum(axis=1) / (edges**2).sum(axis=1)
-    feet = polygon + np.clip(along, 0, 1)[:, None] * edges
-    return feet[np.argmin(np.linalg.norm(feet - point, axis=1))]
 
 
 def _board(subject: Subject, row: int, plate: int) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +30,7 @@ BAR, STEP = 100.0, 14.0  # pixels: the longest bar, from bar to bar
 class DiscoveryViews:
     """What there is to see, before it is laid out: `space` and `plane` hold before, then after."""
 
-    space: list[rrb.View]
+    space: Sequence[rrb.View]
     plane: list[rrb.View]
     channels: list[rrb.View]
     evidence: list[rrb.View]
@@ -178,7 +179,7 @@ def discovery_text(run: SavedDiscovery, factor: int) -> str:
     return "\n".join(lines)
 
 
-def _views(run: SavedDiscovery, space: list[rrb.View], reach: float) -> DiscoveryViews:
+def _views(run: SavedDiscovery, space: Sequence[rrb.View], reach: float) -> DiscoveryViews:
     bounds = rrb.VisualBounds2D(x_range=[-reach, reach], y_range=[-reach, reach])
     plane: list[rrb.View] = [
         rrb.Spatial2DView(
