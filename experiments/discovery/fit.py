@@ -31,7 +31,37 @@ class Term:
     def values(self) -> Values:
         return self.candidate.values(self.sizes, self.point)
 
-    def freed(seen: Seen, smooth: Seen, terms: Sequence[Term]) -> Seen:
+    def freed(self, seen: Seen) -> Seen:
+        """Readings without the effect."""
+        return self.candidate.effect.predict(seen, self.candidate.target, self.values)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Terms fitted to an experiment.
+
+    Attributes:
+        terms: with their sizes (maximum a posteriori).
+        covariance: of all sizes, (s, s).
+        linear: the experiment freed of the terms.
+        columns: of the terms, whitened and projected, (r + 1, s).
+        residual: whitened and projected, of the freed experiment, (r + 1,).
+        log_bayes_factor: against no effect, in the coordinates of `about`.
+    """
+
+    terms: tuple[Term, ...]
+    covariance: np.ndarray
+    linear: Linear
+    columns: np.ndarray
+    residual: np.ndarray
+    log_bayes_factor: float
+
+    @property
+    def chi_square(self) -> float:
+        return float(self.residual @ self.residual)
+
+
+def freed(seen: Seen, smooth: Seen, terms: Sequence[Term]) -> Seen:
     """Readings without the terms.
 
     How much a term takes away is taken from readings without noise, since the noise would go with the
