@@ -26,7 +26,10 @@ def shipped_plan(robot: Robot, placements: int | None = None) -> PosturePlan:
 
 def part_of(plan: PosturePlan, rows: np.ndarray) -> PosturePlan:
     """Some rows of a plan."""
-    return dataclasses.replace(plan, **{name: getattr(plan, name)[rows] for name in PLAN_ROWS})
+    torques = None if plan.torques is None else plan.torques[rows]
+    return dataclasses.replace(
+        plan, torques=torques, **{name: getattr(plan, name)[rows] for name in PLAN_ROWS}
+    )
 
 
 def rows_of(m: Measurements, rows: np.ndarray) -> Measurements:

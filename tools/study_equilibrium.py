@@ -241,6 +241,7 @@ def excess_sag(
             row=rows,
             before=before,
             command=np.array([a.held.commanded for a in held if a.held]),
+            offset=prepared.plan.feed_forward[rows] / m.gain,
             push=rng.standard_normal((len(rows), 2)),
             scatter=rng.standard_normal((len(rows), len(m.names))),
             plates=np.array([a.true_plates for a in held]),

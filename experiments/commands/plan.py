@@ -180,6 +180,7 @@ def _joined(plans: list[PosturePlan]) -> PosturePlan:
         support=np.concatenate([p.support for p in plans]),
         swing_pose=np.concatenate([p.swing_pose for p in plans]),
         robot=first.robot,
+        torques=np.concatenate([p.feed_forward for p in plans]),
         made={
             "objective": first.made["objective"],
             "command": "tulip plan --table1",

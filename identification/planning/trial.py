@@ -106,8 +106,13 @@ def plan_of(
         "ranges": dataclasses.asdict(problem.ranges),
         "margins": dataclasses.asdict(problem.margins),
     }
+    best = evaluate(problem, state.best_design, state.best_angles)
     return dataclasses.replace(
-        drawn, joint_angles=state.best_angles, swing_pose=state.best_design[:, 6:], made=made
+        drawn,
+        joint_angles=best.chain.angles,
+        swing_pose=state.best_design[:, 6:],
+        made=made,
+        torques=best.torque,
     )
 
 

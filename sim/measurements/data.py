@@ -20,6 +20,8 @@ class PosturePlan:
         swing_pose: pose of the swing foot in the base frame, (m, 3) [m, m, rad].
         robot: the MJCF file that the plan was made for, {"model", "sha256"}.
         made: how the plan was made (objective, seed, ranges, margins, software).
+        torques: feed-forward of the drives, (m, n_joints) [N m], by which the servos hold the posture
+            without sagging and share the load between the feet as planned; None: none.
     """
 
     joints: tuple[str, ...]
@@ -30,9 +32,15 @@ class PosturePlan:
     swing_pose: np.ndarray
     robot: dict[str, str]
     made: dict[str, Any] = field(default_factory=dict)
+    torques: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.posture)
+
+    @property
+    def feed_forward(self) -> np.ndarray:
+        """`torques`, or zeros, (m, n_joints) [N m]."""
+        return np.zeros_like(self.joint_angles) if self.torques is None else self.torques
 
 
 @dataclass(frozen=True)

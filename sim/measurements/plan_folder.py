@@ -14,9 +14,12 @@ from sim.files import new_folder
 from sim.measurements.data import PosturePlan
 from sim.measurements.folder_kind import check_kind
 from sim.measurements.measurement_folder import MOST_ANGLE, MOST_LENGTH, SUPPORTS, Version
-from sim.measurements.tables import read_json, software, write_json, write_table
+from sim.measurements.tables import Table, read_json, software, write_json, write_table
 from sim.measurements.twins import checked_table
 from sim.model import Robot, joint_names, sha256
+
+
+MOST_TORQUE = 1e5  # N m, of a drive
 
 
 class PlanRobot(BaseModel):
@@ -43,6 +46,8 @@ def write_plan(folder: Path, plan: PosturePlan) -> None:
     """
     columns = {"posture": plan.posture, "placement": plan.placement, "support": plan.support}
     columns |= {f"q.{joint}": plan.joint_angles[:, k] for k, joint in enumerate(plan.joints)}
+    if plan.torques is not None:
+        columns |= {f"torque.{joint}": plan.torques[:, k] for k, joint in enumerate(plan.joints)}
     columns |= {f"swing.{axis}": plan.swing_pose[:, k] for k, axis in enumerate(("x", "y", "yaw"))}
     with new_folder(folder) as working:
         paths = write_table(working, "postures", columns)
@@ -87,6 +92,7 @@ def read_plan(folder: Path, robot: Robot, model: mujoco.MjModel) -> PosturePlan:
         swing_pose=np.column_stack(swing),
         robot=manifest.robot.model_dump(),
         made=manifest.made,
+        torques=_torques(table, joints),
     )
     check_limits(table.path, plan, model)
     if len(np.unique(plan.posture)) < len(plan):
@@ -94,6 +100,11 @@ def read_plan(folder: Path, robot: Robot, model: mujoco.MjModel) -> PosturePlan:
             f"{table.path}: column 'posture': found repeated numbers, expected each once in a plan"
         )
     return plan
+
+
+def _torques(table: Table, joints: tuple[str, ...]) -> np.ndarray | None:
+    given = any(table.has(f"torque.{joint}") for joint in joints)
+    return table.matrix("torque", joints, False, -MOST_TORQUE, MOST_TORQUE) if given else None
 
 
 def check_model(where: Path | str, made_with: str | None, expected: str | None, robot: Robot) -> None:
