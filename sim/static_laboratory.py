@@ -235,7 +235,10 @@ def _draw(prepared: Prepared, run: int, rng: np.random.Generator) -> Tries:
 
 
 def _feet(prepared: Prepared, tries: Tries) -> np.ndarray:
-    """Where the feet stand, (b, 2, 3): the left one where its placement's first command puts it but for feed-forward."""
+    """Where the feet stand, (b, 2, 3).
+
+    The left one stands where its placement's first command puts it, without the feed-forward's offset.
+    """
     m, near = prepared.mechanism, prepared.near.state
     down = np.flatnonzero(tries.before == tries.row)
     angles = np.zeros((len(down), len(m.names)))

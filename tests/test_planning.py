@@ -10,9 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from experiments.scenario import DEFAULT_PLAN
 from identification.feasibility import place_polygon, stability_margin, support_polygon
 from identification.planning.blocks import information, information_slope
 from identification.planning.constraints import evaluate, slot_names
+from identification.planning.footing import footing
 from identification.planning.legs import holding_torques
 from identification.planning.objectives import OBJECTIVES, condition_number, objectives
 from identification.planning.problem import planning_problem
@@ -21,11 +23,16 @@ from identification.planning.trial import described, run_trial
 from identification.postures import planning_ranges
 from identification.regressor import stacked_regressor
 from sim.errors import InputError
+from sim.laboratory import run_experiment
 from sim.measurements import read_plan, write_plan
 from sim.model import sole_corners
+from sim.rig import preset_rig
+from sim.static_laboratory import prepare
+from tools.study import part_of
 
 STEP = 1e-6
 SIGMA = 4.16e-3
+OPTIMAL = DEFAULT_PLAN.parent / "optimal"
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +99,8 @@ def test_holding_torques_balance_the_robot(problem, model, robot, plan):
     data = mujoco.MjData(model)
     design = design_of(problem, plan.joint_angles, plan.swing_pose)
     chain = evaluate(problem, design, plan.joint_angles).chain
-    torque, _, wrench, _ = holding_torques(problem, chain)
+    wrench = np.random.default_rng(213).normal([10, -5, 100, 0, 0, 3], [10, 10, 30, 5, 5, 3], (len(plan), 6))
+    torque, _, _ = holding_torques(problem, chain, wrench)
     for row in range(0, 150, 30):
         data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
         data.qpos[7:] = plan.joint_angles[row]
@@ -151,6 +159,31 @@ def test_objective_is_recomputed_from_the_plan_file(tmp_path, robot, model, para
     again = read_plan(tmp_path / "plan", robot, model)
     found = np.linalg.cond(stacked_regressor(parameters, again.joint_angles))
     assert found == pytest.approx(small.made["final_objective"], rel=1e-8)
+    assert again.torques.tobytes() == small.torques.tobytes()
+
+
+def test_feed_forward_shares_the_load_as_planned(problem, small, robot):
+    """Statics of the laboratory's own scene, without friction and noise: angles and loads are the plan's."""
+    rig = preset_rig("ideal", robot)
+    held = prepare(rig, small).near
+    assert held.solved.all()
+    joints = held.state.angles[:, : small.joint_angles.shape[1]]
+    assert np.abs(joints - small.joint_angles).max() < 1e-4
+    design = design_of(problem, small.joint_angles, small.swing_pose)
+    foot = footing(problem, np.column_stack([design[:, [0, 1, 6, 7, 8]], np.zeros((len(small), 3))]))
+    wrench = held.state.wrench  # of the floor on either sole, about the sole points
+    assert np.abs(wrench[:, :, 2] - foot.feet).max() < 0.1
+    assert np.abs(wrench[:, :, :2]).max() < 0.5
+    sagging = prepare(rig, dataclasses.replace(small, torques=None)).near
+    assert np.abs(sagging.state.wrench[:, :, 2] - foot.feet).max() > 5
+
+
+def test_optimal_postures_stand_in_the_full_dynamics(robot, model):
+    plan = read_plan(OPTIMAL, robot, model)
+    rig = preset_rig("wii", robot)
+    rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
+    done = run_experiment(rig, part_of(plan, np.isin(plan.placement, (2, 12, 22))), 214)
+    assert len(done.dropped) <= 1
 
 
 def test_plan_describes_itself(problem, small):

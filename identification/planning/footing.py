@@ -20,7 +20,7 @@ OFF_HULL = 1.0  # m: margin of a corner that begins no edge, so that it never bi
 LEAST_FORCE = 1.0  # N, on either foot; less is out of the question and would divide by nothing
 # Inputs: CoM x, y; swing foot x, y, yaw; variance of the CoM's x, covariance, variance of y.
 PLAN = 8
-SHARING = 0.75  # how fast the load goes over as the CoM goes from foot to foot; the centres of pressure do the rest
+SHARING = 0.75  # of the way to the other foot: what the load goes over by; centres of pressure do the rest
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,6 @@ from sim.measurements.tables import Table, read_json, software, write_json, writ
 from sim.measurements.twins import checked_table
 from sim.model import Robot, joint_names, sha256
 
-
 MOST_TORQUE = 1e5  # N m, of a drive
 
 
