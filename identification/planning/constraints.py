@@ -12,7 +12,7 @@ from identification.planning.closed_chain import (
     point_jacobian,
     solve_chain,
 )
-from identification.planning.footing import PLAN, footing_slopes
+from identification.planning.footing import PLAN, ROOMS, footing_slopes
 from identification.planning.legs import holding_torques, leg_stretch, limb_distances
 from identification.planning.problem import Problem
 
@@ -57,7 +57,7 @@ def slot_names(problem: Problem) -> tuple[str, ...]:
         *["sole margin"] * 8,
         *["cell load"] * 8,
         *["foot load"] * 2,
-        *["boards and feet"] * 4,
+        *["boards and feet"] * ROOMS,
         *(f"torque {name}" for j, name in enumerate(names) for k in range(2) if limited[j, k]),
         *["leg clearance"] * pairs,
         *["straight leg"] * len(problem.legs),

@@ -20,6 +20,7 @@ OFF_HULL = 1.0  # m: margin of a corner that begins no edge, so that it never bi
 LEAST_FORCE = 1.0  # N, on either foot; less is out of the question and would divide by nothing
 # Inputs: CoM x, y; swing foot x, y, yaw; variance of the CoM's x, covariance, variance of y.
 PLAN = 8
+ROOMS = 42
 SHARING = 0.75  # of the way to the other foot: what the load goes over by; centres of pressure do the rest
 
 
@@ -36,7 +37,7 @@ class Footing:
         wrench: the swing foot's vertical force and its moments about x and y through the base frame's
             origin, (m, 3) [N, N m]; the rest of its wrench is zero.
         boards: room of each sole on its own board to the side, of the swing sole to the front, and between
-            the soles to the side, (m, 4) [m].
+            the soles to the side, (m, ROOMS) [m].
     """
 
     polygon: np.ndarray
@@ -136,24 +137,27 @@ def _polygon(com: np.ndarray, corners: np.ndarray, covariance: np.ndarray, probl
 
 
 def _boards(problem: Problem, swing_sole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centres of both boards, laid as `lay_boards` does, (m, 2, 2), and room of soles, (m, 4)."""
+    """Centres of both boards, laid as `lay_boards` does, (m, 2, 2), and room of soles, (m, ROOMS).
+
+    How far a turned sole reaches has a kink where another corner takes over, as at no yaw, and optima
+    lie there; so every pair of corners has its own room, which is smooth.
+    """
     size, gap, kept = problem.plate.size, problem.ranges.plate_gap, problem.margins.board
     first, second = problem.soles[0].min(axis=0), problem.soles[0].max(axis=0)
-    low, high = _extreme(swing_sole, -1), _extreme(swing_sole, 1)
-    right = np.broadcast_to((first + second) / 2, low.shape)
-    left = (low + high) / 2
+    left = (_extreme(swing_sole, -1) + _extreme(swing_sole, 1)) / 2
+    right = np.broadcast_to((first + second) / 2, left.shape)
     lack = size[1] + gap - (left[:, 1] - right[:, 1])
-    lack = np.where(lack.real > 0, lack, 0.0)
-    shift = np.stack([np.zeros_like(lack), lack / 2], axis=1)
-    room = np.stack(
+    wide = (swing_sole[:, None] - swing_sole[:, :, None])[:, *np.nonzero(~np.eye(4, dtype=bool))]
+    reach = np.column_stack([np.full_like(lack, (second - first)[1]), wide[..., 1]])
+    room = np.column_stack(
         [
-            size[1] / 2 - lack / 2 - (second - first)[1] / 2 - kept,
-            size[1] / 2 - lack / 2 - (high - low)[:, 1] / 2 - kept,
-            size[0] / 2 - (high - low)[:, 0] / 2 - kept,
-            low[:, 1] - second[1] - problem.ranges.foot_clearance,
-        ],
-        axis=1,
+            (size[1] - reach) / 2 - kept,  # boards side by side, or moved apart to find room
+            (size[1] - lack[:, None] - reach) / 2 - kept,
+            (size[0] - wide[..., 0]) / 2 - kept,
+            swing_sole[..., 1] - second[1] - problem.ranges.foot_clearance,
+        ]
     )
+    shift = np.stack([np.zeros_like(lack), np.where(lack.real > 0, lack, 0.0) / 2], axis=1)
     return np.stack([right - shift, left + shift], axis=1), room
 
 
