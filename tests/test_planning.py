@@ -15,7 +15,9 @@ from identification.feasibility import place_polygon, stability_margin, support_
 from identification.planning.blocks import information, information_slope
 from identification.planning.constraints import evaluate, slot_names
 from identification.planning.footing import footing
+from identification.planning.interior_point import interior_point
 from identification.planning.legs import holding_torques
+from identification.planning.linear_steps import whole
 from identification.planning.objectives import OBJECTIVES, condition_number, objectives
 from identification.planning.problem import planning_problem
 from identification.planning.search import begin, design_of, search
@@ -159,7 +161,8 @@ def test_objective_is_recomputed_from_the_plan_file(tmp_path, robot, model, para
     again = read_plan(tmp_path / "plan", robot, model)
     found = np.linalg.cond(stacked_regressor(parameters, again.joint_angles))
     assert found == pytest.approx(small.made["final_objective"], rel=1e-8)
-    assert again.torques.tobytes() == small.torques.tobytes()
+    assert again.feed_forward.tobytes() == small.feed_forward.tobytes()
+    assert again.feed_forward.any()
 
 
 def test_feed_forward_shares_the_load_as_planned(problem, small, robot):
@@ -203,6 +206,17 @@ def test_chance_margin_covers_robots_that_differ(problem, plan):
     drawn = np.array([rows @ problem.parameters.values(draw_robot(model, 0.1, rng)) for _ in range(400)])
     predicted = np.sqrt(np.einsum("mip,pq,miq->mi", rows, problem.spread, rows))
     assert drawn.std(axis=0) == pytest.approx(predicted, rel=0.15)
+
+
+def test_ipopt_goes_on_from_a_plan(problem, goal, plan):
+    rows = np.flatnonzero(plan.placement <= 5)
+    start = begin(problem, goal, plan.joint_angles[rows], plan.swing_pose[rows], 5, 3, "start")
+    before = whole(problem, start.design, start.angles, 5)
+    after = interior_point(problem, before, goal.smooth[0], 15)
+    first, last = (goal.smooth[0](information(w.found))[0] for w in (before, after))
+    assert last < first
+    assert after.found.reached.all()
+    assert after.found.slots.min() > -0.1
 
 
 def test_taken_up_again_it_ends_in_the_same_bits(problem, goal, small):

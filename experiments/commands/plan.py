@@ -21,6 +21,7 @@ from experiments.run_folder import check_new
 from experiments.scenario import DEFAULT_SEED
 from experiments.setting_up import at_least, enough
 from experiments.terminal import ERR, console, print_json, print_table
+from identification.planning.interior_point import SOLVERS, casadi_module
 from identification.planning.objectives import Objective
 from identification.planning.problem import Problem, planning_problem
 from identification.planning.search import HOPS, State, rounds
@@ -31,7 +32,7 @@ from identification.planning.trial import (
     plan_of,
     run_trial,
 )
-from sim.errors import InputError
+from sim.errors import InputError, look_up
 from sim.files import present, read_text, write_text
 from sim.measurements import PosturePlan, write_plan
 from sim.model import TULIP, sha256
@@ -42,8 +43,9 @@ from sim.scene_check import check_scene
 
 SIGMA_MM = 4.16  # the paper's residual per axis (eq. 14)
 TABLE1 = ((647.4, 337.5), (732.1, 405.1), (925.8, 352.6), (714.1, 314.7), (733.6, 406.9), (689.1, 394.4))
-TABLE1_SEEDS = (1, 2, 3, 4, 5, 6)
+TABLE1_SEEDS = (101, 102, 103, 104, 105, 106)  # margins were chosen on seeds below 100
 CHOSEN = 3  # of the trials, as in the paper
+Size = tuple[int, int, int, str]  # placements, postures on each, hops, solver
 
 
 def plan_command(
@@ -55,8 +57,9 @@ def plan_command(
     postures_per_placement: Annotated[int, tyro.conf.arg(help="postures on each")] = 5,
     hops: Annotated[int, tyro.conf.arg(help="exchanges of a placement's postures")] = HOPS,
     table1: Annotated[
-        bool, tyro.conf.arg(help="the paper's six trials (seeds 1 to 6); keeps the best three")
+        bool, tyro.conf.arg(help="the paper's six trials (seeds 101 to 106); keeps the best three")
     ] = False,
+    solver: Annotated[str, tyro.conf.arg(help="of the last round: slsqp, or ipopt (slow)")] = SOLVERS[0],
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
@@ -73,12 +76,15 @@ def plan_command(
         ("--hops", hops, 0),
     ):
         at_least(option, value, least)
+    look_up("solver", solver, SOLVERS, "--solver")
+    if solver == "ipopt":
+        casadi_module()
     own = described_robot(robot)
     check_scene(preset_rig("ideal", own))
     problem = planning_problem(own, plate_geometry(load_scene(own), "right"))
     goal = objective_named(problem, objective, 1e-3 * SIGMA_MM)
     enough("--placements, --postures-per-placement", placements * postures_per_placement, problem.parameters)
-    size = (placements, postures_per_placement, hops)
+    size = (placements, postures_per_placement, hops, solver)
     if table1:
         return _table1(problem, goal, size, out, as_json)
     began = time.perf_counter()
@@ -97,11 +103,9 @@ def plan_command(
     return 0 if finished else 130
 
 
-def _trial(
-    problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int, kept: Path
-) -> tuple[PosturePlan, bool]:
+def _trial(problem: Problem, goal: Objective, size: Size, seed: int, kept: Path) -> tuple[PosturePlan, bool]:
     """One trial, taken up where it was interrupted; whether it came to its end."""
-    placements, per, hops = size
+    placements, per, hops, solver = size
     key = [goal.name, *size, seed, sha256(problem.robot.model), sha256(problem.robot.path)]
     state = _read_state(kept, key)
     last = state
@@ -114,15 +118,15 @@ def _trial(
             show(found)
 
         try:
-            return run_trial(problem, goal, placements, per, seed, hops, progress, state), True
+            return run_trial(problem, goal, placements, per, seed, hops, progress, state, solver), True
         except KeyboardInterrupt:
             if last is None:
                 raise
             drawn, _ = first_state(problem, goal, placements, per, seed)
-            return plan_of(problem, goal, drawn, last, seed, hops), False
+            return plan_of(problem, goal, drawn, last, seed, hops, solver), False
 
 
-def _table1(problem: Problem, goal: Objective, size: tuple[int, int, int], out: Path, as_json: bool) -> int:
+def _table1(problem: Problem, goal: Objective, size: Size, out: Path, as_json: bool) -> int:
     """Six trials from six random starts; the best three joined into one plan."""
     rows, plans = [], []
     for seed, paper in zip(TABLE1_SEEDS, TABLE1, strict=True):

@@ -64,7 +64,7 @@ def descend(
     """
     value = merit(plan, smooth)
     for _ in range(iterations):
-        step, gain = _step(problem, plan, smooth, np.repeat(regions, plan.per))
+        step, gain = linear_step(problem, plan, smooth, np.repeat(regions, plan.per))
         if gain < 1e-6:
             break
         for _ in range(2):
@@ -78,7 +78,7 @@ def descend(
         after = merit(moved, smooth)
         if after >= value:  # curved constraints: once more with what linearising has missed
             missed = moved.found.slots - plan.found.slots - _rates(plan, step)
-            step, _ = _step(problem, plan, smooth, np.repeat(regions, plan.per), missed)
+            step, _ = linear_step(problem, plan, smooth, np.repeat(regions, plan.per), missed)
             moved = _moved(problem, plan, step)
             after = merit(moved, smooth)
         if after < value:
@@ -100,7 +100,7 @@ def _rates(plan: Whole, step: np.ndarray) -> np.ndarray:
     return (plan.found.slot_slopes @ step[..., None])[..., 0]
 
 
-def _step(
+def linear_step(
     problem: Problem, plan: Whole, smooth: Smooth, region: np.ndarray, missed: np.ndarray | None = None
 ) -> tuple[np.ndarray, float]:
     """The linear program's step (m, 9) and what it promises of the merit.
