@@ -29,7 +29,7 @@ def optimisation(robot, plate, plan):
     return problem, design_of(problem, angles, plan.swing_pose[:50]), angles
 
 
-def one_iteration(problem, design, angles, found):
+def one_iteration(problem, design, found):
     smooth = objectives(problem.nominal, 1e-3)["condition"].smooth[0]
     return linear_step(problem, Whole(design, found, 5), smooth, np.full(len(design), 0.1))
 
@@ -37,7 +37,7 @@ def one_iteration(problem, design, angles, found):
 @pytest.mark.benchmark(group="one iteration of `tulip plan`, 50 postures")
 def test_with_analytic_derivatives(benchmark, optimisation):
     problem, design, angles = optimisation
-    benchmark(lambda: one_iteration(*optimisation, evaluate(problem, design, angles)))
+    benchmark(lambda: one_iteration(problem, design, evaluate(problem, design, angles)))
 
 
 @pytest.mark.benchmark(group="one iteration of `tulip plan`, 50 postures")
@@ -51,7 +51,7 @@ def test_with_forward_differences(benchmark, optimisation):
         slots = np.stack([(a.slots - found.slots) / 1e-7 for a in ahead], axis=-1)
         regressor = np.stack([(a.regressor - found.regressor) / 1e-7 for a in ahead], axis=-1)
         found = dataclasses.replace(found, slot_slopes=slots, regressor_slopes=regressor)
-        return one_iteration(*optimisation, found)
+        return one_iteration(problem, design, found)
 
     benchmark(iteration)
 
