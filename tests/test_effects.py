@@ -74,9 +74,7 @@ DYNAMICS = {
 
 def first(plan, count):
     """The first placements of a plan."""
-    kept = np.isin(plan.placement, np.unique(plan.placement)[:count])
-    names = ("joint_angles", "placement", "posture", "support", "swing_pose")
-    return dataclasses.replace(plan, **{name: getattr(plan, name)[kept] for name in names})
+    return plan.take(np.isin(plan.placement, np.unique(plan.placement)[:count]))
 
 
 @pytest.fixture(scope="module")
