@@ -337,11 +337,15 @@ def test_a_tilt_turns_about_x_then_about_y(rig):
 
 
 @pytest.mark.parametrize(
-    "text", ["joint-compliance:right_knee", "backlash:right_hip_pitch", "tether", "sole-compliance"]
+    "text",
+    [
+        *("joint-compliance:right_knee", "backlash:right_hip_pitch", "tether", "sole-compliance"),
+        "lifted-corner:left_foot.front_left",
+    ],
 )
 def test_what_an_effect_adds_is_no_part_of_the_true_robot(text, rig, few, nominal):
     effect, target = split(text)
-    values, _ = (PHYSICS | {"tether": ((1.0, 2.0), 0.0)})[text]
+    values, _ = (PHYSICS | DYNAMICS | {"tether": ((1.0, 2.0), 0.0)})[text]
     truth = Scenario(effect.inject(rig, target, values), few, 1, "ideal").true_base_parameters()
     assert truth == pytest.approx(nominal.value, abs=1e-12)
 
