@@ -14,7 +14,7 @@ from identification.planning.objectives import OBJECTIVES, Objective, objectives
 from identification.planning.problem import Problem
 from identification.planning.search import HOPS, State, begin, design_of, rounds, search
 from identification.postures import random_postures
-from sim.errors import look_up
+from sim.errors import InputError, look_up
 from sim.measurements import PosturePlan
 
 SPARE = 2  # random placements drawn for each that is wanted: some cannot be repaired
@@ -61,6 +61,22 @@ def first_state(
     return drawn, state
 
 
+def require_told_apart(problem: Problem, state: State, placements: int) -> None:
+    """Refuse a start whose postures cannot tell the parameters apart: on one or two placements none can.
+
+    Args:
+        placements: how many there are, measured ones included.
+
+    Raises:
+        InputError: the start's information is singular.
+    """
+    if not np.isfinite(state.initial_condition):
+        raise InputError(
+            f"{problem.robot.path}: found that postures on {placements} placements cannot tell "
+            f"{len(problem.nominal)} base parameters apart, expected more placements"
+        )
+
+
 def run_trial(
     problem: Problem,
     objective: Objective,
@@ -80,9 +96,10 @@ def run_trial(
         solver: of the polish, one of `SOLVERS`.
 
     Raises:
-        InputError: as `first_state`.
+        InputError: as `first_state` and `require_told_apart`.
     """
     drawn, start = first_state(problem, objective, placements, per, seed)
+    require_told_apart(problem, start, placements)
     state = state or start
     for found in search(problem, objective, state, per, seed, hops, solver):
         state = found
