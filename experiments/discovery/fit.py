@@ -62,10 +62,18 @@ class Fit:
 
 
 def freed(seen: Seen, smooth: Seen, terms: Sequence[Term]) -> Seen:
-    """Readings without the terms; what they take away is taken from readings without noise."""
+    """Readings without the terms.
+
+    How much a term takes away is taken from readings without noise, since the noise would go with the
+    residual it is held against; a term without a size (channels exchanged) is undone as it is.
+    """
+    for term in terms:
+        if not term.candidate.effect.sizes:
+            seen, smooth = term.freed(seen), term.freed(smooth)
     clean = smooth
     for term in reversed(terms):
-        clean = term.freed(clean)
+        if term.candidate.effect.sizes:
+            clean = term.freed(clean)
     change = packed(clean) - packed(smooth)
     return replace(unpacked(seen, packed(seen) + change), tree=clean.tree, cells=clean.cells)
 

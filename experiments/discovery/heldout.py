@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from experiments.discovery.channels import ROWS, residuals
+from experiments.discovery.channels import ROWS, packed, residuals, unpacked
 from experiments.discovery.fit import Fit, Term, fit, freed
 from experiments.discovery.linear import linear_model, nuisances, weighing
 from experiments.discovery.noise import Noise, whitening
@@ -110,13 +110,16 @@ def _left(
     badly (base parameters, weight) widens the expected residual.
     """
     trained = model.linear
-    smooth = linear_model(test, noise, rounds=1).smooth
+    # Readings are smoothed freed of the effects: under the wrong model, what is no noise would be taken off.
+    about = linear_model(freed(test, test, model.terms), noise)
+    smooth = unpacked(test, packed(test) - (packed(about.seen) - packed(about.smooth)))
     clean = freed(test, smooth, model.terms)
-    white = whitening(clean, trained.theta, noise, channels)
+    still = freed(smooth, smooth, model.terms)
+    white = whitening(still, trained.theta, noise, channels)
     raw = residuals(clean, trained.theta)
     if bend is not None and model.terms:
         raw = raw - bend @ np.concatenate([term.sizes for term in model.terms])
-    columns = nuisances(clean, channels)
+    columns = nuisances(still, channels)
     p = len(trained.theta)
     shared = np.append(np.arange(p), columns.shape[-1] - 1)
     spread, solution = _shared(trained, p)
