@@ -1,4 +1,4 @@
-"""Draw the README's pictures: the robot on its plates, the rerun window, the report.
+"""Draw the pictures of the docs: robots on their plates, rerun windows, reports of a run and of a discovery.
 
 Needs libosmesa6, mesa-vulkan-drivers and chromium.
 """
@@ -26,6 +26,7 @@ from tools.looking import browse, headless_viewer
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 ROWS = (2, 26, 58, 121)
 SEED = "1"
+EFFECT = "encoder-offset:right_ankle_roll=0.01"
 VIEW_ROW = 75
 FRAME = (360, 480)  # pixels, of a posture
 WINDOW, PAGE = (1600, 1000), (1100, 1500)
@@ -38,8 +39,10 @@ def main() -> None:
         run = Path(scratch) / "first"
         with redirect_stdout(io.StringIO()):
             tulip(["validate", "--seed", SEED, "--out", str(run), "--json"])
-        _save(DOCS / "view.png", _window(run, Path(scratch)))
-        _save(DOCS / "report.png", _report(run, Path(scratch)))
+        found = _discovery(Path(scratch))
+        for name, folder in (("", run), ("discovery-", found)):
+            _save(DOCS / f"{name}view.png", _window(folder, Path(scratch)))
+            _save(DOCS / f"{name}report.png", _report(folder, Path(scratch)))
 
 
 def _postures() -> Image.Image:
@@ -47,11 +50,29 @@ def _postures() -> Image.Image:
     plan = read_plan(DEFAULT_PLAN, robot, load_model(robot))
     rows = list(ROWS)
     boards = boards_under(preset_rig("ideal", robot), plan.swing_pose[rows])
-    return Image.fromarray(np.hstack(rendered(robot, plan.joint_angles[rows], boards, *FRAME)))
+    return Image.fromarray(np.hstack([*rendered(robot, plan.joint_angles[rows], boards, *FRAME)]))
+
+
+def _discovery(scratch: Path) -> Path:
+    data, found = scratch / "data", scratch / "found"
+    hidden = [
+        "--preset",
+        "force-plate",
+        "--seed",
+        SEED,
+        "--effect",
+        EFFECT,
+        "--truth",
+        f"{scratch}/truth.json",
+    ]
+    with redirect_stdout(io.StringIO()):
+        tulip(["simulate", "--statics", *hidden, "--out", str(data), "--json"])
+        tulip(["discover", str(data), "--no-check", "--out", str(found), "--json"])
+    return found
 
 
 def _window(run: Path, scratch: Path) -> Image.Image:
-    view, picture = scratch / "view.rrd", scratch / "view.png"
+    view, picture = scratch / f"{run.name}.rrd", scratch / f"{run.name}-view.png"
     tulip(["view", str(run), "--save", str(view)])
     with headless_viewer(view, WINDOW) as viewer:
         viewer.set_time("posture", sequence=VIEW_ROW, play_state="paused")
@@ -61,7 +82,7 @@ def _window(run: Path, scratch: Path) -> Image.Image:
 
 
 def _report(run: Path, scratch: Path) -> Image.Image:
-    page, picture = scratch / "first.html", scratch / "report.png"
+    page, picture = scratch / f"{run.name}.html", scratch / f"{run.name}-report.png"
     tulip(["report", str(run), "--out", str(page)])
     seen = browse(page, picture, PAGE)
     assert not seen.complaints, seen.complaints

@@ -95,7 +95,7 @@ def biases(found: Atlas) -> str:
 
 def separation(found: Atlas, preset: str) -> str:
     """Heat map of the angles, one placement standing for all."""
-    from experiments.heat_map import heat_map  # plotly takes half a second
+    from experiments.report.heat_map_figures import heat_map  # plotly takes half a second
 
     kept = _once(found)
     chosen = [kept[k] for k in order(found.angle[np.ix_(kept, kept)])]
