@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import tempfile
 import time
-from contextlib import redirect_stdout
+from contextlib import chdir, redirect_stdout
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +54,7 @@ def _postures() -> Image.Image:
 
 
 def _discovery(scratch: Path) -> Path:
-    data, found = scratch / "data", scratch / "found"
+    data, found = Path("hidden"), scratch / "found"
     hidden = [
         "--preset",
         "force-plate",
@@ -65,7 +65,7 @@ def _discovery(scratch: Path) -> Path:
         "--truth",
         f"{scratch}/truth.json",
     ]
-    with redirect_stdout(io.StringIO()):
+    with chdir(scratch), redirect_stdout(io.StringIO()):
         tulip(["simulate", "--statics", *hidden, "--out", str(data), "--json"])
         tulip(["discover", str(data), "--no-check", "--out", str(found), "--json"])
     return found

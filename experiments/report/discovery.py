@@ -10,7 +10,14 @@ from experiments.report import discovery_figures as drawn
 from experiments.report.figures import Figure
 from experiments.report.page import Page, Section
 from experiments.report.tables import Cell, Table, number, settings_table
-from experiments.report.words import CHANNEL_NAMES, EVIDENCE_WORDS, VERDICTS, behind, candidate_label
+from experiments.report.words import (
+    CHANNEL_NAMES,
+    EVIDENCE_WORDS,
+    GAP_WORDS,
+    VERDICTS,
+    behind,
+    candidate_label,
+)
 from experiments.saved_discovery import Curve, SavedDiscovery, residual_curves, time_order
 
 SHOWN_P = 0.05  # above it a pattern of what is left is not worth a row
@@ -25,7 +32,7 @@ def discovery_page(run: SavedDiscovery) -> Page:
     sections = [
         Section(
             "The gap",
-            ("Residuals of placements that took no part in the fit, as multiples of the noise: 1 is noise.",),
+            GAP_WORDS,
             (gap_table(report["gap"]),),
             (*_gap_figures(report["gap"]), *_planes(curves, changed)),
         ),

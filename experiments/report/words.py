@@ -24,6 +24,11 @@ EVIDENCE_WORDS = (
     "this experiment; all of them are listed. Others of the catalogue explain it less well.",
     "What was tried, and is not enough: it leaves more than noise.",
 )
+GAP_WORDS = (
+    "Residuals of placements that took no part in the fit, as multiples of the noise: 1 is noise.",
+    "Before and after, the base parameters are fitted to all four channels at once. A fit to the centre of "
+    "pressure alone (tulip identify) leaves less in it before, because the parameters bend to the effect.",
+)
 VERDICTS = {
     "named": "One explanation is left.",
     "ambiguous": "Several explanations are left.",

@@ -173,8 +173,8 @@ def discovery_text(run: SavedDiscovery, factor: int) -> str:
     lines += [
         "",
         f"Vermilion: as measured. Blue: freed of what was found. The robot stands as measured. Lines on the "
-        f"ground: CoP minus estimated CoM (eq. 12) from the CoP, {factor} times. Circle: 95 % of the noise. "
-        "Channels: residuals over their noise, lines at -2 and 2; postures in the order of time.",
+        f"ground: CoP minus estimated CoM (eq. 12) from the CoP, {factor} times. Below, "
+        "x up and y left; circle: 95 % of the noise. Channels: residuals over their noise, lines at -2 and 2; postures in the order of time.",
     ]
     return "\n".join(lines)
 
@@ -184,7 +184,7 @@ def _views(run: SavedDiscovery, space: Sequence[rrb.View], reach: float) -> Disc
     plane: list[rrb.View] = [
         rrb.Spatial2DView(
             origin=f"plane/{side}",
-            name=f"{side.capitalize()}: CoP minus CoM, +-{reach:.2g} mm (x up, y left)",
+            name=f"{side.capitalize()}: CoP minus CoM, +-{reach:.2g} mm",
             background=PALE,
             visual_bounds=bounds,
         )
