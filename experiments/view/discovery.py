@@ -174,7 +174,8 @@ def discovery_text(run: SavedDiscovery, factor: int) -> str:
         "",
         f"Vermilion: as measured. Blue: freed of what was found. The robot stands as measured. Lines on the "
         f"ground: CoP minus estimated CoM (eq. 12) from the CoP, {factor} times. Below, "
-        "x up and y left; circle: 95 % of the noise. Channels: residuals over their noise, lines at -2 and 2; postures in the order of time.",
+        "x up, y left; circle: 95 % of the noise. Channels: residuals over their noise, lines at -2 and 2; "
+        "postures in the order of time.",
     ]
     return "\n".join(lines)
 

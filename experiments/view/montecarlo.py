@@ -61,7 +61,8 @@ def cop_clouds(run: SavedMonteCarlo) -> tuple[dict[int, np.ndarray], str]:
     if settings.dynamics:
         return {}, "No CoP clouds: every run in the full dynamics would take a minute again."
     inputs = run.document["configuration"]
-    scenario = Scenario(preset_rig(inputs["preset"], run.robot), run.plan, inputs["seed"], inputs["preset"])
+    rig = preset_rig(inputs["preset"], run.robot)
+    scenario = Scenario(rig, run.plan, inputs["seed"], inputs["preset"], statics=True)
     asked = Settings(
         settings.runs, settings.seed, settings.estimator, settings.random_robots, settings.dynamics
     )
