@@ -12,9 +12,10 @@ import sys
 import tempfile
 import time
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -100,6 +101,17 @@ def browse(
     Raises:
         RuntimeError: Chromium does not start, or the page does not get ready.
     """
+    with browser() as visit:
+        return visit(page, picture, size, dark, ready)
+
+
+@contextmanager
+def browser() -> Iterator[Callable[..., Browsed]]:
+    """Chromium without a screen, for several pages one after another; yields what is called as `browse` is.
+
+    Raises:
+        RuntimeError: it does not start.
+    """
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         command = ["chromium", "--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run"]
         command += [
@@ -108,15 +120,15 @@ def browse(
             f"--user-data-dir={profile}",
             "about:blank",
         ]
-        browser = subprocess.Popen(
+        process = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
         )
         try:
-            with connect(_page_address(Path(profile), browser), max_size=None) as socket_:
-                return _visit(_Tab(socket_), page, picture, size, dark, ready)
+            with connect(_page_address(Path(profile), process), max_size=None) as socket_:
+                yield partial(_visit, _Tab(socket_))
         finally:
-            os.killpg(browser.pid, signal.SIGTERM)
-            browser.wait(timeout=10)
+            os.killpg(process.pid, signal.SIGTERM)
+            process.wait(timeout=10)
 
 
 class _Tab:
@@ -144,7 +156,16 @@ CELLS = (
 )
 
 
-def _visit(tab: _Tab, page: Path, picture: Path, size: tuple[int, int], dark: bool, ready: str) -> Browsed:
+def _visit(
+    tab: _Tab,
+    page: Path,
+    picture: Path,
+    size: tuple[int, int] = (1100, 900),
+    dark: bool = False,
+    ready: str = "drawn",
+) -> Browsed:
+    tab("Page.navigate", url="about:blank")
+    tab.events.clear()
     for domain in ("Page", "Runtime", "Log", "Network"):
         tab(f"{domain}.enable")
     metrics = {"width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": size[0] < 600}
