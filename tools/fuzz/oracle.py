@@ -117,7 +117,10 @@ def difference(expected: Any, found: Any) -> str:
     return "" if np.abs(first - second).max(initial=0.0) <= TOLERANCE * scale else f"{first} against {second}"
 
 
-OPTIONAL = ("truth", "made", "relative_standard_error", "rig")  # null: unknown, infinite, or without a rig
+OPTIONAL = (  # null: unknown, without a rig, relative to zero
+    *("truth", "made", "rig"),
+    *("relative_standard_error", "predicted_relative_standard_error_percent"),
+)
 
 
 def not_finite(value: Any) -> bool:
