@@ -120,7 +120,9 @@ def discover(
     found, bend = explanation.found, np.zeros((len(seen), 11, 0))
     if found.terms:
         bend = np.zeros((len(seen), 11, sum(len(t.sizes) for t in found.terms)))
-        if through_laboratory:
+        if explanation.bend is not None:
+            bend = explanation.bend
+        elif through_laboratory:
             found, bend = refit(seen, noise, found)
     progress(1)
     left = patterns(found.linear, found.residual, found.columns)

@@ -51,7 +51,7 @@ def rows_of(seen: Seen, rows: np.ndarray) -> Seen:
         f.name: getattr(seen, f.name)[rows]
         for f in fields(seen)
         if isinstance(getattr(seen, f.name), np.ndarray)
-        and f.name not in ("cells", "standard", "board_share")
+        and f.name not in ("cells", "standard", "board_share", "torque_limits")
         and len(getattr(seen, f.name)) == count
     }
     return replace(seen, measurements=replace(m, **cut), **kept)

@@ -23,7 +23,7 @@ from sim.rig import Rig, preset_rig
 from sim.static_laboratory import prepare, run_static
 
 ROUNDS = 3
-CLOSE = 0.02  # posterior s.d.: a smaller change of the sizes ends the refit
+CLOSE = 0.1  # posterior s.d.: a smaller change of the sizes ends the refit
 STREAM = 0  # of friction and swaying: the same with and without the effect
 
 
