@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from experiments.discovery.planned import usable
 from experiments.plan_description import described_plan, regressor_by_mujoco
 from experiments.planning import as_plan, joined
 from experiments.validate import identify
@@ -138,6 +139,8 @@ def test_torques_go_with_their_postures(robot, model, with_one_foot, tmp_path):
     write_plan(tmp_path / "plan", plan)
     again = read_plan(tmp_path / "plan", robot, model)
     np.testing.assert_array_equal(again.feed_forward, [torques[number] for number in again.posture.tolist()])
+    one = usable(with_one_foot, with_one_foot.posture[-6:])
+    np.testing.assert_array_equal(one.feed_forward, with_one_foot.feed_forward[-6:])
     plain = dataclasses.replace(with_one_foot, torques=None)
     both = joined([plain, with_one_foot]).feed_forward
     np.testing.assert_array_equal(both[len(plain) :], with_one_foot.feed_forward)

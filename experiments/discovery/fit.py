@@ -16,6 +16,9 @@ from experiments.effects.effect import Values
 from experiments.effects.seen import Seen
 
 STEPS = 6
+ANGLE_STEP = 1e-5  # rad or m, of differences
+FORCE_STEP = 1e-2  # N
+NEGLIGIBLE = 1e-9
 CONVERGED = 1e-3  # posterior s.d.
 
 
@@ -83,17 +86,21 @@ def search(linear: Linear, terms: Sequence[Term], bend: np.ndarray | None = None
 
     Args:
         terms: where to start.
-        bend: what stays of the terms in the laboratory when they are taken away as predicted, by their
-            sizes, (m, 11, s); None: the predictions hold.
+        bend: what stays of the terms in the laboratory when they are taken away as predicted: by their
+            sizes and, last, whatever these are, (m, 11, s + 1); None: the predictions hold.
     """
     terms = tuple(terms)
     prior = np.concatenate([term.candidate.prior for term in terms])
     positive = np.concatenate([term.candidate.positive for term in terms])
-    more = 0.0 if bend is None or not bend.shape[-1] else linear.project(linear.white(bend))
+    more = (
+        np.zeros((len(linear.residual), len(prior) + 1))
+        if bend is None
+        else linear.project(linear.white(bend))
+    )
     before = linear.residual
     residual, gram, matrix = before, np.eye(len(prior)), np.zeros((len(before), len(prior)))
     for _ in range(STEPS if len(prior) else 0):
-        matrix = linear.project(_joint_columns(linear, terms)) + more
+        matrix = linear.project(_joint_columns(linear, terms)) + more[:, :-1]
         residual = _left(linear, terms, more)
         sizes = np.concatenate([term.sizes for term in terms])
         gram = matrix.T @ matrix + np.diag(prior**-2.0)
@@ -115,10 +122,15 @@ def search(linear: Linear, terms: Sequence[Term], bend: np.ndarray | None = None
     return Fit(terms, covariance, linear, matrix, residual, float(log))
 
 
-def _left(linear: Linear, terms: tuple[Term, ...], more: np.ndarray | float) -> np.ndarray:
+def _left(linear: Linear, terms: tuple[Term, ...], more: np.ndarray) -> np.ndarray:
     """Whitened, projected residual without the terms, (r + 1,)."""
     left = linear.at(freed(linear.seen, linear.smooth, terms))
-    return left if isinstance(more, float) else left - more @ np.concatenate([t.sizes for t in terms])
+    return left - more @ with_constant(terms)
+
+
+def with_constant(terms: Sequence[Term]) -> np.ndarray:
+    """All sizes and a one, (s + 1,)."""
+    return np.concatenate([*(term.sizes for term in terms), [1.0]])
 
 
 def _joint_columns(linear: Linear, terms: tuple[Term, ...]) -> np.ndarray:
@@ -139,6 +151,27 @@ def _sized(terms: tuple[Term, ...], sizes: np.ndarray) -> tuple[Term, ...]:
     return tuple(replace(term, sizes=part) for term, part in zip(terms, parts, strict=True))
 
 
+def through_effects(smooth: Seen, terms: Sequence[Term]) -> np.ndarray | None:
+    """Derivative of all fields of the freed experiment by the readings, (m, k, n_joints + 14).
+
+    A sole yields with the load that noisy cells tell: what is taken away errs with them. Without this,
+    sizes of such effects come out too small (attenuation). None where nothing of the kind is taken away.
+    """
+    start, n = packed(smooth), smooth.joint_angles.shape[1]
+    plain = packed(freed(smooth, smooth, terms)) - start
+    steps = np.concatenate([np.full(n, ANGLE_STEP), np.full(8, FORCE_STEP), np.full(6, ANGLE_STEP)])
+    out = np.zeros((*start.shape, n + 14))
+    for k, step in enumerate(steps):
+        moved = start.copy()
+        moved[:, k] += step
+        other = unpacked(smooth, moved)
+        out[..., k] = (packed(freed(other, other, terms)) - moved - plain) / step
+    if np.abs(out).max(initial=0.0) < NEGLIGIBLE:
+        return None
+    out[:, np.arange(n + 14), np.arange(n + 14)] += 1.0
+    return out
+
+
 def fit(seen: Seen, noise: Noise, terms: Sequence[Term], bend: np.ndarray | None = None) -> Fit:
     """Fit terms with all that depends on them taken anew: noise, base parameters, smoothed readings.
 
@@ -155,7 +188,11 @@ def fit(seen: Seen, noise: Noise, terms: Sequence[Term], bend: np.ndarray | None
     smooth, clean = seen, None
     for _ in range(2):
         linear = linear_model(
-            freed(seen, smooth, terms), noise, smooth=clean, rounds=2 if clean is None else 1
+            freed(seen, smooth, terms),
+            noise,
+            smooth=clean,
+            rounds=2 if clean is None else 1,
+            through=through_effects(smooth, terms),
         )
         errors = packed(linear.seen) - packed(linear.smooth)
         smooth = unpacked(seen, packed(seen) - errors)
@@ -164,9 +201,10 @@ def fit(seen: Seen, noise: Noise, terms: Sequence[Term], bend: np.ndarray | None
         found = search(about, terms, bend)
         terms = found.terms
         clean = freed(smooth, smooth, terms)
-    final = linear_model(freed(seen, smooth, terms), noise, smooth=clean, rounds=1)
+    final = linear_model(
+        freed(seen, smooth, terms), noise, smooth=clean, rounds=1, through=through_effects(smooth, terms)
+    )
     residual = final.residual
-    if bend is not None and bend.shape[-1]:
-        sizes = np.concatenate([term.sizes for term in terms])
-        residual = residual - final.project(final.white(bend @ sizes))
+    if bend is not None:
+        residual = residual - final.project(final.white(bend @ with_constant(terms)))
     return replace(found, linear=final, residual=residual)
