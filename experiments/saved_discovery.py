@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel
+from pydantic import BaseModel, Field, ValidationError
 
 from experiments.discovery.channels import ANCHORED, SIZE
 from experiments.discovery.folder import PARTS
@@ -18,7 +19,7 @@ from experiments.montecarlo.folder import RUN_FILE
 from experiments.saved_run import Head, check_outputs, check_robot, parsed
 from identification.base_parameters import common_support
 from identification.nominal import nominal_robot
-from sim.errors import InputError
+from sim.errors import InputError, shortened, validation_message
 from sim.files import read_bytes
 from sim.measurements import Measurements, read_measurements
 from sim.measurements.tables import read_json
@@ -54,6 +55,92 @@ class DiscoveryFile(Head):
     software: dict[str, str]
     inputs: dict[str, str]
     outputs: dict[str, str]
+
+
+class Stated(BaseModel):
+    encoder_sd: float
+    cell_sd: float
+    placement_sd: Annotated[list[float], Field(min_length=6, max_length=6)]
+    not_as_stated: list[str]
+
+
+class Ratio(BaseModel):
+    before: float
+    after: float | None
+    floor: float
+
+
+class Size(BaseModel):
+    name: str
+    value: float
+    unit: str
+    low95: float | None
+    high95: float | None
+
+
+class Candidate(BaseModel):
+    gap: int
+    name: str
+    target: str | None
+    parameters: list[Size]
+    log_bayes_factor: float
+
+
+class Moved(BaseModel):
+    number: int
+    name: str
+    before_mm: float
+    after_mm: float
+    standard_error_mm: float
+    moved_in_standard_errors: float
+
+
+class Proposed(BaseModel):
+    do: str
+    separation_gain: float
+
+
+class Hidden(BaseModel):
+    name: str
+    target: str | None
+    parameter: int | None
+    bias_mm_per_prior_sd: float
+
+
+class Left(BaseModel):
+    channel: str
+    pattern: str
+    p: float
+
+
+class Repeats(BaseModel):
+    pairs: int
+    chi_square_per_freedom: dict[str, float]
+    p: dict[str, float]
+
+
+class Check(BaseModel):
+    postures: int
+    tried: int
+    left_over_noise: float
+    reason: str | None
+
+
+class Document(BaseModel):
+    """What a page needs of discovery.json."""
+
+    verdict: Literal["named", "ambiguous", "unknown", "none"]
+    story: Annotated[list[str], Field(min_length=1)]
+    candidates: list[Candidate]
+    gap: dict[Literal["A", "F", "T", "C", "all", "heldout_rms_mm"], Ratio | None]
+    parameters: list[Moved]
+    next_experiment: list[Proposed]
+    undetectable: list[Hidden]
+    left: list[Left]
+    repeats: Repeats
+    noise: Stated
+    check: Check | None
+    wall_s: float
 
 
 @dataclass(frozen=True)
@@ -104,7 +191,12 @@ def read_discovery(folder: Path, robot: Robot) -> SavedDiscovery:
     outputs = parsed(DiscoveryFile, folder, document).outputs
     check_robot(folder, document["inputs"], robot)
     check_outputs(folder, outputs, NEEDED)
-    rows = np.atleast_1d(np.genfromtxt(folder / "residuals.csv", delimiter=",", names=True, deletechars=""))
+    report = read_json(folder / "discovery.json")
+    try:
+        Document.model_validate(report)
+    except ValidationError as error:
+        raise InputError(f"{folder / 'discovery.json'}: {validation_message(error)}") from None
+    rows = _table(folder / "residuals.csv")
     measurements = read_measurements(folder / "measurements")
     wanted = {side: [f"{side}.{part}" for part in PARTS] for side in ("before", "after")}
     columns = rows.dtype.names or ()
@@ -117,9 +209,17 @@ def read_discovery(folder: Path, robot: Robot) -> SavedDiscovery:
             "the measurements have"
         )
     before, after = (np.column_stack([rows[name] for name in wanted[side]]) for side in wanted)
-    diff = read_bytes(folder / DIFF).decode() if DIFF in outputs else ""
-    report = read_json(folder / "discovery.json")
+    diff = read_bytes(folder / DIFF).decode(errors="replace") if DIFF in outputs else ""
     return SavedDiscovery(folder, document, report, measurements, before, after, diff, robot)
+
+
+def _table(path: Path) -> np.ndarray:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # of an empty file numpy only warns
+            return np.atleast_1d(np.genfromtxt(path, delimiter=",", names=True, deletechars=""))
+    except (ValueError, UserWarning) as error:
+        raise InputError(f"{path}: found no table of numbers ({shortened(str(error))})") from None
 
 
 def residual_curves(run: SavedDiscovery) -> list[Curve]:

@@ -18,6 +18,7 @@ from experiments.saved_run import kind_of
 from experiments.view import window
 from experiments.view.discovery import discovery_text, log_discovery
 from sim.errors import InputError
+from sim.model import sha256
 from tests.test_report import needs_chromium
 from tests.test_view import cpu_seconds, look, needs_vulkan, not_blank, refused
 from tools.looking import browse
@@ -192,3 +193,31 @@ def test_bad_input(found, foreign, tmp_path, capsys):
     message = refused(capsys, "view", found, "--robot", robot.path, *view)
     assert "--robot names the robot that the run was made with" in message
     assert not list(tmp_path.glob("x.*"))
+
+
+def test_a_document_that_lacks_something_is_refused_by_name(found, robot, tmp_path):
+    """Made up with matching hashes, as another program's might be."""
+    work = tmp_path / "work"
+    shutil.copytree(found, work)
+    document = json.loads((found / "discovery.json").read_text())
+    run = json.loads((found / "run.json").read_text())
+
+    def check(name, content, message):
+        path = work / name
+        kept = path.read_bytes()
+        path.write_text(content)
+        outputs = run["outputs"] | {name: sha256(path)}
+        (work / "run.json").write_text(json.dumps(run | {"outputs": outputs}))
+        with pytest.raises(InputError, match=message):
+            read_discovery(work, robot)
+        path.write_bytes(kept)
+
+    for key in ("verdict", "story", "candidates", "gap", "parameters", "noise", "repeats", "left", "check"):
+        check("discovery.json", json.dumps({k: v for k, v in document.items() if k != key}), key)
+        check("discovery.json", json.dumps(document | {key: 3}), key)
+    check("discovery.json", "[]", "discovery")
+    text = (found / "residuals.csv").read_text()
+    check("residuals.csv", text.replace("before.cop_x_m", "other"), "before.cop_x_m")
+    check("residuals.csv", text.rsplit("\n", 2)[0] + "\n", "rows, expected")
+    check("residuals.csv", text + "1,2\n", "table of numbers")
+    check("residuals.csv", "", "residuals")
