@@ -9,7 +9,7 @@ ORACLE := .venv-oracle
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
 
-demo: setup  ## a hidden effect: identified wrong, discovered, identified right, report and view (two minutes)
+demo: setup  ## a hidden effect: identified wrong, discovered, identified right, report and view (a minute or two)
 	MUJOCO_GL=disable OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.demo
 
 setup: $(VENV)/.done  ## the environment alone, once
