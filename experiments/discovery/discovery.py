@@ -114,7 +114,7 @@ def discover(
         explanation = explain(seen, noise, np.random.default_rng(seed), effects, through_laboratory, progress)
         # Freed of what was found: an effect of the load differs between repeats, whose load does.
         repeats = pure_error(explanation.found.linear.seen, explanation.found.linear.theta, stated)
-        noise = widened(stated, repeats)
+        noise = widened(explanation.found.linear.seen, stated, repeats)
         if noise is stated:
             break
     found, bend = explanation.found, np.zeros((len(seen), 11, 1))

@@ -14,6 +14,7 @@ from identification.variance_components import MARK_RATIO
 
 # What the nominal laboratory itself leaves with exact sensors in full dynamics: contacts give way.
 FLOOR = np.array([1.5e-5] * 2 + [2e-3] + [2e-3] * 2 + [5e-6] + [1e-5] * 2 + [5e-6] * 2 + [1e-5])
+ASSUMED_ENCODER = 5e-4  # rad
 FREE_PLATE = (0.01, 0.01, 0.03)  # m, m, rad: of a recorded pose where nothing is known
 
 
@@ -37,26 +38,35 @@ def noise_of(seen: Seen) -> Noise:
 
     The sheet states the left plate's placement only. The right one's foot stands on a mark.
     """
-    sheet, m = seen.measurements.sensors, seen.measurements
+    sheet = seen.measurements.sensors
     assumed = []
     encoder, cell, left = sheet.encoder_sd, sheet.cell_sd, sheet.placement_sd
     if encoder is None:
-        both = m.support == "double"
-        tree, base = seen.tree, seen.nominal.parameters.base
-        found = encoder_sd_by_closure(
-            tree, base, seen.nominal.swing_frame, m.joint_angles[both], m.placement[both]
-        )
-        encoder = 5e-4 if found is None else found
+        encoder = encoder_by_closure(seen) or ASSUMED_ENCODER
         assumed.append("encoders (from the closure of the legs)")
     if cell is None:
-        twist = m.cell_forces.reshape(-1, 2, 4) @ TWIST
-        cell = float(1.4826 * np.median(np.abs(twist - np.median(twist, axis=0))) / 2)
+        cell = cell_by_twist(seen)
         assumed.append("cells (from the plates' twist)")
     if left is None:
         left = FREE_PLATE
         assumed.append("placement (taken as unknown)")
     plates = np.concatenate([MARK_RATIO * np.array(left), left])
     return Noise(encoder, cell, plates, tuple(assumed))
+
+
+def encoder_by_closure(seen: Seen) -> float | None:
+    """S.d. of the encoders' errors by the closed legs [rad]; None where too few postures stand on both."""
+    m, base = seen.measurements, seen.nominal.parameters.base
+    both = m.support == "double"
+    return encoder_sd_by_closure(
+        seen.tree, base, seen.nominal.swing_frame, seen.joint_angles[both], m.placement[both]
+    )
+
+
+def cell_by_twist(seen: Seen) -> float:
+    """S.d. of the cells' errors by what rigid plates cannot share among four cells [N]."""
+    twist = (seen.cell_forces.reshape(-1, 2, 4) @ TWIST)[seen.on_four_cells]
+    return float(1.4826 * np.median(np.abs(twist - np.median(twist))) / 2)
 
 
 @dataclass(frozen=True)

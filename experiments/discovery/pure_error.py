@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from experiments.discovery.channels import CHANNELS, ROWS, residuals
-from experiments.discovery.noise import Noise, whitening
+from experiments.discovery.noise import Noise, cell_by_twist, encoder_by_closure, whitening
 from experiments.effects.seen import Seen
 
 CONTRADICTED = 1e-3  # level at which repeats overrule a data sheet
@@ -62,20 +62,24 @@ def pure_error(seen: Seen, theta: np.ndarray, noise: Noise) -> PureError:
     return PureError(len(pairs), ratio, p)
 
 
-def widened(noise: Noise, repeats: PureError) -> Noise:
-    """The stated noise, or more where repeats contradict it: cells by F and T, encoders by C."""
+def widened(seen: Seen, noise: Noise, repeats: PureError) -> Noise:
+    """The stated noise, or more where repeats contradict it: cells by F and T, encoders by C.
+
+    Few repeats tell that a data sheet is wrong, not by how much: that is told by all postures, the
+    cells' noise by the plates' twist, the encoders' by the closure of the legs.
+
+    Args:
+        seen: freed of what was found.
+    """
     cells = [repeats.ratio[c] for c in "FT" if repeats.p.get(c, 1.0) < CONTRADICTED]
-    encoders = repeats.ratio["C"] if repeats.p.get("C", 1.0) < CONTRADICTED else 1.0
-    if not cells and encoders == 1.0:
-        return noise
+    encoders = [repeats.ratio["C"]] if repeats.p.get("C", 1.0) < CONTRADICTED else []
     assumed = noise.assumed
     if cells:
+        found = cell_by_twist(seen) or noise.cell * float(np.sqrt(max(cells)))
+        noise = replace(noise, cell=max(noise.cell, found))
         assumed += ("cells (repeats scatter more than the data sheet says)",)
-    if encoders > 1:
+    if encoders:
+        by_legs = encoder_by_closure(seen) or noise.encoder * float(np.sqrt(encoders[0]))
+        noise = replace(noise, encoder=max(noise.encoder, by_legs))
         assumed += ("encoders (repeats scatter more than the data sheet says)",)
-    return replace(
-        noise,
-        cell=noise.cell * float(np.sqrt(max(cells, default=1.0))),
-        encoder=noise.encoder * float(np.sqrt(encoders)),
-        assumed=assumed,
-    )
+    return replace(noise, assumed=assumed) if cells or encoders else noise
