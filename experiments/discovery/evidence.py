@@ -106,14 +106,14 @@ def score(candidate: Candidate, points: list[np.ndarray], residual: np.ndarray) 
 def _score_of_presence(candidate: Candidate, points: list[np.ndarray], residual: np.ndarray) -> Score:
     """Of an effect without a size, which is there or not: ln BF = g'r - g'g / 2."""
     size = np.array([float(g[:, 0] @ g[:, 0]) for g in points])
+    seen = size > VISIBLE**2  # a cell exchanged with itself is nothing
     logs = np.array([float(g[:, 0] @ residual) for g in points]) - size / 2
-    point = int(logs.argmax())
+    point = int(np.where(seen, logs, -np.inf).argmax())
     gain = max(2 * float(logs[point]), 0.0)
-    seen = bool(size[point] > VISIBLE**2)
-    average = float(np.logaddexp.reduce(logs) - np.log(len(logs))) if seen else -np.inf
+    average = float(np.logaddexp.reduce(logs[seen]) - np.log(seen.sum())) if seen.any() else -np.inf
     p = float(chi2.sf(gain, 1)) / 2 if gain > 0 else 1.0
     empty = np.zeros((len(residual), 0))
-    return Score(candidate, point, empty, np.zeros(0), np.zeros((0, 0)), gain, p, average, seen)
+    return Score(candidate, point, empty, np.zeros(0), np.zeros((0, 0)), gain, p, average, bool(seen.any()))
 
 
 def scores(found: Field, residual: np.ndarray) -> list[Score]:

@@ -14,6 +14,7 @@ from experiments.discovery.linear import Linear
 from experiments.effects.targets import CELL_NAMES
 from sim.model import CELLS, CORNERS, PLATES
 
+WORTH = 0.5  # ln of the Bayes factor, from which an experiment is worth proposing
 # Effects of the room, not of the robot or the plates: seen from a robot that is turned, they turn.
 OF_THE_ROOM = ("tilt", "tether")
 
@@ -49,7 +50,9 @@ def proposals(linear: Linear, rivals: Sequence[Term]) -> list[Proposal]:
     ]
     found = [(words, _separation(linear, rivals, way)) for words, way in ways]
     found.append(("Measure twice as many placements.", 2 * now))
-    out = [Proposal(words, size, size / max(now, 1e-9)) for words, size in found if size > 1.05 * now]
+    out = [
+        Proposal(words, size, size / max(now, 1e-9)) for words, size in found if size > max(1.05 * now, WORTH)
+    ]
     return sorted(out, key=lambda p: -p.separation)
 
 
