@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import tyro
 
+from experiments.commands.benchmark import benchmark_command
 from experiments.commands.check import check_command
 from experiments.commands.discover import discover_command
 from experiments.commands.effects import effects_command
@@ -35,6 +36,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "model": model_command,
     "discover": discover_command,
     "effects": effects_command,
+    "benchmark": benchmark_command,
 }
 
 

@@ -75,9 +75,7 @@ def _coupled(rig: Rig, number: int, amplitude: float) -> Rig:
 
 
 def _warm(rig: Rig, number: int, amplitude: float) -> Rig:
-    return _cells(
-        rig, number, lambda m, at: amplitude * (2 * passed(m.time) - 1) ** 2 * m.cell_forces[:, at]
-    )
+    return _cells(rig, number, lambda m, at: amplitude * (2 * passed(m.time) - 1) ** 2 * m.cell_forces[:, at])
 
 
 def _walk(rig: Rig, number: int, amplitude: float) -> Rig:

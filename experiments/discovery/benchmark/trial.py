@@ -111,9 +111,7 @@ def _outside(case: Case, rng: np.random.Generator, board: Board) -> Trial:
     size = sign * fault.amplitude * wanted / float(np.linalg.norm(signal))
     size = abs(size) if fault.name == "cable-slack" else size
     label = f"{fault.name}:{number}={size:.3g}"
-    return Trial(
-        fault.inject(board.rig, number, size), (), label, (board.twins(signal),), case.multiple
-    )
+    return Trial(fault.inject(board.rig, number, size), (), label, (board.twins(signal),), case.multiple)
 
 
 def _predicted(trial: Trial, board: Board) -> float:
