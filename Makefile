@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 ORACLE := .venv-oracle
 
-.PHONY: setup validate test lint bench oracle study-contact study-equilibrium study-montecarlo study-estimators study-check \
+.PHONY: setup validate test lint bench oracle study-contact study-equilibrium study-montecarlo study-estimators study-check study-discover \
   study-improve study-plan study-verdict study-fuzz study-kill pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
@@ -66,6 +66,9 @@ study-improve: setup  ## docs/improve.md's tables and figures: the paper's ways 
 
 study-verdict: setup  ## docs/verdict.md's tables: how often the verdict fails a true laboratory (an hour of one core)
 	$(BIN)/python -m tools.study_verdict
+
+study-discover: setup  ## docs/discovery-benchmark.md's tables: the honest test of `tulip discover` (hours)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.study_discover
 
 study-check: setup  ## docs/check.md's tables: false alarms and planted faults of `tulip check`
 	$(BIN)/python -m tools.study_check

@@ -1,6 +1,7 @@
 """The benchmark of the discovery: reproducible, resumable, its scores right for outcomes made by hand."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -111,11 +112,16 @@ def test_reproducible_for_any_number_of_workers_and_resumed(folder, tmp_path, mo
     assert absorbed.unseen
 
 
-def made(verdict, *names, hidden=("tilt",), arm=arms.SINGLE, **more):
+def made(verdict: str, *names: str, hidden: tuple[str, ...] = ("tilt",), arm=arms.SINGLE, **more) -> Outcome:
     found = tuple(Found(n, (0.1,), (0.0,), (0.2,), (n, *more.pop("alike", ()))) for n in names)
-    values = {"kinds": tuple(h.partition(":")[0] for h in hidden), "multiple": 2.0, "dynamics": False}
+    values: dict[str, Any] = {
+        "kinds": tuple(h.partition(":")[0] for h in hidden),
+        "multiple": 2.0,
+        "dynamics": False,
+    }
     values |= {"hidden": hidden, "twins": tuple(() for _ in hidden), "found": found, "verdict": verdict}
-    return Outcome(**({"run": 0, "arm": arm} | values | more))
+    values |= {"run": 0, "arm": arm} | more
+    return Outcome(**values)
 
 
 def by_name(outcomes):

@@ -103,7 +103,7 @@ def outcome(document: dict[str, Any]) -> Outcome:
     ]
     listed = {"kinds", "hidden", "coverage"}
     nested = {"values", "twins"}
-    values = {k: tuple(v) if k in listed else v for k, v in document.items()}
+    values: dict[str, Any] = {k: tuple(v) if k in listed else v for k, v in document.items()}
     values |= {k: tuple(tuple(x) for x in document[k]) for k in nested}
     values["found"] = tuple(terms)
     values["held"] = None if document["held"] is None else tuple(document["held"])

@@ -15,6 +15,8 @@ from experiments.discovery.benchmark import cases as arms
 from experiments.discovery.benchmark.outcome import Outcome
 from experiments.discovery.benchmark.score import Figure, figures, in_set, of, rate, right, wrong
 
+Rows = list[tuple[str, ...]]
+
 
 def demand(figure: Figure) -> str:
     """What a figure must reach, as text."""
@@ -33,18 +35,25 @@ def shown(figure: Figure) -> str:
 
 
 def verdict(figure: Figure) -> str:
-    return {None: "", True: "met", False: "missed"}[figure.met]
+    """Whether a figure is what it must be, and whether its interval leaves that open."""
+    if figure.met is None:
+        return ""
+    if figure.met:
+        return "met"
+    least = -np.inf if figure.least is None else figure.least
+    most = np.inf if figure.most is None else figure.most
+    return "missed" if figure.high < least or figure.low > most else "missed, within its interval"
 
 
-def figure_rows(found: Sequence[Figure]) -> list[tuple[str, ...]]:
+def figure_rows(found: Sequence[Figure]) -> Rows:
     """Of the main table."""
-    rows = [("figure", "value (95 % interval)", "cases", "must be", "")]
+    rows: Rows = [("figure", "value (95 % interval)", "cases", "must be", "")]
     return rows + [(f.name, shown(f), str(f.count), demand(f), verdict(f)) for f in found if f.count]
 
 
-def power_rows(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
+def power_rows(outcomes: Sequence[Outcome]) -> Rows:
     """Against multiples of the minimum detectable size."""
-    rows = [("MDE", "cases", "predicted", "gap seen", "right name first", "in the set", "wrong name")]
+    rows: Rows = [("MDE", "cases", "predicted", "gap seen", "right name first", "in the set", "wrong name")]
     single = of(outcomes, arms.SINGLE, lambda o: o.multiple in arms.MULTIPLES)
     for multiple in arms.MULTIPLES:
         some = [o for o in single if o.multiple == multiple]
@@ -76,13 +85,19 @@ def confusion(outcomes: Sequence[Outcome]) -> Counter[tuple[str, float, str, str
     )
 
 
-def confusion_rows(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
+def confusion_rows(outcomes: Sequence[Outcome]) -> Rows:
     """By true kind, from 2 MDE on."""
-    rows = [("hidden", "cases", "isolable", "right first", "in the set", "verdicts", "else named first")]
+    rows: Rows = [
+        ("hidden", "cases", "isolable", "right first", "in the set", "verdicts", "else named first")
+    ]
     clear = of(outcomes, arms.SINGLE, lambda o: o.multiple >= 2)
     for kind in sorted({o.kinds[0] for o in clear}):
         some = [o for o in clear if o.kinds[0] == kind]
-        others = Counter(o.names[0] for o in some if o.names and not right(o))
+        others = Counter(
+            f"{o.names[0]} for {o.hidden[0].partition(':')[2] or kind}"
+            for o in some
+            if o.names and not right(o)
+        )
         rows.append(
             (
                 kind,
@@ -91,23 +106,15 @@ def confusion_rows(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
                 str(sum(map(right, some))),
                 str(sum(map(in_set, some))),
                 _counted(Counter(o.verdict for o in some)),
-                _counted(
-                    Counter(
-                        f"{o.names[0]} for {o.hidden[0].partition(':')[2]}"
-                        for o in some
-                        if o.names[0:] and not right(o)
-                    )
-                )
-                if others
-                else "",
+                _counted(others),
             )
         )
     return rows
 
 
-def outside_rows(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
+def outside_rows(outcomes: Sequence[Outcome]) -> Rows:
     """By fault and size."""
-    rows = [("fault", "MDE", "cases", "verdicts", "named")]
+    rows: Rows = [("fault", "MDE", "cases", "verdicts", "named")]
     outside = of(outcomes, arms.OUTSIDE_ARM)
     for kind, multiple in sorted({(o.kinds[0], o.multiple) for o in outside}):
         some = [o for o in outside if (o.kinds[0], o.multiple) == (kind, multiple)]
@@ -124,9 +131,9 @@ def outside_rows(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
     return rows
 
 
-def left_out_rows(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
+def left_out_rows(outcomes: Sequence[Outcome]) -> Rows:
     """By kind."""
-    rows = [("left out", "cases", "with twins", "verdicts", "named")]
+    rows: Rows = [("left out", "cases", "with twins", "verdicts", "named")]
     left = of(outcomes, arms.LEFT_OUT)
     for kind in sorted({o.kinds[0] for o in left}):
         some = [o for o in left if o.kinds[0] == kind]
@@ -160,7 +167,7 @@ def csv_text(rows: Sequence[Sequence[object]]) -> str:
     return out.getvalue()
 
 
-def sections(outcomes: Sequence[Outcome]) -> list[tuple[str, list[tuple[str, ...]]]]:
+def sections(outcomes: Sequence[Outcome]) -> list[tuple[str, Rows]]:
     """Titles and tables."""
     statics = [o for o in outcomes if not o.dynamics]
     dynamics = [o for o in outcomes if o.dynamics]

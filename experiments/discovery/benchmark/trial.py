@@ -176,9 +176,8 @@ def _covered(found: Discovery, hidden: Hidden) -> list[bool]:
     for k, term in enumerate(found.found.terms):
         if term.candidate.label == hidden.label:
             intervals = occurrence_of(term, found.found, k).intervals
-            for at in hidden.occurrence.effect.sizes:
-                if (interval := intervals[at]) is not None:
-                    out.append(interval[0] <= hidden.occurrence.values[at] <= interval[1])
+            pairs = [(intervals[at], hidden.occurrence.values[at]) for at in hidden.occurrence.effect.sizes]
+            out += [interval[0] <= true <= interval[1] for interval, true in pairs if interval]
     return out
 
 
