@@ -3,8 +3,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 ORACLE := .venv-oracle
 
+<<<<<<< HEAD
 .PHONY: setup validate test lint bench oracle study-contact study-equilibrium study-montecarlo study-estimators study-check study-discover \
   study-improve study-plan study-verdict study-fuzz study-kill pictures constraints clean
+=======
+.PHONY: setup validate test lint bench oracle study-contact study-equilibrium study-montecarlo study-estimators study-check \
+  study-improve study-plan study-sequential study-atlas study-verdict study-fuzz study-kill pictures constraints clean
+>>>>>>> main
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -46,6 +51,9 @@ $(ORACLE)/.done: constraints.txt pyproject.toml
 study-contact: setup  ## docs/contact-study.md's table: contact and gate settings against accuracy
 	$(BIN)/python -m tools.study_contact
 
+study-sequential: setup  ## docs/planning.md's table: ten postures chosen next against ten random ones
+	$(BIN)/python -m tools.study_sequential
+
 study-fuzz: setup  ## docs/reliability.md's table: 1,000 broken folders, 200 broken robots
 	$(BIN)/python -m tools.study_fuzz
 
@@ -63,6 +71,9 @@ study-estimators: setup  ## docs/estimators.md's table: is each estimator right 
 
 study-improve: setup  ## docs/improve.md's tables and figures: the paper's ways to improve (some seventeen minutes of one core)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.study_improve
+
+study-atlas: setup  ## docs/atlas.md's table: from which angle on two effects are told apart (some minutes of one core)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.study_atlas
 
 study-verdict: setup  ## docs/verdict.md's tables: how often the verdict fails a true laboratory (an hour of one core)
 	$(BIN)/python -m tools.study_verdict

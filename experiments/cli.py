@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import tyro
 
+from experiments.commands.atlas import atlas_command
 from experiments.commands.benchmark import benchmark_command
 from experiments.commands.check import check_command
 from experiments.commands.discover import discover_command
@@ -20,6 +21,7 @@ from experiments.commands.montecarlo import montecarlo_command
 from experiments.commands.plan import plan_command
 from experiments.commands.postures import postures_command
 from experiments.commands.simulate import simulate_command
+from experiments.commands.tolerance import tolerance_command
 from experiments.commands.validate import validate_command
 from experiments.terminal import ERR, printable
 from sim.errors import InputError, listed, shortened
@@ -36,6 +38,8 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "model": model_command,
     "discover": discover_command,
     "effects": effects_command,
+    "atlas": atlas_command,
+    "tolerance": tolerance_command,
     "benchmark": benchmark_command,
 }
 

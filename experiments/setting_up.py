@@ -22,6 +22,7 @@ from sim.errors import InputError
 from sim.measurements import PosturePlan, read_plan
 from sim.model import Robot, load_model, load_robot, sha256
 from sim.plates import plate_geometry
+from sim.record import check_support
 from sim.rig import preset_rig
 from sim.scene import load_scene
 from sim.scene_check import check_scene
@@ -95,9 +96,23 @@ def plan_for(robot: Robot, plan: Path | None) -> PosturePlan:
     return read_plan(plan or DEFAULT_PLAN, robot, load_model(robot))
 
 
+def check_plan(robot: Robot, plan: Path | None) -> PosturePlan:
+    """A plan that fits the robot and would identify it; the shipped one if `plan` is None.
+
+    Raises:
+        InputError: see `plan_for` and `told_apart`; a scene or a support that no laboratory stands on.
+    """
+    made = plan_for(robot, plan)
+    check_scene(preset_rig("ideal", robot))
+    check_support(made)
+    told_apart(str(plan or DEFAULT_PLAN), made, planned_parameters(robot, made))
+    return made
+
+
 def tries(scenario: Scenario) -> int:
     """How many postures will be held, repeats included."""
-    return len(scenario.plan) + min(scenario.rig.protocol.repeats, len(scenario.plan))
+    plan = scenario.plan
+    return len(plan) + (min(scenario.rig.protocol.repeats, len(plan)) if plan.postures == len(plan) else 0)
 
 
 def enough(where: str, postures: int, parameters: BaseParameters) -> None:

@@ -72,16 +72,16 @@ def print_table(screen: Console, table: Table) -> None:
 
 
 def print_json(document: dict[str, Any]) -> None:
-    json.dump(_finite(document), sys.stdout, indent=1)
+    json.dump(finite(document), sys.stdout, indent=1)
     sys.stdout.write("\n")
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
     """JSON knows neither infinity nor NaN: null stands for them."""
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     if isinstance(value, float | np.floating):
         return float(value) if math.isfinite(value) else None
     return value

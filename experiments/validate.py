@@ -162,7 +162,7 @@ def evaluate(
     placements = len(np.unique(experiment.measurements.placement))
     checks.append(sigma_check(scenario.preset, full.sigma, placements, settings.get("residual_sigma_mm", {})))
     paper = settings.get("paper", {})
-    usable = 1 - len(experiment.dropped) / len(scenario.plan)
+    usable = 1 - len(experiment.dropped) / scenario.plan.postures
     if paper:
         rate = paper["postures_used"] / paper["postures_planned"]
         source = f"the paper: {paper['postures_used']} of {paper['postures_planned']}"
@@ -251,8 +251,8 @@ def report_document(result: Validation) -> dict[str, Any]:
         "verdict": result.verdict,
         "estimator": found.estimator,
         "checks": [dataclasses.asdict(check) for check in result.checks],
-        "postures_planned": len(result.scenario.plan),
-        "postures_used": len(result.scenario.plan) - len(experiment.dropped),
+        "postures_planned": result.scenario.plan.postures,
+        "postures_used": result.scenario.plan.postures - len(experiment.dropped),
         "rows_measured": len(experiment.measurements),
         "dropped": [{"posture": posture, "reason": reason} for posture, reason in experiment.dropped],
         "condition_number": found.full.condition_number,

@@ -70,7 +70,10 @@ class Experiment:
     def dropped(self) -> list[tuple[int, str]]:
         """Number of every posture of which no try could be used, and why its first one could not."""
         used = {a.posture for a in self.measured}
-        return [(a.posture, a.reason) for a in self.attempts if not a.repeat and a.posture not in used]
+        first: dict[int, str] = {}
+        for attempt in self.attempts:
+            first.setdefault(attempt.posture, attempt.reason)
+        return [(posture, reason) for posture, reason in first.items() if posture not in used]
 
     @property
     def measured(self) -> list[Attempt]:

@@ -41,7 +41,9 @@ def support_of(plan: PosturePlan, posture: np.ndarray) -> np.ndarray:
 
 
 def choose_repeats(plan: PosturePlan, count: int, rng: np.random.Generator) -> frozenset[int]:
-    """Numbers of the postures that are measured twice."""
+    """Numbers of the postures that are measured twice; none where the plan says itself what is repeated."""
+    if plan.postures < len(plan):
+        return frozenset()
     chosen = rng.choice(plan.posture, size=min(count, len(plan)), replace=False)
     return frozenset(int(number) for number in chosen)
 

@@ -336,8 +336,9 @@ def _hand_over(
     place = prepared.placement[row]
     plates = tries.plates[mine] + record_error(rig, rng, len(prepared.boards))[place]
     used = why == ""
-    first = np.isin(np.arange(len(row)), np.unique(row, return_index=True)[1])
-    lost = first & ~np.isin(row, row[used])
+    number = plan.posture[row]
+    first = np.isin(np.arange(len(row)), np.unique(number, return_index=True)[1])
+    lost = first & ~np.isin(number, number[used])
     dropped = tuple((int(plan.posture[r]), w) for r, w in zip(row[lost], why[lost], strict=True))
     if not used.any():
         raise InputError(f"none of {len(row)} postures could be measured: {'; '.join(sorted(set(why)))}")

@@ -17,7 +17,7 @@ from identification.planning.legs import holding_torques
 from identification.planning.objectives import OBJECTIVES, condition_number, objectives
 from identification.planning.problem import planning_problem
 from identification.planning.search import begin, design_of, search
-from identification.planning.trial import described, run_trial
+from identification.planning.trial import run_trial, smallest_margins
 from identification.postures import planning_ranges
 from identification.regressor import stacked_regressor
 from sim.errors import InputError
@@ -153,11 +153,10 @@ def test_objective_is_recomputed_from_the_plan_file(tmp_path, robot, model, para
     assert found == pytest.approx(small.made["final_objective"], rel=1e-8)
 
 
-def test_plan_describes_itself(problem, small):
-    said = described(problem, small, SIGMA)
-    assert len(said["predicted_standard_error_mm"]) == 25
-    assert all(margin["value"] > -1e-6 for margin in said["margins"].values())
-    assert set(said["margins"]) >= {"stability margin", "cell load", "torques", "joint limits"}
+def test_no_margin_is_negative(problem, small):
+    margins = smallest_margins(problem, small)
+    assert all(margin["value"] > -1e-6 for margin in margins.values())
+    assert set(margins) >= {"stability margin", "cell load", "torques", "joint limits"}
 
 
 def test_chance_margin_covers_robots_that_differ(problem, plan):

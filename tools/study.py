@@ -11,7 +11,6 @@ from experiments.scenario import DEFAULT_PLAN
 from sim.measurements import Measurements, PosturePlan, read_plan
 from sim.model import Robot, load_model
 
-PLAN_ROWS = ("joint_angles", "posture", "placement", "support", "swing_pose")
 MEASURED_ROWS = (
     *("posture", "placement", "support", "time", "window", "samples", "joint_angles", "joint_angles_sd"),
     *("command", "motor", "cell_forces", "cell_forces_sd", "plate_poses"),
@@ -26,7 +25,7 @@ def shipped_plan(robot: Robot, placements: int | None = None) -> PosturePlan:
 
 def part_of(plan: PosturePlan, rows: np.ndarray) -> PosturePlan:
     """Some rows of a plan."""
-    return dataclasses.replace(plan, **{name: getattr(plan, name)[rows] for name in PLAN_ROWS})
+    return plan.take(rows)
 
 
 def rows_of(m: Measurements, rows: np.ndarray) -> Measurements:

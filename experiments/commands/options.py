@@ -11,6 +11,10 @@ import tyro
 from identification.estimators import ESTIMATORS
 
 Preset = Literal["wii", "force-plate", "ideal"]
+NoisyPreset = Annotated[
+    Literal["wii", "force-plate"],
+    tyro.conf.arg(help="sensors whose noise the standard errors are predicted for"),
+]
 Plan = Annotated[
     Path | None,
     tyro.conf.Positional,

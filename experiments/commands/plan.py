@@ -2,39 +2,48 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import tyro
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from experiments.commands.options import Json, RobotFile, Seed
+from experiments.commands.options import Json, NoisyPreset, RobotFile, Seed
 from experiments.description import described_robot
-from experiments.run_folder import check_new
+from experiments.plan_description import described_plan, print_plan
+from experiments.planning import (
+    Job,
+    as_plan,
+    carry_out,
+    check_out,
+    joined,
+    keep_plan,
+    measured_for,
+    next_job,
+    read_state,
+    state_file,
+    trial_job,
+)
 from experiments.scenario import DEFAULT_SEED
-from experiments.setting_up import at_least, enough
-from experiments.terminal import ERR, console, print_json, print_table
+from experiments.setting_up import at_least, enough, planned_parameters
+from experiments.terminal import ERR, console, finite, print_json, print_table
+from identification.base_parameters import common_support
 from identification.planning.objectives import Objective
 from identification.planning.problem import Problem, planning_problem
-from identification.planning.search import HOPS, State, rounds
-from identification.planning.trial import (
-    described,
-    first_state,
-    objective_named,
-    plan_of,
-    run_trial,
-)
+from identification.planning.repeats import with_repeats
+from identification.planning.search import HOPS, State
+from identification.planning.sequential import measured_information
+from identification.planning.single_support import single_support_plan
+from identification.planning.trial import objective_named
 from sim.errors import InputError
-from sim.files import present, read_text, write_text
-from sim.measurements import PosturePlan, write_plan
-from sim.model import TULIP, sha256
+from sim.measurements import Measurements, PosturePlan, read_plan
+from sim.model import TULIP, Robot, load_model
 from sim.plates import plate_geometry
 from sim.rig import preset_rig
 from sim.scene import load_scene
@@ -44,6 +53,7 @@ SIGMA_MM = 4.16  # the paper's residual per axis (eq. 14)
 TABLE1 = ((647.4, 337.5), (732.1, 405.1), (925.8, 352.6), (714.1, 314.7), (733.6, 406.9), (689.1, 394.4))
 TABLE1_SEEDS = (1, 2, 3, 4, 5, 6)
 CHOSEN = 3  # of the trials, as in the paper
+CRITERIA = ("measured_objective", "initial_objective", "final_objective")
 
 
 def plan_command(
@@ -57,6 +67,17 @@ def plan_command(
     table1: Annotated[
         bool, tyro.conf.arg(help="the paper's six trials (seeds 1 to 6); keeps the best three")
     ] = False,
+    after: Annotated[
+        Path | None,
+        tyro.conf.arg(metavar="MEASUREMENTS", help="what was measured: plan what tells most next"),
+    ] = None,
+    single_support: Annotated[
+        int, tyro.conf.arg(metavar="N", help="postures on the right foot alone, after the others")
+    ] = 0,
+    repeats: Annotated[
+        int, tyro.conf.arg(metavar="N", help="postures that come twice: half at once, half placed anew")
+    ] = 0,
+    preset: NoisyPreset = "wii",
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
@@ -65,75 +86,118 @@ def plan_command(
     Ctrl-C writes the best plan so far; the same command then goes on from there.
     Example: tulip plan --out plans/best --seed 3 --objective condition
     """
-    check_new(out)
+    check_out(out)
     for option, value, least in (
         ("--seed", seed, 0),
         ("--placements", placements, 1),
         ("--postures-per-placement", postures_per_placement, 1),
         ("--hops", hops, 0),
+        ("--single-support", single_support, 0),
+        ("--repeats", repeats, 0),
     ):
         at_least(option, value, least)
+    if table1 and after is not None:
+        raise InputError("--after: found with --table1, expected one of them")
+    if repeats > (
+        most := (len(TABLE1_SEEDS[:CHOSEN]) if table1 else 1) * placements * postures_per_placement
+    ):
+        raise InputError(f"--repeats: found {repeats}, expected at most the plan's {most} postures")
     own = described_robot(robot)
     check_scene(preset_rig("ideal", own))
-    problem = planning_problem(own, plate_geometry(load_scene(own), "right"))
+    plate = plate_geometry(load_scene(own), "right")
+    problem = planning_problem(own, plate)
+    measured = None
+    if after is not None:
+        measured = measured_for(own, after, problem.parameters.tree.joints)
+        problem = planning_problem(own, plate, support=common_support(measured.support, f"{after}: postures"))
     goal = objective_named(problem, objective, 1e-3 * SIGMA_MM)
-    enough("--placements, --postures-per-placement", placements * postures_per_placement, problem.parameters)
     size = (placements, postures_per_placement, hops)
+    taken = 0 if measured is None else len(measured)
+    enough(
+        "--placements, --postures-per-placement",
+        taken + placements * postures_per_placement,
+        problem.parameters,
+    )
+
+    def extended(plan: PosturePlan) -> PosturePlan:
+        if single_support:
+            one = planning_problem(own, plate, support="right")
+            wanted = objective_named(one, objective, 1e-3 * SIGMA_MM)
+            known = (
+                np.zeros((len(one.nominal),) * 2) if measured is None else measured_information(one, measured)
+            )
+            plan = single_support_plan(one, wanted, plan, known, single_support, seed)
+        return with_repeats(plan, repeats, seed) if repeats else plan
+
     if table1:
-        return _table1(problem, goal, size, out, as_json)
+        return _table1(own, problem, goal, size, out, preset, extended, as_json)
     began = time.perf_counter()
-    plan, finished = _trial(problem, goal, size, seed, _resume_file(out))
-    write_plan(out, plan)
+    job = (
+        trial_job(problem, goal, size, seed)
+        if measured is None
+        else next_job(problem, goal, size, seed, measured)
+    )
+    plan, finished = _shown(job, state_file(out), f"seed {seed}")
+    document = _written(own, extended(plan) if finished else plan, out, preset, measured)
     if finished:
-        _resume_file(out).unlink(missing_ok=True)
-    document = _document(problem, goal, plan, out, time.perf_counter() - began)
+        state_file(out).unlink(missing_ok=True)
+    document["wall_s"] = time.perf_counter() - began
     if as_json:
         print_json(document)
     else:
-        _print(console(), document, problem)
+        _print(own, document, out, measured)
     ERR.print(f"Plan folder: {out}")
     if not finished:
-        ERR.print(f"tulip: interrupted; move {out} away and give the same command to go on")
+        ERR.print("tulip: interrupted; this is the best plan so far, the same command goes on from it")
     return 0 if finished else 130
 
 
-def _trial(
-    problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int, kept: Path
-) -> tuple[PosturePlan, bool]:
-    """One trial, taken up where it was interrupted; whether it came to its end."""
-    placements, per, hops = size
-    key = [goal.name, *size, seed, sha256(problem.robot.model), sha256(problem.robot.path)]
-    state = _read_state(kept, key)
-    last = state
-    with _bar(f"seed {seed}", rounds(goal, hops), state) as show:
-
-        def progress(found: State) -> None:
-            nonlocal last
-            last = found
-            _write_state(kept, key, found)
-            show(found)
-
-        try:
-            return run_trial(problem, goal, placements, per, seed, hops, progress, state), True
-        except KeyboardInterrupt:
-            if last is None:
-                raise
-            drawn, _ = first_state(problem, goal, placements, per, seed)
-            return plan_of(problem, goal, drawn, last, seed, hops), False
+def _shown(job: Job, kept: Path, label: str) -> tuple[PosturePlan, bool]:
+    """A job with its progress bar."""
+    with _bar(label, job.rounds, read_state(kept, job.key)) as show:
+        return carry_out(job, kept, show)
 
 
-def _table1(problem: Problem, goal: Objective, size: tuple[int, int, int], out: Path, as_json: bool) -> int:
+def _written(
+    robot: Robot, plan: PosturePlan, out: Path, preset: str, measured: Measurements | None = None
+) -> dict[str, Any]:
+    """Write a plan that describes itself; the description is made anew from the file."""
+    taken = None if measured is None else as_plan(robot, measured)
+    promised = described_plan(robot, plan, preset, taken)
+    keep_plan(out, replace(plan, made=plan.made | {"described": finite(promised)}))
+    again = read_plan(out, robot, load_model(robot))
+    return {
+        "plan": str(out),
+        "placements": len(np.unique(plan.placement)),
+        "postures": len(plan),
+        "initial_condition_number": plan.made.get("initial_condition_number"),
+        "objective": plan.made["objective"],
+        **({} if taken is None else {k: plan.made[k] for k in CRITERIA}),
+        **described_plan(robot, again, preset, taken),
+    }
+
+
+def _table1(
+    robot: Robot,
+    problem: Problem,
+    goal: Objective,
+    size: tuple[int, int, int],
+    out: Path,
+    preset: str,
+    extended: Callable[[PosturePlan], PosturePlan],
+    as_json: bool,
+) -> int:
     """Six trials from six random starts; the best three joined into one plan."""
     rows, plans = [], []
     for seed, paper in zip(TABLE1_SEEDS, TABLE1, strict=True):
         began = time.process_time()
         kept = out.with_name(f".{out.name}.seed{seed}.state.json")
-        plan, finished = _trial(problem, goal, size, seed, kept)
+        plan, finished = _shown(trial_job(problem, goal, size, seed), kept, f"seed {seed}")
         if not finished:
             ERR.print("tulip: interrupted; give the same command to go on")
             return 130
         plans.append(plan)
-        said = described_plan(problem, plan)
+        said = described_plan(robot, plan, preset)
         rows.append(
             {
                 "seed": seed,
@@ -145,12 +209,11 @@ def _table1(problem: Problem, goal: Objective, size: tuple[int, int, int], out: 
             }
         )
     order = np.argsort([row["condition_number"] for row in rows], kind="stable")[:CHOSEN]
-    joined = _joined([plans[k] for k in order])
-    write_plan(out, joined)
+    best = extended(_joined([plans[k] for k in order]))
+    said = _written(robot, best, out, preset)
     for seed in TABLE1_SEEDS:
         out.with_name(f".{out.name}.seed{seed}.state.json").unlink(missing_ok=True)
-    document = {"plan": str(out), "trials": rows, "chosen": [TABLE1_SEEDS[k] for k in order]}
-    document |= described_plan(problem, joined)
+    document = {"trials": rows, "chosen": [TABLE1_SEEDS[k] for k in order], **said}
     if as_json:
         print_json(document)
         return 0
@@ -169,56 +232,34 @@ def _table1(problem: Problem, goal: Objective, size: tuple[int, int, int], out: 
 
 def _joined(plans: list[PosturePlan]) -> PosturePlan:
     """Several trials as one plan, placements and postures numbered on."""
-    angles = np.concatenate([p.joint_angles for p in plans])
     shift = np.cumsum([0, *(int(p.placement.max()) for p in plans[:-1])])
-    first = plans[0]
-    return PosturePlan(
-        joints=first.joints,
-        joint_angles=angles,
-        posture=np.arange(1, len(angles) + 1),
+    plan = joined(plans)
+    return replace(
+        plan,
+        posture=np.arange(1, len(plan) + 1),
         placement=np.concatenate([p.placement + s for p, s in zip(plans, shift, strict=True)]),
-        support=np.concatenate([p.support for p in plans]),
-        swing_pose=np.concatenate([p.swing_pose for p in plans]),
-        robot=first.robot,
         made={
-            "objective": first.made["objective"],
+            "objective": plan.made["objective"],
             "command": "tulip plan --table1",
             "trials": [p.made for p in plans],
         },
     )
 
 
-def described_plan(problem: Problem, plan: PosturePlan) -> dict[str, Any]:
-    """See `identification.planning.trial.described`, at the paper's residual."""
-    return described(problem, plan, 1e-3 * SIGMA_MM)
-
-
-def _document(problem: Problem, goal: Objective, plan: PosturePlan, out: Path, wall: float) -> dict[str, Any]:
-    said = described_plan(problem, plan)
-    return {
-        "plan": str(out),
-        "placements": len(np.unique(plan.placement)),
-        "postures": len(plan),
-        "initial_condition_number": plan.made["initial_condition_number"],
-        "objective": goal.name,
-        **said,
-        "wall_s": wall,
-    }
-
-
-def _print(screen: Console, document: dict[str, Any], problem: Problem) -> None:
-    screen.print(
-        f"{document['postures']} postures on {document['placements']} placements, objective "
-        f"{document['objective']}: condition number {document['initial_condition_number']:.1f} -> "
-        f"{document['condition_number']:.1f}; {document['well_identified']} of {len(problem.nominal)} "
-        f"parameters would be well identified at sigma {document['sigma_mm']} mm"
-    )
-    table = Table(title="Smallest margin of every constraint beyond what it asks for", title_justify="left")
-    for header in ("constraint", "margin", "posture", "where"):
-        table.add_column(header)
-    for name, margin in document["margins"].items():
-        table.add_row(name, f"{margin['value']:.3f} {margin['unit']}", str(margin["posture"]), margin["at"])
-    print_table(screen, table)
+def _print(robot: Robot, document: dict[str, Any], out: Path, measured: Measurements | None) -> None:
+    screen, plan = console(), read_plan(out, robot, load_model(robot))
+    head = "{postures} postures on {placements} placements, objective {objective}".format_map(document)
+    if measured is None:
+        first, last = document["initial_condition_number"], document["condition_number"]
+        screen.print(f"{head}: condition number {first:.1f} -> {last:.1f}")
+    else:
+        before, random, chosen = (document[key] for key in CRITERIA)
+        screen.print(
+            f"{head}: {before:.4g} with the {len(measured)} measured postures, {random:.4g} with the random "
+            f"ones to begin with, {chosen:.4g} with these; figures below are of both together"
+        )
+        plan = joined([as_plan(robot, measured), plan])
+    print_plan(screen, document, planned_parameters(robot, plan), plan)
 
 
 @contextmanager
@@ -234,34 +275,3 @@ def _bar(label: str, total: int, state: State | None) -> Iterator[Callable[[Stat
         done = state.rounds if state else 0
         task = bar.add_task(label, total=total, completed=done, value="")
         yield lambda found: bar.update(task, completed=found.rounds, value=f"{found.value:.4g}")
-
-
-def _resume_file(out: Path) -> Path:
-    return out.with_name(f".{out.name}.state.json")
-
-
-ARRAYS = ("design", "angles", "best_design", "best_angles")
-
-
-def _write_state(path: Path, key: list[Any], state: State) -> None:
-    """Floats as Python writes them come back in the same bits."""
-    document = {k: v.tolist() if k in ARRAYS else v for k, v in vars(state).items()}
-    write_text(path, json.dumps({"key": key, "state": document}))
-
-
-def _read_state(path: Path, key: list[Any]) -> State | None:
-    """What an interrupted run left; None where there is nothing.
-
-    Raises:
-        InputError: it is of another trial, or broken.
-    """
-    if not present(path):
-        return None
-    try:
-        document = json.loads(read_text(path))
-        if document["key"] != key:
-            raise InputError(f"{path}: left by another run; remove it or give another --out")
-        values: dict[str, Any] = {k: np.array(v) if k in ARRAYS else v for k, v in document["state"].items()}
-        return State(**values)
-    except (json.JSONDecodeError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: found no state of an interrupted run ({error}); remove it") from None

@@ -75,7 +75,7 @@ def simulate_command(
             f"--seed {seed} draws, expected one that can; give another --seed"
         ) from None
     write_experiment(out, truth, scenario, experiment)
-    planned = len(scenario.plan)
+    planned = scenario.plan.postures
     if as_json:
         dropped = experiment.dropped
         print_json(

@@ -17,7 +17,8 @@ POWER = 0.9
 def noncentrality(freedom: int, level: float, power: float = POWER) -> float:
     """Of chi-square that exceeds its `level` quantile with probability `power`."""
     bound = chi2.isf(level, freedom)
-    return float(brentq(lambda c: ncx2.sf(bound, freedom, c) - power, 1e-6, 1e4))
+    found: float = brentq(lambda c: float(ncx2.sf(bound, freedom, c)) - power, 1e-6, 1e4)  # pyrefly: ignore
+    return found
 
 
 def single_level(level: float, tests: float) -> float:

@@ -109,7 +109,7 @@ def discover(
     stated = noise_of(seen)
     repeats = pure_error(seen, stated)
     noise = widened(stated, repeats)
-    explanation = explain(seen, noise, np.random.default_rng(seed), effects, progress)
+    explanation = explain(seen, noise, np.random.default_rng(seed), effects, through_laboratory, progress)
     found, bend = explanation.found, np.zeros((len(seen), 11, 0))
     if found.terms:
         bend = np.zeros((len(seen), 11, sum(len(t.sizes) for t in found.terms)))

@@ -7,7 +7,7 @@ b = G'r. A size that cannot be negative has half a normal as its prior.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2, norm
@@ -100,7 +100,7 @@ def score(candidate: Candidate, points: list[np.ndarray], residual: np.ndarray) 
             best = Score(candidate, point, column, sizes, covariance, gain, p, log, visible)
     assert best is not None
     average = float(np.logaddexp.reduce(logs) - np.log(len(logs)))
-    return Score(**{**vars(best), "log_bayes_factor": average if best.visible else -np.inf})
+    return replace(best, log_bayes_factor=average if best.visible else -np.inf)
 
 
 def _score_of_presence(candidate: Candidate, points: list[np.ndarray], residual: np.ndarray) -> Score:

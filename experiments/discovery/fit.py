@@ -144,16 +144,19 @@ def fit(seen: Seen, noise: Noise, terms: Sequence[Term], bend: np.ndarray | None
         linear = linear_model(seen, noise)
         empty = np.zeros((len(linear.residual), 0))
         return Fit((), np.zeros((0, 0)), linear, empty, linear.residual, 0.0)
-    smooth = seen
+    smooth, clean = seen, None
     for _ in range(2):
-        linear = linear_model(freed(seen, smooth, terms), noise, rounds=1)
+        linear = linear_model(
+            freed(seen, smooth, terms), noise, smooth=clean, rounds=2 if clean is None else 1
+        )
         errors = packed(linear.seen) - packed(linear.smooth)
         smooth = unpacked(seen, packed(seen) - errors)
         about = replace(linear, seen=seen, smooth=smooth)
         about = replace(about, residual=about.at(seen))
         found = search(about, terms, bend)
         terms = found.terms
-    final = linear_model(freed(seen, smooth, terms), noise, rounds=1)
+        clean = freed(smooth, smooth, terms)
+    final = linear_model(freed(seen, smooth, terms), noise, smooth=clean, rounds=1)
     residual = final.residual
     if bend is not None and bend.shape[-1]:
         sizes = np.concatenate([term.sizes for term in terms])

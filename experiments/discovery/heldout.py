@@ -89,11 +89,10 @@ def held_out(seen: Seen, noise: Noise, terms: Sequence[Term], bend: np.ndarray) 
         for key in CHANNELS:
             for column, (test, model, more) in enumerate(sides):
                 size, freedom, raw = _left(test, noise, model, more, key)
-                sums[key][column] += size
+                sums[key] += np.array([size * (column == 0), size * (column == 1), freedom * column])
                 if key == "A":
                     square[column] += raw[0]
                     square[2] += raw[1] * column
-            sums[key][2] += freedom
         count += 2 * int(inside.sum())
     before = {key: float(np.sqrt(v[0] / v[2])) for key, v in sums.items() if v[2] > 0}
     after = {key: float(np.sqrt(v[1] / v[2])) for key, v in sums.items() if v[2] > 0}

@@ -60,45 +60,55 @@ class Linear:
 
 
 def linear_model(
-    seen: Seen, noise: Noise, channels: str = "AFTC", corrected: Seen | None = None, rounds: int = 2
+    shown: Seen, noise: Noise, channels: str = "AFTC", smooth: Seen | None = None, rounds: int = 2
 ) -> Linear:
     """Build it from an experiment.
 
     Args:
+        shown: the experiment, freed of what is already known.
         channels: those that are looked at.
-        corrected: the readings freed of effects that are already known; None: none is.
-        rounds: how often readings are smoothed and all is taken anew there.
+        smooth: its readings less their noise, where they are known; else the readings. Covariances taken at
+            noisy readings go with their noise: `rounds` of smoothing take that away.
 
     Raises:
         numpy.linalg.LinAlgError: readings that are no numbers.
     """
-    shown = seen if corrected is None else corrected
-    smooth = shown
+    smooth = shown if smooth is None else smooth
     theta = np.linalg.lstsq(
         shown.nominal.parameters.regressor(shown.joint_angles).reshape(2 * len(shown), -1),
         center(shown).ravel(),
         rcond=None,
     )[0]
-    for _ in range(rounds):
-        white = whitening(smooth, theta, noise, channels)
-        nuisance = nuisances(smooth, channels)
-        kept = np.abs(nuisance).max(axis=(0, 1)) > 0
-        basis, triangle, order = qr(
-            np.vstack([white(nuisance[..., kept]), weighing(shown)[None, kept]]),
-            mode="economic",
-            pivoting=True,
-        )
-        size = np.abs(np.diag(triangle))
-        rank = int((size > RANK * size.max(initial=0.0)).sum())
-        basis, triangle = basis[:, :rank], triangle[:rank, :rank]
-        start = np.append(white(residuals(shown, theta)), 0.0)
-        gain = basis.T @ start
-        left = start - basis @ gain
-        solution = np.zeros(nuisance.shape[-1])
-        solution[np.flatnonzero(kept)[order[:rank]]] = -np.linalg.solve(triangle, gain)
-        theta = theta + solution[: len(theta)]
-        smooth = _smoothed(shown, white, left, noise)
-    return Linear(shown, smooth, theta, noise, white, basis, left, "F" in channels)
+    found = _round(shown, smooth, theta, noise, channels)
+    for _ in range(rounds - 1):
+        found = _round(shown, found.smooth, found.theta, noise, channels)
+    return found
+
+
+def _round(shown: Seen, smooth: Seen, theta: np.ndarray, noise: Noise, channels: str) -> Linear:
+    """Columns and covariances at smoothed readings, residuals at the readings."""
+    white = whitening(smooth, theta, noise, channels)
+    nuisance = nuisances(smooth, channels)
+    kept = np.abs(nuisance).max(axis=(0, 1)) > 0
+    basis, triangle, order = _pivoted(np.vstack([white(nuisance[..., kept]), weighing(shown)[None, kept]]))
+    size = np.abs(np.diag(triangle))
+    rank = int((size > RANK * size.max(initial=0.0)).sum())
+    basis, triangle = basis[:, :rank], triangle[:rank, :rank]
+    start = np.append(white(residuals(shown, theta)), 0.0)
+    gain = basis.T @ start
+    left = start - basis @ gain
+    solution = np.zeros(nuisance.shape[-1])
+    solution[np.flatnonzero(kept)[order[:rank]]] = -np.linalg.solve(triangle, gain)
+    theta = theta + solution[: len(theta)]
+    return Linear(
+        shown, _smoothed(shown, white, left, noise), theta, noise, white, basis, left, "F" in channels
+    )
+
+
+def _pivoted(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """QR decomposition with column pivoting: Q, R and the columns' order."""
+    basis, triangle, order = qr(matrix, mode="economic", pivoting=True)
+    return np.asarray(basis), np.asarray(triangle), np.asarray(order)
 
 
 def _smoothed(shown: Seen, white: White, left: np.ndarray, noise: Noise) -> Seen:

@@ -101,8 +101,9 @@ def whitening(seen: Seen, theta: np.ndarray, noise: Noise, channels: str = "AFTC
     used = np.zeros((m, SIZE), bool)
     for channel in channels:
         used[:, ROWS[channel]] = True
-    used[:, ROWS["C"]] &= standing(seen).all(axis=1)[:, None]
-    used[:, 3:5] &= standing(seen) & seen.on_four_cells
+    stands = standing(seen)
+    used[:, ROWS["C"]] &= np.all(stands, axis=1, keepdims=True)
+    used[:, ROWS["T"]] &= stands & seen.on_four_cells
     rows, blocks, at_row = [], [], 0
     for placement in np.unique(seen.measurements.placement):
         inside = np.flatnonzero(seen.measurements.placement == placement)

@@ -52,9 +52,8 @@ def pure_error(seen: Seen, noise: Noise) -> PureError:
         covariance = (own[first] + own[second])[:, rows, rows]
         keep = seen.on_four_cells[first].all(axis=1) & seen.on_four_cells[second].all(axis=1)
         use = keep if channel == "T" else np.ones(len(first), bool)
-        size = float(
-            np.einsum("ma,ma->", apart[use], np.linalg.solve(covariance, apart[..., None])[use, :, 0])
-        )
+        solved = np.linalg.solve(covariance, apart[..., None])[..., 0]
+        size = float((apart * solved)[use].sum())
         freedom = int(use.sum()) * (rows.stop - rows.start)
         if freedom:
             ratio[channel], p[channel] = size / freedom, float(chi2.sf(size, freedom))

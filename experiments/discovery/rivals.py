@@ -1,4 +1,4 @@
-"""Unnamed rivals: patterns that no catalogue entry need explain, to see whether anything is left, and where."""
+"""Unnamed rivals: patterns in the residuals that show whether anything is left, and where."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ PARTS = (
     ("C", slice(6, 8), "the swing foot's tilt"),
     ("C", slice(8, 11), "the swing foot's place"),
 )
+DISTINCT = 0.05
 
 
 @dataclass(frozen=True)
@@ -55,10 +56,12 @@ def patterns(linear: Linear, residual: np.ndarray, taken: np.ndarray) -> list[Pa
             raw = np.zeros((len(seen), SIZE, functions.shape[1] * (part.stop - part.start)))
             for k in range(part.stop - part.start):
                 raw[:, part.start + k, k :: part.stop - part.start] = functions
-            columns = linear.project(linear.white(raw))
+            whole = linear.white(raw)
+            columns = linear.project(whole)
             columns = columns - basis @ (basis.T @ columns)
             left, size, _ = np.linalg.svd(columns, full_matrices=False)
-            left = left[:, size > 1e-6 * max(size.max(initial=0.0), 1e-12)]
+            # What the model takes up all but for a little is no pattern of its own.
+            left = left[:, size > DISTINCT * max(float(np.linalg.norm(whole, 2)), 1e-12)]
             gain = float(((left.T @ residual) ** 2).sum())
             out.append(Pattern(channel, f"{what} {how}", gain, left.shape[1], 0.0))
     count = len(out)

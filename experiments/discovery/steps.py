@@ -11,6 +11,7 @@ from scipy.stats import chi2
 from experiments.discovery.candidates import Candidate, candidates, columns
 from experiments.discovery.evidence import Field, Score, adjusted, family, field, score, scores
 from experiments.discovery.fit import Fit, Term, fit, search
+from experiments.discovery.laboratory import refit
 from experiments.discovery.linear import Linear, linear_model
 from experiments.discovery.noise import Noise
 from experiments.discovery.rivals import Pattern, patterns
@@ -103,12 +104,15 @@ def explain(
     noise: Noise,
     rng: np.random.Generator,
     effects: dict[str, Effect] | None = None,
+    through_laboratory: bool = True,
     progress: Callable[[int], None] = lambda count: None,
 ) -> Explanation:
     """Find the effects of an experiment.
 
     Args:
         effects: the catalogue by name; all of it if None.
+        through_laboratory: before a second effect is taken on, see whether the laboratory explains by the
+            first what its formula does not.
         progress: called with 1 after every step.
     """
     among = candidates(seen, effects)
@@ -122,7 +126,7 @@ def explain(
     progress(1)
     found = before
     if alarm < LEVEL or min(gap.p for gap in gaps) < LEVEL / len(gaps):
-        found = _forward(seen, noise, among, before, ranked, tests, progress)
+        found = _forward(seen, noise, among, before, ranked, tests, through_laboratory, progress)
     sets = tuple(_alternatives(seen, noise, among, found, k) for k in range(len(found.terms)))
     left = patterns(found.linear, found.residual, found.columns)
     over = float(chi2.sf(found.chi_square, max(found.linear.freedom - found.columns.shape[1], 1)))
@@ -147,20 +151,42 @@ def _forward(
     found: Fit,
     ranked: list[Score],
     tests: float,
+    through_laboratory: bool,
     progress: Callable[[int], None],
 ) -> Fit:
     """Add the best explanation as long as one is decisive, look back after every step."""
-    for _ in range(MOST_TERMS):
+    exact = not through_laboratory
+    while len(found.terms) < MOST_TERMS:
         best = _best(found, ranked)
         if best is None or best.log_bayes_factor < DECISIVE or _chance(found, best, tests) > LEVEL:
             break
-        tried = fit(seen, noise, (*found.terms, best.term))
-        tried = _look_back(seen, noise, tried)
+        if found.terms and not exact:
+            found, _ = refit(seen, noise, found)
+            ranked, exact = _ranked_after(found, among), True
+            continue
+        tried = _look_back(seen, noise, fit(seen, noise, (*found.terms, best.term)))
         progress(1)
         if {t.candidate.label for t in tried.terms} == {t.candidate.label for t in found.terms}:
             break
-        found = tried
+        found, exact = tried, not through_laboratory
         ranked = _ranked_after(found, among)
+    return _alone(seen, noise, found) if through_laboratory else found
+
+
+def _alone(seen: Seen, noise: Noise, found: Fit) -> Fit:
+    """Of two effects of one target, the one that the laboratory shows to do the work of both.
+
+    A formula that misses part of its effect leaves something for its neighbour.
+    """
+    targets = [term.candidate.target for term in found.terms]
+    for target in {t for t in targets if t and targets.count(t) > 1}:
+        mine = [term for term in found.terms if term.candidate.target == target]
+        others = tuple(term for term in found.terms if term.candidate.target != target)
+        both, _ = refit(seen, noise, found)
+        singles = [refit(seen, noise, fit(seen, noise, (*others, term)))[0] for term in mine]
+        best = max(singles, key=lambda single: single.log_bayes_factor)
+        if best.log_bayes_factor > both.log_bayes_factor - DECISIVE:
+            found = best
     return found
 
 
@@ -206,6 +232,10 @@ def _in_time(linear: Linear, s: Score, residual: np.ndarray, taken: np.ndarray) 
         return Term(candidate, s.point, s.sizes), price
     part = np.unique(linear.seen.part)
     middles = (part[1:] + part[:-1]) / 2
+    grid = candidate.effect.parameters[timed[0]].grid
+    middles = middles[(middles >= min(grid)) & (middles <= max(grid))]
+    if not len(middles):
+        return Term(candidate, s.point, s.sizes), price
     chosen = candidate.settings[s.point]
     near = middles[np.argsort(np.abs(middles - chosen[timed[0]]))[:STEPS_IN_TIME]]
     settings = np.repeat(chosen[None], len(near), axis=0)

@@ -28,8 +28,8 @@ def story(found: Discovery, next_experiment: list[Proposal]) -> list[str]:
         lines.append(
             f"On placements that took no part in the fit the residuals go from "
             f"{found.heldout.before['AFTC']:.2f} to {found.heldout.after['AFTC']:.2f} times the noise "
-            f"(up to {found.heldout.floor['AFTC']:.2f} by chance), the centre of pressure from {before:.2f} to "
-            f"{after:.2f} mm (noise {floor:.2f} mm)."
+            f"(up to {found.heldout.floor['AFTC']:.2f} by chance), "
+            f"the centre of pressure from {before:.2f} to {after:.2f} mm (noise {floor:.2f} mm)."
         )
     lines += [f"To tell them apart: {p.words} ({p.gain:.3g} times the separation)" for p in next_experiment]
     if found.noise.assumed:
@@ -68,9 +68,8 @@ def _seen_in(found: Discovery) -> list[str]:
     for gap in found.explanation.gaps:
         if gap.p < 0.01:
             closed = f" -> {after[gap.channel] ** 2:.2g}" if gap.channel in after else ""
-            parts.append(
-                f"{PLACES[gap.channel]} (chi2 per degree of freedom {gap.chi_square / gap.freedom:.2g}{closed})"
-            )
+            ratio = f"{gap.chi_square / gap.freedom:.2g}{closed}"
+            parts.append(f"{PLACES[gap.channel]} (chi2 per degree of freedom {ratio})")
     if parts:
         return [f"Seen in {', '.join(parts)}."]
     return [

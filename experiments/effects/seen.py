@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -43,6 +44,8 @@ class Seen:
         standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
         board_share: of a board's own weight on each of its cells, right and left, (2,) [N].
         part: time of every posture as a part of the experiment's, 0 to 1, (m,).
+        on_four_cells: whether all cells of the right and the left plate bear something, (m, 2) bool. On
+            three, a board's twist says nothing. A tared cell without load reads minus its share of the board.
     """
 
     nominal: Nominal
@@ -60,6 +63,7 @@ class Seen:
     standard: np.ndarray
     board_share: np.ndarray
     part: np.ndarray
+    on_four_cells: np.ndarray
 
     def __len__(self) -> int:
         return len(self.joint_angles)
@@ -86,15 +90,6 @@ class Seen:
         return number
 
     @cached_property
-    def on_four_cells(self) -> np.ndarray:
-        """Whether all cells of the right and the left plate bear something, (m, 2) bool.
-
-        On three, a board's twist says nothing. A tared cell without load reads minus its share of the board.
-        """
-        margin = max(LEAST_LOAD, 4 * (self.measurements.sensors.cell_sd or 0.0))
-        return self.cell_forces.reshape(-1, 2, 4).min(axis=2) > margin - self.board_share
-
-    @cached_property
     def frames(self) -> tuple[np.ndarray, np.ndarray]:
         """Rotations (m, n_frames, 3, 3) and origins (m, n_frames, 3) [m] of all frames, soles flat."""
         base = self.nominal.parameters.base
@@ -113,14 +108,14 @@ class Seen:
 
     @cached_property
     def swing_sole(self) -> tuple[np.ndarray, np.ndarray]:
-        """Place of the swing foot's sole point, (m, 3) [m], and the foot's rotation, (m, 3, 3), soles flat."""
+        """Place of the swing sole point, (m, 3) [m], and the foot's rotation, (m, 3, 3), soles flat."""
         rotations, positions = self.frames
         turn = rotations[:, self.nominal.swing_frame]
         return positions[:, self.nominal.swing_frame] + turn @ self.nominal.points[1], turn
 
     @cached_property
     def foot_loads(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertical force on the right and left foot, (m, 2) [N], and its point on the ground, (m, 2, 2) [m]."""
+        """Vertical force on both feet, (m, 2) [N], and its point on the ground, (m, 2, 2) [m]."""
         forces = self.cell_forces.reshape(-1, 2, 4)
         down = forces.sum(axis=2)
         moment = (forces[..., None] * self.cell_places.reshape(-1, 2, 4, 2)).sum(axis=2)
@@ -160,7 +155,7 @@ class Seen:
         """By which every joint's load turns what lies beyond it, about its axis, (m, n_joints) [Nm]."""
         return self.loads.torques
 
-    def changed(self, **fields: np.ndarray) -> Seen:
+    def changed(self, **fields: Any) -> Seen:
         """Another one with some fields replaced."""
         return replace(self, **fields)
 
@@ -170,6 +165,8 @@ def see(measurements: Measurements, nominal: Nominal) -> Seen:
     m = len(measurements)
     scene = compile_spec(load_scene(nominal.robot), str(nominal.robot.path))
     forces = np.where(np.isfinite(measurements.cell_forces), measurements.cell_forces, 0.0)
+    share = np.array([scene.body(f"{plate}_plate").mass[0] * measurements.gravity / 4 for plate in PLATES])
+    margin = max(LEAST_LOAD, 4 * (measurements.sensors.cell_sd or 0.0))
     return Seen(
         nominal=nominal,
         measurements=measurements,
@@ -184,8 +181,7 @@ def see(measurements: Measurements, nominal: Nominal) -> Seen:
         shift=np.zeros((m, 2)),
         lift=np.zeros(m),
         standard=standard_parameters(load_model(nominal.robot)),
-        board_share=np.array(
-            [scene.body(f"{plate}_plate").mass[0] * measurements.gravity / 4 for plate in PLATES]
-        ),
+        board_share=share,
         part=passed(measurements.time),
+        on_four_cells=forces.reshape(-1, 2, 4).min(axis=2) > margin - share,
     )

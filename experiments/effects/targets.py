@@ -1,4 +1,4 @@
-"""What an effect may concern: a joint, a cell, a plate, a link, a foot's corner, a placement, or the whole."""
+"""What an effect may concern: a joint, a cell, a plate, a link, a foot's corner, a placement, all."""
 
 from __future__ import annotations
 

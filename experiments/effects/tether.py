@@ -16,7 +16,7 @@ from sim.rig import Rig
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:
-    force = float(np.hypot(*values))
+    force = float(np.linalg.norm(values))
     if force == 0:
         return rig
     hooked, way = hook(rig.robot), np.array(values) / force

@@ -1,10 +1,11 @@
 """The robot is read before it has come to rest: too short a wait after every move.
 
-The laboratory reads a full window from this time after the robot is released on, at rest or not. A robot
-that creeps stands in equilibrium at every moment, and angles and cells are averaged over one window, so no
-channel shows the creeping; what is left is swaying, whose mean is the change of the centre of mass's speed
-over the window, times its height over gravity. `predict` therefore changes nothing: the effect cannot be
-seen here, only in the s.d. of the readings within a window.
+The laboratory reads a full window from this time after the robot is released on, or from when dry friction
+first holds the load if that is later, at rest or not. A robot that creeps stands in equilibrium at every
+moment, and angles and cells are averaged over one window, so no channel shows the creeping; what is left is
+swaying, whose mean is the change of the centre of mass's speed over the window, times its height over
+gravity. `predict` therefore changes nothing: the effect cannot be seen here, only in the s.d. of the
+readings within a window.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from experiments.effects.effect import Effect, Parameter, Values
 from experiments.effects.injection import always
 from experiments.effects.seen import Seen
+from sim.hold import CONTROL_PERIOD
 from sim.rig import Rig
 
 
@@ -26,7 +28,7 @@ def _inject(rig: Rig, target: str, values: Values) -> Rig:
             hold_time=one.protocol.window + values[0],
             speed_gate=np.inf,
             force_gate=np.inf,
-            calm_time=0.0,
+            calm_time=CONTROL_PERIOD,
             gated=False,
         )
         return replace(one, protocol=hasty)

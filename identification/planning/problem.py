@@ -113,18 +113,20 @@ def planning_problem(
     plate: PlateGeometry,
     ranges: PlanningRanges | None = None,
     margins: Margins | None = None,
+    support: str = "double",
 ) -> Problem:
     """Read it from the robot's files.
 
     Args:
         plate: the boards that have to carry the feet.
         ranges: the robot description's if None.
+        support: whose base parameters are to be told, see `base_parameters`.
 
     Raises:
         InputError: broken files, or other than six joints a leg.
     """
     model, margins = load_model(robot), margins or Margins()
-    parameters = base_parameters(robot, model)
+    parameters = base_parameters(robot, model, support)
     tree, base = parameters.tree, parameters.base
     between = np.flatnonzero(between_feet(model, robot))
     if len(between) != CLOSING:

@@ -13,7 +13,6 @@ from identification.planning.objectives import OBJECTIVES, Objective, objectives
 from identification.planning.problem import Problem
 from identification.planning.search import HOPS, State, begin, design_of, rounds, search
 from identification.postures import random_postures
-from identification.statistics import WELL_IDENTIFIED, correlations, relative_standard_errors
 from sim.errors import look_up
 from sim.measurements import PosturePlan
 
@@ -134,35 +133,3 @@ def smallest_margins(problem: Problem, plan: PosturePlan) -> dict[str, dict[str,
                 "at": name,
             }
     return least
-
-
-def predicted_standard_errors(problem: Problem, plan: PosturePlan, sigma: float) -> np.ndarray:
-    """Eq. 14 before any measurement, for independent errors of every coordinate, (p,) [m].
-
-    Args:
-        sigma: s.d. of a centre of pressure's coordinate [m].
-    """
-    rows = problem.parameters.regressor(plan.joint_angles).reshape(-1, len(problem.nominal))
-    return sigma * np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
-
-
-def described(problem: Problem, plan: PosturePlan, sigma: float) -> dict[str, Any]:
-    """What a plan says of itself, from its joint angles alone.
-
-    Args:
-        sigma: s.d. of a centre of pressure's coordinate [m].
-    """
-    rows = problem.parameters.regressor(plan.joint_angles).reshape(-1, len(problem.nominal))
-    errors = predicted_standard_errors(problem, plan, sigma)
-    relative = relative_standard_errors(problem.nominal, errors)
-    rho = correlations(np.linalg.inv(rows.T @ rows))
-    pairs = np.argwhere(np.triu(np.abs(rho) > HIGH_CORRELATION, k=1))
-    return {
-        "condition_number": float(np.linalg.cond(rows)),
-        "sigma_mm": 1e3 * sigma,
-        "predicted_standard_error_mm": (1e3 * errors).tolist(),
-        "predicted_relative_standard_error_percent": relative.tolist(),
-        "well_identified": int((relative < WELL_IDENTIFIED).sum()),
-        "correlations": [{"a": int(a) + 1, "b": int(b) + 1, "rho": float(rho[a, b])} for a, b in pairs],
-        "margins": smallest_margins(problem, plan),
-    }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,16 @@ class PosturePlan:
 
     def __len__(self) -> int:
         return len(self.posture)
+
+    @property
+    def postures(self) -> int:
+        """How many different ones, a repeated one counted once."""
+        return len(np.unique(self.posture))
+
+    def take(self, rows: np.ndarray) -> PosturePlan:
+        """Some of its postures, by a mask or by indices in any order."""
+        names = ("joint_angles", "posture", "placement", "support", "swing_pose")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
 @dataclass(frozen=True)

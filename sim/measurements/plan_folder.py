@@ -89,10 +89,7 @@ def read_plan(folder: Path, robot: Robot, model: mujoco.MjModel) -> PosturePlan:
         made=manifest.made,
     )
     check_limits(table.path, plan, model)
-    if len(np.unique(plan.posture)) < len(plan):
-        raise InputError(
-            f"{table.path}: column 'posture': found repeated numbers, expected each once in a plan"
-        )
+    check_repeats(table.path, plan)
     return plan
 
 
@@ -109,6 +106,27 @@ def check_model(where: Path | str, made_with: str | None, expected: str | None, 
         raise InputError(
             f"{where}: hash mismatch of the robot's model: {robot.model.name} has sha256 {found[:12]}..., "
             f"expected {shortened(expected[:12])}... ({shortened(made_with)}); --robot names another robot"
+        )
+
+
+def check_repeats(path: Path, plan: PosturePlan) -> None:
+    """Refuse rows that share a number but not the posture.
+
+    Raises:
+        InputError: names both rows.
+    """
+    _, first, number = np.unique(plan.posture, return_index=True, return_inverse=True)
+    same = first[number]
+    other = (
+        (plan.joint_angles != plan.joint_angles[same]).any(axis=1)
+        | (plan.support != plan.support[same])
+        | (plan.swing_pose != plan.swing_pose[same]).any(axis=1)
+    )
+    if other.any():
+        row = int(other.argmax())
+        raise InputError(
+            f"{path}: column 'posture', row {row + 1}: found number {plan.posture[row]} again, but not the "
+            f"angles, support and swing foot of row {same[row] + 1}; expected one number a posture"
         )
 
 

@@ -1,0 +1,126 @@
+"""A plan before any data: what it would show without noise, and how well it would identify the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from experiments.discovery.noise import Noise, noise_of
+from experiments.effects.seen import Seen, see
+from identification.base_parameters import common_support
+from identification.estimators import DEFAULT, estimate_by
+from identification.nominal import Nominal, nominal_robot
+from identification.regressor import regression
+from sim.measurements import Measurements, PosturePlan
+from sim.model import Robot
+from sim.record import constants
+from sim.rig import Rig, preset_rig
+from sim.sensors import PRESETS
+from sim.static_laboratory import Prepared, prepare, run_static
+
+RUNS = 20  # over which the estimator's variances are averaged
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A plan in the nominal laboratory of a sensor preset.
+
+    Attributes:
+        rig: that laboratory. plan: all postures.
+        prepared: those that the nominal robot can be measured in, solved.
+        seen: what sensors without noise would show, with the preset's data sheets.
+        noise: as those sheets state.
+        runs: noisy runs, every posture that has an equilibrium, the same rows in each.
+        standard_errors: of the base parameters by the default estimator, root mean square over the
+            runs, (p,) [m].
+        seed: of the runs.
+    """
+
+    rig: Rig
+    plan: PosturePlan
+    prepared: Prepared
+    seen: Seen
+    noise: Noise
+    runs: tuple[Measurements, ...]
+    standard_errors: np.ndarray
+    seed: int
+
+    @property
+    def nominal(self) -> Nominal:
+        return self.seen.nominal
+
+
+def planned(plan: PosturePlan, preset: str, robot: Robot, seed: int) -> Planned:
+    """Simulate a plan by static equilibrium.
+
+    Args:
+        seed: of the noisy runs.
+
+    Raises:
+        InputError: a support other than double, a scene that statics does not know, or a plan that
+            does not identify the robot.
+    """
+    rig, nominal = preset_rig(preset, robot), nominal_robot(robot, common_support(plan.support, "plan"))
+    quiet = without_noise(rig)
+    stands = usable(plan, run_static(prepare(quiet, plan), streams(seed, 1))[0].measurements.posture)
+    (smooth,) = noisy(prepare(quiet, stands), streams(seed, 1))
+    weighed = smooth.weighed_mass
+    smooth = replace(
+        smooth,
+        sensors=constants(rig)["sensors"],
+        weighed_mass=weighed and (weighed[0], rig.sensors.weighed_mass_sd),
+    )
+    seen = see(smooth, nominal)
+    prepared = prepare(rig, stands)
+    runs = noisy(prepared, streams(seed, RUNS))
+    variance = [
+        np.diag(estimate_by(regression(nominal.parameters, run, robot, "plan"), DEFAULT).covariance)
+        for run in runs
+    ]
+    errors = np.sqrt(np.mean(variance, axis=0))
+    return Planned(rig, plan, prepared, seen, noise_of(seen), tuple(runs), errors, seed)
+
+
+def without_noise(rig: Rig) -> Rig:
+    """A laboratory with nothing random but friction, and no repeats."""
+    return replace(
+        rig,
+        sensors=PRESETS["ideal"],
+        controller=replace(rig.controller, command_sd=0.0),
+        protocol=replace(rig.protocol, plate_sd=(0.0, 0.0, 0.0), repeats=0),
+    )
+
+
+def usable(plan: PosturePlan, postures: np.ndarray) -> PosturePlan:
+    """The rows of a plan that have these numbers."""
+    rows = np.isin(plan.posture, postures)
+    return replace(
+        plan,
+        joint_angles=plan.joint_angles[rows],
+        posture=plan.posture[rows],
+        placement=plan.placement[rows],
+        support=plan.support[rows],
+        swing_pose=plan.swing_pose[rows],
+    )
+
+
+def streams(seed: int, count: int) -> list[np.random.SeedSequence]:
+    """Random streams of the first runs of a seed."""
+    return np.random.SeedSequence(seed).spawn(count)
+
+
+def noisy(prepared: Prepared, of: Sequence[np.random.SeedSequence]) -> list[Measurements]:
+    """What some runs show, every posture that has an equilibrium."""
+    return [run.measurements for run in run_static(prepared, of, all_solved=True)]
+
+
+def estimates(runs: Sequence[Measurements], nominal: Nominal) -> np.ndarray:
+    """Base parameters of every run by the default estimator, (runs, p) [m]."""
+    return np.array(
+        [
+            estimate_by(regression(nominal.parameters, run, nominal.robot, "plan"), DEFAULT).value
+            for run in runs
+        ]
+    )

@@ -1,0 +1,68 @@
+"""A matrix as one HTML page that needs nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+
+CELL, MARGIN, LEAST = 9, 260, 500  # px
+
+
+def heat_map(
+    values: np.ndarray,
+    labels: Sequence[str],
+    title: str,
+    unit: str,
+    most: float,
+    bound: float,
+) -> str:
+    """HTML of a square matrix; dark is small, and what lies below `bound` has a colour of its own.
+
+    Args:
+        values: (n, n), 0 to `most`.
+        bound: shown as the step from warm to cool.
+    """
+    step = bound / most
+    # Small ones warm, the others from grey to white: told apart by colour-blind readers and in print.
+    scale = [
+        [0.0, "#7f2704"],
+        [step, "#fdae6b"],
+        [step, "#4a5a70"],
+        [1.0, "#f7fbff"],
+    ]
+    side = max(CELL * len(labels), LEAST) + MARGIN
+    figure = go.Figure(
+        go.Heatmap(
+            z=values,
+            x=list(labels),
+            y=list(labels),
+            zmin=0.0,
+            zmax=most,
+            colorscale=scale,
+            colorbar={
+                "title": {"text": unit, "side": "right"},
+                "thickness": 14,
+                "tickvals": _ticks(most, bound),
+            },
+            hovertemplate=f"%{{y}}<br>%{{x}}<br>%{{z:.1f}} {unit}<extra></extra>",
+            xgap=0.5,
+            ygap=0.5,
+        )
+    )
+    font = {"size": 8}
+    figure.update_layout(
+        title={"text": title, "font": {"size": 15}},
+        width=side + 60,
+        height=side,
+        margin={"l": MARGIN - 60, "b": MARGIN - 60, "t": 60, "r": 20},
+        xaxis={"tickangle": -90, "tickfont": font, "dtick": 1, "showgrid": False},
+        yaxis={"autorange": "reversed", "tickfont": font, "dtick": 1, "showgrid": False},
+        plot_bgcolor="white",
+    )
+    return figure.to_html(include_plotlyjs=True, full_html=True)
+
+
+def _ticks(most: float, bound: float) -> list[float]:
+    return sorted({0.0, bound, *np.linspace(0.0, most, 4)[1:].tolist()})

@@ -1,0 +1,214 @@
+"""What a plan promises, from its file alone: condition number, standard errors, correlations, margins."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import mujoco
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from experiments.correlation_table import meaning, print_correlations
+from experiments.planning import joined
+from experiments.setting_up import planned_parameters
+from experiments.terminal import print_table
+from identification.base_parameters import BaseParameters, standard_parameters
+from identification.feasibility import predicted_cell_loads, predicted_foot_loads
+from identification.planning.problem import Problem, planning_problem
+from identification.planning.single_support import single_support_margins
+from identification.planning.trial import HIGH_CORRELATION, smallest_margins
+from identification.reading_noise import ReadingNoise, cell_noise, placement_levers
+from identification.statistics import (
+    WELL_IDENTIFIED,
+    high_correlations,
+    relative_standard_errors,
+    standard_errors,
+)
+from sim.errors import InputError
+from sim.laboratory import boards_under
+from sim.measurements import Measurements, PosturePlan
+from sim.model import Robot, joint_names, load_model, sole_point
+from sim.plates import plate_geometry
+from sim.record import constants
+from sim.rig import Rig, preset_rig
+from sim.scene import load_scene
+
+
+def described_plan(
+    robot: Robot, plan: PosturePlan, preset: str, taken: PosturePlan | None = None
+) -> dict[str, Any]:
+    """What `tulip plan` and `tulip postures` say of a plan, as JSON.
+
+    Args:
+        preset: of the sensors, "wii" or "force-plate"; the standard errors are those of generalised least
+            squares with its s.d., for the nominal robot, if every posture can be held.
+        taken: postures measured before; all but the margins are of both together.
+
+    Raises:
+        InputError: postures on the left foot, or a scene that cannot be.
+    """
+    new = plan
+    plan = plan if taken is None else joined([taken, plan])
+    rig, parameters = preset_rig(preset, robot), planned_parameters(robot, plan)
+    model = load_model(robot)
+    nominal = parameters.values(standard_parameters(model))
+    matrix = regressor_by_mujoco(robot, plan.joint_angles, parameters)
+    rows = matrix.reshape(-1, len(nominal))
+    noise = reading_noise_of(rig, plan, parameters, nominal)
+    covariance = np.linalg.inv(rows.T @ np.linalg.solve(noise.covariance(), rows))
+    errors = standard_errors(covariance)
+    relative = relative_standard_errors(nominal, errors)
+    pairs = high_correlations(np.linalg.inv(rows.T @ rows), np.arange(1, len(nominal) + 1), HIGH_CORRELATION)
+    return {
+        "condition_number": float(np.linalg.cond(rows)),
+        "preset": preset,
+        "sigma_mm": 1e3 * float(np.sqrt(np.diag(noise.covariance()).mean())),
+        "predicted_standard_error_mm": (1e3 * errors).tolist(),
+        "predicted_relative_standard_error_percent": relative.tolist(),
+        "well_identified": int((relative < WELL_IDENTIFIED).sum()),
+        "correlations": [{"a": a, "b": b, "rho": rho} for a, b, rho in pairs],
+        "margins": margins_of(robot, new),
+    }
+
+
+def regressor_by_mujoco(robot: Robot, joint_angles: np.ndarray, parameters: BaseParameters) -> np.ndarray:
+    """The base regressor by MuJoCo's kinematics, which planning does not use, (m, 2, p) [-].
+
+    The CoM is W(q) phi / M with the standard parameters phi, W = [p_l, R_l] a link, and H theta with
+    theta = B phi / M; so W = H B, and H = W B^+.
+    """
+    model = load_model(robot)
+    data = mujoco.MjData(model)
+    joints = [model.joint(name).qposadr[0] for name in joint_names(model)]
+    point = sole_point(model, robot.stance_foot)
+    stacked = np.empty((len(joint_angles), 2, 4 * (model.nbody - 1)))
+    for k, angles in enumerate(joint_angles):
+        data.qpos[:] = model.qpos0
+        data.qpos[joints] = angles
+        mujoco.mj_kinematics(model, data)
+        foot = data.body(robot.stance_foot)
+        base = foot.xmat.reshape(3, 3)
+        places = (data.xpos[1:] - foot.xpos - base @ point) @ base
+        turns = base.T @ data.xmat[1:].reshape(-1, 3, 3)
+        stacked[k] = np.concatenate([places[:, None], turns.mT], axis=1)[..., :2].reshape(-1, 2).T
+    return stacked @ np.linalg.pinv(parameters.from_standard)
+
+
+def planned_readings(rig: Rig, plan: PosturePlan, com: np.ndarray) -> Measurements:
+    """What the plates would read by the nominal model, free of noise.
+
+    Args:
+        com: nominal centre of mass in the plan view, (m, 2) [m].
+    """
+    robot, model = rig.robot, load_model(rig.robot)
+    plate = dataclasses.replace(plate_geometry(load_scene(robot), "right"), mass=0.0)  # tared
+    weight = float(model.body_subtreemass[0] * -model.opt.gravity[2])
+    boards = boards_under(rig, plan.swing_pose)
+    cells = []
+    for point, pose, board, support in zip(com, plan.swing_pose, boards, plan.support, strict=True):
+        share, cop = predicted_foot_loads(point, np.array([np.zeros(2), pose[:2]]))
+        if support == "right":
+            share, cop = np.array([1.0, 0.0]), np.array([point, board[1, :2]])
+        cells.append(predicted_cell_loads(share, cop, board, plate, weight))
+    count, unknown = len(plan), np.full(len(plan), np.nan)
+    return Measurements(
+        joints=plan.joints,
+        posture=plan.posture,
+        placement=plan.placement,
+        support=plan.support,
+        time=unknown,
+        window=np.full(count, rig.protocol.window),
+        samples=np.full(count, round(rig.protocol.window * rig.sensors.sample_rate)),
+        joint_angles=plan.joint_angles,
+        joint_angles_sd=np.full_like(plan.joint_angles, np.nan),
+        command=None,
+        motor=None,
+        cell_forces=np.array(cells),
+        cell_forces_sd=np.full((count, 8), np.nan),
+        plate_poses=boards,
+        weighed_mass=None,
+        **constants(rig),
+    )
+
+
+def reading_noise_of(
+    rig: Rig, plan: PosturePlan, parameters: BaseParameters, nominal: np.ndarray
+) -> ReadingNoise:
+    """Noise of the centre of pressure that the rig's sensors promise at planned postures."""
+    com = parameters.regressor(plan.joint_angles) @ nominal
+    readings = planned_readings(rig, plan, com)
+    sheet = readings.sensors
+    slope = (sheet.encoder_sd or 0.0) * (parameters.slope(plan.joint_angles) @ nominal)
+    own = (sheet.cell_sd or 0.0) ** 2 * cell_noise(readings, com) + slope @ slope.mT
+    sd = np.array([*rig.sensors.mark_sd, *rig.sensors.placement_sd])
+    return ReadingNoise(own, placement_levers(readings) * sd, plan.placement)
+
+
+def margins_of(robot: Robot, plan: PosturePlan) -> dict[str, dict[str, Any]] | None:
+    """What is left of every constraint of `tulip plan` at the posture that has least.
+
+    None where the robot has other than six joints a leg. Negative where a plan was not made to keep it, as
+    a random one's.
+    """
+    try:
+        problem = planning_problem(robot, plate_geometry(load_scene(robot), "right"))
+    except InputError:
+        return None
+    both, one = plan.support == "double", plan.support == "right"
+    found = smallest_margins(problem, plan.take(both)) if both.any() else {}
+    return found | (_single_margins(problem, plan.take(one)) if one.any() else {})
+
+
+def _single_margins(problem: Problem, plan: PosturePlan) -> dict[str, dict[str, Any]]:
+    least = {}
+    for name, margin in single_support_margins(problem, plan.joint_angles, plan.swing_pose).items():
+        row = int(margin.values.argmin())
+        least[f"one foot: {name}"] = {
+            "value": float(margin.values[row]),
+            "unit": margin.unit,
+            "posture": int(plan.posture[row]),
+            "at": name,
+        }
+    return least
+
+
+def print_plan(
+    screen: Console, document: dict[str, Any], parameters: BaseParameters, plan: PosturePlan
+) -> None:
+    """The tables of `described_plan`."""
+    screen.print(
+        f"{document['well_identified']} of {len(parameters.names)} parameters would be well identified "
+        f"(below {WELL_IDENTIFIED:.0f} %), preset {document['preset']}, sigma {document['sigma_mm']:.2f} mm"
+    )
+    table = Table(
+        title=f"Predicted standard errors, preset {document['preset']}, every posture held",
+        title_justify="left",
+    )
+    for header in ("number", "s.e. (mm)", "of nominal (%)"):
+        table.add_column(header, justify="right")
+    table.add_column("parameter")
+    for k, (error, relative) in enumerate(
+        zip(
+            document["predicted_standard_error_mm"],
+            document["predicted_relative_standard_error_percent"],
+            strict=True,
+        )
+    ):
+        percent = f"{relative:.1f}" if relative < 1000 else "-"
+        table.add_row(str(k + 1), f"{error:.2f}", percent, meaning(parameters, k + 1))
+    print_table(screen, table)
+    print_correlations(screen, document["correlations"], parameters, plan.joint_angles)
+    if document["margins"] is None:
+        screen.print("Margins are known for six joints a leg only.")
+        return
+    table = Table(
+        title="Smallest margin of every constraint of `tulip plan` beyond what it asks for",
+        title_justify="left",
+    )
+    for header in ("constraint", "margin", "posture", "where"):
+        table.add_column(header)
+    for name, margin in document["margins"].items():
+        table.add_row(name, f"{margin['value']:.3f} {margin['unit']}", str(margin["posture"]), margin["at"])
+    print_table(screen, table)

@@ -1,0 +1,154 @@
+"""The next placements, given what was measured already: exchange and SLSQP on one of them at a time.
+
+Information adds up over postures, so what was measured enters as a constant matrix and the rest is the
+problem of `search` with fewer placements.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from identification.planning.blocks import Block, improve, information
+from identification.planning.constraints import evaluate
+from identification.planning.exchange import candidates, exchange
+from identification.planning.objectives import Objective, condition_number
+from identification.planning.problem import Problem
+from identification.planning.search import POLISH, State
+from identification.planning.trial import first_state, plan_of
+from sim.measurements import Measurements, PosturePlan
+
+STEPS = 8  # of SLSQP after an exchange
+
+
+def measured_information(problem: Problem, measurements: Measurements) -> np.ndarray:
+    """M = H'H of the measured postures at their measured angles, (p, p)."""
+    rows = problem.parameters.regressor(measurements.joint_angles).reshape(-1, len(problem.nominal))
+    return rows.T @ rows
+
+
+def next_state(
+    problem: Problem, objective: Objective, taken: np.ndarray, placements: int, per: int, seed: int
+) -> tuple[PosturePlan, State]:
+    """Random placements, repaired, to begin with.
+
+    Args:
+        taken: information of what was measured, (p, p).
+
+    Raises:
+        InputError: the ranges admit nothing, or the margins beyond them.
+    """
+    drawn, state = first_state(problem, objective, placements, per, seed)
+    start = taken + information(evaluate(problem, state.design, state.angles))
+    value = objective.value(start)
+    return drawn, replace(state, value=value, initial=value, initial_condition=condition_number(start))
+
+
+def next_rounds(placements: int, hops: int) -> int:
+    """How many rounds `search_next` takes."""
+    return hops + placements
+
+
+def search_next(
+    problem: Problem, objective: Objective, taken: np.ndarray, state: State, per: int, seed: int, hops: int
+) -> Iterator[State]:
+    """Go on from a state; yields after every round.
+
+    A hop exchanges postures of one placement for random ones, perhaps on another footing, and improves it
+    by SLSQP; it is kept where the criterion falls. At the end every placement is polished once.
+    """
+    count = len(state.best_design) // per
+    while state.rounds < next_rounds(count, hops):
+        k = state.rounds
+        blocks = [
+            Block(state.best_design[i : i + per], state.best_angles[i : i + per])
+            for i in range(0, count * per, per)
+        ]
+        rng = np.random.default_rng([seed, k])
+        at = k % count
+        parts = [information(evaluate(problem, b.design, b.angles)) for b in blocks]
+        rest = taken + np.sum([part for j, part in enumerate(parts) if j != at], axis=0)
+        stage = objective.smooth[min(k * len(objective.smooth) // max(hops, 1), len(objective.smooth) - 1)]
+        block = blocks[at]
+        if k < hops:
+            r = problem.ranges
+            low, high = np.array([r.swing_x, r.swing_y, r.swing_yaw]).T
+            moves = bool(rng.integers(2))
+            swing = low + (high - low) * rng.random(3) if moves else block.design[0, 6:]
+            pool = candidates(problem, swing, block, rng)
+            stay = Block(block.design[:0], block.angles[:0]) if moves else block
+            if len(pool.design) >= per:
+                block = exchange(problem, stay, pool, rest, stage, per)
+        block = improve(problem, block, rest, stage, STEPS if k < hops else POLISH)
+        found = evaluate(problem, block.design, block.angles)
+        value = objective.value(rest + information(found))
+        state = replace(state, rounds=k + 1)
+        if value < state.value:
+            blocks[at] = Block(block.design, found.chain.angles)
+            design = np.concatenate([b.design for b in blocks])
+            angles = np.concatenate([b.angles for b in blocks])
+            state = replace(
+                state, design=design, angles=angles, best_design=design, best_angles=angles, value=value
+            )
+        yield state
+
+
+def run_next(
+    problem: Problem,
+    objective: Objective,
+    measurements: Measurements,
+    placements: int,
+    per: int,
+    seed: int,
+    hops: int,
+    progress: Callable[[State], None] = lambda state: None,
+    state: State | None = None,
+) -> PosturePlan:
+    """The next placements from a random start.
+
+    Args:
+        progress: called with the state after every round; may raise KeyboardInterrupt.
+        state: to go on from, of the same run.
+
+    Raises:
+        InputError: as `next_state`.
+    """
+    taken = measured_information(problem, measurements)
+    drawn, start = next_state(problem, objective, taken, placements, per, seed)
+    state = state or start
+    for found in search_next(problem, objective, taken, state, per, seed, hops):
+        state = found
+        progress(found)
+    return next_plan(problem, objective, drawn, state, measurements, seed, hops)
+
+
+def next_plan(
+    problem: Problem,
+    objective: Objective,
+    drawn: PosturePlan,
+    state: State,
+    measurements: Measurements,
+    seed: int,
+    hops: int,
+) -> PosturePlan:
+    """The best placements of a state; numbers of placements and postures go on from the measured ones."""
+    plan = plan_of(problem, objective, drawn, state, seed, hops)
+    taken = measured_information(problem, measurements)
+    made = plan.made | {
+        "solver": "exchange, slsqp, one placement at a time",
+        "rounds_planned": next_rounds(plan.made["placements"], hops),
+        "measured_objective": objective.value(taken),
+        "after": {
+            "postures": len(measurements),
+            "placements": len(np.unique(measurements.placement)),
+        },
+    }
+    return dataclasses.replace(
+        plan,
+        placement=plan.placement + int(measurements.placement.max()),
+        posture=plan.posture + int(measurements.posture.max()),
+        made=made,
+    )

@@ -1,0 +1,260 @@
+"""Postures on the stance foot alone: what they keep, and those that tell most.
+
+There the robot is an open chain: statics alone gives the drives' torques, the centre of pressure lies below
+the centre of mass, and the swing foot, which turns freely, makes one more base parameter visible.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from identification.feasibility import place_polygon, predicted_cell_loads, support_polygon
+from identification.planning.blocks import Block
+from identification.planning.closed_chain import Chain, chain_at, com_jacobian
+from identification.planning.exchange import exchange
+from identification.planning.legs import leg_stretch, limb_distances
+from identification.planning.objectives import Objective
+from identification.planning.problem import Problem
+from sim.errors import InputError
+from sim.measurements import PosturePlan, lay_boards
+
+LIFTED = 0.02  # m, of the swing sole's lowest corner over the plates
+DRAWS = 5000  # at once
+MOST_ROUNDS, HOPELESS = 60, 6  # at most; without a single feasible posture
+POOL = 8  # candidates for each posture that is wanted
+NEWTON_STEPS = 6
+SAG_STEPS = 15
+MOST_SAG = 0.1  # rad
+WAY = 7  # points between two postures
+ON_THE_WAY = ("stability margin", "torques", "leg clearance", "swing foot lifted")
+
+
+@dataclass(frozen=True)
+class Margin:
+    """What is left of one constraint, (m,), in a unit that a person reads; feasible where at least 0."""
+
+    values: np.ndarray
+    unit: str
+
+
+def single_support_margins(problem: Problem, angles: np.ndarray, swing: np.ndarray) -> dict[str, Margin]:
+    """By constraint, for postures on the stance foot.
+
+    Args:
+        angles: (m, n) [rad].
+        swing: where the swing foot last stood, and so its board lies, (m, 3) [m, m, rad].
+    """
+    ranges, margins = problem.ranges, problem.margins
+    chain = chain_at(problem, angles)
+    held, torque = _sagged(problem, angles)
+    low, high = problem.limits.T
+    stops = np.concatenate(
+        [angles - low, high - angles, held.angles - low - margins.joint, high - margins.joint - held.angles],
+        axis=1,
+    )
+    limited = np.isfinite(problem.torques)
+    limits = np.where(limited, problem.torques, np.inf)
+    spare = np.stack([margins.torque_share - torque / limits[:, k] for k in range(2)], axis=2)
+    foot, place = chain.rotations[:, problem.swing], chain.positions[:, problem.swing]
+    corners = np.column_stack([problem.soles[1], np.full(len(problem.soles[1]), problem.points[1][2])])
+    lifted = place[:, 2, None] + np.einsum("mb,cb->mc", foot[:, 2], corners)
+    side = place[:, 1] + foot[:, 1] @ problem.points[1]
+    found = {
+        "joint limits": (np.rad2deg(stops), "deg"),
+        "torso range": (np.rad2deg(_torso_room(problem, chain)), "deg"),
+        "least height": (1e3 * (chain.positions[:, problem.torso, 2:] - ranges.least_height), "mm"),
+        "stability margin": (
+            1e3 * (_sure_distance(problem, angles, chain.com) - ranges.stability_margin),
+            "mm",
+        ),
+        "sole margin": (
+            1e3 * (_edge_distances(problem.soles[0], held.com[:, :2])[0] - ranges.sole_margin),
+            "mm",
+        ),
+        "cell load": (_cell_loads(problem, held.com, swing) - ranges.least_cell_load, "N"),
+        "torques": (100 * spare.reshape(len(angles), -1), "% of limit"),
+        "leg clearance": (1e3 * (limb_distances(problem, chain)[0] - margins.leg_clearance), "mm"),
+        "straight leg": (
+            1e3 * (leg_stretch(problem, chain)[0] - [margins.stretch * leg[2] for leg in problem.legs]),
+            "mm",
+        ),
+        "swing foot lifted": (1e3 * (lifted - LIFTED), "mm"),
+        "swing foot to its side": (1e3 * (side - ranges.swing_y[0])[:, None], "mm"),
+    }
+    return {
+        name: Margin(values.min(axis=1), unit) for name, (values, unit) in found.items() if values.shape[1]
+    }
+
+
+def _sagged(problem: Problem, angles: np.ndarray) -> tuple[Chain, np.ndarray]:
+    """The posture that servos hold, and their torques there, (m, n) [N m].
+
+    They give way under the weight, and that under which they give way grows as the robot leans: half as
+    much again on one foot, so the equilibrium is iterated. Where it runs away, torques grow beyond any limit.
+    """
+    held = chain_at(problem, angles)
+    for _ in range(SAG_STEPS):
+        torque = open_chain_torques(problem, held)
+        held = chain_at(problem, angles - np.clip(problem.softness * torque, -MOST_SAG, MOST_SAG))
+    return held, open_chain_torques(problem, held)
+
+
+def open_chain_torques(problem: Problem, chain: Chain) -> np.ndarray:
+    """Of the drives that hold the robot on its stance foot, (m, n) [N m].
+
+    Each carries the moment of the weight beyond it about its axis: tau = -a . (r x m g).
+    """
+    load = -problem.gravity * (chain.moment - chain.beyond[:, None] * chain.pivots)
+    return chain.axes[..., 1] * load[..., 0] - chain.axes[..., 0] * load[..., 1]
+
+
+def single_support_plan(
+    problem: Problem, objective: Objective, plan: PosturePlan, taken: np.ndarray, count: int, seed: int
+) -> PosturePlan:
+    """A plan with `count` postures on the stance foot after its own, in placements of their own.
+
+    Exchange (Fedorov 1972) over random feasible ones; the boards stay where the last placement left them.
+    Ordered so that the robot does not tip on its way from one to the next.
+
+    Args:
+        problem: of support "right", whose base parameters one more posture kind makes visible.
+        plan: postures on both feet.
+        taken: information of what was measured before, (p, p).
+        count: of postures.
+        seed: of the draws.
+
+    Raises:
+        InputError: too few random postures are feasible; names what blocks.
+    """
+    rng = np.random.default_rng([seed, count, 1])
+    swing = plan.swing_pose[-1]
+    pool = _pool(problem, swing, count, rng)
+    rows = problem.parameters.regressor(plan.joint_angles).reshape(-1, len(problem.nominal))
+    none = Block(np.zeros((0, 9)), np.zeros((0, pool.shape[1])))
+    offered = Block(np.tile([0.0] * 6 + swing.tolist(), (len(pool), 1)), pool)
+    chosen = exchange(problem, none, offered, taken + rows.T @ rows, objective.smooth[-1], count).angles
+    _, sizes = np.unique(plan.placement, return_counts=True)
+    order, group = _sequences(problem, chosen, swing, int(sizes.max()))
+    number = plan.placement.max() + 1 + group
+    return dataclasses.replace(
+        plan,
+        joint_angles=np.concatenate([plan.joint_angles, chosen[order]]),
+        posture=np.append(plan.posture, plan.posture.max() + 1 + np.arange(count)),
+        placement=np.append(plan.placement, number),
+        support=np.append(plan.support, np.full(count, "right")),
+        swing_pose=np.concatenate([plan.swing_pose, np.tile(swing, (count, 1))]),
+        made=plan.made | {"single_support": {"postures": count, "candidates": len(pool), "lifted": LIFTED}},
+    )
+
+
+def _sequences(
+    problem: Problem, angles: np.ndarray, swing: np.ndarray, most: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """An order of postures and the placement of each in it, both (m,), so that no way between two tips.
+
+    On one foot joints go straight from posture to posture. Where that way would leave the constraints
+    (`ON_THE_WAY`), the robot is lifted and put down instead: another placement begins.
+
+    Args:
+        most: postures on a placement.
+    """
+    count = len(angles)
+    first, second = np.triu_indices(count, k=1)
+    part = np.arange(1, WAY + 1)[:, None] / (WAY + 1)
+    ways = angles[first, None] + part * (angles[second] - angles[first])[:, None]
+    points = ways.reshape(-1, angles.shape[1])
+    margins = single_support_margins(problem, points, np.broadcast_to(swing, (len(points), 3)))
+    least = np.min([margins[name].values for name in ON_THE_WAY if name in margins], axis=0)
+    room = np.full((count, count), -np.inf)
+    room[first, second] = room[second, first] = least.reshape(-1, WAY).min(axis=1)
+    left, order, group = list(range(count)), [], []
+    while left:
+        ahead = room[order[-1], left] if order else np.array([-np.inf])
+        if ahead.max() >= 0 and group.count(group[-1]) < most:
+            order.append(left.pop(int(ahead.argmax())))
+            group.append(group[-1])
+        else:
+            order.append(left.pop(0))
+            group.append(group[-1] + 1 if group else 0)
+    return np.array(order), np.array(group)
+
+
+def _pool(problem: Problem, swing: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Random feasible postures on the stance foot, (k, n) [rad]; k at least `count`."""
+    low, high = np.where(np.isfinite(problem.limits), problem.limits, [-np.pi, np.pi]).T
+    sole = problem.soles[0]
+    inner = problem.ranges.stability_margin
+    kept: list[np.ndarray] = []
+    blocked: Counter[str] = Counter()
+    for tried in range(1, MOST_ROUNDS + 1):
+        angles = rng.uniform(low, high, (DRAWS, len(low)))
+        target = rng.uniform(sole.min(axis=0) + inner, sole.max(axis=0) - inner, (DRAWS, 2))
+        for _ in range(NEWTON_STEPS):  # least-norm: all joints move a little to bring the CoM there
+            chain = chain_at(problem, angles)
+            slope = com_jacobian(problem, chain)[:, :2]
+            lack = target - chain.com[:, :2]
+            inverse = np.linalg.inv(slope @ slope.mT + 1e-9 * np.eye(2))
+            step = (slope.mT @ inverse @ lack[..., None])[..., 0]
+            angles = angles + np.clip(step, -0.3, 0.3)
+        within = ((angles >= low) & (angles <= high)).all(axis=1)  # cheap, and most fail here
+        blocked["joint limits"] += int((~within).sum())
+        angles = angles[within]
+        margins = single_support_margins(problem, angles, np.tile(swing, (len(angles), 1)))
+        values = np.array([m.values for m in margins.values()])
+        blocked.update({name: int((row < 0).sum()) for name, row in zip(margins, values, strict=True)})
+        kept += list(angles[values.min(axis=0) >= 0])
+        if len(kept) >= POOL * count or (not kept and tried == HOPELESS):
+            break
+    if len(kept) < count:
+        tally = ", ".join(f"{name} ({times})" for name, times in blocked.most_common(4))
+        raise InputError(
+            f"{problem.robot.path}: planning ranges: found {len(kept)} postures on the stance foot in "
+            f"{tried * DRAWS} draws, expected {count}; blocked by {tally}"
+        )
+    return np.array(kept)
+
+
+def _torso_room(problem: Problem, chain: Chain) -> np.ndarray:
+    """(m, 6) [rad]"""
+    torso, ranges = chain.rotations[:, problem.torso], problem.ranges
+    angles = np.column_stack(
+        [
+            np.arctan2(torso[:, 2, 1], torso[:, 2, 2]),
+            -np.arcsin(np.clip(torso[:, 2, 0], -1, 1)),
+            np.arctan2(torso[:, 1, 0], torso[:, 0, 0]),
+        ]
+    )
+    low, high = np.array([ranges.torso_roll, ranges.torso_pitch, ranges.torso_yaw]).T
+    return np.concatenate([angles - low, high - angles], axis=1)
+
+
+def _sure_distance(problem: Problem, angles: np.ndarray, com: np.ndarray) -> np.ndarray:
+    """Of the CoM inside every edge of the stance sole, less its uncertainty across it, (m, 4) [m]."""
+    distance, normal = _edge_distances(problem.soles[0], com[:, :2])
+    across = np.einsum("ek,mkp->mep", normal, problem.parameters.regressor(angles))
+    sd = np.sqrt(np.einsum("mep,pq,meq->me", across, problem.spread, across))
+    return distance - problem.margins.assurance * sd
+
+
+def _edge_distances(sole: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of points (m, 2) inside every edge of a sole, (m, 4) [m], and the edges' inner normals, (4, 2)."""
+    polygon = support_polygon(sole)
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    normal = np.column_stack([-edge[:, 1], edge[:, 0]]) / np.linalg.norm(edge, axis=1)[:, None]
+    return ((points[:, None] - polygon) * normal).sum(axis=2), normal
+
+
+def _cell_loads(problem: Problem, com: np.ndarray, swing: np.ndarray) -> np.ndarray:
+    """Of the stance foot's plate, (m, 4) [N]."""
+    loads = []
+    for point, pose in zip(com[:, :2], swing, strict=True):
+        soles = np.array([problem.soles[0], place_polygon(problem.soles[1], pose)])
+        boards = lay_boards(soles, problem.plate.size, problem.ranges.plate_gap)
+        cop = np.array([point, boards[1, :2]])
+        share = np.array([1.0, 0.0])
+        loads.append(predicted_cell_loads(share, cop, boards, problem.plate, problem.weight)[:4])
+    return np.array(loads)

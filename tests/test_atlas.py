@@ -1,0 +1,236 @@
+"""The atlas and the tolerances of a plan, held against simulations with and without each effect."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from experiments.cli import main
+from experiments.discovery.atlas import atlas, document
+from experiments.discovery.bias import bias, weights
+from experiments.discovery.candidates import candidates
+from experiments.discovery.channels import CHANNELS, residuals
+from experiments.discovery.evidence import field, score
+from experiments.discovery.isolability import ISOLABLE, angles, groups, order
+from experiments.discovery.linear import linear_model
+from experiments.discovery.noise import noise_of
+from experiments.discovery.planned import estimates, noisy, planned, streams, without_noise
+from experiments.discovery.tolerance import CHECKED, Tolerance, erring, sources
+from experiments.effects import catalogue
+from experiments.effects.seen import see
+from sim.measurements import write_plan
+from sim.model import load_robot
+from sim.static_laboratory import prepare
+from tools.study import part_of, shipped_plan
+
+SEED = 112
+
+
+@pytest.fixture(scope="module")
+def plan():
+    robot = load_robot()
+    return planned(shipped_plan(robot), "force-plate", robot, SEED)
+
+
+@pytest.fixture(scope="module")
+def found(plan):
+    return atlas(plan, np.random.default_rng(SEED))
+
+
+def row_of(found, label, name=""):
+    (row,) = (r for r in found.rows if (r.candidate.label, r.name) == (label, name))
+    return row
+
+
+def changed(plan, candidate, sizes):
+    """The plan's laboratory with an effect."""
+    rig = candidate.effect.inject(plan.rig, candidate.target, candidate.values(np.asarray(sizes)))
+    if dataclasses.replace(rig, misread=None) == plan.rig:
+        return dataclasses.replace(plan.prepared, rig=rig)
+    return prepare(rig, plan.prepared.plan)
+
+
+def test_detectable_sizes_are_found_by_nine_of_ten_simulated_experiments(plan, found):
+    runs, hits = 16, []
+    for label in ("cell-gain:left.rear_left", "encoder-offset:right_knee", "sole-compliance"):
+        row = row_of(found, label)
+        prepared = changed(plan, row.candidate, [row.detectable])
+        for run in noisy(prepared, streams(SEED + 1, runs)):
+            seen = see(run, plan.nominal)
+            linear = linear_model(seen, noise_of(seen))
+            board = field(linear, [row.candidate])
+            hits.append(score(row.candidate, board.projected[0], linear.residual).p < found.level)
+    # 90 % of 48, less 2.7 standard deviations of the binomial; at half the size it would be about 10 %.
+    assert sum(hits) >= 38
+    assert sum(hits) < len(hits)
+
+
+def test_a_channel_alone_never_sees_more_than_all(found):
+    for row in found.rows:
+        assert row.detectable <= 1.01 * min(row.by_channel.values()), row.candidate.label
+    offset = row_of(found, "encoder-offset:right_knee")
+    assert offset.by_channel["F"] == offset.by_channel["T"] == np.inf
+    assert offset.by_channel["C"] < 0.1 * offset.by_channel["A"]
+
+
+def test_absorbed_effects_are_named_with_their_bias(plan, found):
+    mass = row_of(found, "payload:torso", "mass")
+    assert not mass.visible
+    assert set(mass.by_channel.values()) == {np.inf}
+    prepared = changed(plan, mass.candidate, [mass.prior, 0.0, 0.0, 0.0])
+    runs = noisy(prepared, streams(SEED, CHECKED))
+    moved = estimates(runs, plan.nominal) - estimates(plan.runs[:CHECKED], plan.nominal)
+    error = (moved.mean(axis=0) - mass.bias) / plan.standard_errors
+    assert np.abs(mass.bias / plan.standard_errors).max() > 10
+    assert np.abs(error).max() < 0.02 * np.abs(mass.bias / plan.standard_errors).max()
+
+
+def candidate_of(plan, name, target):
+    (candidate,) = (c for c in candidates(plan.seen, {name: catalogue()[name]}) if c.target == target)
+    return candidate
+
+
+def alike(predicted, simulated):
+    cosine = predicted @ simulated / np.linalg.norm(predicted) / np.linalg.norm(simulated)
+    return cosine > 0.98 and abs(np.linalg.norm(simulated) / np.linalg.norm(predicted) - 1) < 0.1
+
+
+@pytest.mark.parametrize(("name", "target"), [("tether-spring", ""), ("payload-step", "right_lower_leg")])
+def test_biases_are_those_of_the_estimator(plan, name, target):
+    candidate = candidate_of(plan, name, target)
+    point = len(candidate.settings) // 2
+    predicted = bias(plan, weights(plan), candidate, point)[:, 0]
+    part = 0.1  # of the prior's s.d.: to first order
+    rig = candidate.effect.inject(plan.rig, target, candidate.values(part * candidate.prior, point))
+    runs = noisy(prepare(rig, plan.prepared.plan), streams(SEED, CHECKED))
+    moved = estimates(runs, plan.nominal) - estimates(plan.runs[:CHECKED], plan.nominal)
+    assert alike(predicted / plan.standard_errors, moved.mean(axis=0) / plan.standard_errors / part)
+
+
+@pytest.mark.parametrize(
+    ("name", "target"), [("sole-compliance", ""), ("joint-compliance", "right_ankle_pitch")]
+)
+def test_biases_by_what_yields_agree_with_the_laboratory(plan, name, target):
+    """Without noise: springs are drawn friction too, so that the same random numbers fall elsewhere."""
+    candidate, estimator = candidate_of(plan, name, target), weights(plan)
+    predicted = bias(plan, estimator, candidate, 0)[:, 0]
+    part = 0.1
+    quiet = without_noise(plan.rig)
+    rig = candidate.effect.inject(quiet, target, candidate.values(part * candidate.prior))
+    (shown,) = noisy(prepare(rig, plan.prepared.plan), streams(SEED, 1))
+    assert (shown.posture == plan.seen.measurements.posture).all()
+    theta = estimator.linear.theta
+    added = residuals(see(shown, plan.nominal), theta) - residuals(plan.seen, theta)
+    moved = np.linalg.lstsq(estimator.regressor, estimator.linear.white(added), rcond=None)[0] / part
+    assert alike(predicted / plan.standard_errors, moved / plan.standard_errors)
+
+
+def test_tolerances_agree_with_simulation(plan):
+    every = sources(plan)
+    assert len(every) == 28
+    wanted = ("plate-translation:right y", "plate-yaw:left", "tilt about x", "cell-gain:right.rear_left")
+    chosen = [s for s in every if s.label in (*wanted, "encoder-offset:right_ankle_roll")]
+    assert len(chosen) == 5
+    estimator = weights(plan)
+    predicted = np.array([estimator.change(s.candidate, 0) @ s.sizes for s in chosen]) / plan.standard_errors
+    without = estimates(plan.runs[:CHECKED], plan.nominal)
+    with_each = np.array([estimates(erring(plan, s), plan.nominal) for s in chosen])
+    shifts = (with_each - without) / plan.standard_errors
+    assert np.abs(predicted).max(axis=1).min() > 0.5  # there is something to compare
+    worst = np.abs(predicted).argmax(axis=1)
+    rows = np.arange(len(chosen))
+    assert shifts.mean(axis=1)[rows, worst] == pytest.approx(predicted[rows, worst], rel=0.1)
+    assert np.abs(shifts.mean(axis=1) - predicted).max() < 0.15
+    said = Tolerance(plan, tuple(chosen), predicted, shifts.mean(axis=1), predicted)
+    for k in range(len(chosen)):
+        assert said.allowed(k) * np.abs(predicted[k]).max() == pytest.approx(0.5)
+
+
+def test_all_errors_of_a_kind_leave_less_room_than_one(plan):
+    every = sources(plan)
+    bias_of_all = np.array([weights(plan).change(s.candidate, 0) @ s.sizes for s in every])
+    said = Tolerance(plan, every, bias_of_all / plan.standard_errors, bias_of_all, bias_of_all)
+    for name in {s.candidate.effect.name for s in every}:
+        alone = min(said.allowed(k) for k, s in enumerate(every) if s.candidate.effect.name == name)
+        assert 0 < said.together(name) <= alone * (1 + 1e-12)
+    # The swing foot's ankle roll moves nothing but the foot beyond it.
+    last = next(k for k, s in enumerate(every) if s.label == "encoder-offset:left_ankle_roll")
+    assert said.allowed(last) == np.inf
+
+
+def test_angles_are_those_of_the_subspaces():
+    x, y, z = np.eye(3)[:, :, None]
+    tipped = np.cos(np.radians(30)) * x + np.sin(np.radians(30)) * y
+    found = np.degrees(angles([[x], [y], [tipped], [np.hstack([y, z])], [z, 2 * x]]))
+    assert found[0] == pytest.approx([0, 90, 30, 90, 0], abs=1e-5)
+    assert found[3] == pytest.approx([90, 0, 60, 0, 0], abs=1e-5)
+    assert found == pytest.approx(found.T)
+
+
+def test_groups_hold_only_pairs_that_look_alike():
+    step = 0.8 * ISOLABLE
+    chain = step * np.abs(np.subtract.outer(np.arange(3), np.arange(3)))
+    assert len(groups(chain)) == 1
+    assert len(groups(chain)[0]) == 2
+    assert groups(10 * chain) == []
+    assert sorted(order(chain)) == [0, 1, 2]
+
+
+def test_structural_twins_share_a_group(found):
+    named = [{found.shown[k].label for k in group} for group in found.groups]
+    for pair in (
+        {"plate-translation:right", "plate-translation:left"},
+        {"cell-tare:left.front_left", "cell-tare:left.rear_right"},
+    ):
+        assert any(pair <= group for group in named), pair
+    for group in found.groups:
+        assert max(found.angle[a, b] for a in group for b in group) < ISOLABLE
+
+
+def test_document_is_what_the_rows_say(found):
+    said = document(found)
+    assert len(said["effects"]) == len(found.rows)
+    assert set(said["effects"][0]["by_channel"]) == set(CHANNELS)
+    assert len(said["angle_rad"]) == len(said["shown"])
+    entry = next(e for e in said["effects"] if e["effect"] == "plate-translation" and e["parameter"] == "y")
+    row = row_of(found, f"plate-translation:{entry['target']}", "y")
+    at_found = np.array(entry["bias_at_prior_se"]) * row.detectable / row.prior
+    assert entry["bias_at_detectable_se"] == pytest.approx(at_found)
+
+
+@pytest.fixture(scope="module")
+def small_plan(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plans") / "small"
+    whole = shipped_plan(load_robot())
+    write_plan(folder, part_of(whole, whole.placement <= 6))
+    return folder
+
+
+def test_commands(small_plan, tmp_path, capsys):
+    out = tmp_path / "atlas"
+    assert main(["atlas", str(small_plan), "--out", str(out), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert {path.name for path in out.iterdir()} == {"atlas.json", "bias.csv", "separation.html"}
+    assert json.loads((out / "atlas.json").read_text()) == said
+    assert "Infinity" not in (out / "atlas.json").read_text()
+    assert "plotly" in (out / "separation.html").read_text(encoding="utf-8").lower()
+    lines = (out / "bias.csv").read_text().splitlines()
+    assert len(lines) == len(said["effects"]) + 1
+    assert main(["tolerance", str(small_plan), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert len(said["sources"]) == 28
+    assert said["check"]["largest_difference_se"] < 0.3 * said["check"]["largest_bias_se"]
+
+
+def test_bad_input_is_refused(small_plan, tmp_path, capsys):
+    (tmp_path / "there").mkdir()
+    for arguments, message in (
+        (["atlas", str(small_plan), "--out", str(tmp_path / "there")], "exists already"),
+        (["atlas", str(tmp_path / "none")], "none"),
+        (["tolerance", str(small_plan), "--seed", "-1"], "--seed: found -1"),
+    ):
+        assert main(arguments) == 2
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        assert message in " ".join(printed.err.split())

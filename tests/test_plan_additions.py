@@ -1,0 +1,175 @@
+"""What a plan may hold beside its optimal postures: the next ones, repeats, postures on one foot."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from experiments.plan_description import described_plan, regressor_by_mujoco
+from experiments.planning import as_plan, joined
+from experiments.validate import identify
+from identification.base_parameters import base_parameters
+from identification.planning.closed_chain import chain_at
+from identification.planning.objectives import objectives
+from identification.planning.problem import planning_problem
+from identification.planning.repeats import with_repeats
+from identification.planning.sequential import measured_information, run_next, search_next
+from identification.planning.single_support import (
+    open_chain_torques,
+    single_support_margins,
+    single_support_plan,
+)
+from identification.planning.trial import smallest_margins
+from identification.postures import planning_ranges, random_postures
+from identification.preflight import preflight
+from identification.regressor import stacked_regressor
+from identification.statistics import standard_errors
+from sim.errors import InputError
+from sim.measurements import read_plan, write_plan
+from sim.rig import preset_rig
+from sim.static_laboratory import prepare, run_static
+from tools.improve.one_foot import holding_torques
+
+SIGMA = 4.16e-3
+SEED = 311
+
+
+def measured(robot, plan, preset="wii", seed=SEED):
+    (run,) = run_static(prepare(preset_rig(preset, robot), plan), np.random.SeedSequence(seed).spawn(1))
+    return run.measurements
+
+
+@pytest.fixture(scope="module")
+def problem(robot, plate):
+    return planning_problem(robot, plate)
+
+
+@pytest.fixture(scope="module")
+def one_foot(robot, plate):
+    return planning_problem(robot, plate, support="right")
+
+
+@pytest.fixture(scope="module")
+def optimal(robot, model, plan):
+    return plan.take(plan.placement <= 8)
+
+
+@pytest.fixture(scope="module")
+def with_one_foot(one_foot, optimal):
+    """Six postures on the stance foot after forty on both."""
+    goal = objectives(one_foot.nominal, SIGMA)["condition"]
+    return single_support_plan(one_foot, goal, optimal, np.zeros((26, 26)), 6, SEED)
+
+
+def test_the_next_placements_tell_more_than_random_ones(problem, robot, plate, plan):
+    taken = measured(robot, plan.take(plan.placement <= 10))
+    goal = objectives(problem.nominal, SIGMA)["condition"]
+    states = []
+    found = run_next(problem, goal, taken, 2, 5, SEED, 10, states.append)
+    known = measured_information(problem, taken)
+
+    def with_these(angles):
+        rows = stacked_regressor(problem.parameters, angles)
+        return goal.value(known + rows.T @ rows)
+
+    random = random_postures(robot, plate, 2, 5, SEED + 1)
+    assert with_these(found.joint_angles) == pytest.approx(found.made["final_objective"], rel=1e-9)
+    assert with_these(found.joint_angles) < 0.85 * with_these(random.joint_angles)
+    assert found.posture.min() > taken.posture.max()
+    assert found.placement.tolist() == [11] * 5 + [12] * 5
+    assert min(m["value"] for m in smallest_margins(problem, found).values()) > -1e-6
+    last = list(search_next(problem, goal, known, states[4], 5, SEED, 10))[-1]
+    assert last.best_angles.tobytes() == states[-1].best_angles.tobytes()
+
+
+def test_repeats_stand_in_the_plan_and_in_the_measurements(robot, model, optimal, tmp_path):
+    plan = with_repeats(optimal, 7, SEED)
+    within, anew = (plan.made["repeats"][key] for key in ("within_placement", "placed_anew"))
+    assert (len(within), len(anew), len(plan), plan.postures) == (4, 3, len(optimal) + 7, len(optimal))
+    for number in within + anew:
+        first, second = np.flatnonzero(plan.posture == number)
+        assert second > first + 1  # never at once
+        np.testing.assert_array_equal(plan.joint_angles[first], plan.joint_angles[second])
+        assert (plan.placement[first] == plan.placement[second]) == (number in within)
+    write_plan(tmp_path / "plan", plan)
+    again = read_plan(tmp_path / "plan", robot, model)
+    held = measured(robot, again, "ideal")
+    assert len(held) <= len(plan)  # the laboratory adds none of its own
+    assert set(held.posture.tolist()) <= set(plan.posture.tolist())
+    pairs = [np.flatnonzero(held.posture == number) for number in anew]
+    assert any(len(np.unique(held.placement[rows])) == 2 for rows in pairs)
+
+
+def test_one_number_for_two_postures_is_refused(robot, model, optimal, tmp_path):
+    number = optimal.posture.copy()
+    number[7] = number[2]
+    write_plan(tmp_path / "plan", dataclasses.replace(optimal, posture=number))
+    with pytest.raises(InputError, match=r"column 'posture', row 8: found number 3 again, but not .* row 3"):
+        read_plan(tmp_path / "plan", robot, model)
+
+
+def test_torques_on_one_foot_are_mujocos(robot, model, one_foot, with_one_foot):
+    angles = with_one_foot.joint_angles[with_one_foot.support == "right"]
+    chain = chain_at(one_foot, angles)
+    torques = open_chain_torques(one_foot, chain)
+    for k, q in enumerate(angles):
+        expected = holding_torques(robot, model, q, chain.com[k, :2])
+        np.testing.assert_allclose(torques[k], expected, atol=1e-9)
+
+
+def test_postures_on_one_foot_keep_their_margins_and_show_26_parameters(robot, one_foot, with_one_foot):
+    one = with_one_foot.take(with_one_foot.support == "right")
+    margins = single_support_margins(one_foot, one.joint_angles, one.swing_pose)
+    assert min(m.values.min() for m in margins.values()) >= 0
+    assert set(margins) >= {"stability margin", "torques", "swing foot lifted", "cell load"}
+    said = described_plan(robot, with_one_foot, "wii")
+    assert len(said["predicted_standard_error_mm"]) == 26
+    assert said["margins"]["one foot: stability margin"]["value"] >= 0
+    found = measured(robot, with_one_foot)
+    assert "right" in set(found.support)
+    assert len(identify(found, robot).full.value) == 26
+
+
+def test_a_lifted_foot_does_not_drift(robot, nominal, with_one_foot):
+    findings = {f.name: f for f in preflight(measured(robot, with_one_foot), nominal)}
+    assert findings["drift"].result == "pass"
+
+
+def test_what_blocks_postures_on_one_foot_is_named(robot, plate, optimal):
+    ranges = dataclasses.replace(planning_ranges(robot), stability_margin=0.045)
+    problem = planning_problem(robot, plate, ranges, support="right")
+    goal = objectives(problem.nominal, SIGMA)["condition"]
+    with pytest.raises(InputError, match=r"found 0 postures on the stance foot .* stability margin"):
+        single_support_plan(problem, goal, optimal, np.zeros((26, 26)), 2, SEED)
+
+
+def test_the_plan_is_described_by_other_code_than_made_it(robot, plan, parameters, with_one_foot):
+    both = regressor_by_mujoco(robot, plan.joint_angles, parameters)
+    np.testing.assert_allclose(both, parameters.regressor(plan.joint_angles), atol=1e-12)
+    larger = base_parameters(robot, support="right")
+    mixed = regressor_by_mujoco(robot, with_one_foot.joint_angles, larger)
+    np.testing.assert_allclose(mixed, larger.regressor(with_one_foot.joint_angles), atol=1e-12)
+
+
+@pytest.mark.parametrize("preset", ["wii", "force-plate"])
+def test_predicted_standard_errors_are_what_the_estimator_reports(robot, plan, preset):
+    taken = measured(robot, plan, preset)
+    said = described_plan(robot, as_plan(robot, taken), preset)
+    reported = 1e3 * standard_errors(identify(taken, robot).full.covariance)
+    ratio = reported / said["predicted_standard_error_mm"]
+    assert 0.85 < np.median(ratio) < 1.15
+    assert np.all((ratio > 0.6) & (ratio < 1.6))
+
+
+def test_a_short_plan_is_described_together_with_what_was_measured(robot, plan):
+    taken = as_plan(robot, measured(robot, plan.take(plan.placement <= 10)))
+    new = plan.take(plan.placement > 28)
+    alone = described_plan(robot, taken, "wii")
+    both = described_plan(robot, new, "wii", taken)
+    assert both["condition_number"] == pytest.approx(
+        np.linalg.cond(stacked_regressor(base_parameters(robot), joined([taken, new]).joint_angles)), rel=1e-9
+    )
+    errors = [np.array(said["predicted_standard_error_mm"]) for said in (both, alone)]
+    assert (errors[0] < errors[1]).all()

@@ -1,0 +1,121 @@
+"""`tulip plan` and `tulip postures` as a person meets them: interrupted, gone on with, refused, drawn."""
+
+from __future__ import annotations
+
+import io
+import json
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from experiments import planning, rendering
+from experiments.cli import main
+from experiments.drawings import contact_sheet, support_polygons
+from experiments.scenario import DEFAULT_PLAN
+from sim.errors import InputError
+from sim.measurements import read_plan, write_measurements
+from sim.model import load_model
+from sim.rig import preset_rig
+from sim.static_laboratory import prepare, run_static
+from tests.test_cli import refused
+
+SMALL = ("--placements", "5", "--postures-per-placement", "3", "--hops", "1", "--seed", "311")
+
+
+@pytest.fixture(scope="module")
+def data(robot, plan, tmp_path_factory):
+    """Fifty postures, measured."""
+    place = tmp_path_factory.mktemp("measured") / "data"
+    first = plan.take(plan.placement <= 10)
+    (run,) = run_static(prepare(preset_rig("wii", robot), first), np.random.SeedSequence(312).spawn(1))
+    write_measurements(place, run.measurements)
+    return place
+
+
+def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monkeypatch, capsys):
+    out = tmp_path / "plan"
+    write = planning._write_state
+
+    def interrupt(path, key, state):
+        write(path, key, state)
+        if state.rounds == 3:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(planning, "_write_state", interrupt)
+        assert main(["plan", "--out", str(out), *SMALL]) == 130
+    assert "best plan so far" in " ".join(capsys.readouterr().err.split())
+    first = read_plan(out, robot, load_model(robot))
+    assert first.made["interrupted"]
+    assert first.made["rounds"] == 3
+    assert "left by another run" in refused(capsys, "plan", "--out", out, *SMALL[:-1], 5)
+    assert main(["plan", "--out", str(out), *SMALL]) == 0
+    assert main(["plan", "--out", str(tmp_path / "whole"), *SMALL]) == 0
+    again, whole = (read_plan(tmp_path / name, robot, load_model(robot)) for name in ("plan", "whole"))
+    assert again.joint_angles.tobytes() == whole.joint_angles.tobytes()
+    assert again.made == whole.made
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["plan", "whole"]
+    capsys.readouterr()
+    assert "exists already" in refused(capsys, "plan", "--out", out, *SMALL)
+
+
+def test_the_next_postures_and_their_description(data, tmp_path, capsys):
+    out = tmp_path / "next"
+    options = ("--after", str(data), "--placements", "1", "--hops", "2", "--seed", "311")
+    assert main(["plan", "--out", str(out), *options, "--repeats", "1", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["postures"] == 6
+    assert said["final_objective"] < said["measured_objective"]
+    assert main(["postures", str(out), "--after", str(data), "--json"]) == 0
+    again = json.loads(capsys.readouterr().out)
+    for key in ("condition_number", "predicted_standard_error_mm", "margins", "correlations"):
+        assert again[key] == said[key]
+        assert again["made"]["described"][key] == said[key]
+    assert "too few for 25 base parameters" in refused(capsys, "postures", out)
+
+
+def test_options_that_do_not_go_together(data, tmp_path, capsys):
+    new = ("plan", "--out", tmp_path / "new")
+    assert "--after: found with --table1" in refused(capsys, *new, "--table1", "--after", data)
+    assert "--repeats: found 99, expected at most" in refused(capsys, *new, "--repeats", 99)
+    assert "--single-support: found -1" in refused(capsys, *new, "--single-support", -1)
+    assert "found a plan folder" in refused(capsys, *new, "--after", DEFAULT_PLAN)
+    manifest = data / "manifest.json"
+    text = manifest.read_text()
+    other = json.loads(text)
+    other["robot"]["sha256"] = "0" * 64
+    manifest.write_text(json.dumps(other))
+    assert "hash mismatch of the robot's model" in refused(capsys, *new, "--after", data)
+    manifest.write_text(text)
+    assert not (tmp_path / "new").exists()
+
+
+def test_polygons_are_drawn_as_svg(robot, plan):
+    root = ElementTree.fromstring(support_polygons(robot, plan.take(plan.placement <= 3)))
+    assert root.tag.endswith("svg")
+    texts = [element.text or "" for element in root.iter() if element.tag.endswith("text")]
+    assert sum(text.startswith("placement ") for text in texts) == 3
+    assert {str(number) for number in range(1, 16)} <= set(texts)
+
+
+def test_postures_are_rendered(robot, plan):
+    try:
+        sheet = contact_sheet(robot, plan.take(np.array([0, 1, 7])))
+    except InputError as problem:
+        pytest.skip(str(problem))
+    image = np.asarray(Image.open(io.BytesIO(sheet)))
+    assert image.shape == (224, 3 * 168, 3)
+    for k in range(3):  # the robot is orange
+        red, _, blue = image[:, k * 168 : (k + 1) * 168].astype(int).transpose(2, 0, 1)
+        assert ((red > 150) & (blue < 80)).sum() > 100
+
+
+def test_without_opengl_the_polygons_are_left(plan, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(rendering, "PLATFORMS", ())
+    assert main(["postures", "--draw", str(tmp_path / "pictures")]) == 0
+    assert "no postures.png: rendering: neither EGL nor OSMesa draws" in " ".join(
+        capsys.readouterr().err.split()
+    )
+    assert [path.name for path in (tmp_path / "pictures").iterdir()] == ["support-polygons.svg"]
