@@ -3,13 +3,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 ORACLE := .venv-oracle
 
-<<<<<<< HEAD
-.PHONY: setup validate test lint bench oracle study-contact study-equilibrium study-montecarlo study-estimators study-check study-discover \
-  study-improve study-plan study-verdict study-fuzz study-kill pictures constraints clean
-=======
 .PHONY: setup validate test lint bench oracle study-contact study-equilibrium study-montecarlo study-estimators study-check \
-  study-improve study-plan study-sequential study-atlas study-verdict study-fuzz study-kill pictures constraints clean
->>>>>>> main
+  study-improve study-plan study-sequential study-atlas study-discover study-verdict study-fuzz study-kill pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)

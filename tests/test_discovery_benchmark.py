@@ -9,13 +9,14 @@ import pytest
 from experiments.cli import main
 from experiments.discovery.benchmark import cases as arms
 from experiments.discovery.benchmark import run
-from experiments.discovery.benchmark.board import ISOLABLE, board
+from experiments.discovery.benchmark.board import board
 from experiments.discovery.benchmark.cases import Case, Settings, cases
 from experiments.discovery.benchmark.draw import MOST_PRIORS, draw_absorbed, draw_visible
 from experiments.discovery.benchmark.outcome import Bias, Found, Outcome, outcome
 from experiments.discovery.benchmark.outside import OUTSIDE
 from experiments.discovery.benchmark.score import figures
 from experiments.discovery.benchmark.tables import files
+from experiments.discovery.isolability import ISOLABLE
 from experiments.effects import catalogue
 from sim.measurements import write_plan
 from tools.study import part_of

@@ -16,6 +16,7 @@ from experiments.discovery.candidates import Candidate, candidates
 from experiments.discovery.channels import residuals
 from experiments.discovery.detectability import noncentrality, single_level
 from experiments.discovery.evidence import VISIBLE, family, field
+from experiments.discovery.isolability import ISOLABLE
 from experiments.discovery.laboratory import exact_rig, measured_plan, simulated
 from experiments.discovery.linear import Linear, linear_model
 from experiments.discovery.noise import noise_of
@@ -29,7 +30,6 @@ from sim.rig import Rig, preset_rig
 from sim.static_laboratory import Prepared, prepare, run_static
 
 REFERENCE = 999  # stream of the one nominal experiment at which columns are taken
-ISOLABLE = 20.0  # deg, least angle to what any other candidate can show; fixed on development seeds
 
 
 @dataclass(frozen=True)
@@ -59,12 +59,11 @@ class Board:
         return float(np.sqrt(noncentrality(max(len(candidate.effect.sizes), 1), level)))
 
     def angles(self, signal: np.ndarray) -> dict[str, float]:
-        """Angle between a signal and what each candidate can show, by label [deg]."""
+        """Angle between a signal and what each candidate can show, by label [rad]."""
         length = np.linalg.norm(signal)
         return {
             candidate.label: min(
-                float(np.degrees(np.arccos(min(1.0, np.linalg.norm(basis.T @ signal) / length))))
-                for basis in bases
+                float(np.arccos(min(1.0, np.linalg.norm(basis.T @ signal) / length))) for basis in bases
             )
             for candidate, bases in zip(self.candidates, self.bases, strict=True)
         }
