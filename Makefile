@@ -82,8 +82,8 @@ study-check: setup  ## docs/check.md's tables: false alarms and planted faults o
 study-plan: setup  ## docs/planning.md's Table I: six trials of optimal postures
 	$(BIN)/tulip plan --table1 --out runs/plan-$$(date +%Y%m%d-%H%M%S)
 
-pictures: setup  ## the README's picture (needs libosmesa6)
-	MUJOCO_GL=osmesa $(BIN)/python tools/pictures.py
+pictures: setup  ## the README's pictures (needs libosmesa6, mesa-vulkan-drivers, chromium)
+	MUJOCO_GL=disable OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.pictures
 
 constraints: setup  ## pin the dependencies anew
 	$(BIN)/python -m pip install --quiet uv

@@ -13,6 +13,7 @@ import tyro
 from experiments.commands.atlas import atlas_command
 from experiments.commands.benchmark import benchmark_command
 from experiments.commands.check import check_command
+from experiments.commands.compare import compare_command
 from experiments.commands.discover import discover_command
 from experiments.commands.effects import effects_command
 from experiments.commands.identify import identify_command
@@ -20,9 +21,11 @@ from experiments.commands.model import model_command
 from experiments.commands.montecarlo import montecarlo_command
 from experiments.commands.plan import plan_command
 from experiments.commands.postures import postures_command
+from experiments.commands.report import report_command
 from experiments.commands.simulate import simulate_command
 from experiments.commands.tolerance import tolerance_command
 from experiments.commands.validate import validate_command
+from experiments.commands.view import view_command
 from experiments.terminal import ERR, printable
 from sim.errors import InputError, listed, shortened
 from sim.measurements.tables import software
@@ -40,6 +43,9 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "effects": effects_command,
     "atlas": atlas_command,
     "tolerance": tolerance_command,
+    "view": view_command,
+    "report": report_command,
+    "compare": compare_command,
     "benchmark": benchmark_command,
 }
 

@@ -38,10 +38,15 @@ def test_identification_sees_of_sim_only_model_measurements_and_errors():
             assert not name.startswith("sim") or name.startswith(allowed), f"{path.name} imports {name}"
 
 
-@pytest.mark.parametrize(("module", "owner"), [("mink", "inverse_kinematics.py"), ("rerun", "viewer.py")])
+@pytest.mark.parametrize(("module", "owner"), [("mink", "inverse_kinematics.py"), ("plotly", "figures.py")])
 def test_a_library_has_one_importer(module, owner):
     for package in ("sim", "identification", "experiments"):
         assert all(path.endswith(owner) for path in importers(package, module))
+
+
+def test_rerun_is_for_the_view_alone():
+    for package in ("sim", "identification", "experiments"):
+        assert all(Path(path).parent.name == "view" for path in importers(package, "rerun"))
 
 
 @pytest.mark.parametrize("library", ["dm_control", "dm_env"])

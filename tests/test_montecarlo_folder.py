@@ -21,7 +21,7 @@ def scenario(robot, plan):
 
 
 def begin(folder, scenario, settings=SETTINGS):
-    with open_folder(folder, run_document(scenario, settings.document())) as chunks:
+    with open_folder(folder, run_document(scenario, settings.document()), scenario.plan) as chunks:
         return chunks
 
 
@@ -86,9 +86,9 @@ def test_what_is_no_monte_carlo_is_refused(scenario, tmp_path):
 def test_two_at_once_are_refused(scenario, tmp_path):
     document = run_document(scenario, SETTINGS.document())
     with (
-        open_folder(tmp_path / "run", document),
+        open_folder(tmp_path / "run", document, scenario.plan),
         pytest.raises(InputError, match="another process is at work"),
-        open_folder(tmp_path / "run", document),
+        open_folder(tmp_path / "run", document, scenario.plan),
     ):
         pass
     begin(tmp_path / "run", scenario)

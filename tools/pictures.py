@@ -1,47 +1,75 @@
-"""Draw the README's picture: the robot on its plates in four postures of the shipped plan."""
+"""Draw the README's pictures: the robot on its plates, the rerun window, the report.
+
+Needs libosmesa6, mesa-vulkan-drivers and chromium.
+"""
 
 from __future__ import annotations
 
+import io
+import tempfile
+import time
+from contextlib import redirect_stdout
 from pathlib import Path
 
-import mujoco
 import numpy as np
 from PIL import Image
 
+from experiments.cli import main as tulip
+from experiments.report.rendering import render
 from experiments.scenario import DEFAULT_PLAN
-from sim.hold import put_down
-from sim.measurements import lay_boards, read_plan
-from sim.model import load_model, load_robot, sole_corners
-from sim.plates import plate_geometry
+from sim.laboratory import boards_under
+from sim.measurements import read_plan
+from sim.model import load_model, load_robot
 from sim.rig import preset_rig
-from sim.scene import load_scene
-from sim.stand import Stand
+from tools.looking import browse, headless_viewer
 
+DOCS = Path(__file__).resolve().parent.parent / "docs"
 ROWS = (2, 26, 58, 121)
-SIZE = (420, 560)
+SEED = "1"
+VIEW_ROW = 75
+WINDOW, PAGE = (1600, 1000), (1100, 1500)
+DRAWN_BY = 6.0  # s, until rerun's notes at its start are gone
 
 
 def main() -> None:
+    _save(DOCS / "postures.png", _postures())
+    with tempfile.TemporaryDirectory() as scratch:
+        run = Path(scratch) / "first"
+        with redirect_stdout(io.StringIO()):
+            tulip(["validate", "--seed", SEED, "--out", str(run), "--json"])
+        _save(DOCS / "view.png", _window(run, Path(scratch)))
+        _save(DOCS / "report.png", _report(run, Path(scratch)))
+
+
+def _postures() -> Image.Image:
     robot = load_robot()
-    model = load_model(robot)
-    plan = read_plan(DEFAULT_PLAN, robot, model)
-    size = plate_geometry(load_scene(robot), "right").size
-    corners = [sole_corners(model, foot)[:, :2] for foot in robot.feet]
-    frames = []
-    for row in ROWS:
-        x, y, yaw = plan.swing_pose[row]
-        turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
-        soles = np.array([corners[0], corners[1] @ turn + [x, y]])
-        stand = Stand(preset_rig("ideal", robot), lay_boards(soles, size, 0.01))
-        put_down(stand, plan.joint_angles[row])
-        camera = mujoco.MjvCamera()
-        camera.azimuth, camera.elevation, camera.distance = 145, -14, 2.2
-        camera.lookat[:] = [0.0, 0.1, 0.52]
-        with mujoco.Renderer(stand.model, SIZE[1], SIZE[0]) as renderer:
-            renderer.update_scene(stand.data, camera)
-            frames.append(renderer.render().copy())
-    target = Path(__file__).parent.parent / "docs" / "postures.png"
-    Image.fromarray(np.hstack(frames)).quantize(128).save(target, optimize=True)
+    plan = read_plan(DEFAULT_PLAN, robot, load_model(robot))
+    rows = list(ROWS)
+    boards = boards_under(preset_rig("ideal", robot), plan.swing_pose[rows])
+    frames = [Image.open(io.BytesIO(png)) for png in render(robot, plan.joint_angles[rows], boards)]
+    return Image.fromarray(np.hstack([np.asarray(frame.convert("RGB")) for frame in frames]))
+
+
+def _window(run: Path, scratch: Path) -> Image.Image:
+    view, picture = scratch / "view.rrd", scratch / "view.png"
+    tulip(["view", str(run), "--save", str(view)])
+    with headless_viewer(view, WINDOW) as viewer:
+        viewer.set_time("posture", sequence=VIEW_ROW, play_state="paused")
+        time.sleep(DRAWN_BY)
+        viewer.save_screenshot(str(picture))
+    return Image.open(picture).convert("RGB")
+
+
+def _report(run: Path, scratch: Path) -> Image.Image:
+    page, picture = scratch / "first.html", scratch / "report.png"
+    tulip(["report", str(run), "--out", str(page)])
+    seen = browse(page, picture, PAGE)
+    assert not seen.complaints, seen.complaints
+    return Image.open(picture).convert("RGB").crop((0, 0, *PAGE))
+
+
+def _save(target: Path, picture: Image.Image) -> None:
+    picture.quantize(256).save(target, optimize=True)
     print(target)
 
 

@@ -15,11 +15,11 @@ from experiments.run_folder import check_new
 from experiments.scenario import Scenario
 from sim.errors import InputError, shortened
 from sim.files import new_folder, present
-from sim.measurements import PosturePlan
+from sim.measurements import PosturePlan, write_plan
 from sim.measurements.tables import read_json, software, write_json
 from sim.model import sha256
 
-RUN_FILE, CHUNK_FOLDER, REPORT_FILE = "run.json", "runs", "report.json"
+RUN_FILE, CHUNK_FOLDER, REPORT_FILE, PLAN_FOLDER = "run.json", "runs", "report.json", "plan"
 
 
 def run_document(scenario: Scenario, settings: dict[str, Any]) -> dict[str, Any]:
@@ -83,8 +83,8 @@ def first_difference(there: Any, here: Any, name: str = "") -> tuple[str, Any, A
 
 
 @contextmanager
-def open_folder(folder: Path, document: dict[str, Any]) -> Iterator[Path]:
-    """Make the folder, unless it is there, and keep others out of it; yields where the chunks lie.
+def open_folder(folder: Path, document: dict[str, Any], plan: PosturePlan) -> Iterator[Path]:
+    """Make the folder with its plan, unless it is there, and keep others out; yields where the chunks lie.
 
     Raises:
         InputError: it holds something else, cannot be written, or another process is at work in it.
@@ -92,6 +92,7 @@ def open_folder(folder: Path, document: dict[str, Any]) -> Iterator[Path]:
     if not check_folder(folder, document):
         with new_folder(folder) as working:
             (working / CHUNK_FOLDER).mkdir()
+            write_plan(working / PLAN_FOLDER, plan)
             write_json(working / RUN_FILE, document)
     lock = os.open(folder / RUN_FILE, os.O_RDONLY | os.O_CLOEXEC)
     try:

@@ -66,7 +66,7 @@ def montecarlo(scenario: Scenario, settings: Settings, place: Place) -> dict[str
                 settings.seed,
                 scenario.adopted,
             )
-            with open_folder(place.folder, document):
+            with open_folder(place.folder, document, scenario.plan):
                 collect_missing(chunks, job, place.folder)
     found = report(summarise(chunks, layout), layout, settings.estimator)
     write_json(place.folder / REPORT_FILE, found)

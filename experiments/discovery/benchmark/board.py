@@ -69,9 +69,18 @@ class Board:
         }
 
     def twins(self, signal: np.ndarray, own: Sequence[str] = ()) -> tuple[str, ...]:
-        """Candidates that can look like a signal; those in `own` left out."""
-        near = self.angles(signal)
-        return tuple(label for label, angle in near.items() if angle < ISOLABLE and label not in own)
+        """Candidates that can look like a signal; those in `own`, labels or names, are not asked."""
+        near = self._others(signal, own)
+        return tuple(label for label, angle in near.items() if angle < ISOLABLE)
+
+    def remainder(self, signal: np.ndarray, own: Sequence[str] = ()) -> float:
+        """What the closest other candidate leaves of a signal, as a multiple of what is found."""
+        nearest = min(self._others(signal, own).values())
+        return float(np.linalg.norm(signal) * np.sin(nearest) / np.sqrt(noncentrality(1, self.level)))
+
+    def _others(self, signal: np.ndarray, own: Sequence[str]) -> dict[str, float]:
+        near = self.angles(signal).items()
+        return {k: angle for k, angle in near if k not in own and k.partition(":")[0] not in own}
 
     def signal(self, change: Callable[[Rig], Rig]) -> np.ndarray:
         """What a change of the laboratory shows, whitened and projected, (r + 1,)."""

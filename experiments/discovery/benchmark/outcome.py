@@ -45,6 +45,8 @@ class Outcome:
         hidden: labels. values: of their parameters [SI].
         predicted: power of the detection by theory; 0 where there is none.
         twins: for every hidden effect labels of what can look like it.
+        remainder: of one hidden fault, what the closest other candidate leaves of its signal, as a multiple
+            of what is found.
         failed: why there was no data set, or "".
         rows: measured.
         verdict: of the discovery. found: its terms.
@@ -64,6 +66,7 @@ class Outcome:
     values: tuple[tuple[float, ...], ...] = ()
     predicted: float = 0.0
     twins: tuple[tuple[str, ...], ...] = ()
+    remainder: float = 0.0
     failed: str = ""
     rows: int = 0
     verdict: str = ""

@@ -54,6 +54,6 @@ def benchmark(settings: Settings, folder: Path, workers: int, plan: Path = DEFAU
     document |= {"format": "tulip-benchmark", "command": "benchmark discover"}
     chunks = Chunks(folder / CHUNK_FOLDER, len(every), CHUNK)
     if not check_folder(folder, document) or chunks.missing():
-        with engine(workers, None), open_folder(folder, document):
+        with engine(workers, None), open_folder(folder, document, made.plan):
             collect_missing(chunks, Job(settings, plan, every), folder, "cases")
     return [outcome(json.loads(text)) for part in chunks.read(["outcome"]) for text in part["outcome"]]

@@ -45,6 +45,7 @@ class Trial:
     label: str
     twins: tuple[tuple[str, ...], ...]
     multiple: float
+    remainder: float = 0.0
     standard: np.ndarray | None = None
 
 
@@ -66,6 +67,7 @@ def carry_out(case: Case, run: int, seed: int, board: Board) -> Outcome:
         values=tuple(h.occurrence.values for h in trial.hidden),
         predicted=_predicted(trial, board),
         twins=trial.twins,
+        remainder=trial.remainder,
     )
     try:
         measured = _measured(trial, case, laboratory, board)
@@ -88,18 +90,19 @@ def carry_out(case: Case, run: int, seed: int, board: Board) -> Outcome:
 def _trial(case: Case, rng: np.random.Generator, board: Board) -> Trial:
     if case.arm == arms.ROBOTS:
         robot = draw_robot(load_model(board.rig.robot), SPREAD, rng)
-        return Trial(board.rig, (), "", (), 0.0, robot[None])
+        return Trial(board.rig, (), "", (), 0.0, standard=robot[None])
     if case.arm == arms.OUTSIDE_ARM:
         return _outside(case, rng, board)
     if case.arm == arms.ABSORBED:
         hidden = [draw_absorbed(board, kind, rng) for kind in case.kinds]
     else:
         hidden = [draw_visible(board, kind, case.multiple, rng) for kind in case.kinds]
-    own = [h.label for h in hidden]
+    own = case.kinds if case.arm == arms.LEFT_OUT else [h.label for h in hidden]
     twins = tuple(board.twins(h.signal, own) if h.multiple else () for h in hidden)
     rig = injected(board.rig, [h.occurrence for h in hidden])
     multiple = min((h.multiple for h in hidden), default=0.0)
-    return Trial(rig, tuple(hidden), "", twins, multiple)
+    remainder = board.remainder(hidden[0].signal, own) if len(hidden) == 1 and multiple else 0.0
+    return Trial(rig, tuple(hidden), "", twins, multiple, remainder)
 
 
 def _outside(case: Case, rng: np.random.Generator, board: Board) -> Trial:
@@ -110,8 +113,15 @@ def _outside(case: Case, rng: np.random.Generator, board: Board) -> Trial:
     wanted = case.multiple * float(np.sqrt(noncentrality(1, board.level)))
     size = sign * fault.amplitude * wanted / float(np.linalg.norm(signal))
     size = abs(size) if fault.name == "cable-slack" else size
-    label = f"{fault.name}:{number}={size:.3g}"
-    return Trial(fault.inject(board.rig, number, size), (), label, (board.twins(signal),), case.multiple)
+    label, signal = f"{fault.name}:{number}={size:.3g}", signal * (size / fault.amplitude)
+    return Trial(
+        fault.inject(board.rig, number, size),
+        (),
+        label,
+        (board.twins(signal),),
+        case.multiple,
+        board.remainder(signal),
+    )
 
 
 def _predicted(trial: Trial, board: Board) -> float:

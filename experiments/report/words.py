@@ -1,0 +1,66 @@
+"""The page's sentences."""
+
+from __future__ import annotations
+
+from typing import Any
+
+POLYGON_WORDS = (
+    "From above, as the paper's Fig. 2 (x points up, y to the left): plates light blue, the support polygon "
+    "of a placement's first posture orange, CoP of all its postures as vermilion dots, CoM by truth as green "
+    "crosses. Below, some postures as in the paper's Fig. 3."
+)
+
+
+def validation_sentence(report: dict[str, Any]) -> str:
+    """What a validation's verdict means."""
+    failed = [check["name"] for check in report["checks"] if check["result"] == "fail"]
+    evaluated = sum(check["result"] != "not evaluated" for check in report["checks"])
+    if failed:
+        return f"The estimates cannot be trusted here: {len(failed)} of {evaluated} checks failed, " + (
+            f"{', '.join(failed)}."
+        )
+    return (
+        f"In this laboratory, with these sensors and postures, the estimates and the standard errors they "
+        f"come with are right: all {evaluated} evaluated checks passed. This says nothing about effects that "
+        "the laboratory does not hold."
+    )
+
+
+def montecarlo_sentence(report: dict[str, Any]) -> str:
+    """What a Monte Carlo's verdict means."""
+    failed = [check["name"] for check in report["checks"] if check["result"] == "fail"]
+    if failed:
+        return f"The estimator is wrong about its own errors: {', '.join(failed)}."
+    if report["shown"]:
+        return f"The estimator is right about its own errors: {report['identified']} runs show it."
+    return (
+        f"Nothing in {report['identified']} runs contradicts the estimator's own errors, but they are too "
+        "few to show that these are right: some intervals reach beyond the bounds."
+    )
+
+
+def parameter_words(report: dict[str, Any]) -> tuple[str, ...]:
+    """How the table of a validation's parameters is read."""
+    right, left = report["full"]["placement_sd_mm"]
+    return (
+        f"s.e.: standard error by the estimator ({report['estimator']}); rel. %: standard error over "
+        "estimate (eq. 13); well identified: below 15 %. Errors common to a placement are estimated as s.d. "
+        f"{right:.2f} mm of the right plate and {left:.2f} mm of the left.",
+    )
+
+
+def calibration_words(report: dict[str, Any]) -> tuple[str, ...]:
+    """How the figures of a Monte Carlo are read."""
+    return (
+        "Found over stated: the scatter of the errors over the runs against the standard error that the "
+        "estimator stated. Coverage: share of the runs whose interval held the truth. Intervals of 95 % for "
+        "every single figure; the verdict's are wider, since they hold for all at once.",
+    )
+
+
+def dropped(report: dict[str, Any]) -> str:
+    """Which postures could not be measured, and why."""
+    if not report["dropped"]:
+        return f"All {report['postures_planned']} planned postures could be measured."
+    reasons = "; ".join(f"{entry['posture']}: {entry['reason']}" for entry in report["dropped"])
+    return f"Dropped {len(report['dropped'])} of {report['postures_planned']} postures. {reasons}."

@@ -1,0 +1,237 @@
+"""Read a run folder again: what a page or a view shows is what the run wrote."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, Field, Strict, ValidationError
+
+from experiments.montecarlo.chunks import Chunks
+from experiments.montecarlo.folder import CHUNK_FOLDER, PLAN_FOLDER, RUN_FILE
+from experiments.montecarlo.record import Layout, layout_of
+from experiments.montecarlo.report import report
+from experiments.montecarlo.settings import CHUNK
+from experiments.montecarlo.summary import summarise
+from experiments.setting_up import planned_parameters
+from identification.base_parameters import BaseParameters
+from sim.errors import InputError, listed, shortened, validation_message
+from sim.files import present
+from sim.measurements import Measurements, PosturePlan, read_measurements, read_plan
+from sim.measurements.folder_kind import KINDS
+from sim.measurements.tables import read_json
+from sim.model import Robot, load_model, sha256
+
+FORMATS = {"tulip-run": "run", "tulip-montecarlo": "montecarlo"}
+VERSION = 1
+Count = Annotated[int, Strict(), Field(ge=1)]
+
+
+class Head(BaseModel):
+    """What every run.json says first."""
+
+    format: str
+    version: Annotated[int, Strict()]
+
+
+class Inputs(BaseModel):
+    preset: str
+    seed: Annotated[int, Strict(), Field(ge=0)]
+    robot: str
+
+
+class RunFile(Head):
+    """run.json of a validation."""
+
+    configuration: Inputs
+    software: dict[str, str]
+    inputs: dict[str, str]
+    outputs: dict[str, str]
+
+
+class MonteCarloSettings(BaseModel):
+    runs: Count
+    seed: Annotated[int, Strict(), Field(ge=0)]
+    estimator: str
+    random_robots: float | None
+    dynamics: Annotated[bool, Strict()]
+    chunk: Annotated[int, Strict(), Field(ge=1, le=CHUNK)]
+
+
+class MonteCarloFile(Head):
+    """run.json of a Monte Carlo."""
+
+    settings: MonteCarloSettings
+    configuration: Inputs
+    software: dict[str, str]
+    inputs: dict[str, str]
+
+
+Kind = TypeVar("Kind", bound=Head)
+
+
+@dataclass(frozen=True)
+class SavedRun:
+    """A validation as its folder holds it.
+
+    Attributes:
+        document: run.json. report: report.json. truth: truth.json.
+        residual_mm: norm per row of the measurements, by model, (m,) [mm].
+    """
+
+    folder: Path
+    document: dict[str, Any]
+    report: dict[str, Any]
+    truth: dict[str, Any]
+    plan: PosturePlan
+    measurements: Measurements
+    residual_mm: dict[str, np.ndarray]
+    robot: Robot
+
+
+@dataclass(frozen=True)
+class SavedMonteCarlo:
+    """A Monte Carlo as its folder holds it; the report is that of its runs."""
+
+    folder: Path
+    document: dict[str, Any]
+    settings: MonteCarloSettings
+    report: dict[str, Any]
+    plan: PosturePlan
+    parameters: BaseParameters
+    layout: Layout
+    chunks: Chunks
+    robot: Robot
+
+
+def kind_of(folder: Path) -> Literal["run", "montecarlo", "plan", "measurement"]:
+    """What a folder holds, by the file that describes it.
+
+    Raises:
+        InputError: no folder, or none of ours, or one of another version.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder")
+    if present(folder / RUN_FILE):
+        return _run_kind(folder)
+    found = [kind for kind, name in KINDS.items() if present(folder / name)]
+    if len(found) != 1:
+        expected = listed([RUN_FILE, *KINDS.values()])
+        raise InputError(f"{folder}: found {len(found)} of {expected}, expected one of them")
+    return "plan" if found[0] == "plan" else "measurement"
+
+
+def run_kind(folder: Path) -> Literal["run", "montecarlo"]:
+    """Which command made a run folder.
+
+    Raises:
+        InputError: no run folder, or one of another version.
+    """
+    kind = kind_of(folder)
+    if kind == "run" or kind == "montecarlo":
+        return kind
+    raise InputError(f"{folder}: found a {kind} folder, expected a run folder ({RUN_FILE})")
+
+
+def read_run(folder: Path, robot: Robot) -> SavedRun:
+    """Read a validation and check that nothing in it was changed.
+
+    Raises:
+        InputError: another kind or version of run, another robot's, or a file that is not what was written.
+    """
+    folder = Path(folder)
+    document = read_json(folder / RUN_FILE)
+    outputs = _parsed(RunFile, folder, document).outputs
+    _check_robot(folder, document["inputs"], robot)
+    for name in ("report.json", "truth.json", "residuals.csv"):
+        if name not in outputs:
+            raise InputError(f"{folder / RUN_FILE}: key 'outputs': found no {name}")
+    for name, expected in outputs.items():
+        path = folder / name
+        if ".." in Path(name).parts or Path(name).is_absolute():
+            raise InputError(f"{folder / RUN_FILE}: key 'outputs': found '{shortened(name)}'")
+        if (found := sha256(path)) != expected:
+            raise InputError(
+                f"{path}: hash mismatch: found sha256 {found[:12]}..., "
+                f"expected {shortened(expected[:12])}... by run.json"
+            )
+    rows = np.genfromtxt(folder / "residuals.csv", delimiter=",", names=True)
+    return SavedRun(
+        folder,
+        document,
+        read_json(folder / "report.json"),
+        read_json(folder / "truth.json"),
+        read_plan(folder / "plan", robot, load_model(robot)),
+        read_measurements(folder / "measurements"),
+        {model: np.atleast_1d(rows[f"{model}_mm"]) for model in ("full", "simplified")},
+        robot,
+    )
+
+
+def read_montecarlo(folder: Path, robot: Robot) -> SavedMonteCarlo:
+    """Read a Monte Carlo; its report is made anew from its runs.
+
+    Raises:
+        InputError: another kind or version of run, another robot's, one without its plan, an unfinished one.
+    """
+    folder = Path(folder)
+    document = read_json(folder / RUN_FILE)
+    settings = _parsed(MonteCarloFile, folder, document).settings
+    _check_robot(folder, document["inputs"], robot)
+    plan = read_plan(folder / PLAN_FOLDER, robot, load_model(robot))
+    parameters = planned_parameters(robot, plan)
+    layout = layout_of(robot, parameters)
+    chunks = Chunks(folder / CHUNK_FOLDER, settings.runs, settings.chunk)
+    if missing := sum(len(chunks.runs_of(index)) for index in chunks.missing()):
+        raise InputError(
+            f"{folder}: holds {settings.runs - missing} of {settings.runs} runs; the command that made it "
+            "does the rest"
+        )
+    found = report(summarise(chunks, layout), layout, settings.estimator)
+    return SavedMonteCarlo(folder, document, settings, found, plan, parameters, layout, chunks, robot)
+
+
+def errors_mm(run: SavedMonteCarlo, model: str) -> np.ndarray:
+    """Estimate minus truth of every identified run, (runs, p) [mm]."""
+    numbers = run.layout.models[model]
+    names = [f"{model}.value.{n}" for n in numbers], [f"truth.{n}" for n in numbers]
+    parts = []
+    for columns in run.chunks.read([*names[0], *names[1], "failure"]):
+        value, truth = (np.column_stack([columns[name] for name in of]).astype(float) for of in names)
+        parts.append((value - truth)[columns["failure"] == ""])
+    return 1e3 * np.vstack(parts)
+
+
+def _run_kind(folder: Path) -> Literal["run", "montecarlo"]:
+    where = folder / RUN_FILE
+    head = _parsed(Head, folder, read_json(where))
+    if head.format not in FORMATS:
+        raise InputError(
+            f"{where}: key 'format': found '{shortened(head.format)}', expected one of {listed(FORMATS)}"
+        )
+    if head.version != VERSION:
+        raise InputError(
+            f"{where}: key 'version': found {head.version}, expected {VERSION}: another version of this "
+            "program made the run"
+        )
+    return "run" if head.format == "tulip-run" else "montecarlo"
+
+
+def _parsed(kind: type[Kind], folder: Path, document: dict[str, Any]) -> Kind:
+    try:
+        return kind.model_validate(document)
+    except ValidationError as error:
+        raise InputError(f"{folder / RUN_FILE}: {validation_message(error)}") from None
+
+
+def _check_robot(folder: Path, inputs: dict[str, str], robot: Robot) -> None:
+    """Refuse to draw or judge one robot's run by another robot's files."""
+    name = robot.model.name
+    if inputs.get(name) != sha256(robot.model):
+        raise InputError(
+            f"{folder / RUN_FILE}: key 'inputs': found no {name} with the hash of {robot.model}; "
+            "--robot names the robot that the run was made with"
+        )

@@ -1,0 +1,1 @@
+"""Rerun views of plans, measurements and runs; the only importers of rerun."""

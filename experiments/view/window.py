@@ -1,0 +1,147 @@
+"""Where a recording goes: into a file, a window, or a page of this machine's browser."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import urllib.parse
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import rerun as rr
+
+from experiments.run_folder import check_new
+from sim.errors import InputError
+from sim.files import write_bytes
+
+Log = Callable[[rr.RecordingStream], None]
+APPLICATION = "tulip"
+LOCAL = ("--bind", "127.0.0.1")  # rerun's own default is every address of the machine
+OTHERWISE = "--save FILE.rrd writes the view without a window, --serve shows it in a browser"
+# What the viewer's last words mean, and what helps on Debian.
+FAULTS = {
+    ("WGPU", "render context", "graphics adapter", "Vulkan"): (
+        "found neither a GPU nor a Vulkan driver, expected one of them: "
+        "`apt-get install mesa-vulkan-drivers` gives one in software"
+    ),
+    ("xkbcommon",): "found no libxkbcommon-x11, expected it: `apt-get install libxkbcommon-x11-0`",
+    ("connection to X", "Wayland", "EventLoopError"): "cannot open a window on the display",
+}
+
+
+def save(path: Path, title: str, log: Log) -> int:
+    """Write a recording, which appears whole; returns its size [bytes].
+
+    Raises:
+        InputError: the path exists or cannot be written.
+    """
+    check_new(path)
+    with tempfile.TemporaryDirectory() as scratch:
+        content = _record(Path(scratch), title, log).read_bytes()
+    write_bytes(path, content)
+    return len(content)
+
+
+def check_display() -> None:
+    """Say that there is no screen before anything is computed.
+
+    Raises:
+        InputError: there is none.
+    """
+    found = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if sys.platform.startswith("linux") and not found:
+        raise InputError(
+            f"found no display (DISPLAY and WAYLAND_DISPLAY are not set), expected one; {OTHERWISE}"
+        )
+
+
+def show(title: str, log: Log) -> None:
+    """Open rerun's own viewer and wait until it is closed.
+
+    Raises:
+        InputError: it cannot draw there; names the package to install.
+    """
+    check_display()
+    with tempfile.TemporaryDirectory() as scratch:
+        recording = _record(Path(scratch), title, log)
+        with _viewer(Path(scratch), recording, "--port", "auto") as (viewer, said):
+            if viewer.wait() != 0:
+                raise InputError(f"viewer: {_fault(said.read_text(errors='replace'))}; {OTHERWISE}")
+
+
+def serve(title: str, log: Log, announce: Callable[[str], None]) -> None:
+    """Serve the view to browsers of this machine until interrupted.
+
+    Args:
+        announce: called with the address.
+
+    Raises:
+        InputError: the server ended by itself.
+    """
+    data, page = _free_port(), _free_port()
+    source = urllib.parse.quote(f"rerun+http://127.0.0.1:{data}/proxy", safe="")
+    with tempfile.TemporaryDirectory() as scratch:
+        recording = _record(Path(scratch), title, log)
+        options = ("--serve-web", "--port", str(data), "--web-viewer-port", str(page))
+        with _viewer(Path(scratch), recording, *options) as (viewer, said):
+            announce(f"http://127.0.0.1:{page}?url={source}")
+            viewer.wait()
+            raise InputError(f"viewer: {_fault(said.read_text(errors='replace'))}")
+
+
+def _record(folder: Path, title: str, log: Log) -> Path:
+    path = folder / "view.rrd"
+    recording = rr.RecordingStream(APPLICATION)
+    recording.set_log_time_enabled(False)
+    recording.set_log_tick_enabled(False)
+    recording.save(path)
+    recording.send_recording_name(title)
+    log(recording)
+    recording.disconnect()
+    return path
+
+
+@contextmanager
+def _viewer(folder: Path, recording: Path, *options: str) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+    """The viewer with a recording open, and the file of what it says; it ends with the block."""
+    said = folder / "viewer.log"
+    with said.open("wb") as log:
+        # `rerun` starts the viewer as a child of its own: a group of their own lets both be ended.
+        viewer = subprocess.Popen(
+            [sys.executable, "-m", "rerun", *LOCAL, *options, str(recording)],
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
+        )
+        before = signal.signal(signal.SIGTERM, _leave)
+        try:
+            yield viewer, said
+        finally:
+            signal.signal(signal.SIGTERM, before)
+            if viewer.poll() is None:
+                os.killpg(viewer.pid, signal.SIGTERM)
+                viewer.wait()
+
+
+def _leave(*_: object) -> None:
+    """Else a terminated process would leave the viewer running."""
+    sys.exit(128 + signal.SIGTERM)
+
+
+def _fault(said: str) -> str:
+    for signs, fault in FAULTS.items():
+        if any(sign in said for sign in signs):
+            return fault
+    lines = [line for line in said.splitlines() if line.strip()] or ["it said nothing"]
+    return f"ended with: {lines[-1].strip()[:200]}"
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]

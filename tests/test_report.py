@@ -1,0 +1,186 @@
+"""Reports: opened in Chromium, their tables held against the run's JSON; and runs side by side."""
+
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from experiments.cli import main
+from experiments.report import page as pages
+from experiments.report import rendering
+from experiments.report.rendering import render
+from experiments.report.tables import flattened
+from experiments.run_folder import write_run
+from experiments.saved_run import read_run
+from sim.errors import InputError
+from tests.test_view import calibration, cpu_seconds, not_blank, refused, run  # noqa: F401
+from tools.looking import browse
+
+MOST_SECONDS, MOST_BYTES = 20, 12e6
+needs_chromium = pytest.mark.skipif(shutil.which("chromium") is None, reason="no Chromium (chromium)")
+
+
+def can_draw(robot, plan) -> bool:
+    try:
+        render(robot, plan.joint_angles[:1], np.array([[[0.03, -0.155, 0], [0.03, 0.155, 0]]]))
+    except InputError:
+        return False
+    return True
+
+
+@pytest.fixture(scope="module")
+def page(run, tmp_path_factory):  # noqa: F811
+    path = tmp_path_factory.mktemp("report") / "run.html"
+    began = cpu_seconds()
+    assert main(["report", str(run), "--out", str(path)]) == 0
+    assert cpu_seconds() - began < MOST_SECONDS
+    assert path.stat().st_size < MOST_BYTES
+    return path
+
+
+@pytest.fixture(scope="module")
+def calibration_page(calibration, tmp_path_factory):  # noqa: F811
+    path = tmp_path_factory.mktemp("report") / "montecarlo.html"
+    assert main(["report", str(calibration), "--out", str(path)]) == 0
+    assert path.stat().st_size < MOST_BYTES
+    return path
+
+
+@needs_chromium
+@pytest.mark.parametrize(("width", "dark"), [(1100, False), (412, True)])
+def test_a_browser_has_nothing_to_complain_of(page, run, tmp_path, width, dark):  # noqa: F811
+    seen = browse(page, tmp_path / "page.png", (width, 900), dark)
+    assert seen.complaints == []
+    assert seen.requests == []
+    assert seen.width == width
+    not_blank(tmp_path / "page.png")
+    brightness = np.asarray(Image.open(tmp_path / "page.png").convert("L"))[:200].mean()
+    assert (brightness < 100) == dark
+    expected = flattened(json.loads((run / "report.json").read_text()))
+    expected |= {
+        f"run.{key}": value for key, value in flattened(json.loads((run / "run.json").read_text())).items()
+    }
+    assert len(seen.cells) > 300
+    assert {key: expected[key] for key in seen.cells} == seen.cells
+    for row in range(25):
+        assert f"full.parameters.{row}.standard_error" in seen.cells
+
+
+@needs_chromium
+def test_a_browser_shows_a_montecarlo(calibration_page, calibration, tmp_path):  # noqa: F811
+    seen = browse(calibration_page, tmp_path / "page.png")
+    assert seen.complaints == []
+    assert seen.requests == []
+    expected = flattened(json.loads((calibration / "report.json").read_text()))
+    expected |= {
+        f"run.{key}": value
+        for key, value in flattened(json.loads((calibration / "run.json").read_text())).items()
+    }
+    assert {key: expected[key] for key in seen.cells} == seen.cells
+    assert "parameters.24.coverage95" in seen.cells
+    assert "simplified.parameters.12.bias" in seen.cells
+    not_blank(tmp_path / "page.png")
+
+
+@needs_chromium
+def test_the_browser_test_notices_requests_and_errors(tmp_path):
+    page = tmp_path / "bad.html"
+    page.write_text(
+        "<body><img src='http://127.0.0.1:9/x.png'><script>console.error('so'); "
+        "document.body.dataset.drawn = 'yes'; nothing();</script></body>"
+    )
+    seen = browse(page, tmp_path / "bad.png")
+    assert seen.requests == ["http://127.0.0.1:9/x.png"]
+    assert len(seen.complaints) >= 2
+
+
+def test_shown_figures_are_the_documents_rounded(page, run):  # noqa: F811
+    expected = flattened(json.loads((run / "report.json").read_text()))
+    text = page.read_text(encoding="utf-8")
+    shown = dict(re.findall(r'data-key="(full\.parameters\.\d+\.estimate)"[^>]*>([^<]*)<', text))
+    assert len(shown) == 25
+    for key, figure in shown.items():
+        assert float(figure) == pytest.approx(1e3 * expected[key], abs=0.0051)
+
+
+def test_the_marked_correlations_are_the_verdicts(page, wii):
+    text = page.read_text(encoding="utf-8")
+    checks = {check.name: check.value for check in wii.checks}
+    for pair in ("12, 13", "15, 16"):
+        assert f"{pair}: {checks[f'correlation ({pair})']:.4f}" in text
+
+
+def test_every_picture_has_words(page):
+    text = page.read_text(encoding="utf-8")
+    images = re.findall(r"<img [^>]*>", text)
+    assert all(re.search(r'alt="[^"]{20,}"', image) for image in images)
+    figures = re.findall(r'<div id="[\w-]+" role="img"[^>]*>', text)
+    assert len(figures) >= 9
+    assert all(re.search(r'aria-label="[^"]{20,}"', place) for place in figures)
+    assert "http://" not in re.sub(r"<script>.*?</script>", "", text, flags=re.S)
+
+
+def test_postures_are_drawn(page, robot, plan):
+    if not can_draw(robot, plan):
+        pytest.skip("no OpenGL without a screen (libosmesa6)")
+    assert page.read_text(encoding="utf-8").count('<img src="data:image/png;base64,') == pages.PICTURES
+
+
+def test_without_opengl_the_report_says_what_to_install(run, tmp_path, capsys, monkeypatch):  # noqa: F811
+    monkeypatch.setattr(rendering, "BACKENDS", ("nothing",))
+    assert main(["report", str(run), "--out", str(tmp_path / "x.html")]) == 0
+    assert "apt-get install libosmesa6" in " ".join(capsys.readouterr().err.split())
+    assert "apt-get install libosmesa6" in (tmp_path / "x.html").read_text(encoding="utf-8")
+
+
+def test_a_hostile_name_stays_text(run, robot, tmp_path):  # noqa: F811
+    saved = read_run(run, robot)
+    saved.report["checks"][0]["name"] = "</script><script>alert(1)</script>"
+    text = pages.html(pages.validation_page(saved))
+    assert "<script>alert(1)" not in text
+
+
+def test_a_failed_verdict_names_the_checks(run, robot):  # noqa: F811
+    saved = read_run(run, robot)
+    saved.report["checks"][0]["result"], saved.report["verdict"] = "fail", "fail"
+    found = pages.validation_page(saved)
+    assert found.sentence.startswith("The estimates cannot be trusted here: 1 of ")
+    assert saved.report["checks"][0]["name"] in found.sentence
+
+
+def test_bad_input(run, tmp_path, capsys):  # noqa: F811
+    out = ("--out", tmp_path / "x.html")
+    assert "no such folder" in refused(capsys, "report", tmp_path / "none", *out)
+    message = refused(capsys, "report", run / "plan", *out)
+    assert "found a plan folder, expected a run folder" in message
+    (tmp_path / "taken.html").write_text("")
+    assert "exists already" in refused(capsys, "report", run, "--out", tmp_path / "taken.html")
+    assert not (tmp_path / "x.html").exists()
+
+
+def test_an_unfinished_montecarlo_is_not_reported(calibration, tmp_path, capsys):  # noqa: F811
+    shutil.copytree(calibration, tmp_path / "part")
+    (tmp_path / "part" / "runs" / "chunk-000001.parquet").unlink()
+    message = refused(capsys, "report", tmp_path / "part", "--out", tmp_path / "x.html")
+    assert "holds 25 of 40 runs" in message
+
+
+def test_two_runs_side_by_side(run, calibration, ideal, tmp_path, capsys):  # noqa: F811
+    write_run(tmp_path / "ideal", ideal)
+    assert main(["compare", str(run), str(tmp_path / "ideal"), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["settings"]["configuration.preset"] == ["wii", "ideal"]
+    assert document["settings"]["configuration.seed"] == [102, 101]
+    assert not any(name.startswith("outputs") for name in document["settings"])
+    row = document["models"]["full"][9]
+    reports = [json.loads((f / "report.json").read_text()) for f in (run, tmp_path / "ideal")]
+    assert row["estimate"] == [report["full"]["parameters"][9]["estimate"] for report in reports]
+    assert main(["compare", str(run), str(run)]) == 0
+    assert "none" in capsys.readouterr().out
+    assert main(["compare", str(calibration), str(calibration)]) == 0
+    capsys.readouterr()
+    message = refused(capsys, "compare", run, calibration)
+    assert "found a validation and a Monte Carlo, expected two of a kind" in message

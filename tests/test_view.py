@@ -1,0 +1,324 @@
+"""Views: written, opened in rerun itself, looked at."""
+
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import rerun as rr
+import rerun.blueprint as rrb
+from PIL import Image
+
+from experiments.cli import main
+from experiments.run_folder import write_run
+from experiments.saved_run import read_montecarlo, read_run
+from experiments.scenario import DEFAULT_PLAN
+from experiments.view import balance, layout, montecarlo, postures, window
+from experiments.view.robot import link_frames
+from experiments.view.subject import measured, planned, validated
+from experiments.view.time_series import sampled
+from identification.feasibility import stability_margin
+from sim.measurements import write_measurements
+from tests.test_series import raw_series, write_series
+from tools.looking import headless_viewer
+from tools.study_check import rows_of
+
+MOST_SECONDS, MOST_BYTES = 20, 60e6  # of a view of 150 postures
+
+
+def cpu_seconds() -> float:
+    """Of this process and its children; a busy machine does not change it as it does wall time."""
+    kinds = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    used = [resource.getrusage(kind) for kind in kinds]
+    return sum(usage.ru_utime + usage.ru_stime for usage in used)
+
+
+def vulkan() -> bool:
+    """Whether there is any Vulkan driver: rerun draws with nothing else."""
+    return any(Path(folder).glob("*.json") for folder in ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d"))
+
+
+needs_vulkan = pytest.mark.skipif(not vulkan(), reason="no Vulkan (mesa-vulkan-drivers)")
+
+
+@pytest.fixture(scope="module")
+def run(wii, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("view") / "run"
+    write_run(folder, wii)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def calibration(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("view") / "montecarlo"
+    arguments = ["--runs", "40", "--seed", "103", "--workers", "1", "--out", str(folder)]
+    main(["montecarlo", *arguments, "--json"])
+    return folder
+
+
+def side_by_side(views: layout.Views) -> rrb.Blueprint:
+    """All views at once: rerun reports nothing of a view that it does not draw."""
+    grid = rrb.Grid(*views.space, *views.ground, *views.curves, *views.text)
+    return rrb.Blueprint(grid, rrb.TimePanel(timeline="posture", state="collapsed"))
+
+
+def look(recording: Path, steps: dict[str, int], picture: Path) -> dict[str, list]:
+    """What every view reports at some steps of the time lines; the last is in the picture."""
+    found: dict[str, list] = {}
+    with headless_viewer(recording) as viewer:
+        for line, step in steps.items():
+            viewer.set_time(line, sequence=step, play_state="paused")
+            time.sleep(1.5)
+            for view in viewer.get_state().views:
+                found.setdefault(view.name, []).extend(view.reports)
+        viewer.save_screenshot(str(picture))
+    return found
+
+
+def not_blank(picture: Path) -> None:
+    """Each ninth of the picture holds several colours."""
+    pixels = np.asarray(Image.open(picture).convert("RGB"))
+    for band in np.array_split(pixels, 3, axis=0):
+        for part in np.array_split(band, 3, axis=1):
+            assert len(np.unique(part.reshape(-1, 3), axis=0)) > 3
+
+
+@needs_vulkan
+def test_rerun_draws_every_view_of_a_run(run, robot, tmp_path, monkeypatch):
+    subject = validated(read_run(run, robot), "run")
+    monkeypatch.setattr(postures, "laid_out", side_by_side)
+    window.save(tmp_path / "run.rrd", "run", lambda recording: postures.log_postures(recording, subject))
+    found = look(tmp_path / "run.rrd", {"posture": 40}, tmp_path / "run.png")
+    assert {"Robot on its plates", "Masses of the links", "Posture", "Cells, N", "Residual, mm"} <= set(found)
+    assert len(found) == 11
+    assert not any(found.values()), found
+    not_blank(tmp_path / "run.png")
+
+
+@needs_vulkan
+def test_rerun_draws_every_view_of_a_montecarlo(calibration, robot, tmp_path, monkeypatch):
+    saved = read_montecarlo(calibration, robot)
+    monkeypatch.setattr(montecarlo, "laid_out", side_by_side)
+    window.save(tmp_path / "m.rrd", "m", lambda recording: montecarlo.log_montecarlo(recording, saved, "m"))
+    found = look(tmp_path / "m.rrd", {"parameter": 3, "posture": 5}, tmp_path / "m.png")
+    assert len(found) == 9
+    assert not any(found.values()), found
+    not_blank(tmp_path / "m.png")
+
+
+def test_a_view_of_150_postures_is_small_and_soon_there(run, tmp_path, capsys):
+    for name, folder in {"run": run, "data": run / "measurements", "plan": DEFAULT_PLAN}.items():
+        began = cpu_seconds()
+        assert main(["view", str(folder), "--save", str(tmp_path / f"{name}.rrd")]) == 0
+        assert cpu_seconds() - began < MOST_SECONDS
+        assert 1e5 < (tmp_path / f"{name}.rrd").stat().st_size < MOST_BYTES
+        assert "View: " in capsys.readouterr().err
+
+
+def test_clouds_are_those_of_the_runs(calibration, robot):
+    """The mass that the folder recorded is that of the measurements made anew."""
+    saved = read_montecarlo(calibration, robot)
+    clouds, note = montecarlo.cop_clouds(saved)
+    assert "40 runs" in note
+    assert len(clouds) > 100
+    (rows,) = [columns["rows"] for columns in saved.chunks.read(["rows"])][:1]
+    # Repeats give a posture two points in a run.
+    assert sum(map(len, clouds.values())) == sum(
+        int(columns["rows"].sum()) for columns in saved.chunks.read(["rows"])
+    )
+    assert len(rows) == 25
+
+
+def test_links_are_drawn_where_mujoco_has_them(run, robot, model):
+    """Nominal kinematics and MuJoCo's own, from the base frame."""
+    subject = validated(read_run(run, robot), "run")
+    rotations, positions = link_frames(subject.nominal, subject.joint_angles[:3])
+    data = mujoco.MjData(model)
+    tree = subject.nominal.parameters.tree
+    for row in range(3):
+        for joint, angle in zip(tree.joints, subject.joint_angles[row], strict=True):
+            data.qpos[model.joint(joint).qposadr[0]] = angle
+        mujoco.mj_kinematics(model, data)
+        foot = model.body(robot.stance_foot).id
+        turn = data.xmat[foot].reshape(3, 3).T
+        for link, frame in zip(tree.links, tree.frame_of_link, strict=True):
+            body = model.body(link).id
+            expected = turn @ (data.xpos[body] - data.xpos[foot]) - subject.nominal.points[0]
+            assert positions[row, frame] == pytest.approx(expected, abs=1e-9)
+            assert rotations[row, frame] == pytest.approx(turn @ data.xmat[body].reshape(3, 3), abs=1e-9)
+
+
+def test_residual_and_truth_are_the_runs_own(run, wii, robot):
+    subject = validated(read_run(run, robot), "run")
+    residual = wii.identification.full.residual.reshape(-1, 2)
+    assert subject.residual == pytest.approx(residual, abs=1e-9)
+    assert subject.com["truth"] == pytest.approx(np.array([held.com for held in wii.experiment.held]))
+    # The noise is of millimetres: truth, estimate and CoP lie together.
+    assert np.abs(subject.com["truth"] - subject.cop).max() < 0.03
+    factor = balance.magnification(subject)
+    assert 0.02 < factor * np.median(np.linalg.norm(residual, axis=1)) < 0.2
+
+
+def test_inner_polygon_keeps_its_distance(plan, robot):
+    subject = planned(plan, robot, "plan")
+    for polygon in subject.polygons[::10]:
+        inner = balance.inset(polygon, 0.02)
+        assert inner is not None
+        margins = [stability_margin(corner, polygon) for corner in inner]
+        assert margins == pytest.approx([0.02] * len(margins), abs=1e-9)
+        assert balance.inset(polygon, 0.2) is None
+        point = polygon.mean(axis=0)
+        assert np.linalg.norm(balance.nearest_on(point, polygon) - point) == pytest.approx(
+            stability_margin(point, polygon)
+        )
+
+
+def test_x_is_up_and_y_is_left_from_above():
+    assert balance.from_above(np.array([1.0, 0.0])).tolist() == [-0.0, -1000.0]
+    assert balance.from_above(np.array([0.0, 1.0])).tolist() == [-1000.0, -0.0]
+
+
+@pytest.fixture(scope="module")
+def with_series(wii, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("series") / "data"
+    part = rows_of(wii.experiment.measurements, wii.experiment.measurements.placement <= 6)
+    write_measurements(folder, part)
+    write_series(folder, raw_series(part, np.random.default_rng(104)), part.joints)
+    return folder
+
+
+@needs_vulkan
+def test_a_series_has_a_time_line_of_its_own(with_series, robot, tmp_path):
+    assert main(["view", str(with_series), "--save", str(tmp_path / "s.rrd")]) == 0
+    with headless_viewer(tmp_path / "s.rrd") as viewer:
+        (recording,) = [r for r in viewer.get_state().recordings if r.timelines]
+        assert {line.name: line.time_type for line in recording.timelines} == {
+            "posture": "sequence",
+            "time": "duration",
+        }
+        viewer.set_time("time", duration=100.0)
+        time.sleep(1.5)
+        assert not any(view.reports for view in viewer.get_state().views)
+
+
+def test_samples_belong_to_the_row_that_began_before_them(with_series, robot):
+    subject = measured(with_series, robot, "series")
+    dense, t = sampled(subject, 500)
+    assert 250 < len(t) <= 500
+    assert (np.diff(t) >= 0).all()
+    assert dense.measurements is not None
+    assert dense.cop is not None
+    assert subject.cop is not None
+    begun, length = dense.measurements.time, dense.measurements.window
+    assert ((t >= begun - 1e-9) & (t <= begun + length + 1e-9)).all()
+    assert np.abs(dense.cop - subject.cop[0]).max() < 1.0
+
+
+def test_too_few_postures_are_shown_without_an_estimate(wii, robot, tmp_path):
+    part = rows_of(wii.experiment.measurements, wii.experiment.measurements.placement <= 1)
+    write_measurements(tmp_path / "data", part)
+    subject = measured(tmp_path / "data", robot, "few")
+    assert "estimate" not in subject.com
+    assert "No estimate: " in subject.notes[0]
+    assert main(["view", str(tmp_path / "data"), "--save", str(tmp_path / "few.rrd")]) == 0
+
+
+def test_a_robot_of_meshes_and_one_of_two_hinges_a_body_are_drawn(foreign, tmp_path):
+    for name, robot in foreign.items():
+        nominal = postures.load_model(robot)
+        recording = rr.RecordingStream("test")
+        recording.save(tmp_path / f"{name}.rrd")
+        postures.log_geometry(recording, "robot", nominal)
+        recording.disconnect()
+        assert (tmp_path / f"{name}.rrd").stat().st_size > 1e4
+
+
+def refused(capsys, *arguments):
+    assert main([str(a) for a in arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "Traceback" not in err
+    return " ".join(err.split())
+
+
+def test_bad_input(run, tmp_path, capsys, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    message = refused(capsys, "view", run)
+    assert "found no display" in message
+    assert "--save FILE.rrd" in message
+    assert "no such folder" in refused(capsys, "view", tmp_path / "none")
+    (tmp_path / "empty").mkdir()
+    message = refused(capsys, "view", tmp_path / "empty")
+    assert "found 0 of run.json, manifest.json, plan.json" in message
+    (tmp_path / "taken.rrd").write_text("")
+    assert "exists already" in refused(capsys, "view", run, "--save", tmp_path / "taken.rrd")
+    assert "found both" in refused(capsys, "view", run, "--save", tmp_path / "x.rrd", "--serve")
+    assert not (tmp_path / "x.rrd").exists()
+
+
+def test_a_run_of_another_version_or_robot_or_one_that_was_changed(run, foreign, tmp_path, capsys):
+    save = ("--save", tmp_path / "x.rrd")
+    other = tmp_path / "other"
+    shutil.copytree(run, other)
+    text = (other / "run.json").read_text()
+    (other / "run.json").write_text(text.replace('"version": 1', '"version": 2', 1))
+    assert "key 'version': found 2, expected 1" in refused(capsys, "view", other, *save)
+    (other / "run.json").write_text(text)
+    (other / "report.json").write_text("{}")
+    assert "report.json: hash mismatch" in refused(capsys, "view", other, *save)
+    robot = next(iter(foreign.values()))
+    message = refused(capsys, "view", run, "--robot", robot.path, *save)
+    assert "--robot names the robot that the run was made with" in message
+    message = refused(capsys, "view", run / "measurements", "--robot", robot.path, *save)
+    assert "hash mismatch of the robot's model" in message
+    assert not (tmp_path / "x.rrd").exists()
+
+
+def test_serving_is_for_this_machine_alone(run):
+    command = [sys.executable, "-c", "from experiments.entry import run; run()", "view", str(run), "--serve"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        line = process.stderr.readline()
+        ports = [int(port) for port in re.findall(r"127\.0\.0\.1(?::|%3A)(\d+)", line)]
+        assert len(ports) == 2
+        listening = {}
+        until = time.monotonic() + 20
+        while len(listening) < 2 and time.monotonic() < until:
+            time.sleep(0.3)
+            listening = {port: address for port, address in _listening() if port in ports}
+        process.terminate()
+    assert listening == dict.fromkeys(ports, "0100007F")
+    time.sleep(1)
+    assert not any(port in ports for port, _ in _listening())
+
+
+def _listening() -> list[tuple[int, str]]:
+    """Port and address (hexadecimal) of every listening socket of this machine."""
+    found = []
+    for table in ("/proc/net/tcp", "/proc/net/tcp6"):
+        for line in Path(table).read_text().splitlines()[1:]:
+            local, state = line.split()[1], line.split()[3]
+            if state == "0A":
+                address, port = local.split(":")
+                found.append((int(port, 16), address))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("said", "package"),
+    [
+        ("Error: WGPU error: Failed to create surface for any enabled backend: {}", "mesa-vulkan-drivers"),
+        ("thread 'main' panicked at 'Failed to get render context'", "mesa-vulkan-drivers"),
+        ("Library libxkbcommon-x11.so could not be loaded", "libxkbcommon-x11-0"),
+        ("something new", "ended with: something new"),
+    ],
+)
+def test_what_the_viewer_says_is_told_with_the_package_to_install(said, package):
+    assert package in window._fault(said)
