@@ -102,6 +102,7 @@ def test_reproducible_for_any_number_of_workers_and_resumed(folder, tmp_path, mo
     first = run.benchmark(SETTINGS, one, 1, folder)
     run.benchmark(SETTINGS, two, 2, folder)
     (two / "runs" / "chunk-000002.parquet").unlink()
+    assert [o.run for o in run.so_far(two)] == [0, 1, 3, 4]
     again = run.benchmark(SETTINGS, two, 1, folder)
 
     def timeless(o):

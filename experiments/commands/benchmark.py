@@ -12,7 +12,7 @@ from rich.table import Table
 
 from experiments.commands.options import CORES, Json, Seed, Workers
 from experiments.discovery.benchmark.cases import Settings
-from experiments.discovery.benchmark.run import benchmark
+from experiments.discovery.benchmark.run import benchmark, so_far
 from experiments.discovery.benchmark.tables import files, report_document, sections
 from experiments.montecarlo.run import Interrupted
 from experiments.setting_up import at_least
@@ -39,7 +39,8 @@ def benchmark_command(
     """Hide effects in simulated data and count how often `tulip discover` is right.
 
     Seeds 0 to 99 are for development; others are for tests that nothing was fitted to.
-    The same command resumes a run that was stopped, and reports again on a finished one.
+    The same command resumes a run that was stopped, and reports again on a finished one. Stopped by Ctrl-C it
+    reports on the cases so far: they come in random order.
     Exit code 0: done; 2: could not run; 130: interrupted.
     Example: tulip benchmark discover --out runs/benchmark --preset force-plate --seed 1000 --size 0.2
     """
@@ -48,11 +49,12 @@ def benchmark_command(
     at_least("--workers", workers, 1)
     if not (math.isfinite(size) and 0 < size <= 10):
         raise InputError(f"--size: found {size:g}, expected more than 0 and at most 10")
+    code = 0
     try:
         outcomes = benchmark(Settings(preset, seed, size), out, workers)
     except Interrupted as stopped:
         ERR.print(printable(f"tulip: {stopped}"), markup=False, highlight=False, soft_wrap=True)
-        return 130
+        outcomes, code = so_far(out), 130
     for name, text in files(outcomes).items():
         write_bytes(out / name, text.encode())
     if as_json:
@@ -61,7 +63,7 @@ def benchmark_command(
         for title, rows in sections(outcomes):
             _show(title, rows)
     ERR.print(f"Run folder: {out}")
-    return 0
+    return code
 
 
 def _show(title: str, rows: list[tuple[str, ...]]) -> None:

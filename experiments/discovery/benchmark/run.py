@@ -56,4 +56,20 @@ def benchmark(settings: Settings, folder: Path, workers: int, plan: Path = DEFAU
     if not check_folder(folder, document) or chunks.missing():
         with engine(workers, None), open_folder(folder, document, made.plan):
             collect_missing(chunks, Job(settings, plan, every), folder, "cases")
-    return [outcome(json.loads(text)) for part in chunks.read(["outcome"]) for text in part["outcome"]]
+    return so_far(folder)
+
+
+def so_far(folder: Path) -> list[Outcome]:
+    """Outcomes of the cases that were carried out; any number of them is a fair sample of all.
+
+    Raises:
+        InputError: a file is damaged.
+    """
+    paths = sorted((folder / CHUNK_FOLDER).glob("chunk-*.parquet"))
+    numbers = [int(path.stem.removeprefix("chunk-")) for path in paths]
+    chunks = Chunks(folder / CHUNK_FOLDER, max(numbers, default=0) + 1, CHUNK)
+    return [
+        outcome(json.loads(text))
+        for number in numbers
+        for text in chunks.read_one(number, ["outcome"])["outcome"]
+    ]
