@@ -14,6 +14,7 @@ import numpy as np
 
 from experiments.run_folder import check_new
 from identification.nominal import nominal_robot
+from identification.planning.interior_point import SOLVERS
 from identification.planning.objectives import Objective
 from identification.planning.problem import Problem
 from identification.planning.search import State, rounds
@@ -53,22 +54,25 @@ class Job:
     best: Callable[[State], PosturePlan]
 
 
-def trial_job(problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int) -> Job:
+def trial_job(
+    problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int, solver: str = SOLVERS[0]
+) -> Job:
     """A whole plan from a random start.
 
     Args:
         size: placements, postures on each, hops.
+        solver: of the polish, one of `SOLVERS`.
     """
     placements, per, hops = size
 
     def run(show: Show, state: State | None) -> PosturePlan:
-        return run_trial(problem, goal, placements, per, seed, hops, show, state)
+        return run_trial(problem, goal, placements, per, seed, hops, show, state, solver)
 
     def best(state: State) -> PosturePlan:
         drawn, _ = first_state(problem, goal, placements, per, seed)
-        return plan_of(problem, goal, drawn, state, seed, hops)
+        return plan_of(problem, goal, drawn, state, seed, hops, solver)
 
-    return Job(_key(problem, goal, size, seed), rounds(goal, hops), run, best)
+    return Job([*_key(problem, goal, size, seed), solver], rounds(goal, hops), run, best)
 
 
 def next_job(
@@ -194,6 +198,7 @@ def joined(plans: list[PosturePlan]) -> PosturePlan:
         placement=stacked("placement"),
         support=stacked("support"),
         swing_pose=stacked("swing_pose"),
+        torques=None if all(plan.torques is None for plan in plans) else stacked("feed_forward"),
     )
 
 

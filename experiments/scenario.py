@@ -14,7 +14,7 @@ from experiments.effects.occurrence import Occurrence
 from identification.base_parameters import base_parameters, common_support, standard_parameters
 from sim.laboratory import Attempt, Experiment
 from sim.measurements import PosturePlan
-from sim.model import PLATES, compile_spec
+from sim.model import CORNERS, PLATES, compile_spec
 from sim.rig import Rig
 from sim.scene import load_scene
 from sim.static_laboratory import StaticRun
@@ -46,12 +46,17 @@ class Scenario:
     def true_model(self) -> mujoco.MjModel:
         """The robot that really stands there at first, alone: with its own masses and lengths.
 
-        What the nominal robot does not have, joints that yield and ropes, is no part of it.
+        What the nominal robot does not have, joints that yield and ropes, is no part of it; nor is what lies
+        under a corner of a sole.
         """
         spec = load_scene(self.rig.robot)
         if self.rig.edit is not None:
             joints, tendons = ({part.name for part in parts} for parts in (spec.joints, spec.tendons))
+            corners = [spec.geom(f"{foot}_{corner}") for foot in self.rig.robot.feet for corner in CORNERS]
+            soles = [corner.pos.copy() for corner in corners]
             self.rig.edit(spec)
+            for corner, place in zip(corners, soles, strict=True):
+                corner.pos = place
             for part in [part for part in spec.tendons if part.name not in tendons]:
                 spec.delete(part)
             for part in [part for part in spec.joints if part.name not in joints]:

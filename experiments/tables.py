@@ -196,7 +196,8 @@ def sag_line(experiment: Experiment) -> str:
     sag = 1e3 * np.abs([held.joint_angles - held.commanded for held in experiment.held])
     torque = np.abs([held.torques for held in experiment.held]).max()
     return (
-        f"Tracking error under the PD gains: median {np.median(sag):.1f} mrad, largest {sag.max():.1f} mrad; "
+        f"Joints behind what the servos were sent to: median {np.median(sag):.1f} mrad, "
+        f"largest {sag.max():.1f} mrad; "
         f"largest torque {torque:.1f} Nm."
     )
 

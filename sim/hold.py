@@ -49,14 +49,18 @@ class Held:
     books: Books
 
 
-def put_down(stand: Stand, command: np.ndarray, support: str = "double") -> None:
+def put_down(
+    stand: Stand, angles: np.ndarray, support: str = "double", command: np.ndarray | None = None
+) -> None:
     """Put the robot down at a posture and clamp its feet where they came to stand.
 
     Args:
+        command: what the servos are sent to; None: the posture's own angles.
         support: "double", or "right": on the stance foot, the other one in the air.
     """
     stand.standing = np.array([True, support == "double"])
-    stand.reset(command, stand.chain.base_pose(command))
+    stand.reset(angles, stand.chain.base_pose(angles))
+    stand.command = angles if command is None else command
     stand.run(LANDING_TIME)
     stand.mark_feet()
     _clamp(stand)

@@ -186,9 +186,10 @@ def run_placement(
     )
     for (row, repeat), anew in zip(order, fresh, strict=True):
         planned = plan.joint_angles[row]
-        command = planned + rig.controller.command_sd * rng.standard_normal(len(planned))
+        sent = planned + rig.controller.command_sd * rng.standard_normal(len(planned))
+        command = sent + stand.offset(plan.feed_forward[row])
         if before is None or anew:
-            put_down(stand, command, str(plan.support[row]))
+            put_down(stand, sent, str(plan.support[row]), command)
             if not attempts:
                 recorded = stand.plates_in_base() + error
         else:

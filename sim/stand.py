@@ -67,6 +67,10 @@ class Stand:
     def command(self, angles: np.ndarray) -> None:
         self.data.ctrl[self.servos] = angles
 
+    def offset(self, torques: np.ndarray) -> np.ndarray:
+        """How far servos have to be sent beyond where they stand to exert torques, (n,) [rad]."""
+        return torques / self.model.actuator_gainprm[self.servos, 0]
+
     def reset(self, angles: np.ndarray, pose: np.ndarray) -> None:
         """Put everything back, the robot at these joint angles (n,) and torso pose (7,), at rest."""
         mujoco.mj_resetData(self.model, self.data)

@@ -83,7 +83,7 @@ class Tries:
         run, row: number of the run and row of the plan, (b,).
         before: row of the plan from which the robot moves, (b,).
         fresh: whether it is put down instead, (b,) bool.
-        command: commanded angles, (b, n_joints).
+        command: commanded angles, (b, n_joints). offset: of it, by feed-forward torques, (b, n_joints).
         push, scatter: standard normal, of swaying and of dry friction, (b, 2) and (b, n).
         plates: true poses, (b, 2, 3).
     """
@@ -93,6 +93,7 @@ class Tries:
     before: np.ndarray
     fresh: np.ndarray
     command: np.ndarray
+    offset: np.ndarray
     push: np.ndarray
     scatter: np.ndarray
     plates: np.ndarray
@@ -152,7 +153,7 @@ def _prepare(rig: Rig, plan: PosturePlan) -> Prepared:
     boards = boards_under(rig, plan.swing_pose[first])
     feet = np.stack([np.zeros_like(plan.swing_pose), plan.swing_pose], axis=1)
     load = Load(
-        command=plan.joint_angles,
+        command=plan.joint_angles + plan.feed_forward / m.gain,
         friction=np.zeros(len(m.names)),
         feet=feet,
         plates=boards[placement],
@@ -280,12 +281,14 @@ def _draw(prepared: Prepared, run: int, rng: np.random.Generator) -> Tries:
     fresh = np.append(True, new_set_up(place, plan.support[row]))
     plates = prepared.boards + rig.protocol.plate_sd * rng.standard_normal(prepared.boards.shape)
     noise = rig.controller.command_sd * rng.standard_normal((len(row), len(plan.joints)))
+    offset = plan.feed_forward[row] / m.gain
     return Tries(
         run=np.full(len(row), run),
         row=row,
         before=np.where(fresh, row, np.append(0, row[:-1])),
         fresh=fresh,
-        command=plan.joint_angles[row] + noise,
+        command=plan.joint_angles[row] + noise + offset,
+        offset=offset,
         push=rng.standard_normal((len(row), 2)),
         scatter=rng.standard_normal((len(row), len(m.names))),
         plates=plates[place],
@@ -293,12 +296,15 @@ def _draw(prepared: Prepared, run: int, rng: np.random.Generator) -> Tries:
 
 
 def _feet(prepared: Prepared, tries: Tries) -> np.ndarray:
-    """Where the feet stand, (b, 2, 3): the left one where its placement's first command puts it."""
+    """Where the feet stand, (b, 2, 3).
+
+    The left one stands where its placement's first command puts it, without the feed-forward's offset.
+    """
     m, near = prepared.mechanism, prepared.near.state
     down = np.flatnonzero(tries.fresh)
     angles = np.zeros((len(down), len(m.names)))
-    angles[:, m.motors] = tries.command[down]
-    angles[:, m.joints] = tries.command[down]
+    angles[:, m.motors] = tries.command[down] - tries.offset[down]
+    angles[:, m.joints] = angles[:, m.motors]
     rows = tries.row[down]
     poses = soles(m, State(near.position[rows], near.rotation[rows], angles, near.wrench[rows]))
     x, y, yaw = (poses[:, 1] - poses[:, 0]).T

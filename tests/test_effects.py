@@ -12,14 +12,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from experiments.discovery.channels import ANCHORED, ROWS, residuals
+from experiments.discovery.laboratory import exact_rig, measured_plan, simulated
 from experiments.effects import catalogue
 from experiments.effects.injection import passed
 from experiments.effects.seen import see
 from experiments.effects.targets import check_target, leg_links
-from experiments.scenario import Scenario
+from experiments.scenario import DEFAULT_PLAN, Scenario
 from sim.errors import InputError
 from sim.laboratory import run_experiment
-from sim.measurements import Measurements
+from sim.measurements import Measurements, read_plan
 from sim.model import CORNERS
 from sim.rig import Rig, preset_rig, stages
 from sim.scene import load_scene
@@ -74,9 +75,7 @@ DYNAMICS = {
 
 def first(plan, count):
     """The first placements of a plan."""
-    kept = np.isin(plan.placement, np.unique(plan.placement)[:count])
-    names = ("joint_angles", "placement", "posture", "support", "swing_pose")
-    return dataclasses.replace(plan, **{name: getattr(plan, name)[kept] for name in names})
+    return plan.take(np.isin(plan.placement, np.unique(plan.placement)[:count]))
 
 
 @pytest.fixture(scope="module")
@@ -338,12 +337,29 @@ def test_a_tilt_turns_about_x_then_about_y(rig):
     assert (about_y @ about_x) @ spec.option.gravity == pytest.approx([0.0, 0.0, -1.0])
 
 
+@pytest.mark.parametrize("name", ["random", "optimal"])
+def test_the_nominal_laboratory_asked_again_shows_what_was_measured(name, robot, model, nominal):
+    """Also where the plan has feed-forward, which the commands hold."""
+    plan = first(read_plan(DEFAULT_PLAN.parent / name, robot, model), PLACEMENTS)
+    run = run_static(prepare(preset_rig("wii", robot), plan), np.random.SeedSequence(SEED).spawn(1))[0]
+    seen = see(run.measurements, nominal)
+    again = simulated(exact_rig(seen), measured_plan(seen))
+    assert len(again) == len(seen)
+    assert np.abs(again.joint_angles - seen.joint_angles).max() < 5e-3
+    feet = (again.cell_forces - seen.cell_forces).reshape(-1, 2, 4).sum(axis=2)
+    assert np.abs(feet).max() < 15
+
+
 @pytest.mark.parametrize(
-    "text", ["joint-compliance:right_knee", "backlash:right_hip_pitch", "tether", "sole-compliance"]
+    "text",
+    [
+        *("joint-compliance:right_knee", "backlash:right_hip_pitch", "tether", "sole-compliance"),
+        "lifted-corner:left_foot.front_left",
+    ],
 )
 def test_what_an_effect_adds_is_no_part_of_the_true_robot(text, rig, few, nominal):
     effect, target = split(text)
-    values, _ = (PHYSICS | {"tether": ((1.0, 2.0), 0.0)})[text]
+    values, _ = (PHYSICS | DYNAMICS | {"tether": ((1.0, 2.0), 0.0)})[text]
     truth = Scenario(effect.inject(rig, target, values), few, 1, "ideal").true_base_parameters()
     assert truth == pytest.approx(nominal.value, abs=1e-12)
 

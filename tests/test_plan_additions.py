@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from experiments.discovery.planned import usable
 from experiments.plan_description import described_plan, regressor_by_mujoco
 from experiments.planning import as_plan, joined
 from experiments.validate import identify
@@ -117,6 +118,34 @@ def test_torques_on_one_foot_are_mujocos(robot, model, one_foot, with_one_foot):
     for k, q in enumerate(angles):
         expected = holding_torques(robot, model, q, chain.com[k, :2])
         np.testing.assert_allclose(torques[k], expected, atol=1e-9)
+
+
+def test_feed_forward_holds_postures_on_one_foot_without_sag(robot, with_one_foot):
+    """Statics of the laboratory's own scene, without friction and noise: angles are the plan's."""
+    one = with_one_foot.take(with_one_foot.support == "right")
+    rig, count = preset_rig("ideal", robot), one.joint_angles.shape[1]
+    held = prepare(rig, one).near
+    assert held.solved.all()
+    assert np.abs(held.state.angles[:, :count] - one.joint_angles).max() < 1e-4
+    sagging = prepare(rig, dataclasses.replace(one, torques=None)).near
+    assert np.abs(sagging.state.angles[:, :count] - one.joint_angles).max() > 0.01
+
+
+def test_torques_go_with_their_postures(robot, model, with_one_foot, tmp_path):
+    """Through repeats, parts, the file, and beside postures that have none."""
+    torques = dict(zip(with_one_foot.posture.tolist(), with_one_foot.feed_forward, strict=True))
+    plan = with_repeats(with_one_foot, 7, SEED)
+    plan = plan.take(np.arange(len(plan))[::-1])
+    write_plan(tmp_path / "plan", plan)
+    again = read_plan(tmp_path / "plan", robot, model)
+    np.testing.assert_array_equal(again.feed_forward, [torques[number] for number in again.posture.tolist()])
+    one = usable(with_one_foot, with_one_foot.posture[-6:])
+    np.testing.assert_array_equal(one.feed_forward, with_one_foot.feed_forward[-6:])
+    plain = dataclasses.replace(with_one_foot, torques=None)
+    both = joined([plain, with_one_foot]).feed_forward
+    np.testing.assert_array_equal(both[len(plain) :], with_one_foot.feed_forward)
+    assert not both[: len(plain)].any()
+    assert joined([plain, plain]).torques is None
 
 
 def test_postures_on_one_foot_keep_their_margins_and_show_26_parameters(robot, one_foot, with_one_foot):

@@ -51,6 +51,7 @@ def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monke
     assert first.made["interrupted"]
     assert first.made["rounds"] == 3
     assert "left by another run" in refused(capsys, "plan", "--out", out, *SMALL[:-1], 5)
+    assert "left by another run" in refused(capsys, "plan", "--out", out, *SMALL, "--solver", "ipopt")
     assert main(["plan", "--out", str(out), *SMALL]) == 0
     assert main(["plan", "--out", str(tmp_path / "whole"), *SMALL]) == 0
     again, whole = (read_plan(tmp_path / name, robot, load_model(robot)) for name in ("plan", "whole"))
@@ -79,7 +80,11 @@ def test_the_next_postures_and_their_description(data, tmp_path, capsys):
 def test_options_that_do_not_go_together(data, tmp_path, capsys):
     new = ("plan", "--out", tmp_path / "new")
     assert "--after: found with --table1" in refused(capsys, *new, "--table1", "--after", data)
+    assert "found ipopt with --after" in refused(capsys, *new, "--solver", "ipopt", "--after", data)
+    assert "unknown solver 'snopt'; valid: slsqp, ipopt" in refused(capsys, *new, "--solver", "snopt")
     assert "--repeats: found 99, expected at most" in refused(capsys, *new, "--repeats", 99)
+    few = refused(capsys, *new, "--placements", 2, "--postures-per-placement", 7, "--seed", 901)
+    assert "postures on 2 placements cannot tell 25 base parameters apart" in few
     assert "--single-support: found -1" in refused(capsys, *new, "--single-support", -1)
     assert "found a plan folder" in refused(capsys, *new, "--after", DEFAULT_PLAN)
     manifest = data / "manifest.json"

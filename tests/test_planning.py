@@ -10,10 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from experiments.scenario import DEFAULT_PLAN
 from identification.feasibility import place_polygon, stability_margin, support_polygon
 from identification.planning.blocks import information, information_slope
 from identification.planning.constraints import evaluate, slot_names
+from identification.planning.footing import footing
+from identification.planning.interior_point import interior_point
 from identification.planning.legs import holding_torques
+from identification.planning.linear_steps import whole
 from identification.planning.objectives import OBJECTIVES, condition_number, objectives
 from identification.planning.problem import planning_problem
 from identification.planning.search import begin, design_of, search
@@ -21,11 +25,16 @@ from identification.planning.trial import run_trial, smallest_margins
 from identification.postures import planning_ranges
 from identification.regressor import stacked_regressor
 from sim.errors import InputError
+from sim.laboratory import run_experiment
 from sim.measurements import read_plan, write_plan
 from sim.model import sole_corners
+from sim.rig import preset_rig
+from sim.static_laboratory import prepare
+from tools.study import part_of
 
 STEP = 1e-6
 SIGMA = 4.16e-3
+OPTIMAL = DEFAULT_PLAN.parent / "optimal"
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +101,8 @@ def test_holding_torques_balance_the_robot(problem, model, robot, plan):
     data = mujoco.MjData(model)
     design = design_of(problem, plan.joint_angles, plan.swing_pose)
     chain = evaluate(problem, design, plan.joint_angles).chain
-    torque, _, wrench, _ = holding_torques(problem, chain)
+    wrench = np.random.default_rng(213).normal([10, -5, 100, 0, 0, 3], [10, 10, 30, 5, 5, 3], (len(plan), 6))
+    torque, _, _ = holding_torques(problem, chain, wrench)
     for row in range(0, 150, 30):
         data.qpos[:7] = [0, 0, 0, 1, 0, 0, 0]
         data.qpos[7:] = plan.joint_angles[row]
@@ -151,6 +161,32 @@ def test_objective_is_recomputed_from_the_plan_file(tmp_path, robot, model, para
     again = read_plan(tmp_path / "plan", robot, model)
     found = np.linalg.cond(stacked_regressor(parameters, again.joint_angles))
     assert found == pytest.approx(small.made["final_objective"], rel=1e-8)
+    assert again.feed_forward.tobytes() == small.feed_forward.tobytes()
+    assert again.feed_forward.any()
+
+
+def test_feed_forward_shares_the_load_as_planned(problem, small, robot):
+    """Statics of the laboratory's own scene, without friction and noise: angles and loads are the plan's."""
+    rig = preset_rig("ideal", robot)
+    held = prepare(rig, small).near
+    assert held.solved.all()
+    joints = held.state.angles[:, : small.joint_angles.shape[1]]
+    assert np.abs(joints - small.joint_angles).max() < 1e-4
+    design = design_of(problem, small.joint_angles, small.swing_pose)
+    foot = footing(problem, np.column_stack([design[:, [0, 1, 6, 7, 8]], np.zeros((len(small), 3))]))
+    wrench = held.state.wrench  # of the floor on either sole, about the sole points
+    assert np.abs(wrench[:, :, 2] - foot.feet).max() < 0.1
+    assert np.abs(wrench[:, :, :2]).max() < 0.5
+    sagging = prepare(rig, dataclasses.replace(small, torques=None)).near
+    assert np.abs(sagging.state.wrench[:, :, 2] - foot.feet).max() > 5
+
+
+def test_optimal_postures_stand_in_the_full_dynamics(robot, model):
+    plan = read_plan(OPTIMAL, robot, model)
+    rig = preset_rig("wii", robot)
+    rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
+    done = run_experiment(rig, part_of(plan, np.isin(plan.placement, (2, 12, 22))), 214)
+    assert len(done.dropped) <= 1
 
 
 def test_no_margin_is_negative(problem, small):
@@ -169,6 +205,17 @@ def test_chance_margin_covers_robots_that_differ(problem, plan):
     drawn = np.array([rows @ problem.parameters.values(draw_robot(model, 0.1, rng)) for _ in range(400)])
     predicted = np.sqrt(np.einsum("mip,pq,miq->mi", rows, problem.spread, rows))
     assert drawn.std(axis=0) == pytest.approx(predicted, rel=0.15)
+
+
+def test_ipopt_goes_on_from_a_plan(problem, goal, plan):
+    rows = np.flatnonzero(plan.placement <= 5)
+    start = begin(problem, goal, plan.joint_angles[rows], plan.swing_pose[rows], 5, 3, "start")
+    before = whole(problem, start.design, start.angles, 5)
+    after = interior_point(problem, before, goal.smooth[0], 15)
+    first, last = (goal.smooth[0](information(w.found))[0] for w in (before, after))
+    assert last < first
+    assert after.found.reached.all()
+    assert after.found.slots.min() > -0.1
 
 
 def test_taken_up_again_it_ends_in_the_same_bits(problem, goal, small):

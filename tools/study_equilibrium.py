@@ -242,6 +242,7 @@ def excess_sag(
             before=before,
             fresh=fresh,
             command=np.array([a.held.commanded for a in held if a.held]),
+            offset=prepared.plan.feed_forward[rows] / m.gain,
             push=rng.standard_normal((len(rows), 2)),
             scatter=rng.standard_normal((len(rows), len(m.names))),
             plates=np.array([a.true_plates for a in held]),
@@ -302,9 +303,7 @@ def main() -> None:
 
 def first(plan: PosturePlan, placements: int) -> PosturePlan:
     """The first placements of a plan."""
-    chosen = np.isin(plan.placement, np.unique(plan.placement)[:placements])
-    names = ("joint_angles", "posture", "placement", "support", "swing_pose")
-    return dataclasses.replace(plan, **{name: getattr(plan, name)[chosen] for name in names})
+    return plan.take(np.isin(plan.placement, np.unique(plan.placement)[:placements]))
 
 
 if __name__ == "__main__":

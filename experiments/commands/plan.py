@@ -34,6 +34,7 @@ from experiments.scenario import DEFAULT_SEED
 from experiments.setting_up import at_least, enough, planned_parameters
 from experiments.terminal import ERR, console, finite, print_json, print_table
 from identification.base_parameters import common_support
+from identification.planning.interior_point import SOLVERS, casadi_module
 from identification.planning.objectives import Objective
 from identification.planning.problem import Problem, planning_problem
 from identification.planning.repeats import with_repeats
@@ -41,7 +42,7 @@ from identification.planning.search import HOPS, State
 from identification.planning.sequential import measured_information
 from identification.planning.single_support import single_support_plan
 from identification.planning.trial import objective_named
-from sim.errors import InputError
+from sim.errors import InputError, look_up
 from sim.measurements import Measurements, PosturePlan, read_plan
 from sim.model import TULIP, Robot, load_model
 from sim.plates import plate_geometry
@@ -51,7 +52,7 @@ from sim.scene_check import check_scene
 
 SIGMA_MM = 4.16  # the paper's residual per axis (eq. 14)
 TABLE1 = ((647.4, 337.5), (732.1, 405.1), (925.8, 352.6), (714.1, 314.7), (733.6, 406.9), (689.1, 394.4))
-TABLE1_SEEDS = (1, 2, 3, 4, 5, 6)
+TABLE1_SEEDS = (101, 102, 103, 104, 105, 106)  # margins were chosen on seeds below 100
 CHOSEN = 3  # of the trials, as in the paper
 CRITERIA = ("measured_objective", "initial_objective", "final_objective")
 
@@ -65,7 +66,7 @@ def plan_command(
     postures_per_placement: Annotated[int, tyro.conf.arg(help="postures on each")] = 5,
     hops: Annotated[int, tyro.conf.arg(help="exchanges of a placement's postures")] = HOPS,
     table1: Annotated[
-        bool, tyro.conf.arg(help="the paper's six trials (seeds 1 to 6); keeps the best three")
+        bool, tyro.conf.arg(help="the paper's six trials (seeds 101 to 106); keeps the best three")
     ] = False,
     after: Annotated[
         Path | None,
@@ -77,6 +78,7 @@ def plan_command(
     repeats: Annotated[
         int, tyro.conf.arg(metavar="N", help="postures that come twice: half at once, half placed anew")
     ] = 0,
+    solver: Annotated[str, tyro.conf.arg(help="of the last round: slsqp, or ipopt (slow)")] = SOLVERS[0],
     preset: NoisyPreset = "wii",
     robot: RobotFile = TULIP,
     as_json: Json = False,
@@ -102,6 +104,11 @@ def plan_command(
         most := (len(TABLE1_SEEDS[:CHOSEN]) if table1 else 1) * placements * postures_per_placement
     ):
         raise InputError(f"--repeats: found {repeats}, expected at most the plan's {most} postures")
+    look_up("solver", solver, SOLVERS, "--solver")
+    if solver == "ipopt":
+        if after is not None:
+            raise InputError("--solver: found ipopt with --after, expected slsqp")
+        casadi_module()
     own = described_robot(robot)
     check_scene(preset_rig("ideal", own))
     plate = plate_geometry(load_scene(own), "right")
@@ -130,10 +137,10 @@ def plan_command(
         return with_repeats(plan, repeats, seed) if repeats else plan
 
     if table1:
-        return _table1(own, problem, goal, size, out, preset, extended, as_json)
+        return _table1(own, problem, goal, size, solver, out, preset, extended, as_json)
     began = time.perf_counter()
     job = (
-        trial_job(problem, goal, size, seed)
+        trial_job(problem, goal, size, seed, solver)
         if measured is None
         else next_job(problem, goal, size, seed, measured)
     )
@@ -182,6 +189,7 @@ def _table1(
     problem: Problem,
     goal: Objective,
     size: tuple[int, int, int],
+    solver: str,
     out: Path,
     preset: str,
     extended: Callable[[PosturePlan], PosturePlan],
@@ -192,7 +200,7 @@ def _table1(
     for seed, paper in zip(TABLE1_SEEDS, TABLE1, strict=True):
         began = time.process_time()
         kept = out.with_name(f".{out.name}.seed{seed}.state.json")
-        plan, finished = _shown(trial_job(problem, goal, size, seed), kept, f"seed {seed}")
+        plan, finished = _shown(trial_job(problem, goal, size, seed, solver), kept, f"seed {seed}")
         if not finished:
             ERR.print("tulip: interrupted; give the same command to go on")
             return 130

@@ -12,7 +12,7 @@ from experiments.discovery.candidates import Candidate, columns
 from experiments.discovery.channels import packed, unpacked
 from experiments.discovery.fit import Fit, Term, search
 from experiments.discovery.heldout import LEAST_PLACEMENTS, HeldOut, held_out
-from experiments.discovery.laboratory import refit
+from experiments.discovery.laboratory import measured_plan, refit
 from experiments.discovery.linear import nuisances, weighing
 from experiments.discovery.noise import Noise, noise_of
 from experiments.discovery.pure_error import PureError, pure_error, widened
@@ -21,10 +21,12 @@ from experiments.discovery.steps import LEVEL, Explanation, Rival, explain
 from experiments.effects.effect import Effect
 from experiments.effects.occurrence import Occurrence
 from experiments.effects.seen import Seen, see
+from experiments.scenario import Scenario
 from identification.nominal import nominal_robot
 from sim.errors import InputError
 from sim.measurements import Measurements
 from sim.model import Robot
+from sim.rig import preset_rig
 
 NAMED, AMBIGUOUS, UNKNOWN, NONE = "named", "ambiguous", "unknown", "none"
 CLOSED = 0.95  # part of a gap whose explanation is kept although a little is left of it
@@ -107,13 +109,20 @@ def discover(
             f"{LEAST_PLACEMENTS}: whether a finding holds is shown on placements that took no part in it"
         )
     stated = noise_of(seen)
-    repeats = pure_error(seen, stated)
-    noise = widened(stated, repeats)
-    explanation = explain(seen, noise, np.random.default_rng(seed), effects, through_laboratory, progress)
+    noise = stated
+    for _ in range(2):
+        explanation = explain(seen, noise, np.random.default_rng(seed), effects, through_laboratory, progress)
+        # Freed of what was found: an effect of the load differs between repeats, whose load does.
+        repeats = pure_error(explanation.found.linear.seen, explanation.found.linear.theta, stated)
+        noise = widened(stated, repeats)
+        if noise is stated:
+            break
     found, bend = explanation.found, np.zeros((len(seen), 11, 0))
     if found.terms:
         bend = np.zeros((len(seen), 11, sum(len(t.sizes) for t in found.terms)))
-        if through_laboratory:
+        if explanation.bend is not None:
+            bend = explanation.bend
+        elif through_laboratory:
             found, bend = refit(seen, noise, found)
     progress(1)
     left = patterns(found.linear, found.residual, found.columns)
@@ -201,7 +210,7 @@ def _with(term: Term, seen: Seen) -> Seen:
 
 
 def unseen(explanation: Explanation, candidate: Candidate) -> Unseen:
-    """What an effect that leaves no residual does to the base parameters."""
+    """What an effect that leaves no residual does to the base parameters, at one prior s.d. of its size."""
     linear = explanation.before.linear
     if not candidate.effect.sizes:
         return Unseen(candidate.label, 0, 0.0)
@@ -210,6 +219,23 @@ def unseen(explanation: Explanation, candidate: Candidate) -> Unseen:
     pushed = np.linalg.lstsq(known, np.vstack([effect, np.zeros((1, effect.shape[1]))]), rcond=None)[0]
     moved = pushed[: len(linear.theta)]
     if not np.abs(moved).max(initial=0.0) > 0:
-        return Unseen(candidate.label, 0, 0.0)
+        moved = _other_robot(linear.seen, candidate)[:, None]
     at = np.unravel_index(np.abs(moved).argmax(), moved.shape)
+    if not moved[at]:
+        return Unseen(candidate.label, 0, 0.0)
     return Unseen(candidate.label, int(at[0]) + 1, float(np.abs(moved[at])))
+
+
+def _other_robot(seen: Seen, candidate: Candidate) -> np.ndarray:
+    """How far the base parameters of the robot with the effect are from the nominal ones, (p,) [m]."""
+    sizes = np.zeros(len(candidate.prior))
+    sizes[0] = candidate.prior[0]
+    rig = candidate.effect.inject(
+        preset_rig("ideal", seen.nominal.robot), candidate.target, candidate.values(sizes)
+    )
+    if rig.edit is None:
+        return np.zeros(len(seen.nominal.value))
+    try:
+        return Scenario(rig, measured_plan(seen), 0, "ideal").true_base_parameters() - seen.nominal.value
+    except InputError:  # soles that are no plane any more: not the robot's
+        return np.zeros(len(seen.nominal.value))

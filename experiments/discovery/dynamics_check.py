@@ -14,7 +14,6 @@ from experiments.effects.occurrence import Occurrence, freed, injected
 from experiments.effects.seen import see
 from sim.errors import InputError
 from sim.laboratory import run_experiment
-from sim.measurements import PosturePlan
 
 PLACEMENTS = 8
 
@@ -59,15 +58,7 @@ def check_in_dynamics(
     numbers = np.unique(seen.stance)
     chosen = numbers[np.linspace(0, len(numbers) - 1, min(PLACEMENTS, len(numbers))).astype(int)]
     rows = np.flatnonzero(np.isin(seen.stance, chosen))
-    whole = measured_plan(seen)
-    plan = PosturePlan(
-        **{
-            name: getattr(whole, name)[rows]
-            for name in ("joint_angles", "posture", "placement", "support", "swing_pose")
-        },
-        joints=whole.joints,
-        robot=whole.robot,
-    )
+    plan = measured_plan(seen).take(rows)
     rig = exact_rig(seen)
     shown = {}
     try:

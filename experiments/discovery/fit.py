@@ -16,6 +16,9 @@ from experiments.effects.effect import Values
 from experiments.effects.seen import Seen
 
 STEPS = 6
+ANGLE_STEP = 1e-5  # rad or m, of differences
+FORCE_STEP = 1e-2  # N
+NEGLIGIBLE = 1e-9
 CONVERGED = 1e-3  # posterior s.d.
 
 
@@ -62,10 +65,18 @@ class Fit:
 
 
 def freed(seen: Seen, smooth: Seen, terms: Sequence[Term]) -> Seen:
-    """Readings without the terms; what they take away is taken from readings without noise."""
+    """Readings without the terms.
+
+    How much a term takes away is taken from readings without noise, since the noise would go with the
+    residual it is held against; a term without a size (channels exchanged) is undone as it is.
+    """
+    for term in terms:
+        if not term.candidate.effect.sizes:
+            seen, smooth = term.freed(seen), term.freed(smooth)
     clean = smooth
     for term in reversed(terms):
-        clean = term.freed(clean)
+        if term.candidate.effect.sizes:
+            clean = term.freed(clean)
     change = packed(clean) - packed(smooth)
     return replace(unpacked(seen, packed(seen) + change), tree=clean.tree, cells=clean.cells)
 
@@ -131,6 +142,27 @@ def _sized(terms: tuple[Term, ...], sizes: np.ndarray) -> tuple[Term, ...]:
     return tuple(replace(term, sizes=part) for term, part in zip(terms, parts, strict=True))
 
 
+def through_effects(smooth: Seen, terms: Sequence[Term]) -> np.ndarray | None:
+    """Derivative of all fields of the freed experiment by the readings, (m, k, n_joints + 14).
+
+    A sole yields with the load that noisy cells tell: what is taken away errs with them. Without this,
+    sizes of such effects come out too small (attenuation). None where nothing of the kind is taken away.
+    """
+    start, n = packed(smooth), smooth.joint_angles.shape[1]
+    plain = packed(freed(smooth, smooth, terms)) - start
+    steps = np.concatenate([np.full(n, ANGLE_STEP), np.full(8, FORCE_STEP), np.full(6, ANGLE_STEP)])
+    out = np.zeros((*start.shape, n + 14))
+    for k, step in enumerate(steps):
+        moved = start.copy()
+        moved[:, k] += step
+        other = unpacked(smooth, moved)
+        out[..., k] = (packed(freed(other, other, terms)) - moved - plain) / step
+    if np.abs(out).max(initial=0.0) < NEGLIGIBLE:
+        return None
+    out[:, np.arange(n + 14), np.arange(n + 14)] += 1.0
+    return out
+
+
 def fit(seen: Seen, noise: Noise, terms: Sequence[Term], bend: np.ndarray | None = None) -> Fit:
     """Fit terms with all that depends on them taken anew: noise, base parameters, smoothed readings.
 
@@ -147,7 +179,11 @@ def fit(seen: Seen, noise: Noise, terms: Sequence[Term], bend: np.ndarray | None
     smooth, clean = seen, None
     for _ in range(2):
         linear = linear_model(
-            freed(seen, smooth, terms), noise, smooth=clean, rounds=2 if clean is None else 1
+            freed(seen, smooth, terms),
+            noise,
+            smooth=clean,
+            rounds=2 if clean is None else 1,
+            through=through_effects(smooth, terms),
         )
         errors = packed(linear.seen) - packed(linear.smooth)
         smooth = unpacked(seen, packed(seen) - errors)
@@ -156,7 +192,9 @@ def fit(seen: Seen, noise: Noise, terms: Sequence[Term], bend: np.ndarray | None
         found = search(about, terms, bend)
         terms = found.terms
         clean = freed(smooth, smooth, terms)
-    final = linear_model(freed(seen, smooth, terms), noise, smooth=clean, rounds=1)
+    final = linear_model(
+        freed(seen, smooth, terms), noise, smooth=clean, rounds=1, through=through_effects(smooth, terms)
+    )
     residual = final.residual
     if bend is not None and bend.shape[-1]:
         sizes = np.concatenate([term.sizes for term in terms])

@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from experiments.discovery.channels import ROWS, residuals
-from experiments.discovery.fit import Fit, Term, fit, freed
+from experiments.discovery.channels import ROWS, packed, residuals, unpacked
+from experiments.discovery.fit import Fit, Term, fit, freed, through_effects
 from experiments.discovery.linear import linear_model, nuisances, weighing
 from experiments.discovery.noise import Noise, whitening
 from experiments.effects.seen import Seen
@@ -51,7 +51,7 @@ def rows_of(seen: Seen, rows: np.ndarray) -> Seen:
         f.name: getattr(seen, f.name)[rows]
         for f in fields(seen)
         if isinstance(getattr(seen, f.name), np.ndarray)
-        and f.name not in ("cells", "standard", "board_share")
+        and f.name not in ("cells", "standard", "board_share", "torque_limits")
         and len(getattr(seen, f.name)) == count
     }
     return replace(seen, measurements=replace(m, **cut), **kept)
@@ -110,13 +110,21 @@ def _left(
     badly (base parameters, weight) widens the expected residual.
     """
     trained = model.linear
-    smooth = linear_model(test, noise, rounds=1).smooth
+    # Readings are smoothed freed of the effects: under the wrong model, what is no noise would be taken off.
+    about = linear_model(
+        freed(test, test, model.terms),
+        noise,
+        through=through_effects(test, model.terms) if model.terms else None,
+    )
+    smooth = unpacked(test, packed(test) - (packed(about.seen) - packed(about.smooth)))
     clean = freed(test, smooth, model.terms)
-    white = whitening(clean, trained.theta, noise, channels)
+    still = freed(smooth, smooth, model.terms)
+    through = through_effects(smooth, model.terms) if model.terms else None
+    white = whitening(still, trained.theta, noise, channels, through)
     raw = residuals(clean, trained.theta)
     if bend is not None and model.terms:
         raw = raw - bend @ np.concatenate([term.sizes for term in model.terms])
-    columns = nuisances(clean, channels)
+    columns = nuisances(still, channels)
     p = len(trained.theta)
     shared = np.append(np.arange(p), columns.shape[-1] - 1)
     spread, solution = _shared(trained, p)
@@ -131,7 +139,7 @@ def _left(
     squares = (0.0, 0.0)
     if channels == "A":
         inside = raw[:, ROWS["A"]]
-        levers = white.sensitivity[..., len(test.tree.joints) + 8 : len(test.tree.joints) + 14] * noise.plates
+        levers = white.reach[..., len(test.tree.joints) + 8 : len(test.tree.joints) + 14] * noise.plates
         own = (white.own + levers @ levers.mT)[:, :2, :2]
         wide = columns[:, ROWS["A"]][..., shared]
         own = own + wide @ spread @ wide.mT

@@ -16,13 +16,14 @@ from experiments.discovery.channels import residuals, swing_pose
 from experiments.discovery.fit import Fit, Term, fit
 from experiments.discovery.noise import Noise
 from experiments.effects.seen import Seen, see
+from sim.equilibrium import mechanism
 from sim.errors import InputError
 from sim.measurements import Measurements, PosturePlan
 from sim.rig import Rig, preset_rig
 from sim.static_laboratory import prepare, run_static
 
 ROUNDS = 3
-CLOSE = 0.02  # posterior s.d.: a smaller change of the sizes ends the refit
+CLOSE = 0.1  # posterior s.d.: a smaller change of the sizes ends the refit
 STREAM = 0  # of friction and swaying: the same with and without the effect
 
 
@@ -37,18 +38,23 @@ def exact_rig(seen: Seen) -> Rig:
 
 
 def measured_plan(seen: Seen) -> PosturePlan:
-    """The postures as they were commanded (as they were measured, where that is not told), one a row."""
+    """The postures as they were measured, one a row, with the torques that their commands exert there.
+
+    A command holds the plan's feed-forward, which by itself says nothing of where the foot was put.
+    """
     m = seen.measurements
+    gain = mechanism(exact_rig(seen)).gain
     pose = swing_pose(seen)[:, [0, 1, 5]]
     first = np.array([np.flatnonzero(seen.stance == number)[0] for number in seen.stance])
     return PosturePlan(
         joints=m.joints,
-        joint_angles=m.joint_angles if m.command is None else m.command,
+        joint_angles=m.joint_angles,
         posture=np.arange(1, len(m) + 1),
         placement=seen.stance + 1,
         support=m.support,
         swing_pose=pose[first],
         robot={"model": m.robot["model"] or "", "sha256": m.robot["sha256"] or ""},
+        torques=None if m.command is None else gain * (m.command - m.joint_angles),
     )
 
 

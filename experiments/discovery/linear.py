@@ -60,7 +60,12 @@ class Linear:
 
 
 def linear_model(
-    shown: Seen, noise: Noise, channels: str = "AFTC", smooth: Seen | None = None, rounds: int = 2
+    shown: Seen,
+    noise: Noise,
+    channels: str = "AFTC",
+    smooth: Seen | None = None,
+    rounds: int = 2,
+    through: np.ndarray | None = None,
 ) -> Linear:
     """Build it from an experiment.
 
@@ -69,6 +74,7 @@ def linear_model(
         channels: those that are looked at.
         smooth: its readings less their noise, where they are known; else the readings. Covariances taken at
             noisy readings go with their noise: `rounds` of smoothing take that away.
+        through: see `whitening`.
 
     Raises:
         numpy.linalg.LinAlgError: readings that are no numbers.
@@ -79,15 +85,17 @@ def linear_model(
         center(shown).ravel(),
         rcond=None,
     )[0]
-    found = _round(shown, smooth, theta, noise, channels)
+    found = _round(shown, smooth, theta, noise, channels, through)
     for _ in range(rounds - 1):
-        found = _round(shown, found.smooth, found.theta, noise, channels)
+        found = _round(shown, found.smooth, found.theta, noise, channels, through)
     return found
 
 
-def _round(shown: Seen, smooth: Seen, theta: np.ndarray, noise: Noise, channels: str) -> Linear:
+def _round(
+    shown: Seen, smooth: Seen, theta: np.ndarray, noise: Noise, channels: str, through: np.ndarray | None
+) -> Linear:
     """Columns and covariances at smoothed readings, residuals at the readings."""
-    white = whitening(smooth, theta, noise, channels)
+    white = whitening(smooth, theta, noise, channels, through)
     nuisance = nuisances(smooth, channels)
     kept = np.abs(nuisance).max(axis=(0, 1)) > 0
     basis, triangle, order = _pivoted(np.vstack([white(nuisance[..., kept]), weighing(shown)[None, kept]]))
@@ -114,20 +122,18 @@ def _pivoted(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _smoothed(shown: Seen, white: White, left: np.ndarray, noise: Noise) -> Seen:
     """Readings less their noise's mean given the residuals, S J' V^-1 r."""
     pull = white.back(left[:-1])
-    k = white.sensitivity.shape[-1]
-    n = shown.joint_angles.shape[1]
-    variance = np.zeros(k)
-    variance[:n] = noise.encoder**2
-    variance[n : n + 8] = noise.cell**2
-    errors = variance * (white.sensitivity.mT @ pull[..., None])[..., 0]
-    plates = slice(n + 8, n + 14)
+    n, reach = shown.joint_angles.shape[1], white.reach
+    variance = np.concatenate([np.full(n, noise.encoder**2), np.full(8, noise.cell**2), noise.plates**2])
+    errors = np.zeros((len(shown), white.sensitivity.shape[-1]))
+    readings, plates = slice(0, n + 14), slice(n + 8, n + 14)
+    errors[:, readings] = variance * (reach.mT @ pull[..., None])[..., 0]
     for placement in np.unique(shown.measurements.placement):
         inside = shown.measurements.placement == placement
-        together = np.einsum("mrk,mr->k", white.sensitivity[inside][..., plates], pull[inside])
+        together = np.einsum("mrk,mr->k", reach[inside][..., plates], pull[inside])
         errors[inside, plates] = noise.plates**2 * together
-    variance[plates] = noise.plates**2
+    most = LARGEST * np.sqrt(variance)
     # What is larger than noise can be is no noise.
-    errors = np.clip(errors, -LARGEST * np.sqrt(variance), LARGEST * np.sqrt(variance))
+    errors[:, readings] = np.clip(errors[:, readings], -most, most)
     return unpacked(shown, packed(shown) - errors)
 
 

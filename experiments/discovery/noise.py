@@ -66,13 +66,16 @@ class White:
     Attributes:
         rows: numbers of the residuals (11 a posture) that there are, placement by placement.
         blocks: inverse Cholesky factor of every placement's covariance, and where it stands in `rows`.
-        sensitivity: derivative of the residuals by the readings, (m, 11, k).
+        sensitivity: derivative of the residuals by the fields of `packed`, (m, 11, k).
+        reach: derivative by the readings (angles, cells, plates), (m, 11, n_joints + 14): the same, unless
+            effects are taken away whose size goes with noisy readings.
         own: part of each posture's covariance that is its own, (m, 11, 11).
     """
 
     rows: np.ndarray
     blocks: tuple[tuple[slice, np.ndarray], ...]
     sensitivity: np.ndarray
+    reach: np.ndarray
     own: np.ndarray
 
     def __call__(self, residuals: np.ndarray) -> np.ndarray:
@@ -91,13 +94,21 @@ class White:
         return flat.reshape(-1, SIZE)
 
 
-def whitening(seen: Seen, theta: np.ndarray, noise: Noise, channels: str = "AFTC") -> White:
-    """Coordinates for some channels of an experiment."""
+def whitening(
+    seen: Seen, theta: np.ndarray, noise: Noise, channels: str = "AFTC", through: np.ndarray | None = None
+) -> White:
+    """Coordinates for some channels of an experiment.
+
+    Args:
+        through: derivative of all fields by the readings, (m, k, n_joints + 14), where the experiment was
+            freed of effects; None: the readings are fields as they are.
+    """
     slope, at = sensitivity(seen, theta), fields(seen.nominal)
     m = len(seen)
-    angles, cells = slope[..., at["angles"]], slope[..., at["cells"]]
+    reach = slope[..., : at["plates"].stop] if through is None else slope @ through
+    angles, cells = reach[..., at["angles"]], reach[..., at["cells"]]
     own = noise.encoder**2 * angles @ angles.mT + noise.cell**2 * cells @ cells.mT + np.diag(FLOOR**2)
-    levers = slope[..., at["plates"]] * noise.plates
+    levers = reach[..., at["plates"]] * noise.plates
     used = np.zeros((m, SIZE), bool)
     for channel in channels:
         used[:, ROWS[channel]] = True
@@ -118,4 +129,4 @@ def whitening(seen: Seen, theta: np.ndarray, noise: Noise, channels: str = "AFTC
         blocks.append((slice(at_row, at_row + len(block)), factor))
         rows.append(numbers[keep])
         at_row += len(block)
-    return White(np.concatenate(rows), tuple(blocks), slope, own)
+    return White(np.concatenate(rows), tuple(blocks), slope, reach, own)

@@ -95,15 +95,7 @@ def without_noise(rig: Rig) -> Rig:
 
 def usable(plan: PosturePlan, postures: np.ndarray) -> PosturePlan:
     """The rows of a plan that have these numbers."""
-    rows = np.isin(plan.posture, postures)
-    return replace(
-        plan,
-        joint_angles=plan.joint_angles[rows],
-        posture=plan.posture[rows],
-        placement=plan.placement[rows],
-        support=plan.support[rows],
-        swing_pose=plan.swing_pose[rows],
-    )
+    return plan.take(np.isin(plan.posture, postures))
 
 
 def streams(seed: int, count: int) -> list[np.random.SeedSequence]:

@@ -28,10 +28,13 @@ class PureError:
     p: dict[str, float]
 
 
-def pure_error(seen: Seen, noise: Noise) -> PureError:
+def pure_error(seen: Seen, theta: np.ndarray, noise: Noise) -> PureError:
     """Compare repeats within a stance: what their postures share cancels.
 
     The commanded posture is the same, the held one differs: residuals are compared, not readings.
+
+    Args:
+        theta: base parameters, (p,) [m].
     """
     number, m = seen.measurements.posture, len(seen)
     pairs = [
@@ -42,7 +45,6 @@ def pure_error(seen: Seen, noise: Noise) -> PureError:
     ]
     if not pairs:
         return PureError(0, {}, {})
-    theta = seen.nominal.value
     residual, own = residuals(seen, theta), whitening(seen, theta, noise).own
     first, second = np.array(pairs).T
     ratio, p = {}, {}
@@ -64,6 +66,8 @@ def widened(noise: Noise, repeats: PureError) -> Noise:
     """The stated noise, or more where repeats contradict it: cells by F and T, encoders by C."""
     cells = [repeats.ratio[c] for c in "FT" if repeats.p.get(c, 1.0) < CONTRADICTED]
     encoders = repeats.ratio["C"] if repeats.p.get("C", 1.0) < CONTRADICTED else 1.0
+    if not cells and encoders == 1.0:
+        return noise
     assumed = noise.assumed
     if cells:
         assumed += ("cells (repeats scatter more than the data sheet says)",)

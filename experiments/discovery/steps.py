@@ -68,6 +68,7 @@ class Explanation:
         left: patterns in what is left. leftover: whether something is.
         undetectable: candidates that these postures cannot show.
         tests: how many independent tests the catalogue is worth here.
+        bend: what the predictions miss in the laboratory, (m, 11, s); None: it was not asked.
     """
 
     found: Fit
@@ -79,6 +80,7 @@ class Explanation:
     leftover: bool
     undetectable: tuple[Candidate, ...]
     tests: float
+    bend: np.ndarray | None
 
     @property
     def closure(self) -> float:
@@ -124,9 +126,9 @@ def explain(
     undetectable = tuple(s.candidate for s in ranked if not s.visible)
     alarm = min(adjusted(s.p, tests) for s in ranked) if ranked else 1.0
     progress(1)
-    found = before
+    found, bend = before, None
     if alarm < LEVEL or min(gap.p for gap in gaps) < LEVEL / len(gaps):
-        found = _forward(seen, noise, among, before, ranked, tests, through_laboratory, progress)
+        found, bend = _forward(seen, noise, among, before, ranked, tests, through_laboratory, progress)
     sets = tuple(_alternatives(seen, noise, among, found, k) for k in range(len(found.terms)))
     left = patterns(found.linear, found.residual, found.columns)
     over = float(chi2.sf(found.chi_square, max(found.linear.freedom - found.columns.shape[1], 1)))
@@ -141,6 +143,7 @@ def explain(
         bool(left[0].p < LEVEL or over < LEVEL / 4),
         undetectable,
         tests,
+        bend,
     )
 
 
@@ -153,24 +156,29 @@ def _forward(
     tests: float,
     through_laboratory: bool,
     progress: Callable[[int], None],
-) -> Fit:
-    """Add the best explanation as long as one is decisive, look back after every step."""
-    exact = not through_laboratory
+) -> tuple[Fit, np.ndarray | None]:
+    """Add the best explanation as long as one is decisive, look back after every step.
+
+    Returns:
+        the fit, and what its predictions miss in the laboratory, if that was asked.
+    """
+    exact, bend = not through_laboratory, None
     while len(found.terms) < MOST_TERMS:
         best = _best(found, ranked)
         if best is None or best.log_bayes_factor < DECISIVE or _chance(found, best, tests) > LEVEL:
             break
         if found.terms and not exact:
-            found, _ = refit(seen, noise, found)
+            found, bend = refit(seen, noise, found)
             ranked, exact = _ranked_after(found, among), True
             continue
         tried = _look_back(seen, noise, fit(seen, noise, (*found.terms, best.term)))
         progress(1)
         if {t.candidate.label for t in tried.terms} == {t.candidate.label for t in found.terms}:
             break
-        found, exact = tried, not through_laboratory
+        found, exact, bend = tried, not through_laboratory, None
         ranked = _ranked_after(found, among)
-    return _alone(seen, noise, found) if through_laboratory else found
+    alone = _alone(seen, noise, found) if through_laboratory else found
+    return alone, bend if alone is found else None
 
 
 def _alone(seen: Seen, noise: Noise, found: Fit) -> Fit:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import mujoco
 import numpy as np
 
 from identification.kinematics import Tree, joint_axes, moved_frames, walk
 from sim.control import Controller
-from sim.model import joint_names, load_model
+from sim.model import joint_names
 
 if TYPE_CHECKING:
     from experiments.effects.seen import Seen
@@ -82,7 +83,7 @@ def loads(seen: Seen) -> Loads:
     )
     # On one foot the other one bears nothing.
     both = seen.measurements.support == "double"
-    weigh = 1 / np.sqrt(_limits(seen))
+    weigh = 1 / np.sqrt(seen.torque_limits)
     scaled = unknown * weigh[:, None]
     inverse = np.linalg.pinv(scaled)
     push = np.where(both[:, None], -(inverse @ (torque * weigh)[..., None])[..., 0], 0.0)
@@ -109,10 +110,9 @@ def _about(axes: np.ndarray, arm: np.ndarray, force: list[float]) -> np.ndarray:
     return (np.cross(arm, np.array(force)) * axes).sum(axis=-1)
 
 
-def _limits(seen: Seen) -> np.ndarray:
+def torque_limits(model: mujoco.MjModel) -> np.ndarray:
     """Torque limits of the joints' motors, (n_joints,) [Nm]; alike where one has none."""
-    model = load_model(seen.nominal.robot)
-    limits = np.ones(len(seen.tree.joints))
+    limits = np.ones(len(joint_names(model)))
     for k, name in enumerate(joint_names(model)):
         joint = model.joint(name).id
         for i in range(model.nu):

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from experiments.effects.injection import passed
-from experiments.effects.nominal_loads import Loads, loads, mass_center
+from experiments.effects.nominal_loads import Loads, loads, mass_center, torque_limits
 from identification.base_parameters import standard_parameters
 from identification.kinematics import Tree, frame_positions, link_rotations
 from identification.nominal import Nominal
@@ -43,6 +43,7 @@ class Seen:
         lift: vertical force beside the weighed weight, downwards, (m,) [N].
         standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
         board_share: of a board's own weight on each of its cells, right and left, (2,) [N].
+        torque_limits: of the joints' motors, (n_joints,) [Nm].
         part: time of every posture as a part of the experiment's, 0 to 1, (m,).
         on_four_cells: whether all cells of the right and the left plate bear something, (m, 2) bool. On
             three, a board's twist says nothing. A tared cell without load reads minus its share of the board.
@@ -62,6 +63,7 @@ class Seen:
     lift: np.ndarray
     standard: np.ndarray
     board_share: np.ndarray
+    torque_limits: np.ndarray
     part: np.ndarray
     on_four_cells: np.ndarray
 
@@ -182,6 +184,7 @@ def see(measurements: Measurements, nominal: Nominal) -> Seen:
         lift=np.zeros(m),
         standard=standard_parameters(load_model(nominal.robot)),
         board_share=share,
+        torque_limits=torque_limits(load_model(nominal.robot)),
         part=passed(measurements.time),
         on_four_cells=forces.reshape(-1, 2, 4).min(axis=2) > margin - share,
     )

@@ -9,12 +9,10 @@ import numpy as np
 from identification.planning.closed_chain import (
     DESIGN,
     Chain,
-    chain_at,
-    com_jacobian,
     point_jacobian,
     solve_chain,
 )
-from identification.planning.footing import PLAN, footing_slopes
+from identification.planning.footing import PLAN, ROOMS, footing_slopes
 from identification.planning.legs import holding_torques, leg_stretch, limb_distances
 from identification.planning.problem import Problem
 
@@ -34,6 +32,7 @@ class Evaluation:
         regressor, regressor_slopes: R_b (eq. 6), (m, 2, p), and its derivative by u, (m, 2, p, 9).
         reached: whether inverse kinematics succeeded, (m,) bool.
         turn: dq/du, (m, n, 9).
+        torque: of the drives, that share the load between the feet as planned, (m, n) [N m].
     """
 
     chain: Chain
@@ -43,6 +42,7 @@ class Evaluation:
     regressor_slopes: np.ndarray
     reached: np.ndarray
     turn: np.ndarray
+    torque: np.ndarray
 
 
 def slot_names(problem: Problem) -> tuple[str, ...]:
@@ -51,13 +51,13 @@ def slot_names(problem: Problem) -> tuple[str, ...]:
     pairs = len(problem.limbs[0]) * len(problem.limbs[1])
     limited = np.isfinite(problem.torques)
     return (
-        *(f"joint limit {names[j]}" for _ in range(2) for j in problem.between for _ in range(2)),
+        *(f"joint limit {names[j]}" for j in problem.between for _ in range(2)),
         "least height",
         *["stability margin"] * 8,
         *["sole margin"] * 8,
         *["cell load"] * 8,
         *["foot load"] * 2,
-        *["boards and feet"] * 4,
+        *["boards and feet"] * ROOMS,
         *(f"torque {name}" for j, name in enumerate(names) for k in range(2) if limited[j, k]),
         *["leg clearance"] * pairs,
         *["straight leg"] * len(problem.legs),
@@ -79,31 +79,22 @@ def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluat
     regressor = parameters.regressor(angles)
     by_angle = parameters.slope(angles)  # (m, 2, n, p)
     covariance, covariance_slope = _com_covariance(regressor, by_angle, problem.spread)
-    # Servos give way under what they hold; loads are those of the sagged posture.
-    first, first_slope, _, _ = holding_torques(problem, chain)
-    held = chain_at(problem, angles - problem.softness * first)
-    sagging = np.eye(angles.shape[1]) - problem.softness[:, None] * first_slope
-    held_slope = sagging @ dq
-    torque, torque_by_angle, wrench, wrench_by_angle = holding_torques(problem, held)
-    plan = np.column_stack([design[:, [0, 1, 6, 7, 8]], covariance, wrench[:, 2:5], held.com[:, :2]])
-    foot, foot_slope = footing_slopes(problem, plan)
+    foot, foot_slope = footing_slopes(problem, np.column_stack([design[:, [0, 1, 6, 7, 8]], covariance]))
     by_design = np.zeros((len(design), PLAN, DESIGN))
     by_design[:, [0, 1, 2, 3, 4], [0, 1, 6, 7, 8]] = 1.0
     by_design[:, 5:8] = covariance_slope @ dq
-    by_design[:, 8:11] = wrench_by_angle[:, 2:5] @ held_slope
-    by_design[:, 11:] = com_jacobian(problem, held)[:, :2] @ held_slope
+    wrench = np.zeros((len(design), 6))
+    wrench[:, 2:5] = foot.wrench
+    torque, torque_by_angle, lines = holding_torques(problem, chain, wrench)
+    torque_slope = torque_by_angle @ dq + lines[..., 2:5] @ (foot_slope.wrench @ by_design)
 
     low, high = problem.limits[problem.between].T
-    stay = np.concatenate([angles[:, problem.between], held.angles[:, problem.between]], axis=1)
-    turn = np.concatenate([dq[:, problem.between], held_slope[:, problem.between]], axis=1)
-    kept = np.repeat([0.0, margins.joint], len(problem.between))
-    low, high = np.tile(low, 2) + kept, np.tile(high, 2) - kept
-    joints = np.stack([stay - low, high - stay], axis=2)
+    stay, turn = angles[:, problem.between], dq[:, problem.between]
+    joints = np.stack([stay - low, high - stay], axis=2) - margins.joint
     joint_slopes = np.stack([turn, -turn], axis=2)
     height = chain.positions[:, problem.torso, 2:] - ranges.least_height
     height_slope = point_jacobian(problem, chain, problem.torso)[:, 2:] @ dq
 
-    torque_slope = torque_by_angle @ held_slope
     limited = np.isfinite(problem.torques)
     limits = np.where(limited, problem.torques, 1.0)
     relative = np.stack([torque / limits[:, 0], torque / limits[:, 1]], axis=2)[:, limited]
@@ -148,6 +139,7 @@ def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluat
         regressor_slopes=np.einsum("mijp,mju->mipu", by_angle, dq, optimize=True),
         reached=reached,
         turn=dq,
+        torque=torque,
     )
 
 

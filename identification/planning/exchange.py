@@ -34,11 +34,12 @@ def candidates(problem: Problem, swing: np.ndarray, near: Block, rng: np.random.
     low, high = np.array([r.torso_roll, r.torso_pitch, r.torso_yaw]).T
     design[:, 3:6] = rng.uniform(low, high, (DRAWS, 3))
     design[:, 6:] = swing
-    plan = np.zeros((DRAWS, PLAN))
+    plan = np.zeros((DRAWS, PLAN))  # as if the CoM were known: what that asks for is seen below
     plan[:, :5] = design[:, [0, 1, 6, 7, 8]]
-    plan[:, 8] = problem.weight / 2  # whatever: only polygon and boards are looked at
     foot = footing(problem, plan)
     stands = (foot.polygon.min(axis=1) >= r.stability_margin) & (foot.boards.min(axis=1) >= 0)
+    stands &= (foot.soles.min(axis=1) >= r.sole_margin) & (foot.cells.min(axis=1) >= r.least_cell_load)
+    stands &= foot.feet.min(axis=1) >= problem.margins.foot_load
     design = design[stands]
     if not len(design):
         return Block(design, np.zeros((0, near.angles.shape[1])))

@@ -18,9 +18,10 @@ COLLINEAR = 1e-12  # m2
 LEAST_VARIANCE = 1e-18  # m2, so that a root has a derivative
 OFF_HULL = 1.0  # m: margin of a corner that begins no edge, so that it never binds
 LEAST_FORCE = 1.0  # N, on either foot; less is out of the question and would divide by nothing
-# Inputs: CoM x, y; swing foot x, y, yaw; variance of the CoM's x, covariance, variance of y; the swing
-# foot's vertical force, moment about x and about y; x and y of the CoM with servos sagging.
-PLAN = 13
+# Inputs: CoM x, y; swing foot x, y, yaw; variance of the CoM's x, covariance, variance of y.
+PLAN = 8
+ROOMS = 42
+SHARING = 0.75  # of the way to the other foot: what the load goes over by; centres of pressure do the rest
 
 
 @dataclass(frozen=True)
@@ -33,8 +34,10 @@ class Footing:
             of its moment, (m, 8) [m].
         cells: loads, (m, 8) [N].
         feet: vertical force on either foot, (m, 2) [N].
+        wrench: the swing foot's vertical force and its moments about x and y through the base frame's
+            origin, (m, 3) [N, N m]; the rest of its wrench is zero.
         boards: room of each sole on its own board to the side, of the swing sole to the front, and between
-            the soles to the side, (m, 4) [m].
+            the soles to the side, (m, ROOMS) [m].
     """
 
     polygon: np.ndarray
@@ -42,23 +45,22 @@ class Footing:
     cells: np.ndarray
     boards: np.ndarray
     feet: np.ndarray
+    wrench: np.ndarray
 
 
 def footing(problem: Problem, plan: np.ndarray) -> Footing:
-    """For the inputs of `PLAN`, (m, 13)."""
-    com, swing, covariance, wrench, held = (
-        plan[:, k] for k in (slice(0, 2), slice(2, 5), slice(5, 8), slice(8, 11), slice(11, 13))
-    )
+    """For the inputs of `PLAN`, (m, 8)."""
+    com, swing, covariance = (plan[:, k] for k in (slice(0, 2), slice(2, 5), slice(5, 8)))
     c, s = np.cos(swing[:, 2]), np.sin(swing[:, 2])
     turn = np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
     swing_sole = (turn[:, None] @ problem.soles[1][..., None])[..., 0] + swing[:, None, :2]
     stance_sole = np.broadcast_to(problem.soles[0], swing_sole.shape)
-    force, cop = _foot_loads(problem.weight, held, wrench)
+    force, cop = _foot_loads(problem.weight, com, stance_sole.mean(axis=1), swing_sole.mean(axis=1))
     soles = []
     for foot, corners in enumerate((stance_sole, swing_sole)):
         distance, _ = _edges(cop[:, foot, None], _ccw(corners), _ccw(np.roll(corners, 1, axis=1)))
-        unsure = problem.margins.assurance * problem.margins.foot_moment / force[:, foot, None]
-        soles.append(distance - unsure)
+        least = np.where(force[:, foot].real > LEAST_FORCE, force[:, foot], LEAST_FORCE)
+        soles.append(distance - problem.margins.assurance * problem.margins.foot_moment / least[:, None])
     boards, room = _boards(problem, swing_sole)
     arm = (cop - boards) / (problem.plate.cells**2).mean(axis=0)
     tilt = 1 + arm @ problem.plate.cells.T
@@ -69,11 +71,12 @@ def footing(problem: Problem, plan: np.ndarray) -> Footing:
         cells=cells.reshape(len(plan), -1),
         boards=room,
         feet=force,
+        wrench=np.stack([force[:, 1], force[:, 1] * cop[:, 1, 1], -force[:, 1] * cop[:, 1, 0]], axis=1),
     )
 
 
 def footing_slopes(problem: Problem, plan: np.ndarray) -> tuple[Footing, Footing]:
-    """Values, and derivatives by the inputs with a last axis of 13."""
+    """Values, and derivatives by the inputs with a last axis of 8."""
     stepped = plan[:, None] + 1j * STEP * np.eye(PLAN)
     both = footing(problem, stepped.reshape(-1, PLAN))
     values, slopes = {}, {}
@@ -89,13 +92,19 @@ def _ccw(corners: np.ndarray) -> np.ndarray:
     return corners[:, ::-1]
 
 
-def _foot_loads(weight: float, com: np.ndarray, wrench: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vertical forces (m, 2) and centres of pressure (m, 2, 2) of both feet; their mean lies at the CoM."""
-    swing = np.where(wrench[:, 0].real > LEAST_FORCE, wrench[:, 0], LEAST_FORCE)
-    swing = np.where(swing.real < weight - LEAST_FORCE, swing, weight - LEAST_FORCE)
-    moment = np.stack([-wrench[:, 2], wrench[:, 1]], axis=1)
-    left, right = moment / swing[:, None], (weight * com - moment) / (weight - swing)[:, None]
-    return np.stack([weight - swing, swing], axis=1), np.stack([right, left], axis=1)
+def _foot_loads(
+    weight: float, com: np.ndarray, stance: np.ndarray, swing: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vertical forces (m, 2) and centres of pressure (m, 2, 2) that the plan chooses for both feet.
+
+    Statics leaves them open but for their mean, which lies at the CoM. The load goes over with the CoM's
+    place between the soles' centres; what is then left moves both centres of pressure off those alike.
+    """
+    line = swing - stance
+    part = ((com - stance) * line).sum(axis=1) / (line**2).sum(axis=1)
+    share = 0.5 + SHARING * (part - 0.5)
+    off = com - stance - share[:, None] * line
+    return weight * np.stack([1 - share, share], axis=1), np.stack([stance + off, swing + off], axis=1)
 
 
 def _edges(
@@ -128,24 +137,27 @@ def _polygon(com: np.ndarray, corners: np.ndarray, covariance: np.ndarray, probl
 
 
 def _boards(problem: Problem, swing_sole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centres of both boards, laid as `lay_boards` does, (m, 2, 2), and room of soles, (m, 4)."""
-    size, gap = problem.plate.size, problem.ranges.plate_gap
+    """Centres of both boards, laid as `lay_boards` does, (m, 2, 2), and room of soles, (m, ROOMS).
+
+    How far a turned sole reaches has a kink where another corner takes over, as at no yaw, and optima
+    lie there; so every pair of corners has its own room, which is smooth.
+    """
+    size, gap, kept = problem.plate.size, problem.ranges.plate_gap, problem.margins.board
     first, second = problem.soles[0].min(axis=0), problem.soles[0].max(axis=0)
-    low, high = _extreme(swing_sole, -1), _extreme(swing_sole, 1)
-    right = np.broadcast_to((first + second) / 2, low.shape)
-    left = (low + high) / 2
+    left = (_extreme(swing_sole, -1) + _extreme(swing_sole, 1)) / 2
+    right = np.broadcast_to((first + second) / 2, left.shape)
     lack = size[1] + gap - (left[:, 1] - right[:, 1])
-    lack = np.where(lack.real > 0, lack, 0.0)
-    shift = np.stack([np.zeros_like(lack), lack / 2], axis=1)
-    room = np.stack(
+    wide = (swing_sole[:, None] - swing_sole[:, :, None])[:, *np.nonzero(~np.eye(4, dtype=bool))]
+    reach = np.column_stack([np.full_like(lack, (second - first)[1]), wide[..., 1]])
+    room = np.column_stack(
         [
-            size[1] / 2 - lack / 2 - (second - first)[1] / 2,
-            size[1] / 2 - lack / 2 - (high - low)[:, 1] / 2,
-            size[0] / 2 - (high - low)[:, 0] / 2,
-            low[:, 1] - second[1] - problem.ranges.foot_clearance,
-        ],
-        axis=1,
+            (size[1] - reach) / 2 - kept,  # boards side by side, or moved apart to find room
+            (size[1] - lack[:, None] - reach) / 2 - kept,
+            (size[0] - wide[..., 0]) / 2 - kept,
+            swing_sole[..., 1] - second[1] - problem.ranges.foot_clearance,
+        ]
     )
+    shift = np.stack([np.zeros_like(lack), np.where(lack.real > 0, lack, 0.0) / 2], axis=1)
     return np.stack([right - shift, left + shift], axis=1), room
 
 

@@ -8,18 +8,20 @@ from identification.planning.closed_chain import Chain, cross, point_jacobian
 from identification.planning.problem import Problem
 
 
-def holding_torques(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Torques of the drives that hold the robot, and the floor's wrench on the swing foot.
+def holding_torques(
+    problem: Problem, chain: Chain, wrench: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Torques of the drives that hold the robot while the floor exerts a given wrench on the swing foot.
 
-    Seen from the stance foot, joint j carries the weights beyond it and the swing foot's wrench w, forces
-    and moments about the base frame's origin: tau = tau_0 + A w, A_j = -(p_j x a_j, a_j). The chain is
-    closed, so statics leaves w free. Servos are springs; commands that close the chain without strain
-    leave the w of least elastic energy (Castigliano's second theorem), min tau' K^-1 tau, with stiffnesses
-    K in proportion to the drives' limits (an assumption). Dry friction is left out.
+    Seen from the stance foot, joint j carries the weights beyond it and that wrench w, forces and moments
+    about the base frame's origin: tau = tau_0 + A w, A_j = -(p_j x a_j, a_j). The chain is closed, so
+    statics leaves w free, and whoever commands tau chooses it. Dry friction is left out.
+
+    Args:
+        wrench: w, (m, 6) [N, N m].
 
     Returns:
-        tau, (m, n) [N m]; its derivative by joint angles, (m, n, n); w, (m, 6) [N, N m]; its derivative,
-        (m, 6, n).
+        tau, (m, n) [N m]; its derivative by joint angles with w held, (m, n, n); A, (m, n, 6).
     """
     axes, pivots, gravity = chain.axes, chain.pivots, problem.gravity
     load = -gravity * (chain.moment - chain.beyond[:, None] * pivots)
@@ -49,14 +51,8 @@ def holding_torques(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndar
     arm_slope = cross(moved_pivot, axes[:, None]) + cross(pivots[:, None], turned_axis)
     line_slope = -np.concatenate([arm_slope, turned_axis], axis=3) * bears  # (m, i, j, 6)
 
-    soft = problem.softness[:, None] * lines
-    inverse = np.linalg.inv(lines.mT @ soft)
-    wrench = -(inverse @ (soft.mT @ own[..., None]))[..., 0]
     torque = own + (lines @ wrench[..., None])[..., 0]
-    strained = own_slope + (line_slope @ wrench[:, None, :, None])[..., 0].mT  # w held
-    pulled = (line_slope.mT @ (problem.softness * torque)[:, None, :, None])[..., 0].mT  # (m, 6, i)
-    wrench_slope = -inverse @ (pulled + soft.mT @ strained)
-    return torque, strained + lines @ wrench_slope, wrench, wrench_slope
+    return torque, own_slope + (line_slope @ wrench[:, None, :, None])[..., 0].mT, lines
 
 
 def limb_distances(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarray]:

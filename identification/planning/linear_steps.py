@@ -64,12 +64,11 @@ def descend(
     """
     value = merit(plan, smooth)
     for _ in range(iterations):
-        step, gain = _step(problem, plan, smooth, np.repeat(regions, plan.per))
+        step, gain = linear_step(problem, plan, smooth, np.repeat(regions, plan.per))
         if gain < 1e-6:
             break
         for _ in range(2):
-            change = np.clip((plan.found.turn @ step[..., None])[..., 0], -0.5, 0.5)
-            moved = whole(problem, plan.design + step, plan.found.chain.angles + change, plan.per)
+            moved = _moved(problem, plan, step)
             lack, before = (np.maximum(-w.found.slots.min(axis=1), 0.0) for w in (moved, plan))
             broken = (lack > before + MOST_LACK).reshape(-1, plan.per).any(axis=1)
             if not broken.any():
@@ -77,6 +76,11 @@ def descend(
             regions = np.where(broken, SHRINK * regions, regions)
             step = step * np.repeat(~broken, plan.per)[:, None]
         after = merit(moved, smooth)
+        if after >= value:  # curved constraints: once more with what linearising has missed
+            missed = moved.found.slots - plan.found.slots - _rates(plan, step)
+            step, _ = linear_step(problem, plan, smooth, np.repeat(regions, plan.per), missed)
+            moved = _moved(problem, plan, step)
+            after = merit(moved, smooth)
         if after < value:
             plan, value = moved, after
             regions = np.where(broken, regions, np.minimum(GROW * regions, WIDEST))
@@ -87,8 +91,24 @@ def descend(
     return plan, regions
 
 
-def _step(problem: Problem, plan: Whole, smooth: Smooth, region: np.ndarray) -> tuple[np.ndarray, float]:
-    """The linear program's step (m, 9) and what it promises of the merit."""
+def _moved(problem: Problem, plan: Whole, step: np.ndarray) -> Whole:
+    change = np.clip((plan.found.turn @ step[..., None])[..., 0], -0.5, 0.5)
+    return whole(problem, plan.design + step, plan.found.chain.angles + change, plan.per)
+
+
+def _rates(plan: Whole, step: np.ndarray) -> np.ndarray:
+    return (plan.found.slot_slopes @ step[..., None])[..., 0]
+
+
+def linear_step(
+    problem: Problem, plan: Whole, smooth: Smooth, region: np.ndarray, missed: np.ndarray | None = None
+) -> tuple[np.ndarray, float]:
+    """The linear program's step (m, 9) and what it promises of the merit.
+
+    Args:
+        missed: by how much the slots lie beyond their linearisation after a first step, (m, s); None: 0
+            (second-order correction, Fletcher 1982).
+    """
     count, per, found = len(plan.design), plan.per, plan.found
     places = count // per
     _, by_matrix = smooth(information(found))
@@ -124,7 +144,8 @@ def _step(problem: Problem, plan: Whole, smooth: Smooth, region: np.ndarray) -> 
     bounds = np.zeros((size + count, 2))
     bounds[columns, 0], bounds[columns, 1] = low, high
     bounds[size:, 1] = np.inf
-    result = linprog(objective, A_ub=matrix, b_ub=found.slots[row, slot], bounds=bounds, method="highs")
+    room = found.slots if missed is None else found.slots + missed
+    result = linprog(objective, A_ub=matrix, b_ub=room[row, slot], bounds=bounds, method="highs")
     if result.x is None:
         return np.zeros_like(plan.design), 0.0
     lack = np.maximum(-found.slots.min(axis=1), 0.0)

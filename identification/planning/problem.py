@@ -31,14 +31,16 @@ class Margins:
         assurance: standard deviations of the centre of mass that every edge of the support polygon keeps
             beyond d_s; 1.645: each edge with 95 % probability [-].
         torque_share: of a drive's limit, most that holding may take by prediction [-].
-        sag: what a servo gives way under its full limit, so stiffnesses are in proportion to limits [rad].
         foot_load: least on either foot [N].
         foot_moment: 1 s.d. of either foot's tilting moment over its prediction, by dry friction and
-            tracking errors in a stiff closed chain; soles keep it with the same assurance [N m].
-        joint: kept from both ends of a joint's range with the servos sagging, since a stop that is touched
-            takes load from the feet [rad].
+            tracking errors in a stiff closed chain; soles keep it with the same assurance [N m]. TULip's
+            drives (0.8 of their dry friction, commands off by 0.5 mrad) give 0.5 about x and 0.6 about y.
+        board: between a sole and the edge of its board, since boards come to lie some millimetres off and
+            a corner beyond the edge carries nothing [m].
+        joint: kept from both ends of a joint's range, since a stop that is touched takes load from the
+            feet [rad].
         stretch: of the straight leg's length that hip and ankle stay nearer than that: straight knees are
-            singular, where angles change without bound [-].
+            singular, where angles change without bound, and paths between them may be out of reach [-].
         leg_clearance: between the capsules round the two legs' limbs [m].
         rounding: kept from every bound, so that solver and file format cannot break one (in the
             constraints' own scales) [-].
@@ -46,12 +48,12 @@ class Margins:
 
     mass_sd: float = 0.10
     assurance: float = 1.645
-    torque_share: float = 0.8
-    sag: float = 0.02
-    foot_load: float = 10.0
-    foot_moment: float = 0.3
+    torque_share: float = 0.85
+    foot_load: float = 25.0
+    foot_moment: float = 0.55
+    board: float = 0.01
     joint: float = 0.002
-    stretch: float = 0.005
+    stretch: float = 0.01
     leg_clearance: float = 0.01
     rounding: float = 1e-5
 
@@ -65,7 +67,6 @@ class Problem:
         between: joints between the feet, of which the inverse kinematics disposes, (12,).
         limits: ranges of all joints, (n, 2) [rad].
         torques: drives' limits, (n, 2) [N m]; infinite where the robot's file has none.
-        softness: of the servos, the sag at a joint per torque, (n,) [rad/(N m)].
         mass, center: of every frame, (f,) [kg], and its centre of mass in it, (f, 3) [m].
         gravity: [m/s2].
         soles: corners of the stance and the swing sole in their feet's frames, (2, 4, 2) [m].
@@ -87,7 +88,6 @@ class Problem:
     between: np.ndarray
     limits: np.ndarray
     torques: np.ndarray
-    softness: np.ndarray
     mass: np.ndarray
     center: np.ndarray
     gravity: float
@@ -151,7 +151,6 @@ def planning_problem(
         between=between,
         limits=tree.joint_range,
         torques=torques,
-        softness=_softness(torques, margins.sag),
         mass=mass,
         center=center,
         gravity=float(-model.opt.gravity[2]),
@@ -186,13 +185,6 @@ def _torque_limits(model: mujoco.MjModel) -> np.ndarray:
                     low, high = max(low, interval[0]), min(high, interval[1])
         limits.append([low, high])
     return np.array(limits).reshape(-1, 2)
-
-
-def _softness(torques: np.ndarray, sag: float) -> np.ndarray:
-    limit = np.abs(torques).min(axis=1)
-    usable = np.isfinite(limit) & (limit > 0)
-    typical = float(np.median(limit[usable])) if usable.any() else 1.0
-    return sag / np.where(usable, limit, typical)
 
 
 def _spread(

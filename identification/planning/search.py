@@ -16,16 +16,18 @@ from identification.planning.blocks import FEASIBLE, Block, improve, information
 from identification.planning.closed_chain import chain_at
 from identification.planning.constraints import evaluate, slot_names
 from identification.planning.exchange import candidates, exchange
+from identification.planning.interior_point import SOLVERS, interior_point
 from identification.planning.linear_steps import Whole, descend, merit, whole
 from identification.planning.objectives import Objective, Smooth, condition_number
 from identification.planning.problem import Problem
 from sim.errors import InputError
 
 WARM = 15  # linear steps for each of the smooth objectives at the start
-HOPS = 40  # rounds that exchange one placement's postures each, by default
+HOPS = 60  # rounds that exchange one placement's postures each, by default
 STEPS = 12  # linear steps a hop
 REGION, FINE = 0.3, 0.1  # of trust
 POLISH = 20  # SLSQP's iterations on each placement at the end
+INTERIOR = 30  # IPOPT's on the whole plan
 LEAST_POOL = 3  # candidates that are worth an exchange
 GAIN = 1e-6
 
@@ -101,11 +103,17 @@ def rounds(objective: Objective, hops: int) -> int:
 
 
 def search(
-    problem: Problem, objective: Objective, state: State, per: int, seed: int, hops: int = HOPS
+    problem: Problem,
+    objective: Objective,
+    state: State,
+    per: int,
+    seed: int,
+    hops: int = HOPS,
+    solver: str = SOLVERS[0],
 ) -> Iterator[State]:
     """Go on from a state; yields after every round.
 
-    First descent by each smooth objective in turn, then hops, then polish by SLSQP.
+    First descent by each smooth objective in turn, then hops, then polish by SLSQP or IPOPT.
     """
     stages = objective.smooth
     while state.rounds < rounds(objective, hops):
@@ -117,7 +125,8 @@ def search(
             smooth = stages[min(_middle(stages) + (k - len(stages)) * 2 // max(hops, 1), len(stages) - 1)]
             plan = _hop(problem, plan, smooth, np.random.default_rng([seed, k]))
         else:
-            plan = _polish(problem, replace_plan(problem, state, per), stages[-1])
+            polish = _polish if solver == "slsqp" else _interior
+            plan = polish(problem, replace_plan(problem, state, per), stages[-1])
         state = _kept(problem, objective, state, plan)
         yield state
 
@@ -195,6 +204,10 @@ def _polish(problem: Problem, plan: Whole, smooth: Smooth) -> Whole:
         blocks[k] = improve(problem, block, rest, smooth, POLISH)
         parts[k] = information(evaluate(problem, blocks[k].design, blocks[k].angles))
     return whole(problem, *_joined(blocks), plan.per)
+
+
+def _interior(problem: Problem, plan: Whole, smooth: Smooth) -> Whole:
+    return interior_point(problem, plan, smooth, INTERIOR)
 
 
 def _middle(stages: tuple[Smooth, ...]) -> int:

@@ -1,7 +1,8 @@
 """Postures on the stance foot alone: what they keep, and those that tell most.
 
 There the robot is an open chain: statics alone gives the drives' torques, the centre of pressure lies below
-the centre of mass, and the swing foot, which turns freely, makes one more base parameter visible.
+the centre of mass, and the swing foot, which turns freely, makes one more base parameter visible. The plan
+holds those torques as feed-forward, so that the servos do not sag.
 """
 
 from __future__ import annotations
@@ -27,8 +28,6 @@ DRAWS = 5000  # at once
 MOST_ROUNDS, HOPELESS = 60, 6  # at most; without a single feasible posture
 POOL = 8  # candidates for each posture that is wanted
 NEWTON_STEPS = 6
-SAG_STEPS = 15
-MOST_SAG = 0.1  # rad
 WAY = 7  # points between two postures
 ON_THE_WAY = ("stability margin", "torques", "leg clearance", "swing foot lifted")
 
@@ -50,12 +49,9 @@ def single_support_margins(problem: Problem, angles: np.ndarray, swing: np.ndarr
     """
     ranges, margins = problem.ranges, problem.margins
     chain = chain_at(problem, angles)
-    held, torque = _sagged(problem, angles)
+    torque = open_chain_torques(problem, chain)
     low, high = problem.limits.T
-    stops = np.concatenate(
-        [angles - low, high - angles, held.angles - low - margins.joint, high - margins.joint - held.angles],
-        axis=1,
-    )
+    stops = np.concatenate([angles - low, high - angles], axis=1) - margins.joint
     limited = np.isfinite(problem.torques)
     limits = np.where(limited, problem.torques, np.inf)
     spare = np.stack([margins.torque_share - torque / limits[:, k] for k in range(2)], axis=2)
@@ -72,10 +68,10 @@ def single_support_margins(problem: Problem, angles: np.ndarray, swing: np.ndarr
             "mm",
         ),
         "sole margin": (
-            1e3 * (_edge_distances(problem.soles[0], held.com[:, :2])[0] - ranges.sole_margin),
+            1e3 * (_edge_distances(problem.soles[0], chain.com[:, :2])[0] - ranges.sole_margin),
             "mm",
         ),
-        "cell load": (_cell_loads(problem, held.com, swing) - ranges.least_cell_load, "N"),
+        "cell load": (_cell_loads(problem, chain.com, swing) - ranges.least_cell_load, "N"),
         "torques": (100 * spare.reshape(len(angles), -1), "% of limit"),
         "leg clearance": (1e3 * (limb_distances(problem, chain)[0] - margins.leg_clearance), "mm"),
         "straight leg": (
@@ -88,19 +84,6 @@ def single_support_margins(problem: Problem, angles: np.ndarray, swing: np.ndarr
     return {
         name: Margin(values.min(axis=1), unit) for name, (values, unit) in found.items() if values.shape[1]
     }
-
-
-def _sagged(problem: Problem, angles: np.ndarray) -> tuple[Chain, np.ndarray]:
-    """The posture that servos hold, and their torques there, (m, n) [N m].
-
-    They give way under the weight, and that under which they give way grows as the robot leans: half as
-    much again on one foot, so the equilibrium is iterated. Where it runs away, torques grow beyond any limit.
-    """
-    held = chain_at(problem, angles)
-    for _ in range(SAG_STEPS):
-        torque = open_chain_torques(problem, held)
-        held = chain_at(problem, angles - np.clip(problem.softness * torque, -MOST_SAG, MOST_SAG))
-    return held, open_chain_torques(problem, held)
 
 
 def open_chain_torques(problem: Problem, chain: Chain) -> np.ndarray:
@@ -140,6 +123,7 @@ def single_support_plan(
     _, sizes = np.unique(plan.placement, return_counts=True)
     order, group = _sequences(problem, chosen, swing, int(sizes.max()))
     number = plan.placement.max() + 1 + group
+    torques = open_chain_torques(problem, chain_at(problem, chosen[order]))
     return dataclasses.replace(
         plan,
         joint_angles=np.concatenate([plan.joint_angles, chosen[order]]),
@@ -147,6 +131,7 @@ def single_support_plan(
         placement=np.append(plan.placement, number),
         support=np.append(plan.support, np.full(count, "right")),
         swing_pose=np.concatenate([plan.swing_pose, np.tile(swing, (count, 1))]),
+        torques=np.concatenate([plan.feed_forward, torques]),
         made=plan.made | {"single_support": {"postures": count, "candidates": len(pool), "lifted": LIFTED}},
     )
 

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from identification.planning.constraints import ANGLE, FORCE, LENGTH, TORQUE, evaluate, slot_names
+from identification.planning.interior_point import SOLVERS
 from identification.planning.objectives import OBJECTIVES, Objective, objectives
 from identification.planning.problem import Problem
 from identification.planning.search import HOPS, State, begin, design_of, rounds, search
 from identification.postures import random_postures
-from sim.errors import look_up
+from sim.errors import InputError, look_up
 from sim.measurements import PosturePlan
 
 SPARE = 2  # random placements drawn for each that is wanted: some cannot be repaired
@@ -60,6 +61,22 @@ def first_state(
     return drawn, state
 
 
+def require_told_apart(problem: Problem, state: State, placements: int) -> None:
+    """Refuse a start whose postures cannot tell the parameters apart: on one or two placements none can.
+
+    Args:
+        placements: how many there are, measured ones included.
+
+    Raises:
+        InputError: the start's information is singular.
+    """
+    if not np.isfinite(state.initial_condition):
+        raise InputError(
+            f"{problem.robot.path}: found that postures on {placements} placements cannot tell "
+            f"{len(problem.nominal)} base parameters apart, expected more placements"
+        )
+
+
 def run_trial(
     problem: Problem,
     objective: Objective,
@@ -69,26 +86,35 @@ def run_trial(
     hops: int = HOPS,
     progress: Callable[[State], None] = lambda state: None,
     state: State | None = None,
+    solver: str = SOLVERS[0],
 ) -> PosturePlan:
     """One trial from its own random start.
 
     Args:
         progress: called with the state after every round; may raise KeyboardInterrupt.
         state: to go on from, of the same trial.
+        solver: of the polish, one of `SOLVERS`.
 
     Raises:
-        InputError: as `first_state`.
+        InputError: as `first_state` and `require_told_apart`.
     """
     drawn, start = first_state(problem, objective, placements, per, seed)
+    require_told_apart(problem, start, placements)
     state = state or start
-    for found in search(problem, objective, state, per, seed, hops):
+    for found in search(problem, objective, state, per, seed, hops, solver):
         state = found
         progress(found)
-    return plan_of(problem, objective, drawn, state, seed, hops)
+    return plan_of(problem, objective, drawn, state, seed, hops, solver)
 
 
 def plan_of(
-    problem: Problem, objective: Objective, drawn: PosturePlan, state: State, seed: int, hops: int
+    problem: Problem,
+    objective: Objective,
+    drawn: PosturePlan,
+    state: State,
+    seed: int,
+    hops: int,
+    solver: str = SOLVERS[0],
 ) -> PosturePlan:
     """The best plan of a state, with how it was made."""
     made = {
@@ -96,7 +122,7 @@ def plan_of(
         "seed": seed,
         "placements": len(np.unique(drawn.placement)),
         "per_placement": int((drawn.placement == drawn.placement[0]).sum()),
-        "solver": "sequential linear programming, exchange, slsqp",
+        "solver": f"sequential linear programming, exchange, {solver}",
         "rounds": state.rounds,
         "rounds_planned": rounds(objective, hops),
         "initial_condition_number": state.initial_condition,
@@ -105,8 +131,13 @@ def plan_of(
         "ranges": dataclasses.asdict(problem.ranges),
         "margins": dataclasses.asdict(problem.margins),
     }
+    best = evaluate(problem, state.best_design, state.best_angles)
     return dataclasses.replace(
-        drawn, joint_angles=state.best_angles, swing_pose=state.best_design[:, 6:], made=made
+        drawn,
+        joint_angles=best.chain.angles,
+        swing_pose=state.best_design[:, 6:],
+        made=made,
+        torques=best.torque,
     )
 
 

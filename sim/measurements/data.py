@@ -20,6 +20,8 @@ class PosturePlan:
         swing_pose: pose of the swing foot in the base frame, (m, 3) [m, m, rad].
         robot: the MJCF file that the plan was made for, {"model", "sha256"}.
         made: how the plan was made (objective, seed, ranges, margins, software).
+        torques: feed-forward of the drives, (m, n_joints) [N m], by which the servos hold the posture
+            without sagging and share the load between the feet as planned; None: none.
     """
 
     joints: tuple[str, ...]
@@ -30,9 +32,15 @@ class PosturePlan:
     swing_pose: np.ndarray
     robot: dict[str, str]
     made: dict[str, Any] = field(default_factory=dict)
+    torques: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.posture)
+
+    @property
+    def feed_forward(self) -> np.ndarray:
+        """`torques`, or zeros, (m, n_joints) [N m]."""
+        return np.zeros_like(self.joint_angles) if self.torques is None else self.torques
 
     @property
     def postures(self) -> int:
@@ -42,7 +50,8 @@ class PosturePlan:
     def take(self, rows: np.ndarray) -> PosturePlan:
         """Some of its postures, by a mask or by indices in any order."""
         names = ("joint_angles", "posture", "placement", "support", "swing_pose")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+        torques = None if self.torques is None else self.torques[rows]
+        return replace(self, torques=torques, **{name: getattr(self, name)[rows] for name in names})
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,11 @@ from sim.files import new_folder
 from sim.measurements.data import PosturePlan
 from sim.measurements.folder_kind import check_kind
 from sim.measurements.measurement_folder import MOST_ANGLE, MOST_LENGTH, SUPPORTS, Version
-from sim.measurements.tables import read_json, software, write_json, write_table
+from sim.measurements.tables import Table, read_json, software, write_json, write_table
 from sim.measurements.twins import checked_table
 from sim.model import Robot, joint_names, sha256
+
+MOST_TORQUE = 1e5  # N m, of a drive
 
 
 class PlanRobot(BaseModel):
@@ -43,6 +45,8 @@ def write_plan(folder: Path, plan: PosturePlan) -> None:
     """
     columns = {"posture": plan.posture, "placement": plan.placement, "support": plan.support}
     columns |= {f"q.{joint}": plan.joint_angles[:, k] for k, joint in enumerate(plan.joints)}
+    if plan.torques is not None:
+        columns |= {f"torque.{joint}": plan.torques[:, k] for k, joint in enumerate(plan.joints)}
     columns |= {f"swing.{axis}": plan.swing_pose[:, k] for k, axis in enumerate(("x", "y", "yaw"))}
     with new_folder(folder) as working:
         paths = write_table(working, "postures", columns)
@@ -87,10 +91,16 @@ def read_plan(folder: Path, robot: Robot, model: mujoco.MjModel) -> PosturePlan:
         swing_pose=np.column_stack(swing),
         robot=manifest.robot.model_dump(),
         made=manifest.made,
+        torques=_torques(table, joints),
     )
     check_limits(table.path, plan, model)
     check_repeats(table.path, plan)
     return plan
+
+
+def _torques(table: Table, joints: tuple[str, ...]) -> np.ndarray | None:
+    given = any(table.has(f"torque.{joint}") for joint in joints)
+    return table.matrix("torque", joints, False, -MOST_TORQUE, MOST_TORQUE) if given else None
 
 
 def check_model(where: Path | str, made_with: str | None, expected: str | None, robot: Robot) -> None:
@@ -121,12 +131,13 @@ def check_repeats(path: Path, plan: PosturePlan) -> None:
         (plan.joint_angles != plan.joint_angles[same]).any(axis=1)
         | (plan.support != plan.support[same])
         | (plan.swing_pose != plan.swing_pose[same]).any(axis=1)
+        | (plan.feed_forward != plan.feed_forward[same]).any(axis=1)
     )
     if other.any():
         row = int(other.argmax())
         raise InputError(
             f"{path}: column 'posture', row {row + 1}: found number {plan.posture[row]} again, but not the "
-            f"angles, support and swing foot of row {same[row] + 1}; expected one number a posture"
+            f"angles, support, swing foot and torques of row {same[row] + 1}; expected one number a posture"
         )
 
 

@@ -6,6 +6,11 @@ import numpy as np
 import pytest
 
 from identification.estimators import least_squares, solve_least_squares
+from identification.planning.constraints import evaluate
+from identification.planning.linear_steps import Whole, linear_step
+from identification.planning.objectives import objectives
+from identification.planning.problem import planning_problem
+from identification.planning.search import design_of
 from identification.postures import random_postures
 from identification.regressor import Regression, stacked_regressor
 from sim.laboratory import run_experiment
@@ -15,6 +20,40 @@ from tools.study import part_of
 
 def tell_rate(benchmark, postures):
     print(f"\n{benchmark.name}: {postures / benchmark.stats['mean']:.1f} postures per second")
+
+
+@pytest.fixture
+def optimisation(robot, plate, plan):
+    problem = planning_problem(robot, plate)
+    angles = plan.joint_angles[:50]
+    return problem, design_of(problem, angles, plan.swing_pose[:50]), angles
+
+
+def one_iteration(problem, design, found):
+    smooth = objectives(problem.nominal, 1e-3)["condition"].smooth[0]
+    return linear_step(problem, Whole(design, found, 5), smooth, np.full(len(design), 0.1))
+
+
+@pytest.mark.benchmark(group="one iteration of `tulip plan`, 50 postures")
+def test_with_analytic_derivatives(benchmark, optimisation):
+    problem, design, angles = optimisation
+    benchmark(lambda: one_iteration(problem, design, evaluate(problem, design, angles)))
+
+
+@pytest.mark.benchmark(group="one iteration of `tulip plan`, 50 postures")
+def test_with_forward_differences(benchmark, optimisation):
+    """Every evaluation brings its derivatives along, so differences cost a little less than this."""
+    problem, design, angles = optimisation
+
+    def iteration():
+        found = evaluate(problem, design, angles)
+        ahead = [evaluate(problem, design + step, angles) for step in 1e-7 * np.eye(design.shape[1])]
+        slots = np.stack([(a.slots - found.slots) / 1e-7 for a in ahead], axis=-1)
+        regressor = np.stack([(a.regressor - found.regressor) / 1e-7 for a in ahead], axis=-1)
+        found = dataclasses.replace(found, slot_slopes=slots, regressor_slopes=regressor)
+        return one_iteration(problem, design, found)
+
+    benchmark(iteration)
 
 
 @pytest.mark.benchmark(group="one posture")

@@ -117,12 +117,16 @@ def difference(expected: Any, found: Any) -> str:
     return "" if np.abs(first - second).max(initial=0.0) <= TOLERANCE * scale else f"{first} against {second}"
 
 
+OPTIONAL = (  # null: unknown, without a rig, relative to zero
+    *("truth", "made", "rig"),
+    *("relative_standard_error", "predicted_relative_standard_error_percent"),
+)
+
+
 def not_finite(value: Any) -> bool:
     """Whether a JSON document holds a null where a number was computed."""
     if isinstance(value, dict):
-        return any(
-            not_finite(v) for k, v in value.items() if k not in ("truth", "made", "relative_standard_error")
-        )
+        return any(not_finite(v) for k, v in value.items() if k not in OPTIONAL)
     if isinstance(value, list):
         return any(not_finite(item) for item in value)
     return value is None

@@ -39,6 +39,7 @@ def mixed_plan(pool: PosturePlan, double: int, one_foot: np.ndarray) -> PostureP
         placement=np.append(first.placement, first.placement[-1] + 1 + np.arange(count) // PER_PLACEMENT),
         support=np.append(first.support, np.full(count, "right")),
         swing_pose=np.vstack([first.swing_pose, np.tile(first.swing_pose[0], (count, 1))]),
+        torques=np.vstack([first.feed_forward, np.zeros_like(one_foot)]),
     )
 
 

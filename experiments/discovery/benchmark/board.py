@@ -20,6 +20,7 @@ from experiments.discovery.isolability import ISOLABLE
 from experiments.discovery.laboratory import exact_rig, measured_plan, simulated
 from experiments.discovery.linear import Linear, linear_model
 from experiments.discovery.noise import noise_of
+from experiments.discovery.planned import without_noise
 from experiments.discovery.steps import LEVEL
 from experiments.effects.seen import see
 from experiments.scenario import DEFAULT_PLAN
@@ -37,6 +38,7 @@ class Board:
     """A plan in a nominal laboratory, and what every candidate of the catalogue shows there.
 
     Attributes:
+        quiet: the same laboratory with nothing random but friction.
         candidates: of the whole catalogue.
         projected: columns of every candidate at every grid point, whitened and projected, (r + 1, s).
         bases: orthonormal, of what a candidate can visibly show within its prior, by grid point.
@@ -46,6 +48,7 @@ class Board:
     rig: Rig
     plan: PosturePlan
     prepared: Prepared
+    quiet: Prepared
     linear: Linear
     candidates: list[Candidate]
     projected: list[list[np.ndarray]]
@@ -116,7 +119,17 @@ def board(preset: str, folder: Path = DEFAULT_PLAN) -> Board:
         [_visible(candidate, column) for column in points]
         for candidate, points in zip(found.candidates, found.projected, strict=True)
     ]
-    return Board(rig, plan, prepared, linear, found.candidates, found.projected, bases, level)
+    return Board(
+        rig,
+        plan,
+        prepared,
+        prepare(without_noise(rig), plan),
+        linear,
+        found.candidates,
+        found.projected,
+        bases,
+        level,
+    )
 
 
 def _visible(candidate: Candidate, columns: np.ndarray) -> np.ndarray:

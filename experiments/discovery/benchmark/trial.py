@@ -17,8 +17,9 @@ from experiments.discovery.benchmark.outcome import Bias, Found, Outcome
 from experiments.discovery.benchmark.outside import OUTSIDE
 from experiments.discovery.detectability import noncentrality
 from experiments.discovery.discovery import Discovery, discover, occurrence_of
+from experiments.discovery.planned import without_noise
 from experiments.effects import catalogue
-from experiments.effects.occurrence import injected
+from experiments.effects.occurrence import Occurrence, injected
 from experiments.scenario import Scenario
 from experiments.validate import identify
 from sim.errors import InputError
@@ -26,6 +27,7 @@ from sim.laboratory import run_experiment
 from sim.measurements import Measurements
 from sim.model import load_model
 from sim.random_robots import draw_robot
+from sim.record import constants
 from sim.rig import Rig
 from sim.static_laboratory import Prepared, prepare, run_static
 
@@ -82,9 +84,7 @@ def carry_out(case: Case, run: int, seed: int, board: Board) -> Outcome:
         )
     except InputError as error:
         return replace(known, failed=str(error))
-    return replace(
-        known, rows=len(measured), **_judged(known, trial, found, case, measured, laboratory, board)
-    )
+    return replace(known, rows=len(measured), **_judged(known, trial, found, case, board))
 
 
 def _trial(case: Case, rng: np.random.Generator, board: Board) -> Trial:
@@ -138,14 +138,14 @@ def _predicted(trial: Trial, board: Board) -> float:
 def _measured(trial: Trial, case: Case, stream: np.random.SeedSequence, board: Board) -> Measurements:
     if case.dynamics:
         return run_experiment(trial.rig, board.plan, int(stream.generate_state(1)[0])).measurements
-    return run_static(_prepared(trial.rig, board), [stream], trial.standard)[0].measurements
+    return run_static(_prepared(trial.rig, board.prepared), [stream], trial.standard)[0].measurements
 
 
-def _prepared(rig: Rig, board: Board) -> Prepared:
-    """Instruments that misread change no equilibrium."""
-    if replace(rig, misread=None) == board.rig:
-        return replace(board.prepared, rig=rig)
-    return prepare(rig, board.plan)
+def _prepared(rig: Rig, plain: Prepared) -> Prepared:
+    """Instruments that misread change no equilibrium of the plain laboratory."""
+    if replace(rig, misread=None) == plain.rig:
+        return replace(plain, rig=rig)
+    return prepare(rig, plain.plan)
 
 
 def _judged(
@@ -153,8 +153,6 @@ def _judged(
     trial: Trial,
     found: Discovery,
     case: Case,
-    measured: Measurements,
-    stream: np.random.SeedSequence,
     board: Board,
 ) -> dict[str, Any]:
     listed = [u for u in found.unseen if u.label in known.hidden]
@@ -167,7 +165,7 @@ def _judged(
         "biased": listed[0].parameter if listed else 0,
         "held": held and (held.before["AFTC"], held.after["AFTC"], held.floor["AFTC"]),
         "coverage": tuple(covered for h in trial.hidden for covered in _covered(found, h)),
-        "bias": _bias(found, trial, measured, stream, board) if biased else None,
+        "bias": _bias(found, trial, board) if biased else None,
         "wall_s": found.wall_s,
     }
 
@@ -191,26 +189,18 @@ def _covered(found: Discovery, hidden: Hidden) -> list[bool]:
     return out
 
 
-def _bias(
-    found: Discovery, trial: Trial, measured: Measurements, stream: np.random.SeedSequence, board: Board
-) -> Bias:
-    """Of the base parameters, beside the same experiment without the effect and with the same noise."""
-    robot = board.rig.robot
-    clean = run_static(board.prepared, [_again(stream)])[0].measurements
-    plain = identify(clean, robot).full
-    truth, true = (
-        Scenario(rig, board.plan, 0, "", statics=True).true_base_parameters()
-        for rig in (board.rig, trial.rig)
-    )
-    error = plain.value - truth
-    spread = np.sqrt(np.diag(plain.clustered_covariance))
+def _bias(found: Discovery, trial: Trial, board: Board) -> Bias:
+    """Of the base parameters, by readings without noise of the laboratory with and without the effect."""
+    robot, measured = board.rig.robot, _without_noise(trial.rig, board)
+    error = identify(_without_noise(board.rig, board), robot).full.value - _truth(board.rig, board)
+    noisy = identify(board.linear.seen.measurements, robot).full
+    spread = np.sqrt(np.diag(noisy.clustered_covariance))
 
-    def moved(adopted: Sequence) -> np.ndarray:
+    def bias(adopted: Sequence[Occurrence]) -> np.ndarray:
         estimate = identify(measured, robot, adopted=adopted).full
-        return (estimate.value - true - error) / spread
+        return (estimate.value - _truth(trial.rig, board) - error) / spread
 
-    before = moved(())
-    after = moved(found.adopted) if found.adopted else before
+    before, after = bias(()), bias(found.adopted)
     return Bias(
         largest=float(np.abs(before).max()),
         before=float(np.sqrt((before**2).mean())),
@@ -218,5 +208,13 @@ def _bias(
     )
 
 
-def _again(stream: np.random.SeedSequence) -> np.random.SeedSequence:
-    return np.random.SeedSequence(stream.entropy, spawn_key=stream.spawn_key)
+def _truth(rig: Rig, board: Board) -> np.ndarray:
+    return Scenario(rig, board.plan, 0, "", statics=True).true_base_parameters()
+
+
+def _without_noise(rig: Rig, board: Board) -> Measurements:
+    """Readings without noise, with the data sheets of the sensors that have it."""
+    measured = run_static(
+        _prepared(without_noise(rig), board.quiet), [np.random.SeedSequence(0)], all_solved=True
+    )[0].measurements
+    return replace(measured, sensors=constants(board.rig)["sensors"])

@@ -1,0 +1,150 @@
+"""IPOPT on the whole plan, by casadi (the extra `opt`): all placements' variables at once.
+
+The constraints' Jacobian is sparse by blocks, since a posture touches its own and its swing foot's
+variables alone; the Hessian is approximated (limited-memory BFGS).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from identification.planning.blocks import FARTHEST, SCALE, information, information_slope
+from identification.planning.constraints import Evaluation
+from identification.planning.linear_steps import Whole, whole
+from identification.planning.objectives import Smooth
+from identification.planning.problem import Problem
+from sim.errors import InputError
+
+SOLVERS = ("slsqp", "ipopt")
+OPTIONS = {
+    "print_time": False,
+    "error_on_fail": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.hessian_approximation": "limited-memory",
+    "ipopt.mu_strategy": "adaptive",
+    "ipopt.tol": 1e-5,
+    "ipopt.bound_relax_factor": 0.0,
+}
+
+
+def casadi_module() -> Any:
+    """The optional library.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        import casadi
+    except ImportError:
+        raise InputError("--solver ipopt: casadi is missing; install the extra 'opt'") from None
+    return casadi
+
+
+def interior_point(problem: Problem, plan: Whole, smooth: Smooth, iterations: int) -> Whole:
+    """Minimise a function of the plan's information under every constraint.
+
+    Returns:
+        Where IPOPT ended, perhaps slightly infeasible.
+    """
+    casadi = casadi_module()
+    count, slots = plan.found.slots.shape
+    places = count // plan.per
+    columns = np.concatenate(
+        [
+            np.arange(count)[:, None] * 6 + np.arange(6),
+            6 * count + (np.arange(count) // plan.per)[:, None] * 3 + np.arange(3),
+        ],
+        axis=1,
+    )  # of a posture's nine variables
+    size = 6 * count + 3 * places
+    rows = np.repeat(np.arange(count * slots), 9)
+    across = np.repeat(columns, slots, axis=0).ravel()
+    order = np.lexsort((rows, across))  # casadi stores by columns
+    sparsity = casadi.Sparsity.triplet(count * slots, size, rows[order].tolist(), across[order].tolist())
+    last, seen = plan, dict[bytes, Whole]()
+
+    def design_at(x: np.ndarray) -> np.ndarray:
+        return x[columns] * SCALE
+
+    def at(x: np.ndarray) -> Evaluation:
+        nonlocal last
+        if x.tobytes() not in seen:
+            design = design_at(x)
+            change = (last.found.turn @ (design - last.design)[..., None])[..., 0]
+            change /= max(1.0, float(np.abs(change).max()) / FARTHEST)
+            seen.clear()
+            seen[x.tobytes()] = whole(problem, design, last.found.chain.angles + change, plan.per)
+            if seen[x.tobytes()].found.reached.all():
+                last = seen[x.tobytes()]
+        return seen[x.tobytes()].found
+
+    def slope(x: np.ndarray) -> np.ndarray:
+        found = at(x)
+        _, by_matrix = smooth(information(found))
+        total = np.zeros(size)
+        np.add.at(total, columns, information_slope(found, by_matrix) * SCALE)
+        return total[None]
+
+    def slot_slopes(x: np.ndarray) -> Any:
+        values = (at(x).slot_slopes * SCALE).reshape(-1)
+        return casadi.DM(sparsity, values[order])
+
+    value = _function(casadi, "f", size, casadi.Sparsity.dense(1, 1), lambda x: smooth(information(at(x)))[0])
+    value.slope = _function(casadi, "jac_f", size, casadi.Sparsity.dense(1, size), slope)
+    keeps = _function(
+        casadi, "g", size, casadi.Sparsity.dense(count * slots, 1), lambda x: at(x).slots.ravel()
+    )
+    keeps.slope = _function(casadi, "jac_g", size, sparsity, slot_slopes)
+
+    x0 = np.zeros(size)
+    x0[columns] = plan.design / SCALE
+    r = problem.ranges
+    low, high = np.full(size, -np.inf), np.full(size, np.inf)
+    intervals = np.array([r.torso_roll, r.torso_pitch, r.torso_yaw, r.swing_x, r.swing_y, r.swing_yaw])
+    low[columns[:, 3:]], high[columns[:, 3:]] = (intervals.T[:, None] / SCALE[3:]).repeat(count, axis=1)
+    x = casadi.MX.sym("x", size)
+    solver = casadi.nlpsol(
+        "plan", "ipopt", {"x": x, "f": value(x), "g": keeps(x)}, OPTIONS | {"ipopt.max_iter": iterations}
+    )
+    answer = solver(x0=x0, lbx=low, ubx=high, lbg=0.0, ubg=np.inf)
+    at(np.clip(np.array(answer["x"]).ravel(), low, high))
+    return next(iter(seen.values()))
+
+
+def _function(casadi: Any, name: str, size: int, shape: Any, compute: Any) -> Any:
+    """A function of x that casadi calls; its `slope`, if set, is another such function."""
+
+    class Function(casadi.Callback):  # casadi wants a subclass
+        slope: Any = None
+
+        def __init__(self) -> None:
+            casadi.Callback.__init__(self)
+            self.construct(name, {})
+
+        def get_n_in(self) -> int:
+            return 1 if not name.startswith("jac_") else 2
+
+        def get_n_out(self) -> int:
+            return 1
+
+        def get_sparsity_in(self, i: int) -> Any:
+            if i == 0:
+                return casadi.Sparsity.dense(size, 1)
+            return casadi.Sparsity(shape.size1(), 1)
+
+        def get_sparsity_out(self, i: int) -> Any:
+            return shape
+
+        def eval(self, arguments: Any) -> list[Any]:
+            return [compute(np.array(arguments[0]).ravel())]
+
+        def has_jacobian(self) -> bool:
+            return not name.startswith("jac_")
+
+        def get_jacobian(self, name: str, inputs: Any, outputs: Any, options: Any) -> Any:
+            return self.slope
+
+    return Function()
