@@ -56,7 +56,7 @@ class Discovery:
         verdict: named, ambiguous, unknown or none.
         seen, noise, repeats: the experiment, its noise, and what repeated postures say of it.
         explanation: how it was searched. found: the fit through the laboratory.
-        bend: what the laboratory adds to the predictions, (m, 11, s).
+        bend: what the laboratory adds to the predictions, (m, 11, s + 1).
         adopted: what is added to the model; empty unless named.
         rivals: for every term, what explains it as well.
         unseen: what these postures cannot show.
@@ -117,9 +117,9 @@ def discover(
         noise = widened(stated, repeats)
         if noise is stated:
             break
-    found, bend = explanation.found, np.zeros((len(seen), 11, 0))
+    found, bend = explanation.found, np.zeros((len(seen), 11, 1))
     if found.terms:
-        bend = np.zeros((len(seen), 11, sum(len(t.sizes) for t in found.terms)))
+        bend = np.zeros((len(seen), 11, sum(len(t.sizes) for t in found.terms) + 1))
         if explanation.bend is not None:
             bend = explanation.bend
         elif through_laboratory:

@@ -86,17 +86,21 @@ def search(linear: Linear, terms: Sequence[Term], bend: np.ndarray | None = None
 
     Args:
         terms: where to start.
-        bend: what stays of the terms in the laboratory when they are taken away as predicted, by their
-            sizes, (m, 11, s); None: the predictions hold.
+        bend: what stays of the terms in the laboratory when they are taken away as predicted: by their
+            sizes and, last, whatever these are, (m, 11, s + 1); None: the predictions hold.
     """
     terms = tuple(terms)
     prior = np.concatenate([term.candidate.prior for term in terms])
     positive = np.concatenate([term.candidate.positive for term in terms])
-    more = 0.0 if bend is None or not bend.shape[-1] else linear.project(linear.white(bend))
+    more = (
+        np.zeros((len(linear.residual), len(prior) + 1))
+        if bend is None
+        else linear.project(linear.white(bend))
+    )
     before = linear.residual
     residual, gram, matrix = before, np.eye(len(prior)), np.zeros((len(before), len(prior)))
     for _ in range(STEPS if len(prior) else 0):
-        matrix = linear.project(_joint_columns(linear, terms)) + more
+        matrix = linear.project(_joint_columns(linear, terms)) + more[:, :-1]
         residual = _left(linear, terms, more)
         sizes = np.concatenate([term.sizes for term in terms])
         gram = matrix.T @ matrix + np.diag(prior**-2.0)
@@ -118,10 +122,15 @@ def search(linear: Linear, terms: Sequence[Term], bend: np.ndarray | None = None
     return Fit(terms, covariance, linear, matrix, residual, float(log))
 
 
-def _left(linear: Linear, terms: tuple[Term, ...], more: np.ndarray | float) -> np.ndarray:
+def _left(linear: Linear, terms: tuple[Term, ...], more: np.ndarray) -> np.ndarray:
     """Whitened, projected residual without the terms, (r + 1,)."""
     left = linear.at(freed(linear.seen, linear.smooth, terms))
-    return left if isinstance(more, float) else left - more @ np.concatenate([t.sizes for t in terms])
+    return left - more @ with_constant(terms)
+
+
+def with_constant(terms: Sequence[Term]) -> np.ndarray:
+    """All sizes and a one, (s + 1,)."""
+    return np.concatenate([*(term.sizes for term in terms), [1.0]])
 
 
 def _joint_columns(linear: Linear, terms: tuple[Term, ...]) -> np.ndarray:
@@ -196,7 +205,6 @@ def fit(seen: Seen, noise: Noise, terms: Sequence[Term], bend: np.ndarray | None
         freed(seen, smooth, terms), noise, smooth=clean, rounds=1, through=through_effects(smooth, terms)
     )
     residual = final.residual
-    if bend is not None and bend.shape[-1]:
-        sizes = np.concatenate([term.sizes for term in terms])
-        residual = residual - final.project(final.white(bend @ sizes))
+    if bend is not None:
+        residual = residual - final.project(final.white(bend @ with_constant(terms)))
     return replace(found, linear=final, residual=residual)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from experiments.discovery.channels import ROWS, packed, residuals, unpacked
-from experiments.discovery.fit import Fit, Term, fit, freed, through_effects
+from experiments.discovery.fit import Fit, Term, fit, freed, through_effects, with_constant
 from experiments.discovery.linear import linear_model, nuisances, weighing
 from experiments.discovery.noise import Noise, whitening
 from experiments.effects.seen import Seen
@@ -73,7 +73,7 @@ def held_out(seen: Seen, noise: Noise, terms: Sequence[Term], bend: np.ndarray) 
     single = [term.candidate.effect.targets is PLACEMENTS for term in terms]
     mended = freed(seen, seen, [term for term, alone in zip(terms, single, strict=True) if alone])
     own = np.repeat(single, [len(term.sizes) for term in terms]).astype(bool)
-    mended_bend = bend[..., ~own]
+    mended_bend = bend[..., np.append(~own, True)]
     general = tuple(term for term, alone in zip(terms, single, strict=True) if not alone)
     fold = np.searchsorted(placements, seen.measurements.placement) % FOLDS
     sums = {key: np.zeros(3) for key in CHANNELS}
@@ -123,7 +123,7 @@ def _left(
     white = whitening(still, trained.theta, noise, channels, through)
     raw = residuals(clean, trained.theta)
     if bend is not None and model.terms:
-        raw = raw - bend @ np.concatenate([term.sizes for term in model.terms])
+        raw = raw - bend @ with_constant(model.terms)
     columns = nuisances(still, channels)
     p = len(trained.theta)
     shared = np.append(np.arange(p), columns.shape[-1] - 1)

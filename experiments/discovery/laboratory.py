@@ -23,6 +23,7 @@ from sim.rig import Rig, preset_rig
 from sim.static_laboratory import prepare, run_static
 
 ROUNDS = 3
+LEAST_STEP = 1e-4  # prior s.d., from which a difference of what is missed is worth something
 CLOSE = 0.1  # posterior s.d.: a smaller change of the sizes ends the refit
 STREAM = 0  # of friction and swaying: the same with and without the effect
 
@@ -96,29 +97,47 @@ def refit(seen: Seen, noise: Noise, found: Fit) -> tuple[Fit, np.ndarray]:
     """Fit the sizes anew through the laboratory.
 
     Returns:
-        the fit, and what the predictions miss by size, (m, 11, s).
+        the fit, and what the predictions miss by size and beside it, (m, 11, s + 1).
     """
     rig, plan = exact_rig(seen), measured_plan(seen)
     s = sum(len(term.sizes) for term in found.terms)
-    bend = np.zeros((len(seen), 11, s))
+    bend = np.zeros((len(seen), 11, s + 1))
     changed = with_terms(rig, found.terms)
     misread_only = replace(changed, misread=None) == rig
     known = all(term.candidate.effect.statics for term in found.terms)
     # What instruments make of readings, predictions undo exactly; times are not those of the simulation.
     if misread_only or not known or changed.later is not None:
         return found, bend
+    prior = np.concatenate([term.candidate.prior for term in found.terms])
+    before = np.zeros(s)
     try:
         plain = simulated(rig, plan)
-        prior = np.concatenate([term.candidate.prior for term in found.terms])
         for _ in range(ROUNDS):
             sizes = np.concatenate([term.sizes for term in found.terms])
-            scaled = sizes / prior
             left = missed(seen, plan, rig, plain, found.terms)
-            bend = left[..., None] * (scaled / prior) / max(float(scaled @ scaled), 1e-12)
-            found = fit(seen, noise, found.terms, bend)
+            bend = _learnt(bend, left, sizes, before, prior)
+            before, found = sizes, fit(seen, noise, found.terms, bend)
             change = np.concatenate([term.sizes for term in found.terms]) - sizes
             if (np.abs(change) < CLOSE * np.sqrt(np.diag(found.covariance))).all():
                 break
     except InputError:
         return found, np.zeros_like(bend)
     return found, bend
+
+
+def _learnt(
+    bend: np.ndarray, left: np.ndarray, sizes: np.ndarray, before: np.ndarray, prior: np.ndarray
+) -> np.ndarray:
+    """What is missed by size, so that it is right here and changed least elsewhere (Broyden 1965).
+
+    Args:
+        bend: as learnt so far, (m, 11, s + 1). left: what is missed at these sizes, (m, 11).
+        before: the last sizes, (s,); what is missed without the effect is nothing.
+    """
+    step = (sizes - before) / prior
+    out = bend.copy()
+    off = left - bend @ np.append(sizes, 1.0)
+    if step @ step > LEAST_STEP**2:
+        out[..., :-1] += off[..., None] * (step / prior) / (step @ step)
+    out[..., -1] += left - out @ np.append(sizes, 1.0)
+    return out

@@ -68,7 +68,7 @@ class Explanation:
         left: patterns in what is left. leftover: whether something is.
         undetectable: candidates that these postures cannot show.
         tests: how many independent tests the catalogue is worth here.
-        bend: what the predictions miss in the laboratory, (m, 11, s); None: it was not asked.
+        bend: what the predictions miss in the laboratory, (m, 11, s + 1); None: it was not asked.
     """
 
     found: Fit
