@@ -21,7 +21,7 @@ PRESETS = ("force-plate", "wii")
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/study-discover"))
-    parser.add_argument("--seed", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=2000)
     parser.add_argument("--size", type=float, default=1.0)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--presets", nargs="+", choices=PRESETS, default=PRESETS)
