@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 ORACLE := .venv-oracle
 
 .PHONY: setup validate demo test lint bench oracle study-contact study-equilibrium study-montecarlo study-estimators study-check \
-  study-improve study-plan study-sequential study-atlas study-verdict study-fuzz study-kill pictures constraints clean
+  study-improve study-plan study-sequential study-atlas study-discover study-verdict study-fuzz study-kill pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -75,6 +75,9 @@ study-atlas: setup  ## docs/atlas.md's table: from which angle on two effects ar
 
 study-verdict: setup  ## docs/verdict.md's tables: how often the verdict fails a true laboratory (an hour of one core)
 	$(BIN)/python -m tools.study_verdict
+
+study-discover: setup  ## docs/discovery-benchmark.md's tables: the honest test of `tulip discover` (hours)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.study_discover
 
 study-check: setup  ## docs/check.md's tables: false alarms and planted faults of `tulip check`
 	$(BIN)/python -m tools.study_check

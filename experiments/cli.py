@@ -11,6 +11,7 @@ from collections.abc import Callable
 import tyro
 
 from experiments.commands.atlas import atlas_command
+from experiments.commands.benchmark import benchmark_command
 from experiments.commands.check import check_command
 from experiments.commands.compare import compare_command
 from experiments.commands.discover import discover_command
@@ -45,6 +46,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "view": view_command,
     "report": report_command,
     "compare": compare_command,
+    "benchmark": benchmark_command,
 }
 
 

@@ -161,7 +161,15 @@ def _verdict(explanation: Explanation, found: Fit, leftover: bool) -> str:
     closure = (before - found.chi_square) / (before - null) if before > null else 1.0
     if leftover and closure < CLOSED:
         return UNKNOWN
+    if crowded(found):
+        return UNKNOWN
     return AMBIGUOUS if any(len(rivals) > 1 for rivals in explanation.sets) else NAMED
+
+
+def crowded(found: Fit) -> bool:
+    """Whether two effects are needed on one joint, cell or plate: rather one that the catalogue lacks."""
+    targets = [term.candidate.target for term in found.terms if term.candidate.target]
+    return len(set(targets)) < len(targets)
 
 
 def occurrence_of(term: Term, found: Fit, k: int) -> Occurrence:

@@ -19,6 +19,7 @@ STEPS = 6
 ANGLE_STEP = 1e-5  # rad or m, of differences
 FORCE_STEP = 1e-2  # N
 NEGLIGIBLE = 1e-9
+TOLD = 1.0  # information on a size, in units of the prior's, from which the data speak for themselves
 CONVERGED = 1e-3  # posterior s.d.
 
 
@@ -172,6 +173,26 @@ def through_effects(smooth: Seen, terms: Sequence[Term]) -> np.ndarray | None:
     return out
 
 
+def _unshrunk(found: Fit) -> Fit:
+    """Sizes as the data alone have them, where these say more than the prior.
+
+    The prior weighs explanations against one another. An effect that is taken to be there is as large as it
+    is: pulled towards zero, its interval would not hold the truth as often as it says.
+    """
+    prior = np.concatenate([term.candidate.prior for term in found.terms])
+    if not len(prior):
+        return found
+    positive = np.concatenate([term.candidate.positive for term in found.terms])
+    values, turn = np.linalg.eigh(prior[:, None] * (found.columns.T @ found.columns) * prior)
+    told = values > TOLD
+    sizes = turn.T @ (np.concatenate([term.sizes for term in found.terms]) / prior)
+    known = np.maximum(values, TOLD)
+    sizes = prior * (turn @ np.where(told, sizes * (known + 1) / known, sizes))
+    spread = (turn * np.where(told, 1 / known, 1 / (np.maximum(values, 0.0) + 1))) @ turn.T
+    sizes = np.where(positive, np.maximum(sizes, 0.0), sizes)
+    return replace(found, terms=_sized(found.terms, sizes), covariance=prior[:, None] * spread * prior)
+
+
 def fit(seen: Seen, noise: Noise, terms: Sequence[Term], bend: np.ndarray | None = None) -> Fit:
     """Fit terms with all that depends on them taken anew: noise, base parameters, smoothed readings.
 
@@ -198,7 +219,7 @@ def fit(seen: Seen, noise: Noise, terms: Sequence[Term], bend: np.ndarray | None
         smooth = unpacked(seen, packed(seen) - errors)
         about = replace(linear, seen=seen, smooth=smooth)
         about = replace(about, residual=about.at(seen))
-        found = search(about, terms, bend)
+        found = _unshrunk(search(about, terms, bend))
         terms = found.terms
         clean = freed(smooth, smooth, terms)
     final = linear_model(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from experiments.discovery.discovery import AMBIGUOUS, NAMED, NONE, Discovery, occurrence_of
+from experiments.discovery.discovery import AMBIGUOUS, NAMED, NONE, Discovery, crowded, occurrence_of
 from experiments.discovery.proposals import Proposal
 from experiments.effects.wording import told
 
@@ -54,6 +54,8 @@ def _headline(found: Discovery) -> str:
         return " ".join(parts)
     tried = ", ".join(term.candidate.label for term in found.found.terms)
     closest = f" Closest, but not enough: {tried}." if tried else ""
+    if crowded(found.found):
+        closest = f" It takes two effects on one target ({tried}): rather one that the catalogue lacks."
     return f"There is a gap that no effect of the catalogue closes: {found.where}.{closest}"
 
 

@@ -59,9 +59,14 @@ class Chunks:
             InputError: a file is missing or damaged.
         """
         for index in range(len(self)):
-            yield self._read(index, names)
+            yield self.read_one(index, names)
 
-    def _read(self, index: int, names: list[str]) -> Columns:
+    def read_one(self, index: int, names: list[str]) -> Columns:
+        """Some columns of one chunk.
+
+        Raises:
+            InputError: the file is missing or damaged.
+        """
         path = self.path(index)
         try:
             with pa.parquet.ParquetFile(path) as file:

@@ -8,7 +8,7 @@ from typing import Any
 
 from experiments.montecarlo.chunks import Chunks
 from experiments.montecarlo.collect import collect
-from experiments.montecarlo.engine import engine
+from experiments.montecarlo.engine import Work, engine
 from experiments.montecarlo.folder import CHUNK_FOLDER, REPORT_FILE, check_folder, open_folder, run_document
 from experiments.montecarlo.laboratory import laboratory
 from experiments.montecarlo.record import Job, layout_of
@@ -67,20 +67,26 @@ def montecarlo(scenario: Scenario, settings: Settings, place: Place) -> dict[str
                 scenario.adopted,
             )
             with open_folder(place.folder, document, scenario.plan):
-                _collect(chunks, job, place.folder)
+                collect_missing(chunks, job, place.folder)
     found = report(summarise(chunks, layout), layout, settings.estimator)
     write_json(place.folder / REPORT_FILE, found)
     return found
 
 
-def _collect(chunks: Chunks, job: Job, folder: Path) -> None:
+def collect_missing(chunks: Chunks, job: Work, folder: Path, what: str = "runs") -> None:
+    """Compute the missing chunks with a progress bar.
+
+    Raises:
+        InputError: what cannot be computed or written; says what stays.
+        Interrupted: by Ctrl-C.
+    """
     done = chunks.runs - sum(len(chunks.runs_of(index)) for index in chunks.missing())
     try:
-        with progress("runs", chunks.runs, done) as advance:
+        with progress(what, chunks.runs, done) as advance:
             collect(chunks, job, advance)
     except (InputError, KeyboardInterrupt) as error:
         left = sum(len(chunks.runs_of(index)) for index in chunks.missing())
-        stays = f"{folder} holds {chunks.runs - left} of {chunks.runs} runs; the same command resumes"
+        stays = f"{folder} holds {chunks.runs - left} of {chunks.runs} {what}; the same command resumes"
         if isinstance(error, KeyboardInterrupt):
             raise Interrupted(f"interrupted; {stays}") from None
         raise InputError(f"{error}; {stays}") from None

@@ -1,0 +1,1 @@
+"""The honest test of the discovery: hidden effects, known to the scorer alone."""

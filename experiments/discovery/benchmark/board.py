@@ -1,0 +1,139 @@
+"""What can be known before any data: how large an effect must be, and what looks like it.
+
+Everything here is of the nominal laboratory and the plan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from experiments.discovery.candidates import Candidate, candidates
+from experiments.discovery.channels import residuals
+from experiments.discovery.detectability import noncentrality, single_level
+from experiments.discovery.evidence import VISIBLE, family, field
+from experiments.discovery.isolability import ISOLABLE
+from experiments.discovery.laboratory import exact_rig, measured_plan, simulated
+from experiments.discovery.linear import Linear, linear_model
+from experiments.discovery.noise import noise_of
+from experiments.discovery.planned import without_noise
+from experiments.discovery.steps import LEVEL
+from experiments.effects.seen import see
+from experiments.scenario import DEFAULT_PLAN
+from identification.nominal import nominal_robot
+from sim.measurements import PosturePlan, read_plan
+from sim.model import load_model, load_robot
+from sim.rig import Rig, preset_rig
+from sim.static_laboratory import Prepared, prepare, run_static
+
+REFERENCE = 999  # stream of the one nominal experiment at which columns are taken
+
+
+@dataclass(frozen=True)
+class Board:
+    """A plan in a nominal laboratory, and what every candidate of the catalogue shows there.
+
+    Attributes:
+        quiet: the same laboratory with nothing random but friction.
+        candidates: of the whole catalogue.
+        projected: columns of every candidate at every grid point, whitened and projected, (r + 1, s).
+        bases: orthonormal, of what a candidate can visibly show within its prior, by grid point.
+        level: of a single test among the catalogue's.
+    """
+
+    rig: Rig
+    plan: PosturePlan
+    prepared: Prepared
+    quiet: Prepared
+    linear: Linear
+    candidates: list[Candidate]
+    projected: list[list[np.ndarray]]
+    bases: list[list[np.ndarray]]
+    level: float
+
+    def wanted(self, candidate: Candidate) -> float:
+        """Length of a signal that is found with 90 % probability."""
+        one_sided = candidate.positive.any() or not candidate.effect.sizes
+        level = 2 * self.level if one_sided else self.level
+        return float(np.sqrt(noncentrality(max(len(candidate.effect.sizes), 1), level)))
+
+    def angles(self, signal: np.ndarray) -> dict[str, float]:
+        """Angle between a signal and what each candidate can show, by label [rad]."""
+        length = np.linalg.norm(signal)
+        return {
+            candidate.label: min(
+                float(np.arccos(min(1.0, np.linalg.norm(basis.T @ signal) / length))) for basis in bases
+            )
+            for candidate, bases in zip(self.candidates, self.bases, strict=True)
+        }
+
+    def twins(self, signal: np.ndarray, own: Sequence[str] = ()) -> tuple[str, ...]:
+        """Candidates that can look like a signal; those in `own`, labels or names, are not asked."""
+        near = self._others(signal, own)
+        return tuple(label for label, angle in near.items() if angle < ISOLABLE)
+
+    def remainder(self, signal: np.ndarray, own: Sequence[str] = ()) -> float:
+        """What the closest other candidate leaves of a signal, as a multiple of what is found."""
+        nearest = min(self._others(signal, own).values())
+        return float(np.linalg.norm(signal) * np.sin(nearest) / np.sqrt(noncentrality(1, self.level)))
+
+    def _others(self, signal: np.ndarray, own: Sequence[str]) -> dict[str, float]:
+        near = self.angles(signal).items()
+        return {k: angle for k, angle in near if k not in own and k.partition(":")[0] not in own}
+
+    def signal(self, change: Callable[[Rig], Rig]) -> np.ndarray:
+        """What a change of the laboratory shows, whitened and projected, (r + 1,)."""
+        seen, theta = self.linear.seen, self.linear.theta
+        rig, plan = exact_rig(seen), measured_plan(seen)
+        with_it, without = (see(simulated(one, plan), seen.nominal) for one in (change(rig), rig))
+        after, before = residuals(with_it, theta), residuals(without, theta)
+        rows = {int(number): k for k, number in enumerate(without.measurements.posture)}
+        out = np.zeros((len(seen), 11))
+        for k, number in enumerate(with_it.measurements.posture):
+            if (at := rows.get(int(number))) is not None:
+                out[int(number) - 1] = after[k] - before[at]
+                out[int(number) - 1, 3:5] *= with_it.on_four_cells[k] & without.on_four_cells[at]
+        return self.linear.project(self.linear.white(out))
+
+
+@cache
+def board(preset: str, folder: Path = DEFAULT_PLAN) -> Board:
+    """Of a preset's laboratory of TULip and a plan; made once in every process.
+
+    Raises:
+        InputError: a plan that does not fit.
+    """
+    robot = load_robot()
+    plan, rig = read_plan(folder, robot, load_model(robot)), preset_rig(preset, robot)
+    prepared = prepare(rig, plan)
+    measured = run_static(prepared, [np.random.SeedSequence(REFERENCE)])[0].measurements
+    seen = see(measured, nominal_robot(robot))
+    linear = linear_model(seen, noise_of(seen))
+    found = field(linear, candidates(seen))
+    level = single_level(LEVEL, family(found, np.random.default_rng(0)))
+    bases = [
+        [_visible(candidate, column) for column in points]
+        for candidate, points in zip(found.candidates, found.projected, strict=True)
+    ]
+    return Board(
+        rig,
+        plan,
+        prepared,
+        prepare(without_noise(rig), plan),
+        linear,
+        found.candidates,
+        found.projected,
+        bases,
+        level,
+    )
+
+
+def _visible(candidate: Candidate, columns: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of what a candidate can show, (r + 1, k)."""
+    scaled = columns * candidate.prior if candidate.effect.sizes else columns
+    left, size, _ = np.linalg.svd(scaled, full_matrices=False)
+    return left[:, size > VISIBLE]
