@@ -110,13 +110,18 @@ def discover(
         )
     stated = noise_of(seen)
     noise = stated
-    for _ in range(2):
-        explanation = explain(seen, noise, np.random.default_rng(seed), effects, through_laboratory, progress)
-        # Freed of what was found: an effect of the load differs between repeats, whose load does.
-        repeats = pure_error(explanation.found.linear.seen, explanation.found.linear.theta, stated)
-        noise = widened(explanation.found.linear.seen, stated, repeats)
-        if noise is stated:
-            break
+
+    def searched() -> tuple[Explanation, PureError]:
+        """Repeats are freed of what was found: an effect of the load differs between them as the load does."""
+        rng = np.random.default_rng(seed)
+        told = explain(seen, noise, rng, effects, through_laboratory, progress)
+        return told, pure_error(told.found.linear.seen, told.found.linear.theta, stated)
+
+    explanation, repeats = searched()
+    wider = widened(explanation.found.linear.seen, stated, repeats)
+    if wider is not stated:
+        noise = wider
+        explanation, repeats = searched()
     found, bend = explanation.found, np.zeros((len(seen), 11, 1))
     if found.terms:
         bend = np.zeros((len(seen), 11, sum(len(t.sizes) for t in found.terms) + 1))

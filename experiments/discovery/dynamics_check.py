@@ -1,4 +1,7 @@
-"""The adopted model held against the measurements in the full dynamics."""
+"""The adopted model in the full dynamics: beside what was measured, and beside its own prediction there.
+
+Of what instruments alone make of readings, the second says nothing: prediction and injection undo each other.
+"""
 
 from __future__ import annotations
 

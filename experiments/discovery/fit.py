@@ -126,7 +126,8 @@ def search(linear: Linear, terms: Sequence[Term], bend: np.ndarray | None = None
 def _left(linear: Linear, terms: tuple[Term, ...], more: np.ndarray) -> np.ndarray:
     """Whitened, projected residual without the terms, (r + 1,)."""
     left = linear.at(freed(linear.seen, linear.smooth, terms))
-    return left - more @ with_constant(terms)
+    # What the laboratory adds to terms that are taken away already is in the residual, not in the readings.
+    return left - more @ with_constant(terms) + (linear.residual - linear.at(linear.seen))
 
 
 def with_constant(terms: Sequence[Term]) -> np.ndarray:

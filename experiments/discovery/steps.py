@@ -294,4 +294,9 @@ def _alternatives(seen: Seen, noise: Noise, among: list[Candidate], found: Fit, 
     have = {term.candidate.label for term in others.terms}
     board = field(linear, [c for c in among if c.label not in have])
     rivals = _again(others, scores(board, linear.residual))
-    return tuple(r for r in rivals if r.log_bayes_factor > rivals[0].log_bayes_factor - DECISIVE)
+    term = found.terms[k]
+    if term.candidate.label not in {rival.label for rival in rivals}:
+        rivals.append(Rival(term, search(linear, (term,)).log_bayes_factor))
+    least = max(rival.log_bayes_factor for rival in rivals) - DECISIVE
+    # The adopted one is always of its own set: if another is better by far, that must be seen.
+    return tuple(r for r in rivals if r.log_bayes_factor > least or r.label == term.candidate.label)
