@@ -21,7 +21,7 @@ from experiments.run_folder import write_run
 from experiments.saved_run import read_montecarlo, read_run
 from experiments.scenario import DEFAULT_PLAN
 from experiments.view import balance, layout, montecarlo, postures, window
-from experiments.view.robot import link_frames
+from experiments.view.robot import link_frames, undrawn
 from experiments.view.subject import measured, planned, validated
 from experiments.view.time_series import sampled
 from identification.feasibility import stability_margin
@@ -323,3 +323,11 @@ def _listening() -> list[tuple[int, str]]:
 )
 def test_what_the_viewer_says_is_told_with_the_package_to_install(said, package):
     assert package in window._fault(said)
+
+
+def test_links_that_nothing_shows_are_told():
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body name="shown"><geom size="0.1"/>
+        <body name="bare"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></body></worldbody></mujoco>"""
+    )
+    assert undrawn(model) == ["bare"]

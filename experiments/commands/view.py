@@ -14,7 +14,7 @@ from experiments.description import described_robot
 from experiments.saved_discovery import read_discovery
 from experiments.saved_run import kind_of, read_montecarlo, read_run
 from experiments.terminal import ERR, print_json
-from sim.errors import InputError
+from sim.errors import InputError, listed
 from sim.measurements import read_plan
 from sim.model import TULIP, Robot, load_model
 
@@ -42,9 +42,16 @@ def view_command(
     kind = kind_of(folder)
     described = described_robot(robot)
     from experiments.view import window  # rerun takes half a second to load
+    from experiments.view.robot import undrawn
 
     if save is None and not serve:
         window.check_display()
+    if bare := undrawn(load_model(described)):
+        ERR.print(
+            f"{described.model.name}: no geom shows the links {listed(bare)}; their frames and masses stand alone",
+            highlight=False,
+            soft_wrap=True,
+        )
     title = f"{folder.resolve().name} ({kind})"
     log = _logger(kind, folder, described, title)
     if save is not None:

@@ -31,6 +31,16 @@ def log_geometry(recording: rr.RecordingStream, path: str, model: mujoco.MjModel
                 recording.log(f"{path}/{model.body(body).name}/geom{geom}", shape, static=True)
 
 
+def undrawn(model: mujoco.MjModel) -> list[str]:
+    """Links with a mass that no geom shows."""
+    return [
+        model.body(body).name
+        for body in range(1, model.nbody)
+        if model.body_mass[body] > 0
+        and not any(_shape(model, int(geom)) for geom in np.flatnonzero(model.geom_bodyid == body))
+    ]
+
+
 def log_motion(
     recording: rr.RecordingStream, path: str, index: rr.TimeColumn, nominal: Nominal, joint_angles: np.ndarray
 ) -> None:
