@@ -328,6 +328,7 @@ def test_what_the_viewer_says_is_told_with_the_package_to_install(said, package)
 def test_links_that_nothing_shows_are_told():
     model = mujoco.MjModel.from_xml_string(
         """<mujoco><worldbody><body name="shown"><geom size="0.1"/>
-        <body name="bare"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></body></worldbody></mujoco>"""
+        <body name="bare"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></body>
+        </worldbody></mujoco>"""
     )
     assert undrawn(model) == ["bare"]

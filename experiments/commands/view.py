@@ -48,7 +48,8 @@ def view_command(
         window.check_display()
     if bare := undrawn(load_model(described)):
         ERR.print(
-            f"{described.model.name}: no geom shows the links {listed(bare)}; their frames and masses stand alone",
+            f"{described.model.name}: no geom shows the links {listed(bare)}; "
+            "their frames and masses stand alone",
             highlight=False,
             soft_wrap=True,
         )

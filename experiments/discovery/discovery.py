@@ -112,7 +112,7 @@ def discover(
     noise = stated
 
     def searched() -> tuple[Explanation, PureError]:
-        """Repeats are freed of what was found: an effect of the load differs between them as the load does."""
+        """Repeats are freed of what was found: effects of the load differ between them as it does."""
         rng = np.random.default_rng(seed)
         told = explain(seen, noise, rng, effects, through_laboratory, progress)
         return told, pure_error(told.found.linear.seen, told.found.linear.theta, stated)
