@@ -67,7 +67,9 @@ def console() -> Console:
 def print_table(screen: Console, table: Table) -> None:
     """A table no wider than the screen, unless figures would have to be cut."""
     unlimited = screen.options.update_width(MOST_WIDTH)
-    least = Measurement.get(screen, unlimited, table).minimum
+    size = Measurement.get(screen, unlimited, table)
+    # Of a table in which nothing wraps, rich's least width is too small by what it pads.
+    least = size.maximum if all(column.no_wrap for column in table.columns) else size.minimum
     screen.print(table) if least <= screen.width else Console(width=least).print(table)
 
 
