@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 ORACLE := .venv-oracle
 
-.PHONY: setup validate demo test lint bench oracle study-contact study-equilibrium study-montecarlo study-estimators study-check \
+.PHONY: setup validate demo test test-all lint bench oracle study-contact study-equilibrium study-montecarlo study-estimators study-check \
   study-improve study-plan study-sequential study-atlas study-discover study-verdict study-fuzz study-kill pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
@@ -24,8 +24,11 @@ $(VENV)/.done: constraints.txt pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
-test: setup  ## the tests (under 8 minutes on two cores)
+test: setup  ## the tests (some 8 minutes on two cores)
 	$(BIN)/python -m pytest -q
+
+test-all: setup  ## the tests that take ten seconds and more too
+	$(BIN)/python -m pytest -q -m 'slow or not slow'
 
 lint: setup
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/pyrefly check

@@ -146,6 +146,7 @@ def test_motor_encoders_differ_by_the_load_on_flexible_drives(robot, model, plan
     assert -drives * limits / 0.0175 == pytest.approx(load, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_a_robot_file_with_drives_goes_through_the_command_line(tmp_path, robot):
     for file in (*robot.files, robot.plate):
         shutil.copy(file, tmp_path)

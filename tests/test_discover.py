@@ -120,7 +120,7 @@ def test_no_gap_no_name(robot, plan, preset):
     [
         ("wii", "encoder-offset", "left_ankle_roll", 0.003),
         ("force-plate", "joint-compliance", "right_ankle_roll", 0.0002),
-        ("wii", "sole-compliance", "", 0.0008),
+        pytest.param("wii", "sole-compliance", "", 0.0008, marks=pytest.mark.slow),
         ("wii", "cell-gain", "left.rear_left", 0.12),
         ("force-plate", "thermal-gain-drift", "", -0.01),
     ],
@@ -143,6 +143,7 @@ def test_a_change_in_time_is_found_between_two_postures(robot, plan):
     assert high - low < 0.05
 
 
+@pytest.mark.slow
 def test_exchanged_cells_are_found_and_undone(robot, plan):
     found = discover(measured(robot, plan, "force-plate", ("swapped-cells", "right", (0.0, 2.0))), robot)
     assert names(found) == [("swapped-cells", "right")]
@@ -177,7 +178,11 @@ def test_what_the_catalogue_lacks_is_unknown(robot, plan):
 
 
 @pytest.mark.parametrize(
-    ("sheet", "word"), [({"cell_sd": 0.6}, "cells"), ({"encoder_sd": 1.5e-4}, "encoders")]
+    ("sheet", "word"),
+    [
+        pytest.param({"cell_sd": 0.6}, "cells", marks=pytest.mark.slow),
+        ({"encoder_sd": 1.5e-4}, "encoders"),
+    ],
 )
 def test_repeats_overrule_a_data_sheet(robot, plan, sheet, word):
     honest = measured(robot, plan, "wii")

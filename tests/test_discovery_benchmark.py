@@ -96,6 +96,7 @@ def test_every_fault_outside_the_catalogue_shows(small):
         assert np.linalg.norm(small.signal(lambda rig, f=fault: f.inject(rig, 3, f.amplitude))) > 1
 
 
+@pytest.mark.slow
 def test_reproducible_for_any_number_of_workers_and_resumed(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(run, "cases", lambda settings, made: FEW)
     one, two = tmp_path / "one", tmp_path / "two"

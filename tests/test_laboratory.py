@@ -76,6 +76,7 @@ def test_results_do_not_depend_on_workers(robot, plan):
     assert sum(attempt.repeat for attempt in first.attempts) == 2
 
 
+@pytest.mark.slow
 def test_gated_hold_reads_what_the_full_minute_reads(robot, plan, monkeypatch):
     """20 postures from the same state: means differ by less than 1e-3 of a reading's s.d. (preset wii)."""
     sensors = PRESETS["wii"]

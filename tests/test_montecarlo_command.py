@@ -54,6 +54,7 @@ def content(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
+@pytest.mark.slow
 def test_interrupted_and_killed_it_ends_as_if_undisturbed(small, tmp_path):
     broken, whole = tmp_path / "broken", tmp_path / "whole"
     process = stop(tulip(small, broken), broken, 1, signal.SIGINT)

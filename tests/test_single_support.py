@@ -104,6 +104,7 @@ def test_on_both_feet_the_26th_parameter_has_no_effect(robot, plan, model):
     np.testing.assert_allclose(one.values(standard)[:25], both.values(standard), atol=1e-15)
 
 
+@pytest.mark.slow
 def test_the_whole_job_in_full_dynamics(robot, plan, balanced):
     mixed = joined(part_of(plan, plan.placement <= 8), part_of(balanced, np.arange(5)))
     result = validate(Scenario(preset_rig("ideal", robot), mixed, 4, "ideal"), workers=2)
