@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 
 os.environ.setdefault("MUJOCO_GL", "disable")
+# As the command line has it: with more threads sums come out in another order than in the workers.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 import numpy as np
