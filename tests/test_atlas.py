@@ -13,9 +13,10 @@ from experiments.discovery.candidates import candidates
 from experiments.discovery.channels import CHANNELS, residuals
 from experiments.discovery.evidence import field, score
 from experiments.discovery.isolability import ISOLABLE, angles, groups, order
+from experiments.discovery.laboratory import without_noise
 from experiments.discovery.linear import linear_model
 from experiments.discovery.noise import noise_of
-from experiments.discovery.planned import estimates, noisy, planned, streams, without_noise
+from experiments.discovery.planned import estimates, noisy, planned, streams
 from experiments.discovery.tolerance import CHECKED, Tolerance, erring, sources
 from experiments.effects import catalogue
 from experiments.effects.seen import see

@@ -19,9 +19,9 @@ from experiments.discovery.story import story
 from experiments.run_folder import check_new
 from experiments.setting_up import at_least
 from experiments.terminal import ERR, console, print_json, print_table, progress
-from experiments.validate import Identification, identify
+from experiments.validate import identify
 from sim.measurements import read_measurements
-from sim.model import TULIP, Robot
+from sim.model import TULIP
 
 STAGES = 4
 NEW = Annotated[Path | None, tyro.conf.arg(help="run folder to write; runs/discover-DATE-TIME if not given")]
@@ -53,10 +53,12 @@ def discover_command(
     check_new(out)
     described = described_robot(robot)
     measurements = read_measurements(folder)
-    identify(measurements, described, str(folder))  # says what does not fit, before the work
+    before = identify(measurements, described, str(folder))  # says what does not fit, before the work
     with progress("looking for what is missing", STAGES) as advance:
         found = discover(measurements, described, seed, progress=advance)
-    before, after = _identified(found, described, str(folder))
+    after = None
+    if found.adopted:
+        after = identify(measurements, described, str(folder), adopted=found.adopted)
     check = None
     if found.verdict == NAMED and not no_check:
         with progress("the adopted model in full dynamics", 2 * PLACEMENTS * 5) as advance:
@@ -79,15 +81,6 @@ def discover_command(
     _show(found, document, lines)
     ERR.print(f"Run folder: {out}")
     return 0
-
-
-def _identified(found: Discovery, robot: Robot, source: str) -> tuple[Identification, Identification | None]:
-    """Base parameters without and with what is adopted."""
-    measurements = found.seen.measurements
-    before = identify(measurements, robot, source)
-    if not found.adopted:
-        return before, None
-    return before, identify(measurements, robot, source, adopted=found.adopted)
 
 
 def _show(found: Discovery, document: dict, lines: list[str]) -> None:

@@ -67,22 +67,6 @@ def candidates(seen: Seen, effects: dict[str, Effect] | None = None) -> list[Can
     return out
 
 
-def moved(seen: Seen, effect: Effect, target: str, values: Values, smooth: Seen) -> Seen:
-    """Readings freed of an effect; how much it takes away is taken from readings without noise."""
-    freed = effect.predict(smooth, target, values)
-    return seen.changed(
-        tree=freed.tree,
-        cells=freed.cells,
-        **{
-            name: getattr(seen, name) + getattr(freed, name) - getattr(smooth, name)
-            for name in (
-                *("joint_angles", "cell_forces", "plate_poses", "stance_tilt"),
-                *("swing_tilt", "swing_rise", "shift", "lift"),
-            )
-        },
-    )
-
-
 def columns(linear: Linear, candidate: Candidate, point: int, sizes: np.ndarray | None = None) -> np.ndarray:
     """How the residuals change with an effect's sizes, whitened, (r, s) per unit of each size.
 

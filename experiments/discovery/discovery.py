@@ -11,12 +11,12 @@ import numpy as np
 from experiments.discovery.candidates import Candidate, columns
 from experiments.discovery.channels import packed, unpacked
 from experiments.discovery.fit import Fit, Term, search
-from experiments.discovery.heldout import LEAST_PLACEMENTS, HeldOut, held_out
+from experiments.discovery.heldout import HeldOut, check_placements, held_out
 from experiments.discovery.laboratory import measured_plan, refit
 from experiments.discovery.linear import nuisances, weighing
 from experiments.discovery.noise import Noise, noise_of
 from experiments.discovery.pure_error import PureError, pure_error, widened
-from experiments.discovery.rivals import patterns
+from experiments.discovery.rivals import Pattern, patterns
 from experiments.discovery.steps import LEVEL, Explanation, Rival, explain
 from experiments.effects.effect import Effect
 from experiments.effects.occurrence import Occurrence
@@ -31,6 +31,7 @@ from sim.rig import preset_rig
 NAMED, AMBIGUOUS, UNKNOWN, NONE = "named", "ambiguous", "unknown", "none"
 CLOSED = 0.95  # part of a gap whose explanation is kept although a little is left of it
 QUANTILE = 1.959964
+TOLD_PATTERNS = 5
 TIME_GAIN = 3.84  # chi-square with one degree of freedom, 95 %
 
 
@@ -60,6 +61,7 @@ class Discovery:
         adopted: what is added to the model; empty unless named.
         rivals: for every term, what explains it as well.
         unseen: what these postures cannot show.
+        left: the clearest patterns in what is left after it, the least probable first.
         where: the clearest pattern of the gap (of what is left, where the verdict is unknown).
         heldout: the gap on held-out placements; None: too few placements.
         wall_s: [s].
@@ -75,6 +77,7 @@ class Discovery:
     adopted: tuple[Occurrence, ...]
     rivals: tuple[tuple[Rival, ...], ...]
     unseen: tuple[Unseen, ...]
+    left: tuple[Pattern, ...]
     where: str
     heldout: HeldOut | None
     wall_s: float
@@ -103,11 +106,8 @@ def discover(
     """
     began = time.perf_counter()
     seen = see(measurements, nominal_robot(robot, _support(measurements)))
-    if len(np.unique(measurements.placement)) < LEAST_PLACEMENTS and hold_out:
-        raise InputError(
-            f"measurements: found {len(np.unique(measurements.placement))} placements, expected at least "
-            f"{LEAST_PLACEMENTS}: whether a finding holds is shown on placements that took no part in it"
-        )
+    if hold_out:
+        check_placements(measurements)
     stated = noise_of(seen)
     noise = stated
 
@@ -148,6 +148,7 @@ def discover(
         adopted=adopted if verdict == NAMED else (),
         rivals=explanation.sets,
         unseen=tuple(unseen(explanation, c) for c in explanation.undetectable),
+        left=tuple(left[:TOLD_PATTERNS]),
         where=f"{clearest.words} (channel {clearest.channel})" if verdict != NONE else "",
         heldout=heldout,
         wall_s=time.perf_counter() - began,

@@ -76,7 +76,7 @@ def discovery_document(
             "not_as_stated": list(found.noise.assumed),
         },
         "alarm_p": found.explanation.alarm,
-        "left": [{"channel": p.channel, "pattern": p.words, "p": p.p} for p in found.explanation.left],
+        "left": [{"channel": p.channel, "pattern": p.words, "p": p.p} for p in found.left],
         "story": told,
         "check": check,
         "rig": None if rig is None else str(rig),

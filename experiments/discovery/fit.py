@@ -13,6 +13,7 @@ from experiments.discovery.channels import packed, unpacked
 from experiments.discovery.linear import Linear, linear_model
 from experiments.discovery.noise import Noise
 from experiments.effects.effect import Values
+from experiments.effects.occurrence import Occurrence
 from experiments.effects.seen import Seen
 
 STEPS = 6
@@ -34,6 +35,11 @@ class Term:
     @property
     def values(self) -> Values:
         return self.candidate.values(self.sizes, self.point)
+
+    @property
+    def occurrence(self) -> Occurrence:
+        """The same without what a search needs."""
+        return Occurrence(self.candidate.effect, self.candidate.target, self.values)
 
     def freed(self, seen: Seen) -> Seen:
         """Readings without the effect."""

@@ -14,6 +14,7 @@ from experiments.discovery.noise import Noise, whitening
 from experiments.effects.seen import Seen
 from experiments.effects.targets import PLACEMENTS
 from sim.errors import InputError
+from sim.measurements import Measurements
 
 FOLDS = 4
 LEAST_PLACEMENTS = 4
@@ -57,18 +58,28 @@ def rows_of(seen: Seen, rows: np.ndarray) -> Seen:
     return replace(seen, measurements=replace(m, **cut), **kept)
 
 
+def check_placements(measurements: Measurements) -> None:
+    """Refuse fewer placements than can be held out.
+
+    Raises:
+        InputError: says how many are needed.
+    """
+    count = len(np.unique(measurements.placement))
+    if count < LEAST_PLACEMENTS:
+        raise InputError(
+            f"measurements: found {count} placements, expected at least {LEAST_PLACEMENTS}: "
+            "whether a finding holds is shown on placements that took no part in it"
+        )
+
+
 def held_out(seen: Seen, noise: Noise, terms: Sequence[Term], bend: np.ndarray) -> HeldOut:
     """Cross-validate over placements: base parameters and sizes from the others alone.
 
     Raises:
         InputError: fewer placements than can be held out.
     """
+    check_placements(seen.measurements)
     placements = np.unique(seen.measurements.placement)
-    if len(placements) < LEAST_PLACEMENTS:
-        raise InputError(
-            f"measurements: found {len(placements)} placements, expected at least {LEAST_PLACEMENTS}: "
-            "whether a finding holds is shown on placements that took no part in it"
-        )
     # What happened to one placement alone, the others cannot tell: it is taken as fitted to all.
     single = [term.candidate.effect.targets is PLACEMENTS for term in terms]
     mended = freed(seen, seen, [term for term, alone in zip(terms, single, strict=True) if alone])

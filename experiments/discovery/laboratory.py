@@ -12,14 +12,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from experiments.discovery.channels import residuals, swing_pose
+from experiments.discovery.channels import ROWS, residuals, swing_pose
 from experiments.discovery.fit import Fit, Term, fit
 from experiments.discovery.noise import Noise
+from experiments.effects.occurrence import freed, injected
 from experiments.effects.seen import Seen, see
 from sim.equilibrium import mechanism
 from sim.errors import InputError
 from sim.measurements import Measurements, PosturePlan
 from sim.rig import Rig, preset_rig
+from sim.sensors import PRESETS
 from sim.static_laboratory import prepare, run_static
 
 ROUNDS = 3
@@ -30,9 +32,14 @@ STREAM = 0  # of friction and swaying: the same with and without the effect
 
 def exact_rig(seen: Seen) -> Rig:
     """The nominal laboratory of an experiment, with nothing random but friction."""
-    rig = preset_rig("ideal", seen.nominal.robot)
+    return without_noise(preset_rig("ideal", seen.nominal.robot))
+
+
+def without_noise(rig: Rig) -> Rig:
+    """A laboratory with nothing random but friction, and no repeats."""
     return replace(
         rig,
+        sensors=PRESETS["ideal"],
         controller=replace(rig.controller, command_sd=0.0),
         protocol=replace(rig.protocol, plate_sd=(0.0, 0.0, 0.0), repeats=0),
     )
@@ -64,23 +71,15 @@ def simulated(rig: Rig, plan: PosturePlan) -> Measurements:
     return run_static(prepare(rig, plan), [np.random.SeedSequence(STREAM)], all_solved=True)[0].measurements
 
 
-def with_terms(rig: Rig, terms: Sequence[Term]) -> Rig:
-    """A rig with effects."""
-    for term in terms:
-        rig = term.candidate.effect.inject(rig, term.candidate.target, term.values)
-    return rig
-
-
 def missed(seen: Seen, plan: PosturePlan, rig: Rig, plain: Measurements, terms: Sequence[Term]) -> np.ndarray:
     """Residuals that the laboratory keeps when the terms' predictions are taken away, (m, 11).
 
     Zero where the posture has no equilibrium with them.
     """
     theta = seen.nominal.value
-    shown, without = see(simulated(with_terms(rig, terms), plan), seen.nominal), see(plain, seen.nominal)
-    clean = shown
-    for term in reversed(terms):
-        clean = term.freed(clean)
+    there = [term.occurrence for term in terms]
+    shown, without = see(simulated(injected(rig, there), plan), seen.nominal), see(plain, seen.nominal)
+    clean = freed(shown, there)
     out = np.zeros((len(seen), 11))
     after, before = residuals(clean, theta), residuals(without, theta)
     rows = {int(number): k for k, number in enumerate(without.measurements.posture)}
@@ -88,7 +87,7 @@ def missed(seen: Seen, plan: PosturePlan, rig: Rig, plain: Measurements, terms: 
         if (at := rows.get(int(number))) is None:
             continue
         change = after[k] - before[at]
-        change[3:5] *= shown.on_four_cells[k] & without.on_four_cells[at]
+        change[ROWS["T"]] *= shown.on_four_cells[k] & without.on_four_cells[at]
         out[int(number) - 1] = change
     return out
 
@@ -102,7 +101,7 @@ def refit(seen: Seen, noise: Noise, found: Fit) -> tuple[Fit, np.ndarray]:
     rig, plan = exact_rig(seen), measured_plan(seen)
     s = sum(len(term.sizes) for term in found.terms)
     bend = np.zeros((len(seen), 11, s + 1))
-    changed = with_terms(rig, found.terms)
+    changed = injected(rig, [term.occurrence for term in found.terms])
     misread_only = replace(changed, misread=None) == rig
     known = all(term.candidate.effect.statics for term in found.terms)
     # What instruments make of readings, predictions undo exactly; times are not those of the simulation.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from experiments.discovery.laboratory import without_noise
 from experiments.discovery.noise import Noise, noise_of
 from experiments.effects.seen import Seen, see
 from identification.base_parameters import common_support
@@ -17,7 +18,6 @@ from sim.measurements import Measurements, PosturePlan
 from sim.model import Robot
 from sim.record import constants
 from sim.rig import Rig, preset_rig
-from sim.sensors import PRESETS
 from sim.static_laboratory import Prepared, prepare, run_static
 
 RUNS = 20  # over which the estimator's variances are averaged
@@ -81,16 +81,6 @@ def planned(plan: PosturePlan, preset: str, robot: Robot, seed: int) -> Planned:
     ]
     errors = np.sqrt(np.mean(variance, axis=0))
     return Planned(rig, plan, prepared, seen, noise_of(seen), tuple(runs), errors, seed)
-
-
-def without_noise(rig: Rig) -> Rig:
-    """A laboratory with nothing random but friction, and no repeats."""
-    return replace(
-        rig,
-        sensors=PRESETS["ideal"],
-        controller=replace(rig.controller, command_sd=0.0),
-        protocol=replace(rig.protocol, plate_sd=(0.0, 0.0, 0.0), repeats=0),
-    )
 
 
 def usable(plan: PosturePlan, postures: np.ndarray) -> PosturePlan:

@@ -14,7 +14,6 @@ from experiments.discovery.fit import Fit, Term, fit, search
 from experiments.discovery.laboratory import refit
 from experiments.discovery.linear import Linear, linear_model
 from experiments.discovery.noise import Noise
-from experiments.discovery.rivals import Pattern, patterns
 from experiments.effects.effect import Effect
 from experiments.effects.seen import Seen
 
@@ -65,7 +64,6 @@ class Explanation:
         sets: for every term the explanations within `DECISIVE` of the best, itself among them.
         gaps: by channel, before.
         alarm: probability of as strong an effect among noise alone, over all candidates.
-        left: patterns in what is left. leftover: whether something is.
         undetectable: candidates that these postures cannot show.
         tests: how many independent tests the catalogue is worth here.
         bend: what the predictions miss in the laboratory, (m, 11, s + 1); None: it was not asked.
@@ -76,18 +74,9 @@ class Explanation:
     sets: tuple[tuple[Rival, ...], ...]
     gaps: tuple[Gap, ...]
     alarm: float
-    left: tuple[Pattern, ...]
-    leftover: bool
     undetectable: tuple[Candidate, ...]
     tests: float
     bend: np.ndarray | None
-
-    @property
-    def closure(self) -> float:
-        """Part of the gap that is closed, 0 to 1."""
-        before, after = self.before.chi_square, self.found.chi_square
-        null = self.found.linear.freedom
-        return float((before - after) / (before - null)) if before > null else 1.0
 
 
 def gaps_of(seen: Seen, noise: Noise) -> tuple[Gap, ...]:
@@ -130,21 +119,8 @@ def explain(
     if alarm < LEVEL or min(gap.p for gap in gaps) < LEVEL / len(gaps):
         found, bend = _forward(seen, noise, among, before, ranked, tests, through_laboratory, progress)
     sets = tuple(_alternatives(seen, noise, among, found, k) for k in range(len(found.terms)))
-    left = patterns(found.linear, found.residual, found.columns)
-    over = float(chi2.sf(found.chi_square, max(found.linear.freedom - found.columns.shape[1], 1)))
     progress(1)
-    return Explanation(
-        found,
-        before,
-        sets,
-        gaps,
-        alarm,
-        tuple(left[:5]),
-        bool(left[0].p < LEVEL or over < LEVEL / 4),
-        undetectable,
-        tests,
-        bend,
-    )
+    return Explanation(found, before, sets, gaps, alarm, undetectable, tests, bend)
 
 
 def _forward(

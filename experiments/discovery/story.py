@@ -6,6 +6,7 @@ import numpy as np
 
 from experiments.discovery.discovery import AMBIGUOUS, NAMED, NONE, Discovery, crowded, occurrence_of
 from experiments.discovery.proposals import Proposal
+from experiments.discovery.steps import LEVEL
 from experiments.effects.wording import told
 
 PLACES = {
@@ -31,6 +32,8 @@ def story(found: Discovery, next_experiment: list[Proposal]) -> list[str]:
             f"(up to {found.heldout.floor['AFTC']:.2f} by chance), "
             f"the centre of pressure from {before:.2f} to {after:.2f} mm (noise {floor:.2f} mm)."
         )
+    if found.found.terms and found.verdict in (NAMED, AMBIGUOUS) and found.left[0].p < LEVEL:
+        lines.append(f"A little is left that this does not explain: {found.left[0].words}.")
     lines += [f"To tell them apart: {p.words} ({p.gain:.3g} times the separation)" for p in next_experiment]
     if found.noise.assumed:
         lines.append(f"Noise not as the data sheets say: {'; '.join(found.noise.assumed)}.")

@@ -24,7 +24,7 @@ from sim.measurements import (
     read_series,
 )
 from sim.measurements.plan_folder import check_model
-from sim.model import Robot
+from sim.model import Robot, load_model
 from sim.plates import plate_geometry
 from sim.rig import preset_rig
 from sim.scene import load_scene
@@ -107,7 +107,7 @@ def planned(plan: PosturePlan, robot: Robot, title: str) -> Subject:
         board=board,
         cells=np.array([board.cells, board.cells]),
         top_height=np.full(2, board.top_height),
-        gravity=9.81,
+        gravity=float(-load_model(robot).opt.gravity[2]),
         com={"nominal model": com},
         polygons=polygons,
         margin=_margins(com, polygons),

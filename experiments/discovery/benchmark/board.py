@@ -17,10 +17,9 @@ from experiments.discovery.channels import residuals
 from experiments.discovery.detectability import noncentrality, single_level
 from experiments.discovery.evidence import VISIBLE, family, field
 from experiments.discovery.isolability import ISOLABLE
-from experiments.discovery.laboratory import exact_rig, measured_plan, simulated
+from experiments.discovery.laboratory import exact_rig, measured_plan, simulated, without_noise
 from experiments.discovery.linear import Linear, linear_model
 from experiments.discovery.noise import noise_of
-from experiments.discovery.planned import without_noise
 from experiments.discovery.steps import LEVEL
 from experiments.effects.seen import see
 from experiments.scenario import DEFAULT_PLAN

@@ -17,7 +17,7 @@ from experiments.discovery.benchmark.outcome import Bias, Found, Outcome
 from experiments.discovery.benchmark.outside import OUTSIDE
 from experiments.discovery.detectability import noncentrality
 from experiments.discovery.discovery import Discovery, discover, occurrence_of
-from experiments.discovery.planned import without_noise
+from experiments.discovery.laboratory import without_noise
 from experiments.effects import catalogue
 from experiments.effects.occurrence import Occurrence, injected
 from experiments.scenario import Scenario
