@@ -16,7 +16,7 @@ from experiments.discovery.folder import PARTS
 from experiments.discovery.noise import Noise, whitening
 from experiments.effects.seen import Seen, see
 from experiments.montecarlo.folder import RUN_FILE
-from experiments.saved_run import Head, check_outputs, check_robot, parsed
+from experiments.saved_run import Hashed, check_outputs, check_robot, parsed
 from identification.base_parameters import common_support
 from identification.nominal import nominal_robot
 from sim.errors import InputError, shortened, validation_message
@@ -48,13 +48,10 @@ class Source(BaseModel):
     robot: str
 
 
-class DiscoveryFile(Head):
+class DiscoveryFile(Hashed):
     """run.json of a discovery."""
 
     configuration: Source
-    software: dict[str, str]
-    inputs: dict[str, str]
-    outputs: dict[str, str]
 
 
 class Stated(BaseModel):

@@ -38,19 +38,24 @@ class Head(BaseModel):
     command: str = ""
 
 
+class Hashed(Head):
+    """run.json of a folder that says with what and of what it was made."""
+
+    software: dict[str, str]
+    inputs: dict[str, str]
+    outputs: dict[str, str]
+
+
 class Inputs(BaseModel):
     preset: str
     seed: Annotated[int, Strict(), Field(ge=0)]
     robot: str
 
 
-class RunFile(Head):
+class RunFile(Hashed):
     """run.json of a validation."""
 
     configuration: Inputs
-    software: dict[str, str]
-    inputs: dict[str, str]
-    outputs: dict[str, str]
 
 
 class MonteCarloSettings(BaseModel):

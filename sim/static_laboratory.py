@@ -8,35 +8,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
-import mujoco
 import numpy as np
 
 from sim.equilibrium import (
     Load,
-    Mechanism,
-    Reference,
     State,
     cell_forces,
     faults,
     left_friction,
-    mechanism,
-    reference,
     soles,
     solve,
     swaying,
     ways,
 )
 from sim.errors import InputError
-from sim.laboratory import boards_under
-from sim.measurements import Measurements, PosturePlan
-from sim.model import load_model
-from sim.path import ClosedChain
+from sim.measurements import Measurements
+from sim.prepared import Prepared, nominal, standing_feet
 from sim.record import (
-    check_support,
     choose_repeats,
-    constants,
     new_set_up,
     order_of_tries,
     record,
@@ -45,34 +35,9 @@ from sim.record import (
     start_times,
     weigh,
 )
-from sim.rig import Rig, stages
 from sim.sensors import read_cells, read_encoders, sample_mean
 
 NO_EQUILIBRIUM = "tipped"
-
-
-@dataclass(frozen=True)
-class Prepared:
-    """A laboratory and a plan, with all that does not change between runs.
-
-    Attributes:
-        near: every posture solved as planned, batch (postures,).
-        boards: where the boards are to lie, by placement, (placements, 2, 3).
-        placement: index of every posture's placement, (postures,).
-        links: the robot's bodies as numbers of the mechanism's, in MJCF order, (n_links,).
-        fixed: see `sim.record.constants`.
-        later: the same of what stands there later, by the part of the experiment's time.
-    """
-
-    rig: Rig
-    plan: PosturePlan
-    mechanism: Mechanism
-    near: Reference
-    boards: np.ndarray
-    placement: np.ndarray
-    links: np.ndarray
-    fixed: dict[str, Any]
-    later: tuple[tuple[float, Prepared], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -132,44 +97,6 @@ class StaticRun:
     def true_mass(self) -> float:
         """[kg]"""
         return float(self.standard[:, 0].sum())
-
-
-def prepare(rig: Rig, plan: PosturePlan) -> Prepared:
-    """Solve every posture of a plan once, as planned.
-
-    Raises:
-        InputError: a support other than double, or a scene that this statics does not know.
-    """
-    first, *others = stages(rig)
-    later = tuple((start, _prepare(one, plan)) for start, one in others)
-    return replace(_prepare(first[1], plan), rig=rig, later=later)
-
-
-def _prepare(rig: Rig, plan: PosturePlan) -> Prepared:
-    check_support(plan)
-    m, model = mechanism(rig), load_model(rig.robot)
-    placements, placement = np.unique(plan.placement, return_inverse=True)
-    first = [int(np.flatnonzero(plan.placement == number)[0]) for number in placements]
-    boards = boards_under(rig, plan.swing_pose[first])
-    feet = np.stack([np.zeros_like(plan.swing_pose), plan.swing_pose], axis=1)
-    load = Load(
-        command=plan.joint_angles + plan.feed_forward / m.gain,
-        friction=np.zeros(len(m.names)),
-        feet=feet,
-        plates=boards[placement],
-        mass=m.mass,
-        center=m.center,
-        stands=standing_feet(plan.support),
-    )
-    near = reference(m, _start(rig, m, plan), load)
-    names = [body.name for body in m.bodies]
-    links = np.array([names.index(model.body(k).name) for k in range(1, model.nbody)])
-    return Prepared(rig, plan, m, near, boards, placement, links, constants(rig))
-
-
-def standing_feet(support: np.ndarray) -> np.ndarray:
-    """Whether the right and the left foot are on the ground, (m, 2) bool."""
-    return np.column_stack([np.full(len(support), True), support == "double"])
 
 
 def run_static(
@@ -262,13 +189,6 @@ def hold_static(
     state, solved = solve(m, prepared.near, tries.row, load)
     reason = faults(m, state, load, cell_forces(m, state, load), rig.robot.feet)
     return state, load, np.where(solved, reason, NO_EQUILIBRIUM)
-
-
-def nominal(prepared: Prepared) -> np.ndarray:
-    """Standard parameters of the robot in the rig's scene, (n_links, 4) [kg, kg m]."""
-    m = prepared.mechanism
-    mass = m.mass[prepared.links]
-    return np.column_stack([mass, mass[:, None] * m.center[prepared.links]])
 
 
 def _draw(prepared: Prepared, run: int, rng: np.random.Generator) -> Tries:
@@ -366,19 +286,3 @@ def _hand_over(
         plate_poses=plates[used],
     )
     return StaticRun(measured, dropped, standard)
-
-
-def _start(rig: Rig, m: Mechanism, plan: PosturePlan) -> State:
-    """The planned postures, the weight on both feet alike."""
-    chain = ClosedChain(load_model(rig.robot), rig.robot)
-    pose = np.array([chain.base_pose(angles) for angles in plan.joint_angles])
-    rotation = np.zeros((len(pose), 9))
-    for matrix, quaternion in zip(rotation, pose[:, 3:], strict=True):
-        mujoco.mju_quat2Mat(matrix, quaternion)
-    angles = np.zeros((len(pose), len(m.names)))
-    angles[:, m.motors] = plan.joint_angles
-    angles[:, m.joints] = plan.joint_angles
-    share = standing_feet(plan.support) / standing_feet(plan.support).sum(axis=1)[:, None]
-    wrench = np.zeros((len(pose), 2, 6))
-    wrench[:, :, :3] = -share[:, :, None] * m.gravity * m.mass.sum()
-    return State(pose[:, :3], rotation.reshape(-1, 3, 3), angles, wrench)

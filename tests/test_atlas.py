@@ -22,7 +22,7 @@ from experiments.effects import catalogue
 from experiments.effects.seen import see
 from sim.measurements import write_plan
 from sim.model import load_robot
-from sim.static_laboratory import prepare
+from sim.prepared import prepare
 from tools.study import part_of, shipped_plan
 
 SEED = 112

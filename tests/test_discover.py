@@ -23,8 +23,9 @@ from experiments.effects import catalogue
 from experiments.effects.seen import see
 from identification.nominal import nominal_robot
 from sim.measurements import read_measurements, write_measurements
+from sim.prepared import prepare
 from sim.rig import preset_rig
-from sim.static_laboratory import prepare, run_static
+from sim.static_laboratory import run_static
 
 SEED = 7001  # no development seed
 

@@ -22,9 +22,10 @@ from sim.errors import InputError
 from sim.laboratory import run_experiment
 from sim.measurements import Measurements, read_plan
 from sim.model import CORNERS
+from sim.prepared import prepare
 from sim.rig import Rig, preset_rig, stages
 from sim.scene import load_scene
-from sim.static_laboratory import prepare, run_static
+from sim.static_laboratory import run_static
 
 PLACEMENTS = 8
 SEED = 103  # bounds were set on seed 1

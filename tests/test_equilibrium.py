@@ -18,10 +18,11 @@ from sim.errors import InputError
 from sim.laboratory import run_experiment
 from sim.model import load_model
 from sim.path import ClosedChain
+from sim.prepared import prepare
 from sim.rig import preset_rig
 from sim.scene import laboratory_scene
 from sim.sensors import PRESETS, averaged_sd, sample, sample_mean
-from sim.static_laboratory import prepare, run_static
+from sim.static_laboratory import run_static
 from tools.study import part_of
 from tools.study_equilibrium import EDGE, centers_at, compare, edge_distance, excess_sag, laboratories, pulled
 

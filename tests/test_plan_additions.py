@@ -29,8 +29,9 @@ from identification.regressor import stacked_regressor
 from identification.statistics import standard_errors
 from sim.errors import InputError
 from sim.measurements import read_plan, write_plan
+from sim.prepared import prepare
 from sim.rig import preset_rig
-from sim.static_laboratory import prepare, run_static
+from sim.static_laboratory import run_static
 from tools.improve.one_foot import holding_torques
 
 SIGMA = 4.16e-3

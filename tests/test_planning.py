@@ -28,8 +28,8 @@ from sim.errors import InputError
 from sim.laboratory import run_experiment
 from sim.measurements import read_plan, write_plan
 from sim.model import sole_corners
+from sim.prepared import prepare
 from sim.rig import preset_rig
-from sim.static_laboratory import prepare
 from tools.study import part_of
 
 STEP = 1e-6

@@ -14,21 +14,11 @@ from experiments.report import page as pages
 from experiments.report.tables import flattened
 from experiments.run_folder import write_run
 from experiments.saved_run import read_run
-from sim.errors import InputError
-from tests.test_view import calibration, cpu_seconds, not_blank, refused, run  # noqa: F401
+from tests.test_view import calibration, cpu_seconds, needs_opengl, not_blank, refused, run  # noqa: F401
 from tools.looking import browse, browser
 
 MOST_SECONDS, MOST_BYTES = 20, 12e6
 needs_chromium = pytest.mark.skipif(shutil.which("chromium") is None, reason="no Chromium (chromium)")
-
-
-def can_draw(robot, plan) -> bool:
-    try:
-        plates = np.array([[[0.03, -0.155, 0], [0.03, 0.155, 0]]])
-        rendering.rendered(robot, plan.joint_angles[:1], plates, 64, 64)
-    except InputError:
-        return False
-    return True
 
 
 @pytest.fixture(scope="module")
@@ -123,9 +113,8 @@ def test_every_picture_has_words(page):
     assert "http://" not in re.sub(r"<script>.*?</script>", "", text, flags=re.S)
 
 
-def test_postures_are_drawn(page, robot, plan):
-    if not can_draw(robot, plan):
-        pytest.skip("no OpenGL without a screen (libosmesa6)")
+@needs_opengl
+def test_postures_are_drawn(page):
     assert page.read_text(encoding="utf-8").count('<img src="data:image/png;base64,') == pages.PICTURES
 
 

@@ -17,8 +17,9 @@ from experiments.validate import identify
 from sim.errors import InputError
 from sim.measurements import read_measurements
 from sim.model import load_spec
+from sim.prepared import prepare
 from sim.rig import preset_rig
-from sim.static_laboratory import prepare, run_static
+from sim.static_laboratory import run_static
 from tests.test_cli import edit, refused
 
 SEED = 231

@@ -17,8 +17,9 @@ from identification.preflight import preflight
 from sim.errors import InputError
 from sim.laboratory import run_experiment
 from sim.measurements import PosturePlan, read_measurements, write_measurements
+from sim.prepared import prepare
 from sim.rig import preset_rig
-from sim.static_laboratory import prepare, run_static
+from sim.static_laboratory import run_static
 from tools.study import part_of
 from tools.study_equilibrium import compare, without_friction
 

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import time
+from ctypes.util import find_library
 from pathlib import Path
 
 import mujoco
@@ -45,6 +46,9 @@ def vulkan() -> bool:
     return any(Path(folder).glob("*.json") for folder in ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d"))
 
 
+needs_opengl = pytest.mark.skipif(
+    not (find_library("OSMesa") or find_library("EGL")), reason="no OpenGL without a screen (libosmesa6)"
+)
 needs_vulkan = pytest.mark.skipif(not vulkan(), reason="no Vulkan (mesa-vulkan-drivers)")
 
 

@@ -21,8 +21,9 @@ from sim.laboratory import Attempt, run_experiment
 from sim.measurements import PosturePlan, read_plan
 from sim.model import load_model, load_robot
 from sim.path import ClosedChain
+from sim.prepared import Prepared, prepare, standing_feet
 from sim.rig import Rig, preset_rig
-from sim.static_laboratory import Prepared, Tries, hold_static, prepare, run_static, standing_feet
+from sim.static_laboratory import Tries, hold_static, run_static
 
 # A foot whose centre of pressure is nearer to its sole's edge may have begun to tip (up to 20 um of gap).
 EDGE = 2e-3  # m

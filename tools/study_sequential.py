@@ -16,9 +16,10 @@ from identification.postures import random_postures
 from sim.measurements import Measurements, PosturePlan
 from sim.model import load_robot
 from sim.plates import plate_geometry
+from sim.prepared import prepare
 from sim.rig import Rig, preset_rig
 from sim.scene import load_scene
-from sim.static_laboratory import prepare, run_static
+from sim.static_laboratory import run_static
 from tools.study import header, row
 
 SEEDS = range(20)

@@ -18,7 +18,8 @@ from experiments.terminal import ERR, console, print_json, progress
 from sim.errors import InputError
 from sim.laboratory import Experiment, run_experiment
 from sim.model import TULIP
-from sim.static_laboratory import StaticRun, prepare, run_static
+from sim.prepared import prepare
+from sim.static_laboratory import StaticRun, run_static
 
 Effects = Annotated[
     tuple[str, ...],

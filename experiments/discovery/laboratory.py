@@ -20,9 +20,10 @@ from experiments.effects.seen import Seen, see
 from sim.equilibrium import mechanism
 from sim.errors import InputError
 from sim.measurements import Measurements, PosturePlan
+from sim.prepared import prepare
 from sim.rig import Rig, preset_rig
 from sim.sensors import PRESETS
-from sim.static_laboratory import prepare, run_static
+from sim.static_laboratory import run_static
 
 ROUNDS = 3
 LEAST_STEP = 1e-4  # prior s.d., from which a difference of what is missed is worth something

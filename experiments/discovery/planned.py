@@ -16,9 +16,10 @@ from identification.nominal import Nominal, nominal_robot
 from identification.regressor import regression
 from sim.measurements import Measurements, PosturePlan
 from sim.model import Robot
+from sim.prepared import Prepared, prepare
 from sim.record import constants
 from sim.rig import Rig, preset_rig
-from sim.static_laboratory import Prepared, prepare, run_static
+from sim.static_laboratory import run_static
 
 RUNS = 20  # over which the estimator's variances are averaged
 

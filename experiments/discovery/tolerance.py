@@ -13,7 +13,7 @@ from experiments.discovery.candidates import Candidate, candidates
 from experiments.discovery.planned import Planned, estimates, noisy, streams
 from experiments.effects import catalogue
 from sim.measurements import Measurements
-from sim.static_laboratory import prepare
+from sim.prepared import prepare
 
 # Effect, and the amount that a laboratory thinks in.
 UNITS = {

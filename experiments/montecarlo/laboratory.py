@@ -16,9 +16,10 @@ from sim.errors import InputError
 from sim.laboratory import run_experiment
 from sim.measurements import Measurements, PosturePlan
 from sim.model import load_model
+from sim.prepared import Prepared, prepare
 from sim.random_robots import draw_robot, edit_of
 from sim.rig import Rig
-from sim.static_laboratory import Prepared, prepare, run_static
+from sim.static_laboratory import run_static
 
 
 @dataclass(frozen=True)

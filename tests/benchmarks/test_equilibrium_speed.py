@@ -9,9 +9,10 @@ import numpy as np
 
 from sim.hold import hold, put_down
 from sim.laboratory import boards_under
+from sim.prepared import prepare
 from sim.rig import preset_rig
 from sim.stand import Stand
-from sim.static_laboratory import prepare, run_static
+from sim.static_laboratory import run_static
 
 RUNS = 50
 

@@ -12,8 +12,9 @@ from experiments.montecarlo.laboratory import stream_of
 from identification.base_parameters import BaseParameters
 from identification.regressor import stacked_regressor
 from sim.measurements import PosturePlan
+from sim.prepared import prepare
 from sim.rig import Rig
-from sim.static_laboratory import prepare, run_static
+from sim.static_laboratory import run_static
 from tools.improve.designs import CRITERIA, exchanged, placement_blocks, plan_of, random_choices
 from tools.improve.output import BLACK, BLUE, GREEN, ORANGE, RED, SKY, Rows, panels, save
 from tools.improve.prediction import predicted_covariance

@@ -13,8 +13,9 @@ from identification.regressor import stacked_regressor
 from identification.statistics import WELL_IDENTIFIED, correlations, standard_errors
 from sim.measurements import PosturePlan
 from sim.model import load_model
+from sim.prepared import prepare
 from sim.rig import Rig
-from sim.static_laboratory import prepare, run_static
+from sim.static_laboratory import run_static
 from tools.improve.output import BLUE, GREEN, ORANGE, Rows, panels, save
 from tools.improve.postures import PER_PLACEMENT
 from tools.improve.prediction import predicted_covariance

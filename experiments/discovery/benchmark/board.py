@@ -26,8 +26,9 @@ from experiments.scenario import DEFAULT_PLAN
 from identification.nominal import nominal_robot
 from sim.measurements import PosturePlan, read_plan
 from sim.model import load_model, load_robot
+from sim.prepared import Prepared, prepare
 from sim.rig import Rig, preset_rig
-from sim.static_laboratory import Prepared, prepare, run_static
+from sim.static_laboratory import run_static
 
 REFERENCE = 999  # stream of the one nominal experiment at which columns are taken
 

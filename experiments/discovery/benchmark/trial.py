@@ -26,10 +26,11 @@ from sim.errors import InputError
 from sim.laboratory import run_experiment
 from sim.measurements import Measurements
 from sim.model import load_model
+from sim.prepared import Prepared, prepare
 from sim.random_robots import draw_robot
 from sim.record import constants
 from sim.rig import Rig
-from sim.static_laboratory import Prepared, prepare, run_static
+from sim.static_laboratory import run_static
 
 SPREAD = 0.1  # of random true robots, see `sim.random_robots`
 
