@@ -16,7 +16,7 @@ from experiments.discovery.laboratory import measured_plan, refit
 from experiments.discovery.linear import nuisances, weighing
 from experiments.discovery.noise import Noise, noise_of
 from experiments.discovery.pure_error import PureError, pure_error, widened
-from experiments.discovery.rivals import Pattern, patterns
+from experiments.discovery.patterns import Pattern, in_channels, patterns
 from experiments.discovery.steps import LEVEL, Explanation, Rival, explain
 from experiments.effects.effect import Effect
 from experiments.effects.occurrence import Occurrence
@@ -29,7 +29,7 @@ from sim.model import Robot
 from sim.rig import preset_rig
 
 NAMED, AMBIGUOUS, UNKNOWN, NONE = "named", "ambiguous", "unknown", "none"
-CLOSED = 0.95  # part of a gap whose explanation is kept although a little is left of it
+CLOSED = 0.95  # part of a gap whose explanation is kept although a pattern is left of it
 QUANTILE = 1.959964
 TOLD_PATTERNS = 5
 TIME_GAIN = 3.84  # chi-square with one degree of freedom, 95 %
@@ -131,7 +131,7 @@ def discover(
             found, bend = refit(seen, noise, found)
     progress(1)
     left = patterns(found.linear, found.residual, found.columns)
-    verdict = _verdict(explanation, found, left[0].p < LEVEL)
+    verdict = _verdict(explanation, found, left[0])
     adopted = tuple(occurrence_of(term, found, k) for k, term in enumerate(found.terms))
     heldout = held_out(seen, noise, found.terms, bend) if hold_out else None
     progress(1)
@@ -149,7 +149,7 @@ def discover(
         rivals=explanation.sets,
         unseen=tuple(unseen(explanation, c) for c in explanation.undetectable),
         left=tuple(left[:TOLD_PATTERNS]),
-        where=f"{clearest.words} (channel {clearest.channel})" if verdict != NONE else "",
+        where=f"{clearest.words} ({in_channels(clearest)})" if verdict != NONE else "",
         heldout=heldout,
         wall_s=time.perf_counter() - began,
     )
@@ -159,15 +159,13 @@ def _support(measurements: Measurements) -> str:
     return "double" if (measurements.support == "double").all() else "right"
 
 
-def _verdict(explanation: Explanation, found: Fit, leftover: bool) -> str:
+def _verdict(explanation: Explanation, found: Fit, left: Pattern) -> str:
     if not found.terms:
         gap = explanation.alarm < LEVEL or min(g.p for g in explanation.gaps) < LEVEL / len(explanation.gaps)
         return UNKNOWN if gap else NONE
-    before, null = explanation.before.chi_square, found.linear.freedom
-    closure = (before - found.chi_square) / (before - null) if before > null else 1.0
-    if leftover and closure < CLOSED:
-        return UNKNOWN
-    if crowded(found):
+    explained = explanation.before.chi_square - found.chi_square
+    unexplained = left.gain if left.p < LEVEL else 0.0
+    if explained < CLOSED * (explained + unexplained) or crowded(found):
         return UNKNOWN
     return AMBIGUOUS if any(len(rivals) > 1 for rivals in explanation.sets) else NAMED
 
