@@ -12,11 +12,12 @@ from experiments.discovery.candidates import Candidate, columns
 from experiments.discovery.channels import packed, unpacked
 from experiments.discovery.fit import Fit, Term, search
 from experiments.discovery.heldout import HeldOut, check_placements, held_out
-from experiments.discovery.laboratory import measured_plan, refit
+from experiments.discovery.laboratory import measured_plan
 from experiments.discovery.linear import nuisances, weighing
 from experiments.discovery.noise import Noise, noise_of
-from experiments.discovery.pure_error import PureError, pure_error, widened
 from experiments.discovery.patterns import Pattern, in_channels, patterns
+from experiments.discovery.pure_error import PureError, pure_error, widened
+from experiments.discovery.rivals import alike, settle
 from experiments.discovery.steps import LEVEL, Explanation, Rival, explain
 from experiments.effects.effect import Effect
 from experiments.effects.occurrence import Occurrence
@@ -123,15 +124,15 @@ def discover(
         noise = wider
         explanation, repeats = searched()
     found, bend = explanation.found, np.zeros((len(seen), 11, 1))
-    if found.terms:
+    rivals: tuple[tuple[Rival, ...], ...] = ()
+    if found.terms and through_laboratory:
+        found, bend, rivals = settle(seen, noise, found, explanation.rivals)
+    elif found.terms:
         bend = np.zeros((len(seen), 11, sum(len(t.sizes) for t in found.terms) + 1))
-        if explanation.bend is not None:
-            bend = explanation.bend
-        elif through_laboratory:
-            found, bend = refit(seen, noise, found)
+        rivals = tuple(alike(r, t) for r, t in zip(explanation.rivals, found.terms, strict=True))
     progress(1)
     left = patterns(found.linear, found.residual, found.columns)
-    verdict = _verdict(explanation, found, left[0])
+    verdict = _verdict(explanation, found, rivals, left[0])
     adopted = tuple(occurrence_of(term, found, k) for k, term in enumerate(found.terms))
     heldout = held_out(seen, noise, found.terms, bend) if hold_out else None
     progress(1)
@@ -146,7 +147,7 @@ def discover(
         found=found,
         bend=bend,
         adopted=adopted if verdict == NAMED else (),
-        rivals=explanation.sets,
+        rivals=rivals,
         unseen=tuple(unseen(explanation, c) for c in explanation.undetectable),
         left=tuple(left[:TOLD_PATTERNS]),
         where=f"{clearest.words} ({in_channels(clearest)})" if verdict != NONE else "",
@@ -159,7 +160,9 @@ def _support(measurements: Measurements) -> str:
     return "double" if (measurements.support == "double").all() else "right"
 
 
-def _verdict(explanation: Explanation, found: Fit, left: Pattern) -> str:
+def _verdict(
+    explanation: Explanation, found: Fit, rivals: tuple[tuple[Rival, ...], ...], left: Pattern
+) -> str:
     if not found.terms:
         gap = explanation.alarm < LEVEL or min(g.p for g in explanation.gaps) < LEVEL / len(explanation.gaps)
         return UNKNOWN if gap else NONE
@@ -167,7 +170,7 @@ def _verdict(explanation: Explanation, found: Fit, left: Pattern) -> str:
     unexplained = left.gain if left.p < LEVEL else 0.0
     if explained < CLOSED * (explained + unexplained) or crowded(found):
         return UNKNOWN
-    return AMBIGUOUS if any(len(rivals) > 1 for rivals in explanation.sets) else NAMED
+    return AMBIGUOUS if any(len(alternatives) > 1 for alternatives in rivals) else NAMED
 
 
 def crowded(found: Fit) -> bool:

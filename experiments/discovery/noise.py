@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.stats import median_abs_deviation
 
 from experiments.discovery.channels import ROWS, SIZE, TWIST, fields, sensitivity, standing
 from experiments.effects.seen import Seen
@@ -15,6 +16,9 @@ from identification.variance_components import MARK_RATIO
 # What the nominal laboratory itself leaves with exact sensors in full dynamics: contacts give way.
 FLOOR = np.array([1.5e-5] * 2 + [2e-3] + [2e-3] * 2 + [5e-6] + [1e-5] * 2 + [5e-6] * 2 + [1e-5])
 ASSUMED_ENCODER = 5e-4  # rad
+ASSUMED_CELL = 1.0  # N
+# What a plate's cells show beside the twist, at right angles to it: the load and where it is.
+OTHERS = np.array([[1.0, 1.0, 1.0, 1.0], [1.0, 1.0, -1.0, -1.0], [1.0, -1.0, -1.0, 1.0]])
 FREE_PLATE = (0.01, 0.01, 0.03)  # m, m, rad: of a recorded pose where nothing is known
 
 
@@ -64,9 +68,22 @@ def encoder_by_closure(seen: Seen) -> float | None:
 
 
 def cell_by_twist(seen: Seen) -> float:
-    """S.d. of the cells' errors by what rigid plates cannot share among four cells [N]."""
-    twist = (seen.cell_forces.reshape(-1, 2, 4) @ TWIST)[seen.on_four_cells]
-    return float(1.4826 * np.median(np.abs(twist - np.median(twist))) / 2)
+    """S.d. of the cells' errors by what rigid plates cannot share among four cells [N].
+
+    A cell's zero, gain and drift are no noise: what goes with the load, its place and time is taken off.
+    """
+    m, left, freedom = len(seen), [], 0
+    for side in (0, 1):
+        rows = seen.on_four_cells[:, side] & standing(seen)[:, side]
+        forces = seen.cell_forces.reshape(m, 2, 4)[rows, side]
+        known = np.column_stack([np.ones(len(forces)), seen.part[rows], forces @ OTHERS.T])
+        twist = forces @ TWIST
+        left.append(twist - known @ np.linalg.lstsq(known, twist, rcond=None)[0])
+        freedom += max(len(twist) - known.shape[1], 0)
+    every = np.concatenate(left)
+    if not freedom:
+        return ASSUMED_CELL
+    return float(median_abs_deviation(every, scale="normal") * np.sqrt(len(every) / freedom) / 2)
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,8 @@ class Pattern:
     """A pattern in the residuals.
 
     Attributes:
-        channel: A, F, T or C, or several, as "AC". words: "the twist of the left plate depends on the right knee's angle".
+        channel: A, F, T or C, or several, as "AC".
+        words: "the twist of the left plate depends on right_knee".
         gain: of chi-square. freedom: number of its columns. p: among all patterns (Bonferroni).
     """
 

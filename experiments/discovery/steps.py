@@ -19,7 +19,7 @@ from experiments.effects.seen import Seen
 
 LEVEL = 0.005  # of the effects' family, and of the four channels together: 0.01 in all
 DECISIVE = 3.0  # ln of the Bayes factor below which two explanations are alike
-SHORTLIST = 8
+SHORTLIST = 12
 WITHIN = 15.0  # ln of the Bayes factor by linear columns, of what is looked at again without linearising
 MOST_TERMS = 4
 STEPS_IN_TIME = 60
@@ -61,22 +61,20 @@ class Explanation:
 
     Attributes:
         found: the adopted terms, fitted. before: without any.
-        sets: for every term the explanations within `DECISIVE` of the best, itself among them.
+        rivals: for every term what else might explain it, by formulas, the best first; itself among them.
         gaps: by channel, before.
         alarm: probability of as strong an effect among noise alone, over all candidates.
         undetectable: candidates that these postures cannot show.
         tests: how many independent tests the catalogue is worth here.
-        bend: what the predictions miss in the laboratory, (m, 11, s + 1); None: it was not asked.
     """
 
     found: Fit
     before: Fit
-    sets: tuple[tuple[Rival, ...], ...]
+    rivals: tuple[tuple[Rival, ...], ...]
     gaps: tuple[Gap, ...]
     alarm: float
     undetectable: tuple[Candidate, ...]
     tests: float
-    bend: np.ndarray | None
 
 
 def gaps_of(seen: Seen, noise: Noise) -> tuple[Gap, ...]:
@@ -115,12 +113,12 @@ def explain(
     undetectable = tuple(s.candidate for s in ranked if not s.visible)
     alarm = min(adjusted(s.p, tests) for s in ranked) if ranked else 1.0
     progress(1)
-    found, bend = before, None
+    found = before
     if alarm < LEVEL or min(gap.p for gap in gaps) < LEVEL / len(gaps):
-        found, bend = _forward(seen, noise, among, before, ranked, tests, through_laboratory, progress)
-    sets = tuple(_alternatives(seen, noise, among, found, k) for k in range(len(found.terms)))
+        found = _forward(seen, noise, among, before, ranked, tests, through_laboratory, progress)
+    rivals = tuple(_alternatives(seen, noise, among, found, k) for k in range(len(found.terms)))
     progress(1)
-    return Explanation(found, before, sets, gaps, alarm, undetectable, tests, bend)
+    return Explanation(found, before, rivals, gaps, alarm, undetectable, tests)
 
 
 def _forward(
@@ -132,29 +130,24 @@ def _forward(
     tests: float,
     through_laboratory: bool,
     progress: Callable[[int], None],
-) -> tuple[Fit, np.ndarray | None]:
-    """Add the best explanation as long as one is decisive, look back after every step.
-
-    Returns:
-        the fit, and what its predictions miss in the laboratory, if that was asked.
-    """
-    exact, bend = not through_laboratory, None
+) -> Fit:
+    """Add the best explanation as long as one is decisive, look back after every step."""
+    exact = not through_laboratory
     while len(found.terms) < MOST_TERMS:
         best = _best(found, ranked)
-        if best is None or best.log_bayes_factor < DECISIVE or _chance(found, best, tests) > LEVEL:
+        if best is None or best.log_bayes_factor < DECISIVE or _chance(found, best, ranked, tests) > LEVEL:
             break
         if found.terms and not exact:
-            found, bend = refit(seen, noise, found)
+            found, _ = refit(seen, noise, found)
             ranked, exact = _ranked_after(found, among), True
             continue
         tried = _look_back(seen, noise, fit(seen, noise, (*found.terms, best.term)))
         progress(1)
         if {t.candidate.label for t in tried.terms} == {t.candidate.label for t in found.terms}:
             break
-        found, exact, bend = tried, not through_laboratory, None
+        found, exact = tried, not through_laboratory
         ranked = _ranked_after(found, among)
-    alone = _alone(seen, noise, found) if through_laboratory else found
-    return alone, bend if alone is found else None
+    return _alone(seen, noise, found) if through_laboratory else found
 
 
 def _alone(seen: Seen, noise: Noise, found: Fit) -> Fit:
@@ -234,11 +227,16 @@ def _in_time(linear: Linear, s: Score, residual: np.ndarray, taken: np.ndarray) 
     return Term(finer, best.point, best.sizes), float(np.log(len(middles)))
 
 
-def _chance(found: Fit, best: Rival, tests: float) -> float:
-    """Probability of as large a gain by chance, over the catalogue."""
+def _chance(found: Fit, best: Rival, ranked: list[Score], tests: float) -> float:
+    """Probability of as large a gain by chance, over the catalogue.
+
+    By linear columns or without linearising, whichever explains more: there sizes are drawn to zero.
+    """
     about = _about(found)
     gain = float(about.residual @ about.residual) - search(about, (best.term,)).chi_square
-    return adjusted(float(chi2.sf(max(gain, 0.0), max(len(best.term.sizes), 1))), tests)
+    p = float(chi2.sf(max(gain, 0.0), max(len(best.term.sizes), 1)))
+    (linear,) = (s.p for s in ranked if s.candidate.label == best.label)
+    return adjusted(min(p, linear), tests)
 
 
 def _ranked_after(found: Fit, among: list[Candidate]) -> list[Score]:
@@ -273,6 +271,4 @@ def _alternatives(seen: Seen, noise: Noise, among: list[Candidate], found: Fit, 
     term = found.terms[k]
     if term.candidate.label not in {rival.label for rival in rivals}:
         rivals.append(Rival(term, search(linear, (term,)).log_bayes_factor))
-    least = max(rival.log_bayes_factor for rival in rivals) - DECISIVE
-    # The adopted one is always of its own set: if another is better by far, that must be seen.
-    return tuple(r for r in rivals if r.log_bayes_factor > least or r.label == term.candidate.label)
+    return tuple(sorted(rivals, key=lambda rival: -rival.log_bayes_factor))

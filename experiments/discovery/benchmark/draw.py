@@ -9,7 +9,10 @@ import numpy as np
 from experiments.discovery.benchmark.board import Board
 from experiments.discovery.candidates import Candidate
 from experiments.discovery.evidence import VISIBLE
-from experiments.effects.occurrence import Occurrence
+from experiments.effects.occurrence import Occurrence, injected
+from sim.equilibrium import mechanism
+from sim.errors import InputError
+from sim.rig import Rig, stages
 
 MOST_PRIORS = 8.0  # s.d.: no larger effect is hidden
 TRIES = 1000
@@ -92,9 +95,20 @@ def draw_visible(board: Board, kind: str, multiple: float, rng: np.random.Genera
         along = np.where(candidate.positive, np.abs(along), along)
         length = max(float(np.linalg.norm(columns @ along)), 1e-300)
         sizes = multiple * board.wanted(candidate) * along / length
-        if (np.abs(sizes) <= MOST_PRIORS * candidate.prior).all():
-            return _hidden(candidate, sizes, point, columns @ sizes, multiple)
+        hidden = _hidden(candidate, sizes, point, columns @ sizes, multiple)
+        if (np.abs(sizes) <= MOST_PRIORS * candidate.prior).all() and _can_be_built(board.rig, hidden):
+            return hidden
     raise AssertionError(f"{kind}: no direction that can be found at a plausible size")
+
+
+def _can_be_built(rig: Rig, hidden: Hidden) -> bool:
+    """Whether there is such a robot: nobody takes more from a link than its mass."""
+    try:
+        for _, stage in stages(injected(rig, [hidden.occurrence])):
+            mechanism(stage)
+    except InputError:
+        return False
+    return True
 
 
 def draw_absorbed(board: Board, kind: str, rng: np.random.Generator) -> Hidden:

@@ -32,6 +32,7 @@ from sim.record import constants
 from sim.rig import Rig
 from sim.static_laboratory import run_static
 
+LEAST_STANDING = 0.75  # of a plan's postures: a laboratory in which more fall would not go on
 SPREAD = 0.1  # of random true robots, see `sim.random_robots`
 
 
@@ -74,6 +75,8 @@ def carry_out(case: Case, run: int, seed: int, board: Board) -> Outcome:
     )
     try:
         measured = _measured(trial, case, laboratory, board)
+        if len(np.unique(measured.posture)) < LEAST_STANDING * len(board.plan.posture):
+            return replace(known, failed=f"only {len(measured)} of {len(board.plan.posture)} postures stand")
         found = discover(
             measured,
             board.rig.robot,
