@@ -10,9 +10,10 @@ from experiments.discovery.benchmark.board import Board
 from experiments.discovery.candidates import Candidate
 from experiments.discovery.evidence import VISIBLE
 from experiments.effects.occurrence import Occurrence, injected
-from sim.equilibrium import mechanism
 from sim.errors import InputError
+from sim.model import compile_spec
 from sim.rig import Rig, stages
+from sim.scene import laboratory_scene
 
 MOST_PRIORS = 8.0  # s.d.: no larger effect is hidden
 TRIES = 1000
@@ -105,7 +106,7 @@ def _can_be_built(rig: Rig, hidden: Hidden) -> bool:
     """Whether there is such a robot: nobody takes more from a link than its mass."""
     try:
         for _, stage in stages(injected(rig, [hidden.occurrence])):
-            mechanism(stage)
+            compile_spec(laboratory_scene(stage, np.zeros((2, 3))), str(rig.robot.path))
     except InputError:
         return False
     return True
