@@ -17,7 +17,8 @@ from experiments.discovery.document import next_experiments
 from experiments.discovery.evidence import field, scores
 from experiments.discovery.fit import fit
 from experiments.discovery.linear import linear_model
-from experiments.discovery.noise import noise_of
+from experiments.discovery.noise import cell_by_twist, noise_of
+from experiments.discovery.patterns import patterns
 from experiments.discovery.story import story
 from experiments.effects import catalogue
 from experiments.effects.seen import see
@@ -105,6 +106,48 @@ def test_noise_alone_is_what_the_noise_model_says(prepared, nominal, preset):
         ratios.append(float(linear.residual @ linear.residual) / linear.freedom)
     assert abs(np.mean(ratios) - 1) < 0.02
     assert np.std(ratios) < 1.7 * np.sqrt(2 / linear.freedom)
+
+
+@pytest.mark.parametrize("preset", ["force-plate", "wii"])
+def test_patterns_in_noise_alone_are_as_rare_as_they_say(prepared, nominal, preset):
+    """25 experiments: a least p below 0.1 in more than 9 of them has a probability below 0.1 %."""
+    runs = run_static(prepared[preset], [np.random.SeedSequence([SEED, k]) for k in range(25)])
+    least = []
+    for run in runs:
+        seen = see(run.measurements, nominal)
+        linear = linear_model(seen, noise_of(seen))
+        empty = np.zeros((len(linear.residual), 0))
+        least.append(patterns(linear, linear.residual, empty)[0].p)
+    assert sum(p < 0.1 for p in least) <= 9
+
+
+@pytest.mark.parametrize(
+    ("name", "target", "value"),
+    [
+        ("cell-tare", "left.front_left", (5.0,)),
+        ("cell-gain", "right.rear_left", (0.1,)),
+        ("cell-drift", "left.rear_right", (3.0,)),
+    ],
+)
+def test_a_faulty_cell_is_no_noise(robot, plan, nominal, name, target, value):
+    seen = see(measured(robot, plan, "force-plate", (name, target, value)), nominal)
+    assert cell_by_twist(seen) == pytest.approx(noise_of(seen).cell, rel=0.15)
+
+
+def test_where_tells_the_reading_that_errs(robot, plan):
+    rig = preset_rig("force-plate", robot)
+    joint = plan.joints.index("right_knee")
+
+    def eccentric(m):
+        angles = m.joint_angles.copy()
+        angles[:, joint] += 0.002 * np.sin(6 * angles[:, joint])
+        return dataclasses.replace(m, joint_angles=angles)
+
+    rig = dataclasses.replace(rig, misread=eccentric)
+    data = run_static(prepare(rig, plan), [np.random.SeedSequence(SEED)])[0].measurements
+    found = discover(data, robot, hold_out=False)
+    assert found.verdict == "unknown"
+    assert "the reading of right_knee" in found.where
 
 
 @pytest.mark.parametrize("preset", ["force-plate", "wii"])
