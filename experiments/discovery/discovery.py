@@ -17,8 +17,9 @@ from experiments.discovery.linear import nuisances, weighing
 from experiments.discovery.noise import Noise, noise_of
 from experiments.discovery.patterns import Pattern, in_channels, patterns
 from experiments.discovery.pure_error import PureError, pure_error, widened
+from experiments.discovery.ranking import Rival
 from experiments.discovery.rivals import alike, settle
-from experiments.discovery.steps import LEVEL, Explanation, Rival, explain
+from experiments.discovery.steps import LEVEL, Explanation, explain
 from experiments.effects.effect import Effect
 from experiments.effects.occurrence import Occurrence
 from experiments.effects.seen import Seen, see

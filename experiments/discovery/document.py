@@ -10,7 +10,7 @@ import numpy as np
 from experiments.discovery.discovery import AMBIGUOUS, Discovery, occurrence_of
 from experiments.discovery.linear import Linear
 from experiments.discovery.proposals import Proposal, proposals
-from experiments.discovery.steps import Rival
+from experiments.discovery.ranking import Rival
 from experiments.validate import Identification
 
 

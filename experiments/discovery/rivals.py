@@ -9,11 +9,12 @@ import numpy as np
 from experiments.discovery.fit import Fit, Term, fit
 from experiments.discovery.laboratory import refit
 from experiments.discovery.noise import Noise
-from experiments.discovery.steps import DECISIVE, Rival
+from experiments.discovery.ranking import Rival, worth
+from experiments.discovery.steps import DECISIVE
 from experiments.effects.seen import Seen
 
-NEAR = 7.0  # ln of the Bayes factor by formulas, from which the laboratory is not asked any more
-ASKED = 4  # of one gap, at most
+NEAR = 10.0  # ln of the Bayes factor by formulas, within which others are fitted too
+ASKED = 4  # of one gap, through the laboratory, at most
 
 
 def alike(rivals: tuple[Rival, ...], adopted: Term) -> tuple[Rival, ...]:
@@ -38,26 +39,28 @@ def settle(
         the fit, what its predictions miss there (see `laboratory.refit`), and for every term the
         explanations that are as good.
     """
-    formula = fit(seen, noise, found.terms)
-    best, bend = refit(seen, noise, formula)
+    best, bend = refit(seen, noise, fit(seen, noise, found.terms))
     sets = []
     for k, near in enumerate(rivals):
-        label = best.terms[k].candidate.label
-        near = tuple(
-            r for r in near if r.log_bayes_factor > near[0].log_bayes_factor - NEAR or r.label == label
-        )
-        gained = best.log_bayes_factor - formula.log_bayes_factor
-        judged = [replace(r, log_bayes_factor=r.log_bayes_factor + gained) for r in near if r.label == label]
-        for rival in [r for r in near if r.label != label]:
-            if len(judged) > ASKED:
-                judged.append(rival)
-                continue
-            other = fit(seen, noise, (*best.terms[:k], rival.term, *best.terms[k + 1 :]))
-            exact, more = refit(seen, noise, other)
-            gained = exact.log_bayes_factor - other.log_bayes_factor
-            judged.append(replace(rival, log_bayes_factor=rival.log_bayes_factor + gained))
-            if judged[-1].log_bayes_factor > max(r.log_bayes_factor for r in judged[:-1]):
-                best, formula, bend = exact, other, more
+        mine = best.terms[k]
+        rest = worth(fit(seen, noise, best.terms[:k] + best.terms[k + 1 :]))
+        judged = [Rival(mine, worth(best) - rest)]
+        for rival, formula in _fitted(seen, noise, best, k, near):
+            exact, more = refit(seen, noise, formula) if len(judged) <= ASKED else (formula, bend)
+            judged.append(replace(rival, log_bayes_factor=worth(exact) - rest))
+            if len(judged) <= ASKED + 1 and worth(exact) > worth(best):
+                best, bend = exact, more
         judged.sort(key=lambda rival: -rival.log_bayes_factor)
         sets.append(alike(tuple(judged), best.terms[k]))
     return best, bend, tuple(sets)
+
+
+def _fitted(
+    seen: Seen, noise: Noise, found: Fit, k: int, rivals: tuple[Rival, ...]
+) -> list[tuple[Rival, Fit]]:
+    """Near rivals of term k in its place, the best first."""
+    least = rivals[0].log_bayes_factor - NEAR
+    mine = found.terms[k].candidate.label
+    near = [r for r in rivals if r.log_bayes_factor > least and r.label != mine]
+    tried = [(r, fit(seen, noise, (*found.terms[:k], r.term, *found.terms[k + 1 :]))) for r in near]
+    return sorted(tried, key=lambda pair: -worth(pair[1]))

@@ -3,42 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.stats import chi2
 
-from experiments.discovery.candidates import Candidate, candidates, columns
-from experiments.discovery.evidence import Field, Score, adjusted, family, field, score, scores
-from experiments.discovery.fit import Fit, Term, fit, search
+from experiments.discovery.candidates import Candidate, candidates
+from experiments.discovery.evidence import Field, Score, adjusted, family, field, scores
+from experiments.discovery.fit import Fit, fit, search
 from experiments.discovery.laboratory import refit
-from experiments.discovery.linear import Linear, linear_model
+from experiments.discovery.linear import linear_model
 from experiments.discovery.noise import Noise
+from experiments.discovery.ranking import Rival, about_fit, again, best_of, worth
 from experiments.effects.effect import Effect
 from experiments.effects.seen import Seen
 
 LEVEL = 0.005  # of the effects' family, and of the four channels together: 0.01 in all
 DECISIVE = 3.0  # ln of the Bayes factor below which two explanations are alike
-SHORTLIST = 12
-WITHIN = 15.0  # ln of the Bayes factor by linear columns, of what is looked at again without linearising
 MOST_TERMS = 4
-STEPS_IN_TIME = 60
-
-
-@dataclass(frozen=True)
-class Rival:
-    """An explanation of one gap, beside the adopted one.
-
-    Attributes:
-        log_bayes_factor: against no effect, the other adopted ones being there.
-    """
-
-    term: Term
-    log_bayes_factor: float
-
-    @property
-    def label(self) -> str:
-        return self.term.candidate.label
 
 
 @dataclass(frozen=True)
@@ -134,7 +117,7 @@ def _forward(
     """Add the best explanation as long as one is decisive, look back after every step."""
     exact = not through_laboratory
     while len(found.terms) < MOST_TERMS:
-        best = _best(found, ranked)
+        best = best_of(seen, noise, found, ranked)
         if best is None or best.log_bayes_factor < DECISIVE or _chance(found, best, ranked, tests) > LEVEL:
             break
         if found.terms and not exact:
@@ -147,7 +130,21 @@ def _forward(
             break
         found, exact = tried, not through_laboratory
         ranked = _ranked_after(found, among)
+    found = _fewer(seen, noise, among, found)
     return _alone(seen, noise, found) if through_laboratory else found
+
+
+def _fewer(seen: Seen, noise: Noise, among: list[Candidate], found: Fit) -> Fit:
+    """Two terms replaced by one that explains as much: steps forward may have begun with a look-alike."""
+    for pair in combinations(found.terms, 2):
+        others = fit(seen, noise, [term for term in found.terms if not any(term is one for one in pair)])
+        best = best_of(seen, noise, others, _ranked_after(others, among))
+        if best is None:
+            continue
+        single = fit(seen, noise, (*others.terms, best.term))
+        if worth(single) > worth(fit(seen, noise, found.terms)) - DECISIVE:
+            return _fewer(seen, noise, among, single)
+    return found
 
 
 def _alone(seen: Seen, noise: Noise, found: Fit) -> Fit:
@@ -167,72 +164,12 @@ def _alone(seen: Seen, noise: Noise, found: Fit) -> Fit:
     return found
 
 
-def _best(found: Fit, ranked: list[Score]) -> Rival | None:
-    """The best of a ranking, the foremost looked at again without linearising."""
-    rivals = _again(found, ranked)
-    return rivals[0] if rivals else None
-
-
-def _again(found: Fit, ranked: list[Score]) -> list[Rival]:
-    """The foremost of a ranking with their sizes found without linearising, the best first."""
-    if not ranked or not np.isfinite(ranked[0].log_bayes_factor):
-        return []
-    near = [s for s in ranked if s.log_bayes_factor > 0.8 * ranked[0].log_bayes_factor - WITHIN and s.visible]
-    out = []
-    for s in near[:SHORTLIST]:
-        term, price = _in_time(found.linear, s, found.residual, found.columns)
-        tried = search(_about(found), (term,))
-        out.append(Rival(tried.terms[0], tried.log_bayes_factor - price))
-    return sorted(out, key=lambda rival: -rival.log_bayes_factor)
-
-
-def _about(found: Fit) -> Linear:
-    """The freed experiment, in which what is adopted already may still change its sizes."""
-    linear = found.linear
-    if not found.columns.shape[1]:
-        return linear
-    basis = np.linalg.qr(found.columns)[0]
-    whole = np.concatenate([linear.basis, basis], axis=1)
-    residual = found.residual - basis @ (basis.T @ found.residual)
-    return replace(linear, basis=np.linalg.qr(whole)[0], residual=residual)
-
-
-def _in_time(linear: Linear, s: Score, residual: np.ndarray, taken: np.ndarray) -> tuple[Term, float]:
-    """A term at its best time, and what the choice costs: ln of the number of times there were.
-
-    A change in time is between two postures; the grid is too coarse to say between which.
-    """
-    candidate = s.candidate
-    timed = [k for k, p in enumerate(candidate.effect.parameters) if p.grid and not p.choices]
-    price = float(np.log(len(candidate.settings)))
-    if not timed:
-        return Term(candidate, s.point, s.sizes), price
-    part = np.unique(linear.seen.part)
-    middles = (part[1:] + part[:-1]) / 2
-    grid = candidate.effect.parameters[timed[0]].grid
-    middles = middles[(middles >= min(grid)) & (middles <= max(grid))]
-    if not len(middles):
-        return Term(candidate, s.point, s.sizes), price
-    chosen = candidate.settings[s.point]
-    near = middles[np.argsort(np.abs(middles - chosen[timed[0]]))[:STEPS_IN_TIME]]
-    settings = np.repeat(chosen[None], len(near), axis=0)
-    settings[:, timed[0]] = near
-    finer = replace(candidate, settings=settings)
-    basis = np.linalg.qr(taken)[0] if taken.shape[1] else None
-    points = []
-    for point in range(len(near)):
-        column = linear.project(columns(linear, finer, point))
-        points.append(column if basis is None else column - basis @ (basis.T @ column))
-    best = score(finer, points, residual)
-    return Term(finer, best.point, best.sizes), float(np.log(len(middles)))
-
-
 def _chance(found: Fit, best: Rival, ranked: list[Score], tests: float) -> float:
     """Probability of as large a gain by chance, over the catalogue.
 
     By linear columns or without linearising, whichever explains more: there sizes are drawn to zero.
     """
-    about = _about(found)
+    about = about_fit(found)
     gain = float(about.residual @ about.residual) - search(about, (best.term,)).chi_square
     p = float(chi2.sf(max(gain, 0.0), max(len(best.term.sizes), 1)))
     (linear,) = (s.p for s in ranked if s.candidate.label == best.label)
@@ -242,7 +179,7 @@ def _chance(found: Fit, best: Rival, ranked: list[Score], tests: float) -> float
 def _ranked_after(found: Fit, among: list[Candidate]) -> list[Score]:
     """All candidates against what the adopted ones leave."""
     have = {term.candidate.label for term in found.terms}
-    linear = _about(found)
+    linear = about_fit(found)
     board: Field = field(linear, [c for c in among if c.label not in have])
     return scores(board, linear.residual)
 
@@ -253,7 +190,7 @@ def _look_back(seen: Seen, noise: Noise, found: Fit) -> Fit:
         worth = []
         for k in range(len(found.terms)):
             others = fit(seen, noise, found.terms[:k] + found.terms[k + 1 :])
-            worth.append(search(_about(others), (found.terms[k],)).log_bayes_factor)
+            worth.append(search(about_fit(others), (found.terms[k],)).log_bayes_factor)
         least = int(np.argmin(worth))
         if worth[least] >= DECISIVE:
             return found
@@ -264,10 +201,10 @@ def _look_back(seen: Seen, noise: Noise, found: Fit) -> Fit:
 def _alternatives(seen: Seen, noise: Noise, among: list[Candidate], found: Fit, k: int) -> tuple[Rival, ...]:
     """What else would explain what term k does, the others staying; the best first."""
     others = fit(seen, noise, found.terms[:k] + found.terms[k + 1 :])
-    linear = _about(others)
+    linear = about_fit(others)
     have = {term.candidate.label for term in others.terms}
     board = field(linear, [c for c in among if c.label not in have])
-    rivals = _again(others, scores(board, linear.residual))
+    rivals = again(others, scores(board, linear.residual))
     term = found.terms[k]
     if term.candidate.label not in {rival.label for rival in rivals}:
         rivals.append(Rival(term, search(linear, (term,)).log_bayes_factor))

@@ -1,0 +1,117 @@
+"""Candidates against what adopted terms leave: the foremost are looked at again without linearising."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from experiments.discovery.candidates import Candidate, columns
+from experiments.discovery.evidence import Score, score
+from experiments.discovery.fit import Fit, Term, fit, search
+from experiments.discovery.linear import Linear
+from experiments.discovery.noise import Noise
+from experiments.effects.seen import Seen
+
+SHORTLIST = 12
+WITHIN = 15.0  # ln of the Bayes factor by linear columns, of what is looked at again without linearising
+CLOSE = 10.0  # the same, of what is fitted with the noise taken anew
+KINDS = 4  # of effects, at most, for which that is done
+STEPS_IN_TIME = 60
+
+
+@dataclass(frozen=True)
+class Rival:
+    """An explanation of one gap, beside the adopted one.
+
+    Attributes:
+        log_bayes_factor: against no effect, the other adopted ones being there.
+    """
+
+    term: Term
+    log_bayes_factor: float
+
+    @property
+    def label(self) -> str:
+        return self.term.candidate.label
+
+
+def best_of(seen: Seen, noise: Noise, found: Fit, ranked: list[Score]) -> Rival | None:
+    """The best of a ranking; of different kinds that are near, the one that explains most with noise anew."""
+    rivals = again(found, ranked)
+    kinds: dict[str, Rival] = {}
+    for rival in rivals:
+        if rival.log_bayes_factor > rivals[0].log_bayes_factor - CLOSE:
+            kinds.setdefault(rival.term.candidate.effect.name, rival)
+    near = list(kinds.values())[:KINDS]
+    if len(near) < 2:
+        return near[0] if near else None
+    return max(near, key=lambda rival: worth(fit(seen, noise, (*found.terms, rival.term))))
+
+
+def worth(found: Fit) -> float:
+    """Ln of the Bayes factor of all terms, less what the choice of times and grid points costs."""
+    return found.log_bayes_factor - sum(_price(found.linear, term.candidate) for term in found.terms)
+
+
+def again(found: Fit, ranked: list[Score]) -> list[Rival]:
+    """The foremost of a ranking with their sizes found without linearising, the best first."""
+    if not ranked or not np.isfinite(ranked[0].log_bayes_factor):
+        return []
+    near = [s for s in ranked if s.log_bayes_factor > 0.8 * ranked[0].log_bayes_factor - WITHIN and s.visible]
+    out = []
+    for s in near[:SHORTLIST]:
+        term, price = _in_time(found.linear, s, found.residual, found.columns)
+        tried = search(about_fit(found), (term,))
+        out.append(Rival(tried.terms[0], tried.log_bayes_factor - price))
+    return sorted(out, key=lambda rival: -rival.log_bayes_factor)
+
+
+def about_fit(found: Fit) -> Linear:
+    """The freed experiment, in which what is adopted already may still change its sizes."""
+    linear = found.linear
+    if not found.columns.shape[1]:
+        return linear
+    basis = np.linalg.qr(found.columns)[0]
+    whole = np.concatenate([linear.basis, basis], axis=1)
+    residual = found.residual - basis @ (basis.T @ found.residual)
+    return replace(linear, basis=np.linalg.qr(whole)[0], residual=residual)
+
+
+def _in_time(linear: Linear, s: Score, residual: np.ndarray, taken: np.ndarray) -> tuple[Term, float]:
+    """A term at its best time, and what the choice costs: ln of the number of times there were.
+
+    A change in time is between two postures; the grid is too coarse to say between which.
+    """
+    candidate, price = s.candidate, _price(linear, s.candidate)
+    timed, middles = _times(linear, candidate)
+    if not len(middles):
+        return Term(candidate, s.point, s.sizes), price
+    chosen = candidate.settings[s.point]
+    near = middles[np.argsort(np.abs(middles - chosen[timed]))[:STEPS_IN_TIME]]
+    settings = np.repeat(chosen[None], len(near), axis=0)
+    settings[:, timed] = near
+    finer = replace(candidate, settings=settings)
+    basis = np.linalg.qr(taken)[0] if taken.shape[1] else None
+    points = []
+    for point in range(len(near)):
+        column = linear.project(columns(linear, finer, point))
+        points.append(column if basis is None else column - basis @ (basis.T @ column))
+    best = score(finer, points, residual)
+    return Term(finer, best.point, best.sizes), price
+
+
+def _times(linear: Linear, candidate: Candidate) -> tuple[int, np.ndarray]:
+    """Number of the parameter that is a time, and the times there are: between two postures each, (t,)."""
+    timed = [k for k, p in enumerate(candidate.effect.parameters) if p.grid and not p.choices]
+    if not timed:
+        return -1, np.zeros(0)
+    part, grid = np.unique(linear.seen.part), candidate.effect.parameters[timed[0]].grid
+    middles = (part[1:] + part[:-1]) / 2
+    return timed[0], middles[(middles >= min(grid)) & (middles <= max(grid))]
+
+
+def _price(linear: Linear, candidate: Candidate) -> float:
+    """Ln of how many times, or points of a grid, there were to choose from."""
+    _, middles = _times(linear, candidate)
+    return float(np.log(len(middles) or len(candidate.settings)))
