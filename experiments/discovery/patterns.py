@@ -107,6 +107,16 @@ def _of_readings(linear: Linear) -> Iterator[tuple[str, str, np.ndarray]]:
         for how, functions in {"its load": _powers(seen.cell_forces[:, k]), "time": time}.items():
             column = slope[:, :, at["cells"].start + k, None]
             yield "AFT", f"the cell {cell} errs with {how}", column * functions[:, None]
+    load, before = seen.cell_forces, np.zeros_like(seen.cell_forces)
+    order = np.argsort(seen.part)
+    before[order[1:]] = load[order[:-1]]
+    together = {
+        "their load before": before,
+        "the square of their load": load**2,
+        "their load and time": load * (seen.part - 0.5)[:, None],
+    }
+    for how, errors in together.items():
+        yield "AFT", f"all cells err with {how}", slope[:, :, at["cells"]] @ errors[..., None]
 
 
 def _powers(values: np.ndarray, most: int = 2) -> np.ndarray:
