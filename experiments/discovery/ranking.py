@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import norm
 
 from experiments.discovery.candidates import Candidate, columns
 from experiments.discovery.evidence import Score, score
@@ -50,8 +51,20 @@ def best_of(seen: Seen, noise: Noise, found: Fit, ranked: list[Score]) -> Rival 
 
 
 def worth(found: Fit) -> float:
-    """Ln of the Bayes factor of all terms, less what the choice of times and grid points costs."""
-    return found.log_bayes_factor - sum(_price(found.linear, term.candidate) for term in found.terms)
+    """Ln of the evidence for all terms, up to what is common to all fits of an experiment.
+
+    By what is left, since the noise is taken anew in every fit; less what the choice of times costs.
+    """
+    out = -0.5 * found.chi_square - sum(_price(found.linear, term.candidate) for term in found.terms)
+    if not found.columns.shape[1]:
+        return out
+    prior = np.concatenate([term.candidate.prior for term in found.terms])
+    positive = np.concatenate([term.candidate.positive for term in found.terms])
+    sizes = np.concatenate([term.sizes for term in found.terms])
+    gram = prior[:, None] * (found.columns.T @ found.columns) * prior
+    out -= 0.5 * float(((sizes / prior) ** 2).sum() + np.linalg.slogdet(np.eye(len(prior)) + gram)[1])
+    spread = np.sqrt(np.diag(found.covariance))
+    return out + float((norm.logcdf(sizes / spread) + np.log(2))[positive].sum())
 
 
 def again(found: Fit, ranked: list[Score]) -> list[Rival]:

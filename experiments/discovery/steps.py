@@ -158,8 +158,8 @@ def _alone(seen: Seen, noise: Noise, found: Fit) -> Fit:
         others = tuple(term for term in found.terms if term.candidate.target != target)
         both, _ = refit(seen, noise, found)
         singles = [refit(seen, noise, fit(seen, noise, (*others, term)))[0] for term in mine]
-        best = max(singles, key=lambda single: single.log_bayes_factor)
-        if best.log_bayes_factor > both.log_bayes_factor - DECISIVE:
+        best = max(singles, key=worth)
+        if worth(best) > worth(both) - DECISIVE:
             found = best
     return found
 
@@ -187,12 +187,12 @@ def _ranked_after(found: Fit, among: list[Candidate]) -> list[Score]:
 def _look_back(seen: Seen, noise: Noise, found: Fit) -> Fit:
     """Take out every term that is not decisive beside the others."""
     while len(found.terms) > 1:
-        worth = []
+        factors = []
         for k in range(len(found.terms)):
             others = fit(seen, noise, found.terms[:k] + found.terms[k + 1 :])
-            worth.append(search(about_fit(others), (found.terms[k],)).log_bayes_factor)
-        least = int(np.argmin(worth))
-        if worth[least] >= DECISIVE:
+            factors.append(search(about_fit(others), (found.terms[k],)).log_bayes_factor)
+        least = int(np.argmin(factors))
+        if factors[least] >= DECISIVE:
             return found
         found = fit(seen, noise, found.terms[:least] + found.terms[least + 1 :])
     return found
