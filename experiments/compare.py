@@ -106,7 +106,7 @@ def _models(run: Run) -> dict[str, list[dict[str, Any]]]:
 
 
 def _judged(run: Run) -> list[dict[str, Any]]:
-    """A run's checks; of a discovery the gap by channel, and ln BF of its explanations."""
+    """A run's checks; of a discovery the gap by channel, its explanations and their sizes."""
     if not isinstance(run, SavedDiscovery):
         return run.report["checks"]
     gap = [
@@ -115,10 +115,14 @@ def _judged(run: Run) -> list[dict[str, Any]]:
         if entry is not None
         for side in ("before", "after")
     ]
-    return gap + [
-        {"name": f"ln BF {candidate_label(c)}", "result": None, "value": c["log_bayes_factor"]}
-        for c in run.report["candidates"]
-    ]
+    explained = []
+    for candidate in run.report["candidates"]:
+        label = candidate_label(candidate)
+        explained.append({"name": f"ln BF {label}", "result": None, "value": candidate["log_bayes_factor"]})
+        for p in candidate["parameters"]:
+            unit = f" [{p['unit']}]" if p["unit"] else ""
+            explained.append({"name": f"{label} {p['name']}{unit}", "result": None, "value": p["value"]})
+    return gap + explained
 
 
 def _checks(first: list[dict[str, Any]], second: list[dict[str, Any]]) -> list[dict[str, Any]]:

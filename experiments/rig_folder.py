@@ -29,6 +29,7 @@ from sim.rig import Rig, preset_rig
 from sim.scene import laboratory_scene
 
 RIG_FILE = "rig.json"
+RIG = "rig"  # the rig folder within a discovery's
 NOMINAL, CHANGED, DIFF = "nominal.xml", "scene.xml", "diff.txt"
 LATER = re.compile(r"scene-\d{1,3}\.xml")
 Number = Annotated[float, Strict()]
@@ -126,7 +127,9 @@ def read_rig(folder: Path, robot: Robot) -> tuple[Occurrence, ...]:
         raise InputError(f"{folder}: no such rig folder")
     where = folder / RIG_FILE
     if not present(where):
-        raise InputError(f"{folder}: found no {RIG_FILE}, expected a rig folder")
+        inside = present(folder / RIG / RIG_FILE)
+        hint = f" (there is one in it: {folder / RIG})" if inside else ""
+        raise InputError(f"{folder}: found no {RIG_FILE}, expected a rig folder{hint}")
     try:
         manifest = RigManifest.model_validate(read_json(where))
     except ValidationError as error:

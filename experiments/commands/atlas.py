@@ -148,7 +148,7 @@ def _table(found: Atlas, rows: list[Row], title: str) -> Table:
     table = Table(title=title, title_justify="left", header_style="bold", padding=(0, 1, 0, 0), box=None)
     table.add_column("effect", no_wrap=True)
     table.add_column("unit", no_wrap=True)
-    for header in ("plausible", "found", *CHANNELS, "bias, plausible", "found"):
+    for header in ("plausible", "found", *CHANNELS, "bias, plausible", "bias, found"):
         table.add_column(header, justify="right", no_wrap=True)
     seen = any(row.visible for row in rows)
     if seen:

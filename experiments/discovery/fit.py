@@ -113,7 +113,7 @@ def search(linear: Linear, terms: Sequence[Term], bend: np.ndarray | None = None
         gram = matrix.T @ matrix + np.diag(prior**-2.0)
         step = np.linalg.solve(gram, matrix.T @ residual - sizes / prior**2)
         moved = np.where(positive, np.maximum(sizes + step, 0.0), sizes + step)
-        done = np.abs(moved - sizes).max() < CONVERGED * np.sqrt(np.diag(np.linalg.inv(gram))).max()
+        done = (np.abs(moved - sizes) < CONVERGED * np.sqrt(np.diag(np.linalg.inv(gram)))).all()
         terms = _sized(terms, moved)
         if done:
             break
@@ -176,8 +176,10 @@ def through_effects(smooth: Seen, terms: Sequence[Term]) -> np.ndarray | None:
         out[..., k] = (packed(freed(other, other, terms)) - moved - plain) / step
     if np.abs(out).max(initial=0.0) < NEGLIGIBLE:
         return None
-    # A reading that is scaled itself keeps its noise: as far as that came before the gain, and it is small.
-    out[:, np.arange(n + 14), np.arange(n + 14)] = 1.0
+    out[:, np.arange(n + 14), np.arange(n + 14)] += 1.0
+    # What a faulty cell makes of a reading it makes of its noise too: undone, the noise is as stated.
+    cells = slice(n, n + 8)
+    out[:, cells, cells] = np.eye(8)
     return out
 
 
@@ -217,11 +219,12 @@ def fit(seen: Seen, noise: Noise, terms: Sequence[Term], bend: np.ndarray | None
     smooth, clean = seen, None
     for _ in range(2):
         linear = linear_model(
-            freed(seen, smooth, terms),
+            freed(seen, seen, terms),
             noise,
             smooth=clean,
             rounds=2 if clean is None else 1,
             through=through_effects(smooth, terms),
+            beside=_beside(bend, terms),
         )
         errors = packed(linear.seen) - packed(linear.smooth)
         smooth = unpacked(seen, packed(seen) - errors)
@@ -231,9 +234,16 @@ def fit(seen: Seen, noise: Noise, terms: Sequence[Term], bend: np.ndarray | None
         terms = found.terms
         clean = freed(smooth, smooth, terms)
     final = linear_model(
-        freed(seen, smooth, terms), noise, smooth=clean, rounds=1, through=through_effects(smooth, terms)
+        freed(seen, seen, terms),
+        noise,
+        smooth=clean,
+        rounds=1,
+        through=through_effects(smooth, terms),
+        beside=_beside(bend, terms),
     )
-    residual = final.residual
-    if bend is not None:
-        residual = residual - final.project(final.white(bend @ with_constant(terms)))
-    return replace(found, linear=final, residual=residual)
+    return replace(found, linear=final, residual=final.residual)
+
+
+def _beside(bend: np.ndarray | None, terms: Sequence[Term]) -> np.ndarray | None:
+    """What the laboratory shows beside the predictions at the terms' sizes, (m, 11)."""
+    return None if bend is None else bend @ with_constant(terms)

@@ -121,20 +121,22 @@ def _left(
     badly (base parameters, weight) widens the expected residual.
     """
     trained = model.linear
+    beside = bend @ with_constant(model.terms) if bend is not None and model.terms else None
     # Readings are smoothed freed of the effects: under the wrong model, what is no noise would be taken off.
     about = linear_model(
         freed(test, test, model.terms),
         noise,
         through=through_effects(test, model.terms) if model.terms else None,
+        beside=beside,
     )
     smooth = unpacked(test, packed(test) - (packed(about.seen) - packed(about.smooth)))
-    clean = freed(test, smooth, model.terms)
+    clean = freed(test, test, model.terms)
     still = freed(smooth, smooth, model.terms)
     through = through_effects(smooth, model.terms) if model.terms else None
     white = whitening(still, trained.theta, noise, channels, through)
     raw = residuals(clean, trained.theta)
-    if bend is not None and model.terms:
-        raw = raw - bend @ with_constant(model.terms)
+    if beside is not None:
+        raw = raw - beside
     columns = nuisances(still, channels)
     p = len(trained.theta)
     shared = np.append(np.arange(p), columns.shape[-1] - 1)

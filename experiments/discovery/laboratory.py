@@ -109,7 +109,7 @@ def refit(seen: Seen, noise: Noise, found: Fit) -> tuple[Fit, np.ndarray]:
     if misread_only or not known or changed.later is not None:
         return found, bend
     prior = np.concatenate([term.candidate.prior for term in found.terms])
-    before = np.zeros(s)
+    before, formula = np.zeros(s), found
     try:
         plain = simulated(rig, plan)
         for _ in range(ROUNDS):
@@ -121,7 +121,7 @@ def refit(seen: Seen, noise: Noise, found: Fit) -> tuple[Fit, np.ndarray]:
             if (np.abs(change) < CLOSE * np.sqrt(np.diag(found.covariance))).all():
                 break
     except InputError:
-        return found, np.zeros_like(bend)
+        return formula, np.zeros_like(bend)
     return found, bend
 
 

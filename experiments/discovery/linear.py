@@ -66,6 +66,7 @@ def linear_model(
     smooth: Seen | None = None,
     rounds: int = 2,
     through: np.ndarray | None = None,
+    beside: np.ndarray | None = None,
 ) -> Linear:
     """Build it from an experiment.
 
@@ -75,6 +76,7 @@ def linear_model(
         smooth: its readings less their noise, where they are known; else the readings. Covariances taken at
             noisy readings go with their noise: `rounds` of smoothing take that away.
         through: see `whitening`.
+        beside: residuals that are explained already, (m, 11): they are no noise to be smoothed away.
 
     Raises:
         numpy.linalg.LinAlgError: readings that are no numbers.
@@ -85,14 +87,21 @@ def linear_model(
         center(shown).ravel(),
         rcond=None,
     )[0]
-    found = _round(shown, smooth, theta, noise, channels, through)
+    known = np.zeros((len(shown), SIZE)) if beside is None else beside
+    found = _round(shown, smooth, theta, noise, channels, through, known)
     for _ in range(rounds - 1):
-        found = _round(shown, found.smooth, found.theta, noise, channels, through)
+        found = _round(shown, found.smooth, found.theta, noise, channels, through, known)
     return found
 
 
 def _round(
-    shown: Seen, smooth: Seen, theta: np.ndarray, noise: Noise, channels: str, through: np.ndarray | None
+    shown: Seen,
+    smooth: Seen,
+    theta: np.ndarray,
+    noise: Noise,
+    channels: str,
+    through: np.ndarray | None,
+    beside: np.ndarray,
 ) -> Linear:
     """Columns and covariances at smoothed readings, residuals at the readings."""
     white = whitening(smooth, theta, noise, channels, through)
@@ -102,7 +111,7 @@ def _round(
     size = np.abs(np.diag(triangle))
     rank = int((size > RANK * size.max(initial=0.0)).sum())
     basis, triangle = basis[:, :rank], triangle[:rank, :rank]
-    start = np.append(white(residuals(shown, theta)), 0.0)
+    start = np.append(white(residuals(shown, theta) - beside), 0.0)
     gain = basis.T @ start
     left = start - basis @ gain
     solution = np.zeros(nuisance.shape[-1])

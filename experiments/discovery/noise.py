@@ -17,6 +17,7 @@ from identification.variance_components import MARK_RATIO
 FLOOR = np.array([1.5e-5] * 2 + [2e-3] + [2e-3] * 2 + [5e-6] + [1e-5] * 2 + [5e-6] * 2 + [1e-5])
 ASSUMED_ENCODER = 5e-4  # rad
 ASSUMED_CELL = 1.0  # N
+OUTLYING = 4.0  # s.d. of a twist that is no noise
 # What a plate's cells show beside the twist, at right angles to it: the load and where it is.
 OTHERS = np.array([[1.0, 1.0, 1.0, 1.0], [1.0, 1.0, -1.0, -1.0], [1.0, -1.0, -1.0, 1.0]])
 FREE_PLATE = (0.01, 0.01, 0.03)  # m, m, rad: of a recorded pose where nothing is known
@@ -83,7 +84,9 @@ def cell_by_twist(seen: Seen) -> float:
     every = np.concatenate(left)
     if not freedom:
         return ASSUMED_CELL
-    return float(median_abs_deviation(every, scale="normal") * np.sqrt(len(every) / freedom) / 2)
+    most = OUTLYING * median_abs_deviation(every, scale="normal")
+    inside = every[np.abs(every) <= most]
+    return float(np.sqrt((inside**2).mean() * len(every) / freedom) / 2)
 
 
 @dataclass(frozen=True)

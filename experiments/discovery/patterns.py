@@ -68,7 +68,7 @@ def patterns(linear: Linear, residual: np.ndarray, taken: np.ndarray) -> list[Pa
         out.append(Pattern(channel, words, gain, left.shape[1], 0.0))
     count = len(out)
     found = [replace(p, p=min(1.0, count * float(chi2.sf(p.gain, p.freedom)))) for p in out if p.freedom]
-    return sorted(found, key=lambda p: p.p)
+    return sorted(found, key=lambda p: (p.p, -p.gain))
 
 
 def _of_residuals(linear: Linear) -> Iterator[tuple[str, str, np.ndarray]]:

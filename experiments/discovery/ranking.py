@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 from experiments.discovery.candidates import Candidate, columns
 from experiments.discovery.evidence import Score, score
-from experiments.discovery.fit import Fit, Term, fit, search
+from experiments.discovery.fit import TOLD, Fit, Term, fit, search
 from experiments.discovery.linear import Linear
 from experiments.discovery.noise import Noise
 from experiments.effects.seen import Seen
@@ -37,8 +37,14 @@ class Rival:
         return self.term.candidate.label
 
 
-def best_of(seen: Seen, noise: Noise, found: Fit, ranked: list[Score]) -> Rival | None:
-    """The best of a ranking; of different kinds that are near, the one that explains most with noise anew."""
+def best_of(
+    seen: Seen, noise: Noise, found: Fit, ranked: list[Score], bend: np.ndarray | None = None
+) -> Rival | None:
+    """The best of a ranking; of different kinds that are near, the one that explains most with noise anew.
+
+    Args:
+        bend: what the predictions of the terms found miss in the laboratory, see `laboratory.refit`.
+    """
     rivals = again(found, ranked)
     kinds: dict[str, Rival] = {}
     for rival in rivals:
@@ -47,7 +53,16 @@ def best_of(seen: Seen, noise: Noise, found: Fit, ranked: list[Score]) -> Rival 
     near = list(kinds.values())[:KINDS]
     if len(near) < 2:
         return near[0] if near else None
-    return max(near, key=lambda rival: worth(fit(seen, noise, (*found.terms, rival.term))))
+    alone = worth(fit(seen, noise, found.terms, bend))
+    tried = []
+    for rival in near:
+        more = bend
+        if bend is not None:
+            unbent = np.zeros((*bend.shape[:2], len(rival.term.sizes)))
+            more = np.concatenate([bend[..., :-1], unbent, bend[..., -1:]], axis=-1)
+        tried.append(worth(fit(seen, noise, (*found.terms, rival.term), more)) - alone)
+    best = int(np.argmax(tried))
+    return replace(near[best], log_bayes_factor=tried[best])
 
 
 def worth(found: Fit) -> float:
@@ -55,14 +70,17 @@ def worth(found: Fit) -> float:
 
     By what is left, since the noise is taken anew in every fit; less what the choice of times costs.
     """
-    out = -0.5 * found.chi_square - sum(_price(found.linear, term.candidate) for term in found.terms)
+    out = -0.5 * found.chi_square - sum(price(found.linear, term.candidate) for term in found.terms)
     if not found.columns.shape[1]:
         return out
     prior = np.concatenate([term.candidate.prior for term in found.terms])
     positive = np.concatenate([term.candidate.positive for term in found.terms])
     sizes = np.concatenate([term.sizes for term in found.terms])
-    gram = prior[:, None] * (found.columns.T @ found.columns) * prior
-    out -= 0.5 * float(((sizes / prior) ** 2).sum() + np.linalg.slogdet(np.eye(len(prior)) + gram)[1])
+    told, turn = np.linalg.eigh(prior[:, None] * (found.columns.T @ found.columns) * prior)
+    told = np.maximum(told, 0.0)
+    # Where the data say more than the prior, sizes are the data's own (`fit`) and less is left.
+    shrunk = np.where(told > TOLD, told / (1 + told), 1.0)
+    out -= 0.5 * float((shrunk * (turn.T @ (sizes / prior)) ** 2 + np.log1p(told)).sum())
     spread = np.sqrt(np.diag(found.covariance))
     return out + float((norm.logcdf(sizes / spread) + np.log(2))[positive].sum())
 
@@ -74,9 +92,9 @@ def again(found: Fit, ranked: list[Score]) -> list[Rival]:
     near = [s for s in ranked if s.log_bayes_factor > 0.8 * ranked[0].log_bayes_factor - WITHIN and s.visible]
     out = []
     for s in near[:SHORTLIST]:
-        term, price = _in_time(found.linear, s, found.residual, found.columns)
+        term, cost = _in_time(found.linear, s, found.residual, found.columns)
         tried = search(about_fit(found), (term,))
-        out.append(Rival(tried.terms[0], tried.log_bayes_factor - price))
+        out.append(Rival(tried.terms[0], tried.log_bayes_factor - cost))
     return sorted(out, key=lambda rival: -rival.log_bayes_factor)
 
 
@@ -96,10 +114,10 @@ def _in_time(linear: Linear, s: Score, residual: np.ndarray, taken: np.ndarray) 
 
     A change in time is between two postures; the grid is too coarse to say between which.
     """
-    candidate, price = s.candidate, _price(linear, s.candidate)
+    candidate, cost = s.candidate, price(linear, s.candidate)
     timed, middles = _times(linear, candidate)
     if not len(middles):
-        return Term(candidate, s.point, s.sizes), price
+        return Term(candidate, s.point, s.sizes), cost
     chosen = candidate.settings[s.point]
     near = middles[np.argsort(np.abs(middles - chosen[timed]))[:STEPS_IN_TIME]]
     settings = np.repeat(chosen[None], len(near), axis=0)
@@ -111,7 +129,7 @@ def _in_time(linear: Linear, s: Score, residual: np.ndarray, taken: np.ndarray) 
         column = linear.project(columns(linear, finer, point))
         points.append(column if basis is None else column - basis @ (basis.T @ column))
     best = score(finer, points, residual)
-    return Term(finer, best.point, best.sizes), price
+    return Term(finer, best.point, best.sizes), cost
 
 
 def _times(linear: Linear, candidate: Candidate) -> tuple[int, np.ndarray]:
@@ -124,7 +142,7 @@ def _times(linear: Linear, candidate: Candidate) -> tuple[int, np.ndarray]:
     return timed[0], middles[(middles >= min(grid)) & (middles <= max(grid))]
 
 
-def _price(linear: Linear, candidate: Candidate) -> float:
+def price(linear: Linear, candidate: Candidate) -> float:
     """Ln of how many times, or points of a grid, there were to choose from."""
     _, middles = _times(linear, candidate)
     return float(np.log(len(middles) or len(candidate.settings)))

@@ -39,20 +39,27 @@ def settle(
         the fit, what its predictions miss there (see `laboratory.refit`), and for every term the
         explanations that are as good.
     """
-    best, bend = refit(seen, noise, fit(seen, noise, found.terms))
+    best, bend = _better(seen, noise, fit(seen, noise, found.terms))
     sets = []
     for k, near in enumerate(rivals):
         mine = best.terms[k]
         rest = worth(fit(seen, noise, best.terms[:k] + best.terms[k + 1 :]))
         judged = [Rival(mine, worth(best) - rest)]
         for rival, formula in _fitted(seen, noise, best, k, near):
-            exact, more = refit(seen, noise, formula) if len(judged) <= ASKED else (formula, bend)
+            exact, more = _better(seen, noise, formula) if len(judged) <= ASKED else (formula, bend)
             judged.append(replace(rival, log_bayes_factor=worth(exact) - rest))
             if len(judged) <= ASKED + 1 and worth(exact) > worth(best):
                 best, bend = exact, more
         judged.sort(key=lambda rival: -rival.log_bayes_factor)
         sets.append(alike(tuple(judged), best.terms[k]))
     return best, bend, tuple(sets)
+
+
+def _better(seen: Seen, noise: Noise, formula: Fit) -> tuple[Fit, np.ndarray]:
+    """Through the laboratory, unless the formula explains more: which end a joint's free play rests at, say,
+    is an accident in both."""
+    exact, bend = refit(seen, noise, formula)
+    return (exact, bend) if worth(exact) >= worth(formula) else (formula, np.zeros_like(bend))
 
 
 def _fitted(

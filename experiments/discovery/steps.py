@@ -15,7 +15,7 @@ from experiments.discovery.fit import Fit, fit, search
 from experiments.discovery.laboratory import refit
 from experiments.discovery.linear import linear_model
 from experiments.discovery.noise import Noise
-from experiments.discovery.ranking import Rival, about_fit, again, best_of, worth
+from experiments.discovery.ranking import Rival, about_fit, again, best_of, price, worth
 from experiments.effects.effect import Effect
 from experiments.effects.seen import Seen
 
@@ -115,20 +115,21 @@ def _forward(
     progress: Callable[[int], None],
 ) -> Fit:
     """Add the best explanation as long as one is decisive, look back after every step."""
-    exact = not through_laboratory
+    exact, bend, before = not through_laboratory, None, []
     while len(found.terms) < MOST_TERMS:
-        best = best_of(seen, noise, found, ranked)
+        best = best_of(seen, noise, found, ranked, bend)
         if best is None or best.log_bayes_factor < DECISIVE or _chance(found, best, ranked, tests) > LEVEL:
             break
         if found.terms and not exact:
-            found, _ = refit(seen, noise, found)
+            found, bend = refit(seen, noise, found)
             ranked, exact = _ranked_after(found, among), True
             continue
         tried = _look_back(seen, noise, fit(seen, noise, (*found.terms, best.term)))
         progress(1)
-        if {t.candidate.label for t in tried.terms} == {t.candidate.label for t in found.terms}:
+        before.append({t.candidate.label for t in found.terms})
+        if {t.candidate.label for t in tried.terms} in before:
             break
-        found, exact = tried, not through_laboratory
+        found, exact, bend = tried, not through_laboratory, None
         ranked = _ranked_after(found, among)
     found = _fewer(seen, noise, among, found)
     return _alone(seen, noise, found) if through_laboratory else found
@@ -153,7 +154,7 @@ def _alone(seen: Seen, noise: Noise, found: Fit) -> Fit:
     A formula that misses part of its effect leaves something for its neighbour.
     """
     targets = [term.candidate.target for term in found.terms]
-    for target in {t for t in targets if t and targets.count(t) > 1}:
+    for target in sorted({t for t in targets if t and targets.count(t) > 1}):
         mine = [term for term in found.terms if term.candidate.target == target]
         others = tuple(term for term in found.terms if term.candidate.target != target)
         both, _ = refit(seen, noise, found)
@@ -190,7 +191,8 @@ def _look_back(seen: Seen, noise: Noise, found: Fit) -> Fit:
         factors = []
         for k in range(len(found.terms)):
             others = fit(seen, noise, found.terms[:k] + found.terms[k + 1 :])
-            factors.append(search(about_fit(others), (found.terms[k],)).log_bayes_factor)
+            linear, term = about_fit(others), found.terms[k]
+            factors.append(search(linear, (term,)).log_bayes_factor - price(linear, term.candidate))
         least = int(np.argmin(factors))
         if factors[least] >= DECISIVE:
             return found
@@ -207,5 +209,6 @@ def _alternatives(seen: Seen, noise: Noise, among: list[Candidate], found: Fit, 
     rivals = again(others, scores(board, linear.residual))
     term = found.terms[k]
     if term.candidate.label not in {rival.label for rival in rivals}:
-        rivals.append(Rival(term, search(linear, (term,)).log_bayes_factor))
+        factor = search(linear, (term,)).log_bayes_factor - price(linear, term.candidate)
+        rivals.append(Rival(term, factor))
     return tuple(sorted(rivals, key=lambda rival: -rival.log_bayes_factor))

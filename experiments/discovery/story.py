@@ -9,6 +9,7 @@ from experiments.discovery.proposals import Proposal
 from experiments.discovery.steps import LEVEL
 from experiments.effects.wording import told
 
+MANY = 2  # effects, that are often there at once
 PLACES = {
     "A": "the centre of pressure",
     "F": "the sum of the cells",
@@ -34,6 +35,11 @@ def story(found: Discovery, next_experiment: list[Proposal]) -> list[str]:
         )
     if found.found.terms and found.verdict in (NAMED, AMBIGUOUS) and found.left[0].p < LEVEL:
         lines.append(f"A little is left that this does not explain: {found.left[0].words}.")
+    if found.verdict == NAMED and len(found.adopted) > MANY:
+        lines.append(
+            f"{len(found.adopted)} effects at once are rare; one fault that the catalogue lacks, such as "
+            "an axis that is askew, can look like several. Look for a common cause."
+        )
     lines += [f"To tell them apart: {p.words} ({p.gain:.3g} times the separation)" for p in next_experiment]
     if found.noise.assumed:
         lines.append(f"Noise not as the data sheets say: {'; '.join(found.noise.assumed)}.")
