@@ -15,7 +15,7 @@ from experiments.discovery.channels import fields, packed, residuals, sensitivit
 from experiments.discovery.discovery import discover
 from experiments.discovery.document import next_experiments
 from experiments.discovery.evidence import field, scores
-from experiments.discovery.fit import fit
+from experiments.discovery.fit import Term, fit
 from experiments.discovery.linear import linear_model
 from experiments.discovery.noise import cell_by_twist, noise_of
 from experiments.discovery.patterns import patterns
@@ -132,6 +132,39 @@ def test_patterns_in_noise_alone_are_as_rare_as_they_say(prepared, nominal, pres
 def test_a_faulty_cell_is_no_noise(robot, plan, nominal, name, target, value):
     seen = see(measured(robot, plan, "force-plate", (name, target, value)), nominal)
     assert cell_by_twist(seen) == pytest.approx(noise_of(seen).cell, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("name", "target", "value"),
+    [
+        ("cell-crosstalk", "", (0.04,)),
+        ("cell-hysteresis", "", (0.02,)),
+        ("thermal-gain-drift", "", (0.05,)),
+        ("cell-gain", "left.front_left", (0.1,)),
+        ("swapped-cells", "right", (0.0, 1.0)),
+        ("swapped-cells", "left", (1.0, 2.0)),
+    ],
+)
+def test_what_an_instrument_does_leaves_the_noise_as_it_was(prepared, nominal, name, target, value):
+    """Chi-square at the right effect is that of the same experiment without it.
+
+    A whitening that follows the readings' scale, as one may think it should, is off by 15 to 260 here.
+    """
+    plain = prepared["force-plate"]
+    effect = catalogue()[name]
+    sizes = []
+    for rig in (plain.rig, effect.inject(plain.rig, target, value)):
+        stream = np.random.SeedSequence([SEED, 1])
+        seen = see(run_static(dataclasses.replace(plain, rig=rig), [stream])[0].measurements, nominal)
+        if rig is plain.rig:
+            terms = ()
+        else:
+            (found,) = (c for c in candidates(seen) if (c.effect.name, c.target) == (name, target))
+            point = 0 if effect.sizes else [tuple(s) for s in found.settings].index(value)
+            terms = (Term(found, point, np.array(value if effect.sizes else ())),)
+        fitted = fit(seen, noise_of(seen), terms)
+        sizes.append(fitted.chi_square - fitted.linear.freedom)
+    assert abs(sizes[1] - sizes[0]) < 10
 
 
 def test_where_tells_the_reading_that_errs(robot, plan):

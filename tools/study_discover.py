@@ -21,7 +21,7 @@ PRESETS = ("force-plate", "wii")
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("runs/study-discover"))
-    parser.add_argument("--seed", type=int, default=2000)
+    parser.add_argument("--seed", type=int, default=4000)
     parser.add_argument("--size", type=float, default=1.0)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--presets", nargs="+", choices=PRESETS, default=PRESETS)
@@ -29,9 +29,10 @@ def main() -> None:
     began = datetime.now(UTC)
     arguments.out.mkdir(parents=True, exist_ok=True)
     parts = []
-    for preset in arguments.presets:
+    for number, preset in enumerate(arguments.presets):
         folder = arguments.out / preset
-        outcomes = benchmark(Settings(preset, arguments.seed, arguments.size), folder, arguments.workers)
+        settings = Settings(preset, arguments.seed + number, arguments.size)
+        outcomes = benchmark(settings, folder, arguments.workers)
         for name, text in files(outcomes).items():
             write_bytes(folder / name, text.encode())
         spent = sum(o.wall_s for o in outcomes)
@@ -41,7 +42,7 @@ def main() -> None:
         )
     load = os.getloadavg()[2]
     print(
-        f"Seed {arguments.seed}, size {arguments.size:g}, {began:%Y-%m-%d %H:%M} to "
+        f"Seeds from {arguments.seed}, one a preset, size {arguments.size:g}, {began:%Y-%m-%d %H:%M} to "
         f"{datetime.now(UTC):%H:%M} UTC, {arguments.workers} workers, load {load:.1f}.\n"
     )
     print("\n\n".join(parts))
