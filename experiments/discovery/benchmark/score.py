@@ -156,6 +156,7 @@ def figures(outcomes: Sequence[Outcome]) -> list[Figure]:
         median("median held-out whitened r.m.s. before", (o.held[0] for o in held if o.held)),
         median("median held-out whitened r.m.s. after", (o.held[1] for o in held if o.held), most=HELD_OUT),
         rate("95 % intervals of the size hold it", (c for o in single for c in o.coverage), 0.9, 0.98),
+        rate("95 % intervals of the size hold it, from 2 MDE on", (c for o in clear for c in o.coverage)),
         median("median part of the parameters' bias removed", reduced, least=REDUCED),
         rate("at least 70 % of the bias removed", (part >= REDUCED for part in reduced)),
         rate("pairs: both named, nothing else", map(exactly, pairs), least=0.8),
