@@ -57,9 +57,13 @@ def settle(
 
 def _better(seen: Seen, noise: Noise, formula: Fit) -> tuple[Fit, np.ndarray]:
     """Through the laboratory, unless the formula explains more: which end a joint's free play rests at, say,
-    is an accident in both."""
+    is an accident in both. Half of what the laboratory changes in a size is the s.d. of what both miss.
+    """
     exact, bend = refit(seen, noise, formula)
-    return (exact, bend) if worth(exact) >= worth(formula) else (formula, np.zeros_like(bend))
+    sizes = [np.concatenate([term.sizes for term in one.terms]) for one in (exact, formula)]
+    missed = np.diag(((sizes[0] - sizes[1]) / 2) ** 2)
+    best, bend = (exact, bend) if worth(exact) >= worth(formula) else (formula, np.zeros_like(bend))
+    return replace(best, covariance=best.covariance + missed), bend
 
 
 def _fitted(
