@@ -14,6 +14,7 @@ import numpy as np
 
 from experiments.discovery.channels import ROWS, residuals, swing_pose
 from experiments.discovery.fit import Fit, Term, fit
+from experiments.discovery.fit import freed as without_terms
 from experiments.discovery.noise import Noise
 from experiments.effects.occurrence import freed, injected
 from experiments.effects.seen import Seen, see
@@ -57,13 +58,13 @@ def measured_plan(seen: Seen) -> PosturePlan:
     first = np.array([np.flatnonzero(seen.stance == number)[0] for number in seen.stance])
     return PosturePlan(
         joints=m.joints,
-        joint_angles=m.joint_angles,
+        joint_angles=seen.joint_angles,
         posture=np.arange(1, len(m) + 1),
         placement=seen.stance + 1,
         support=m.support,
         swing_pose=pose[first],
         robot={"model": m.robot["model"] or "", "sha256": m.robot["sha256"] or ""},
-        torques=None if m.command is None else gain * (m.command - m.joint_angles),
+        torques=None if m.command is None else gain * (m.command - seen.joint_angles),
     )
 
 
@@ -72,14 +73,16 @@ def simulated(rig: Rig, plan: PosturePlan) -> Measurements:
     return run_static(prepare(rig, plan), [np.random.SeedSequence(STREAM)], all_solved=True)[0].measurements
 
 
-def missed(seen: Seen, plan: PosturePlan, rig: Rig, plain: Measurements, terms: Sequence[Term]) -> np.ndarray:
+def missed(seen: Seen, rig: Rig, terms: Sequence[Term]) -> np.ndarray:
     """Residuals that the laboratory keeps when the terms' predictions are taken away, (m, 11).
 
     Zero where the posture has no equilibrium with them.
     """
     theta = seen.nominal.value
     there = [term.occurrence for term in terms]
-    shown, without = see(simulated(injected(rig, there), plan), seen.nominal), see(plain, seen.nominal)
+    # Feet stand where the links put them, not where encoders that err say.
+    plan = measured_plan(without_terms(seen, seen, terms))
+    shown, without = (see(simulated(one, plan), seen.nominal) for one in (injected(rig, there), rig))
     clean = freed(shown, there)
     out = np.zeros((len(seen), 11))
     after, before = residuals(clean, theta), residuals(without, theta)
@@ -99,7 +102,7 @@ def refit(seen: Seen, noise: Noise, found: Fit) -> tuple[Fit, np.ndarray]:
     Returns:
         the fit, and what the predictions miss by size and beside it, (m, 11, s + 1).
     """
-    rig, plan = exact_rig(seen), measured_plan(seen)
+    rig = exact_rig(seen)
     s = sum(len(term.sizes) for term in found.terms)
     bend = np.zeros((len(seen), 11, s + 1))
     changed = injected(rig, [term.occurrence for term in found.terms])
@@ -111,10 +114,9 @@ def refit(seen: Seen, noise: Noise, found: Fit) -> tuple[Fit, np.ndarray]:
     prior = np.concatenate([term.candidate.prior for term in found.terms])
     before, formula = np.zeros(s), found
     try:
-        plain = simulated(rig, plan)
         for _ in range(ROUNDS):
             sizes = np.concatenate([term.sizes for term in found.terms])
-            left = missed(seen, plan, rig, plain, found.terms)
+            left = missed(seen, rig, found.terms)
             bend = _learnt(bend, left, sizes, before, prior)
             before, found = sizes, fit(seen, noise, found.terms, bend)
             change = np.concatenate([term.sizes for term in found.terms]) - sizes

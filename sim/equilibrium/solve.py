@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,8 +38,14 @@ class Reference:
 def reference(mechanism: Mechanism, start: State, load: Load) -> Reference:
     """Newton's method from states near the solutions, every one by itself.
 
-    Free play opens little by little: its torque has a kink, beyond which the derivative is another one.
+    Free play opens little by little: its torque has a kink, beyond which the derivative is another one. So has
+    a motor at its limit: where one would start there, it is first given all the torque it asks for.
     """
+    asked = np.abs(mechanism.gain * (load.command - start.angles[..., mechanism.motors]))
+    if len(over := np.flatnonzero((asked > mechanism.limit).any(axis=-1))):
+        start, unlimited = start.items(np.arange(len(asked))), np.full_like(mechanism.limit, np.inf)
+        free = replace(mechanism, limit=unlimited)
+        start.put(over, _newton(free, start.items(over), load.items(over)).state)
     for part in FREE_PLAY if any(low < high for _, (low, high), _ in mechanism.springs) else ():
         start = _newton(mechanism.with_play(part), start, load).state
     return _newton(mechanism, start, load)
