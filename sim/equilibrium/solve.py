@@ -38,8 +38,8 @@ class Reference:
 def reference(mechanism: Mechanism, start: State, load: Load) -> Reference:
     """Newton's method from states near the solutions, every one by itself.
 
-    Free play opens little by little: its torque has a kink, beyond which the derivative is another one. So has
-    a motor at its limit: where one would start there, it is first given all the torque it asks for.
+    Free play opens little by little: its torque has a kink, beyond which the derivative is another one. So
+    has a motor at its limit: where one would start there, it is first given all the torque it asks for.
     """
     asked = np.abs(mechanism.gain * (load.command - start.angles[..., mechanism.motors]))
     if len(over := np.flatnonzero((asked > mechanism.limit).any(axis=-1))):
