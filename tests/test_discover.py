@@ -148,7 +148,7 @@ def test_a_faulty_cell_is_no_noise(robot, plan, nominal, name, target, value):
 def test_what_an_instrument_does_leaves_the_noise_as_it_was(prepared, nominal, name, target, value):
     """Chi-square at the right effect is that of the same experiment without it.
 
-    A whitening that follows the readings' scale, as one may think it should, is off by 15 to 260 here.
+    A whitening that follows the readings' scale, as one may think it should, is off by 15 to 360 here.
     """
     plain = prepared["force-plate"]
     effect = catalogue()[name]

@@ -137,13 +137,15 @@ def _forward(
 
 def _fewer(seen: Seen, noise: Noise, among: list[Candidate], found: Fit) -> Fit:
     """Two terms replaced by one that explains as much: steps forward may have begun with a look-alike."""
-    for pair in combinations(found.terms, 2):
+    pairs = list(combinations(found.terms, 2))
+    enough = worth(fit(seen, noise, found.terms)) - DECISIVE if pairs else 0.0
+    for pair in pairs:
         others = fit(seen, noise, [term for term in found.terms if not any(term is one for one in pair)])
         best = best_of(seen, noise, others, _ranked_after(others, among))
         if best is None:
             continue
         single = fit(seen, noise, (*others.terms, best.term))
-        if worth(single) > worth(fit(seen, noise, found.terms)) - DECISIVE:
+        if worth(single) > enough:
             return _fewer(seen, noise, among, single)
     return found
 
