@@ -13,6 +13,9 @@ DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?")
 
 
+NOT_VALUES = str.maketrans("", "", ',;"')  # what is left of an empty line without them is space
+
+
 def plain_csv(path: Path, content: bytes) -> bytes:
     """Bytes of a CSV with commas between and points within numbers, one line per posture.
 
@@ -28,7 +31,7 @@ def plain_csv(path: Path, content: bytes) -> bytes:
     lines = [
         (number, line)
         for number, line in enumerate(_text(path, content).split("\n"), 1)
-        if not line.lstrip(' "').startswith("#") and line.strip(' \t,;"')
+        if not line.lstrip(' "').startswith("#") and line.translate(NOT_VALUES).strip()
     ]
     if not lines:
         raise InputError(f"{path}: found no line with column names")
