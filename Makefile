@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 ORACLE := .venv-oracle
 
 .PHONY: setup validate demo test test-all lint bench oracle study-contact study-equilibrium study-montecarlo study-estimators study-check \
-  study-improve study-plan study-sequential study-atlas study-discover study-verdict study-fuzz study-kill pictures constraints clean
+  study-improve study-plan study-sequential study-atlas study-discover study-foreign study-verdict study-fuzz study-kill pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -75,6 +75,9 @@ study-improve: setup  ## docs/improve.md's tables and figures: the paper's ways 
 
 study-atlas: setup  ## docs/atlas.md's table: from which angle on two effects are told apart (some minutes of one core)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.study_atlas
+
+study-foreign: setup  ## docs/discovery-benchmark.md's table of data from outside (a quarter of an hour)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.study_foreign
 
 study-verdict: setup  ## docs/verdict.md's tables: how often the verdict fails a true laboratory (an hour of one core)
 	$(BIN)/python -m tools.study_verdict

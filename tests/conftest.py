@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 
 os.environ.setdefault("MUJOCO_GL", "disable")
@@ -16,12 +17,13 @@ from experiments.scenario import DEFAULT_PLAN, Scenario
 from experiments.validate import Validation, validate
 from identification.base_parameters import BaseParameters, base_parameters
 from identification.nominal import Nominal, nominal_robot
-from sim.laboratory import read_again
+from sim.laboratory import Experiment, read_again, run_experiment
 from sim.measurements import Measurements, PlateGeometry, PosturePlan, read_plan
 from sim.model import Robot, load_model, load_robot
 from sim.plates import plate_geometry
-from sim.rig import preset_rig
+from sim.rig import Rig, preset_rig
 from sim.scene import load_scene
+from tests.effect_changes import SEED, first
 from tests.synthetic import Bench, synthetic_bench
 from tools.foreign_robots import ROBOTS, write_robot
 
@@ -84,3 +86,25 @@ def precise(wii, robot, plan) -> Measurements:
 @pytest.fixture(scope="session")
 def bench(nominal, plan) -> Bench:
     return synthetic_bench(nominal, plan)
+
+
+@pytest.fixture(scope="session")
+def few(plan) -> PosturePlan:
+    return first(plan, 8)
+
+
+@pytest.fixture(scope="session")
+def two(plan) -> PosturePlan:
+    return first(plan, 2)
+
+
+@pytest.fixture(scope="session")
+def noiseless(robot) -> Rig:
+    rig = preset_rig("ideal", robot)
+    return dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=2))
+
+
+@pytest.fixture(scope="session")
+def moved(noiseless, two) -> Experiment:
+    """Two placements without any effect, in the full dynamics."""
+    return run_experiment(noiseless, two, SEED)

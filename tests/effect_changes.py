@@ -1,0 +1,76 @@
+"""What effects change in a simulation, and what is predicted of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from experiments.discovery.channels import ANCHORED, ROWS, residuals
+from experiments.effects.seen import see
+from sim.measurements import Measurements
+from sim.prepared import prepare
+from sim.static_laboratory import run_static
+
+SEED = 103  # bounds were set on seed 1
+# What a millimetre, a newton and a milliradian are worth to each other.
+UNIT = np.array([1e-3, 1e-3, 1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3])
+
+
+def first(plan, count):
+    """The first placements of a plan."""
+    return plan.take(np.isin(plan.placement, np.unique(plan.placement)[:count]))
+
+
+def statically(rig, plan) -> Measurements:
+    return run_static(prepare(rig, plan), [np.random.SeedSequence(1101)])[0].measurements
+
+
+def changes(nominal, base, with_it, effect, target, values, absorbed=True, physics=True):
+    """What the simulation changed in the residuals and what is predicted, both (k, 11).
+
+    Of the postures in both experiments; what base parameters (if `absorbed`) and a stance's constants
+    absorb is taken out of both, as whoever looks for the effect does. Where it is `physics`, postures in
+    which a board stands on three cells are left out: which these are, loads at its edge decide.
+    """
+    seen, before = see(with_it, nominal), see(base, nominal)
+    rows = {key: k for k, key in enumerate(_keys(base))}
+    here = np.array([k for k, key in enumerate(_keys(with_it)) if key in rows])
+    if physics:
+        there = np.array([rows[_keys(with_it)[k]] for k in here])
+        twisted = np.abs(residuals(before, nominal.value)[there]) + np.abs(
+            residuals(seen, nominal.value)[here]
+        )
+        here = here[twisted[:, ROWS["T"]].max(axis=1) < 1e-6]
+    there = np.array([rows[_keys(with_it)[k]] for k in here])
+    found = residuals(seen, nominal.value)
+    cleaned = residuals(effect.predict(seen, target, values), nominal.value)
+    differences = (found[here] - residuals(before, nominal.value)[there], (found - cleaned)[here])
+    regressor = nominal.parameters.regressor(with_it.joint_angles[here]).reshape(2 * len(here), -1)
+    basis = np.linalg.qr(regressor)[0]
+    stances = np.column_stack([seen.stance[here], before.stance[there]])
+    projected = []
+    for rows_of in differences:
+        part = rows_of / UNIT
+        center = part[:, ROWS["A"]].ravel()
+        if absorbed:
+            part[:, ROWS["A"]] = (center - basis @ (basis.T @ center)).reshape(-1, 2)
+        for pair in np.unique(stances, axis=0):
+            mine = (stances == pair).all(axis=1)
+            part[mine, ANCHORED] -= part[mine, ANCHORED].mean(axis=0)
+        projected.append(part)
+    return projected
+
+
+def _keys(measurements):
+    """Posture and its how-manieth measurement."""
+    seen: dict[int, int] = {}
+    keys = []
+    for number in measurements.posture.tolist():
+        seen[number] = seen.get(number, 0) + 1
+        keys.append((number, seen[number]))
+    return keys
+
+
+def agreement(simulated, predicted):
+    """Cosine, and slope of the simulated on the predicted change."""
+    a, b = simulated.ravel(), predicted.ravel()
+    return a @ b / np.linalg.norm(a) / np.linalg.norm(b), a @ b / (b @ b)

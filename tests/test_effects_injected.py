@@ -1,0 +1,117 @@
+"""Effects in the laboratory: what they change there, what stays, and when."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from experiments.discovery.laboratory import exact_rig, measured_plan, simulated
+from experiments.effects import catalogue
+from experiments.effects.injection import passed
+from experiments.effects.seen import see
+from experiments.scenario import DEFAULT_PLAN, Scenario
+from sim.errors import InputError
+from sim.measurements import read_plan
+from sim.prepared import prepare
+from sim.rig import preset_rig, stages
+from sim.scene import load_scene
+from sim.static_laboratory import run_static
+from tests.effect_changes import SEED, first, statically
+
+
+def test_loads_in_the_joints_are_what_the_servos_bear(moved, model, nominal):
+    """But for dry friction: of the joint itself, and what it leaves of push between the feet."""
+    torques = see(moved.measurements, nominal).torques
+    servos = np.array([held.torques for held in moved.held])
+    dry = np.array(
+        [model.dof_frictionloss[model.joint(name).dofadr[0]] for name in moved.measurements.joints]
+    )
+    off = (servos + torques) / dry
+    assert np.sqrt((off**2).mean()) < 1.0
+    assert np.abs(off).max() < 3.0
+    assert np.corrcoef(servos.ravel(), -torques.ravel())[0, 1] > 0.98
+
+
+def test_a_tilt_turns_about_x_then_about_y(noiseless):
+    """A level table's leg shortened: gravity in the floor's axes."""
+    spec = mujoco.MjSpec()
+    spec.option.gravity = [0.0, 0.0, -1.0]
+    edit = catalogue()["tilt"].inject(noiseless, "", (0.1, 0.2)).edit
+    assert edit is not None
+    edit(spec)
+    a, b = 0.1, 0.2
+    about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+    about_y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
+    assert (about_y @ about_x) @ spec.option.gravity == pytest.approx([0.0, 0.0, -1.0])
+
+
+@pytest.mark.parametrize("name", ["random", "optimal"])
+def test_the_nominal_laboratory_asked_again_shows_what_was_measured(name, robot, model, nominal):
+    """Also where the plan has feed-forward, which the commands hold."""
+    plan = first(read_plan(DEFAULT_PLAN.parent / name, robot, model), 8)
+    run = run_static(prepare(preset_rig("wii", robot), plan), np.random.SeedSequence(SEED).spawn(1))[0]
+    seen = see(run.measurements, nominal)
+    again = simulated(exact_rig(seen), measured_plan(seen))
+    assert len(again) == len(seen)
+    assert np.abs(again.joint_angles - seen.joint_angles).max() < 5e-3
+    feet = (again.cell_forces - seen.cell_forces).reshape(-1, 2, 4).sum(axis=2)
+    assert np.abs(feet).max() < 15
+
+
+@pytest.mark.parametrize(
+    ("name", "target", "values"),
+    [
+        ("joint-compliance", "right_knee", (0.0005,)),
+        ("backlash", "right_hip_pitch", (0.005,)),
+        ("tether", "", (1.0, 2.0)),
+        ("sole-compliance", "", (0.0005,)),
+        ("lifted-corner", "left_foot.front_left", (0.0003,)),
+    ],
+)
+def test_what_an_effect_adds_is_no_part_of_the_true_robot(name, target, values, noiseless, few, nominal):
+    changed = catalogue()[name].inject(noiseless, target, values)
+    truth = Scenario(changed, few, 1, "ideal").true_base_parameters()
+    assert truth == pytest.approx(nominal.value, abs=1e-12)
+
+
+def test_the_truth_is_of_the_robot_that_stood_there_first(noiseless, few, nominal):
+    step = catalogue()["payload-step"].inject(noiseless, "torso", (1.0, 0.5))
+    longer = catalogue()["link-length"].inject(step, "right_lower_leg", (0.01,))
+    assert Scenario(step, few, 1, "ideal").true_base_parameters() == pytest.approx(nominal.value, abs=1e-12)
+    assert np.abs(Scenario(longer, few, 1, "ideal").true_base_parameters() - nominal.value).max() > 1e-3
+
+
+def test_what_is_changed_after_a_step_is_changed_before_and_after(noiseless):
+    step = catalogue()["payload-step"]
+    rig = step.inject(step.inject(noiseless, "torso", (1.0, 0.6)), "right_hip", (1.0, 0.3))
+    rig = catalogue()["sole-compliance"].inject(rig, "", (1e-4,))
+    assert [start for start, _ in stages(rig)] == [0.0, 0.3, 0.6]
+    assert {one.compliance.sole_tilt for _, one in stages(rig)} == {1e-4}
+    spec = load_scene(rig.robot)
+    edit = stages(rig)[2][1].edit
+    assert edit is not None
+    edit(spec)
+    plain = load_scene(rig.robot)
+    for link in ("torso", "right_hip"):
+        assert spec.body(link).mass == pytest.approx(plain.body(link).mass + 1.0)
+
+
+def test_a_step_comes_at_its_part_of_the_recorded_time(noiseless, few, nominal):
+    found = statically(catalogue()["payload-step"].inject(noiseless, "torso", (0.5, 0.41)), few)
+    heavy = found.cell_forces.sum(axis=1) / found.gravity - nominal.mass
+    assert heavy == pytest.approx(0.5 * (passed(found.time) >= 0.41), abs=1e-6)
+
+
+def test_a_laboratory_does_not_change_before_it_begins(noiseless):
+    for parts in ((0.0,), (1.5,)):
+        with pytest.raises(InputError, match="expected more than 0 and at most 1"):
+            stages(catalogue()["payload-step"].inject(noiseless, "torso", (0.5, *parts)))
+
+
+@pytest.mark.parametrize("name", [name for name, effect in catalogue().items() if not effect.statics])
+def test_statics_refuses_what_it_does_not_know(name, noiseless, robot, two):
+    effect = catalogue()[name]
+    target = effect.targets.of(robot, (1,))[0]
+    with pytest.raises(InputError, match="static equilibrium"):
+        prepare(effect.inject(noiseless, target, (0.001,)), two)
