@@ -81,11 +81,16 @@ def freed(seen: Seen, smooth: Seen, terms: Sequence[Term]) -> Seen:
         if not term.candidate.effect.sizes:
             seen, smooth = term.freed(seen), term.freed(smooth)
     clean = smooth
-    for term in reversed(terms):
+    for term in _undoing(terms):
         if term.candidate.effect.sizes:
             clean = term.freed(clean)
     change = packed(clean) - packed(smooth)
     return replace(unpacked(seen, packed(seen) + change), tree=clean.tree, cells=clean.cells)
+
+
+def _undoing(terms: Sequence[Term]) -> list[Term]:
+    """Terms in the order in which they are undone: the last to act first."""
+    return sorted(terms, key=lambda term: -term.candidate.effect.stage)
 
 
 def search(linear: Linear, terms: Sequence[Term], bend: np.ndarray | None = None) -> Fit:
@@ -147,7 +152,7 @@ def _joint_columns(linear: Linear, terms: tuple[Term, ...]) -> np.ndarray:
     for k, term in enumerate(terms):
         others = terms[:k] + terms[k + 1 :]
         clean = linear.smooth
-        for other in others:
+        for other in _undoing(others):
             clean = other.freed(clean)
         about = replace(linear, smooth=clean) if others else linear
         out.append(columns(about, term.candidate, term.point, term.sizes))

@@ -116,6 +116,11 @@ class White:
             out[where] = factor @ flat[where]
         return out
 
+    @property
+    def log_volume(self) -> float:
+        """Ln of the determinant of the residuals' covariance."""
+        return -2 * sum(float(np.log(np.diag(factor)).sum()) for _, factor in self.blocks)
+
     def back(self, white: np.ndarray) -> np.ndarray:
         """V^-1 times residuals, from the whitened ones, (r,) -> (m, 11)."""
         flat = np.zeros(self.own.shape[0] * SIZE)

@@ -70,7 +70,8 @@ def worth(found: Fit) -> float:
 
     By what is left, since the noise is taken anew in every fit; less what the choice of times costs.
     """
-    out = -0.5 * found.chi_square - sum(price(found.linear, term.candidate) for term in found.terms)
+    out = -0.5 * (found.chi_square + found.linear.white.log_volume)
+    out -= sum(price(found.linear, term.candidate) for term in found.terms)
     if not found.columns.shape[1]:
         return out
     prior = np.concatenate([term.candidate.prior for term in found.terms])

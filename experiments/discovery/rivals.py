@@ -43,7 +43,8 @@ def settle(
     sets = []
     for k, near in enumerate(rivals):
         mine = best.terms[k]
-        rest = worth(fit(seen, noise, best.terms[:k] + best.terms[k + 1 :]))
+        others = fit(seen, noise, best.terms[:k] + best.terms[k + 1 :])
+        rest = worth(_better(seen, noise, others)[0] if others.terms else others)
         judged = [Rival(mine, worth(best) - rest)]
         for rival, formula in _fitted(seen, noise, best, k, near):
             exact, more = _better(seen, noise, formula) if len(judged) <= ASKED else (formula, bend)
@@ -71,7 +72,7 @@ def _fitted(
 ) -> list[tuple[Rival, Fit]]:
     """Near rivals of term k in its place, the best first."""
     least = rivals[0].log_bayes_factor - NEAR
-    mine = found.terms[k].candidate.label
-    near = [r for r in rivals if r.log_bayes_factor > least and r.label != mine]
+    have = {term.candidate.label for term in found.terms}
+    near = [r for r in rivals if r.log_bayes_factor > least and r.label not in have]
     tried = [(r, fit(seen, noise, (*found.terms[:k], r.term, *found.terms[k + 1 :]))) for r in near]
     return sorted(tried, key=lambda pair: -worth(pair[1]))

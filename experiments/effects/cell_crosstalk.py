@@ -42,4 +42,5 @@ EFFECT = Effect(
     inject=_inject,
     predict=_predict,
     words="Every cell reads also {0} of what the other cells of its plate bear.",
+    misreads=True,
 )

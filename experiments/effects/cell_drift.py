@@ -39,4 +39,5 @@ EFFECT = Effect(
     predict=_predict,
     words="The {target} cell drifts by {0} over the experiment.",
     targets=CELL_NAMES,
+    misreads=True,
 )

@@ -34,4 +34,5 @@ EFFECT = Effect(
     predict=_predict,
     words="The {target} cell reads {0} too much.",
     targets=CELL_NAMES,
+    misreads=True,
 )

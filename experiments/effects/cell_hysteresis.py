@@ -55,4 +55,5 @@ EFFECT = Effect(
     inject=_inject,
     predict=_predict,
     words="The cells keep {0} of the last change of their load.",
+    misreads=True,
 )

@@ -36,4 +36,5 @@ EFFECT = Effect(
     predict=_predict,
     words="The {target} cell reads {0} too much at any load.",
     targets=CELL_NAMES,
+    misreads=True,
 )

@@ -47,6 +47,7 @@ class Effect:
         words: of a finding, with {target} and {0}, {1}, ... for the values with their intervals.
         targets: what it may concern.
         statics: whether the static laboratory knows it; else only the full dynamics does.
+        misreads: whether instruments alone are at fault, whatever stands there.
     """
 
     name: str
@@ -57,8 +58,14 @@ class Effect:
     words: str
     targets: Targets = WHOLE
     statics: bool = True
+    misreads: bool = False
 
     @property
     def sizes(self) -> tuple[int, ...]:
         """Numbers of the parameters that are estimated; the others are chosen from their grid."""
         return tuple(k for k, parameter in enumerate(self.parameters) if not parameter.grid)
+
+    @property
+    def stage(self) -> int:
+        """When it acts: 0 on the robot, 1 on what is read of it, 2 on which reading is said to be which."""
+        return 0 if not self.misreads else 1 if self.sizes else 2

@@ -36,4 +36,5 @@ EFFECT = Effect(
     predict=_predict,
     words="The {target} encoder reads {0} of its angle too much.",
     targets=JOINTS,
+    misreads=True,
 )

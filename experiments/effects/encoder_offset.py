@@ -35,4 +35,5 @@ EFFECT = Effect(
     predict=_predict,
     words="The {target} encoder reads {0} too high.",
     targets=JOINTS,
+    misreads=True,
 )

@@ -43,4 +43,5 @@ EFFECT = Effect(
     predict=_predict,
     words="The {target} encoder slipped and reads {0} too high, from {1} of the experiment on.",
     targets=JOINTS,
+    misreads=True,
 )

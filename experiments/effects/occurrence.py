@@ -60,17 +60,21 @@ class Occurrence:
 
 
 def injected(rig: Rig, occurrences: Sequence[Occurrence]) -> Rig:
-    """The laboratory with these effects, one after the other."""
-    for found in occurrences:
+    """The laboratory with these effects, in the order in which they act (`Effect.stage`)."""
+    for found in _in_turn(occurrences):
         rig = found.effect.inject(rig, found.target, found.values)
     return rig
 
 
 def freed(seen: Seen, occurrences: Sequence[Occurrence]) -> Seen:
-    """What was seen, freed of these effects: the last one first, since it acted upon the others."""
-    for found in reversed(occurrences):
+    """What was seen, freed of these effects: the last to act first, since it acted upon the others."""
+    for found in reversed(_in_turn(occurrences)):
         seen = found.effect.predict(seen, found.target, found.values)
     return seen
+
+
+def _in_turn(occurrences: Sequence[Occurrence]) -> list[Occurrence]:
+    return sorted(occurrences, key=lambda found: found.effect.stage)
 
 
 def check_occurrence(found: Occurrence, robot: Robot, placements: Sequence[int], where: str) -> None:

@@ -25,4 +25,5 @@ EFFECT = Effect(
     predict=put_right(_shift),
     words="In placement {target} the left plate lies {0} further forward and {1} further left than recorded.",
     targets=PLACEMENTS,
+    misreads=True,
 )

@@ -29,4 +29,5 @@ EFFECT = Effect(
     predict=put_right(_shift),
     words="The {target} plate lies {0} further forward and {1} further left than recorded.",
     targets=PLATE_NAMES,
+    misreads=True,
 )

@@ -25,4 +25,5 @@ EFFECT = Effect(
     predict=put_right(_shift),
     words="The {target} plate is turned by {0} (to the left) against its recorded pose.",
     targets=PLATE_NAMES,
+    misreads=True,
 )

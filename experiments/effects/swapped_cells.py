@@ -48,4 +48,5 @@ EFFECT = Effect(
     predict=_predict,
     words="The {0} and {1} cells of the {target} plate are swapped.",
     targets=PLATE_NAMES,
+    misreads=True,
 )

@@ -39,4 +39,5 @@ EFFECT = Effect(
     inject=_inject,
     predict=_predict,
     words="The gain of all cells drifts by {0} over the experiment.",
+    misreads=True,
 )

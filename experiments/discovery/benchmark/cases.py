@@ -27,7 +27,7 @@ FULL = {
     LEFT_OUT: 75,
     OUTSIDE_ARM: 60,
     ABSORBED: 30,
-    "dynamics": 40,
+    "dynamics": 100,
 }
 ONLY_DYNAMICS = ("lifted-corner", "unsettled")
 
@@ -97,10 +97,10 @@ def cases(settings: Settings, board: Board) -> list[Case]:
 def _dynamic(
     settings: Settings, visible: dict[float, list[str]], board: Board, rng: np.random.Generator
 ) -> list[Case]:
-    """A third nulls, a third of what only the dynamics knows, a third of the rest."""
-    third = max(1, settings.count("dynamics") // 3)
-    out = [Case(NULL, dynamics=True)] * third
-    for name in _in_turn(list(ONLY_DYNAMICS), third, rng):
+    """Two fifths nulls, a fifth of what only the dynamics knows, two fifths of the rest."""
+    fifth = max(1, settings.count("dynamics") // 5)
+    out = [Case(NULL, dynamics=True)] * (2 * fifth)
+    for name in _in_turn(list(ONLY_DYNAMICS), fifth, rng):
         (multiple,) = _clear(1, rng)
         seen = bool(testable(board, name, multiple))
         out.append(Case(SINGLE, (name,), multiple, True) if seen else Case(ABSORBED, (name,), 0.0, True))

@@ -49,10 +49,11 @@ class Outcome:
             of what is found.
         failed: why there was no data set, or "".
         rows: measured.
-        verdict: of the discovery. found: its terms.
+        verdict: of the discovery, or "refused". found: its terms.
         unseen: labels of what it says it cannot see, where hidden; biased: the base parameter named.
         held: whitened r.m.s. on held-out placements before, after, and its floor; None: not asked.
-        coverage: whether the 95 % interval of every size and of every time holds the truth.
+        coverage, times: whether the 95 % interval of every size, of every time holds the truth, where the
+            true effect was said.
         bias: None: not asked.
         wall_s: of the discovery [s].
     """
@@ -75,6 +76,7 @@ class Outcome:
     biased: int = 0
     held: tuple[float, float, float] | None = None
     coverage: tuple[bool, ...] = ()
+    times: tuple[bool, ...] = ()
     bias: Bias | None = None
     wall_s: float = 0.0
 
@@ -93,6 +95,11 @@ class Outcome:
         return [term.label for term in self.found]
 
     @property
+    def said(self) -> bool:
+        """Whether a name was given."""
+        return self.verdict in ("named", "ambiguous")
+
+    @property
     def flagged(self) -> bool:
         """Whether a gap was seen."""
         return self.verdict != "none"
@@ -104,7 +111,7 @@ def outcome(document: dict[str, Any]) -> Outcome:
         Found(t["label"], *(tuple(t[key]) for key in ("values", "low", "high", "alike")))
         for t in document["found"]
     ]
-    listed = {"kinds", "hidden", "coverage"}
+    listed = {"kinds", "hidden", "coverage", "times"}
     nested = {"values", "twins"}
     values: dict[str, Any] = {k: tuple(v) if k in listed else v for k, v in document.items()}
     values |= {k: tuple(tuple(x) for x in document[k]) for k in nested}

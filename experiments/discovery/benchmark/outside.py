@@ -18,6 +18,10 @@ from sim.measurements import Measurements
 from sim.model import joint_names, load_model
 from sim.rig import Rig
 
+LOSS_TIME = 0.005  # s, damping over stiffness
+CREEP = 200.0  # s, of a cell that yields
+TEETH = 20.0
+
 
 @dataclass(frozen=True)
 class Outside:
@@ -26,6 +30,8 @@ class Outside:
     Attributes:
         amplitude: a typical one [unit]; the benchmark draws multiples of it by what they show.
         inject: (rig, number of the target, amplitude) -> rig.
+        positive: whether there is no other sign.
+        late: thought of after the discovery was fixed. Of the others some look like patterns that it tries.
     """
 
     name: str
@@ -33,6 +39,8 @@ class Outside:
     unit: str
     amplitude: float
     inject: Callable[[Rig, int, float], Rig]
+    positive: bool = False
+    late: bool = False
 
 
 def _angles(rig: Rig, number: int, error: Callable[[Measurements, int], np.ndarray]) -> Rig:
@@ -119,16 +127,78 @@ def _slack(rig: Rig, number: int, amplitude: float) -> Rig:
     return edited(rig, edit)
 
 
-OUTSIDE = tuple(
-    Outside(*entry)
-    for entry in (
-        ("encoder-eccentric", "An encoder errs with one period a turn.", "rad", 0.01, _eccentric),
-        ("encoder-jump", "An encoder reads too much beyond one angle.", "rad", 0.01, _jump),
-        ("encoder-coupled", "A joint's reading depends on its neighbour's angle.", "", 0.01, _coupled),
-        ("cell-warm", "A cell's gain grows with the square of a temperature.", "", 0.02, _warm),
-        ("cell-walk", "A cell's zero walks at random.", "N", 1.0, _walk),
-        ("plate-bent", "A plate's cells read in proportion to its load's square.", "", 0.02, _bent),
-        ("axis-skewed", "A joint's axis is not where the drawing has it.", "rad", 0.01, _skewed),
-        ("cable-slack", "A cable pulls at the torso on one side, slack on the other.", "N/m", 20.0, _slack),
-    )
+def _sideways(rig: Rig, number: int, amplitude: float) -> Rig:
+    names = joint_names(load_model(rig.robot))
+    name = names[number % len(names)]
+
+    def edit(spec: mujoco.MjSpec) -> None:
+        joint = spec.joint(name)
+        joint.parent.add_joint(
+            name=f"{name}_sideways",
+            type=mujoco.mjtJoint.mjJNT_HINGE,
+            axis=np.roll(joint.axis, 1 + number % 2),
+            pos=joint.pos,
+            stiffness=[1.0 / amplitude, 0.0, 0.0],
+            damping=[LOSS_TIME / amplitude, 0.0, 0.0],
+            armature=joint.armature,
+        )
+
+    return edited(rig, edit)
+
+
+def _creep(rig: Rig, number: int, amplitude: float) -> Rig:
+    def creep(m: Measurements, at: int) -> np.ndarray:
+        begun = np.array([m.time[m.placement == place].min() for place in m.placement])
+        return amplitude * m.cell_forces[:, at] * (1 - np.exp((begun - m.time) / CREEP))
+
+    return _cells(rig, number, creep)
+
+
+def _touching(rig: Rig, number: int, amplitude: float) -> Rig:
+    def read(m: Measurements) -> Measurements:
+        plates = m.cell_forces.reshape(-1, 2, 4).copy()
+        giver = number % 2
+        passed_on = amplitude * plates[:, giver]
+        plates[:, giver] -= passed_on
+        plates[:, 1 - giver] += passed_on.mean(axis=1, keepdims=True)
+        return replace(m, cell_forces=plates.reshape(-1, 8))
+
+    return misreading(rig, read)
+
+
+def _teeth(rig: Rig, number: int, amplitude: float) -> Rig:
+    return _angles(rig, number, lambda m, at: amplitude * np.sin(TEETH * m.joint_angles[:, at] + number))
+
+
+OUTSIDE = (
+    Outside("encoder-eccentric", "An encoder errs with one period a turn.", "rad", 0.01, _eccentric),
+    Outside("encoder-jump", "An encoder reads too much beyond one angle.", "rad", 0.01, _jump),
+    Outside("encoder-coupled", "A joint's reading depends on its neighbour's angle.", "", 0.01, _coupled),
+    Outside("cell-warm", "A cell's gain grows with the square of a temperature.", "", 0.02, _warm),
+    Outside("cell-walk", "A cell's zero walks at random.", "N", 1.0, _walk),
+    Outside("plate-bent", "A plate's cells read in proportion to its load's square.", "", 0.02, _bent),
+    Outside("axis-skewed", "A joint's axis is not where the drawing has it.", "rad", 0.01, _skewed),
+    Outside(
+        "cable-slack", "A cable pulls at the torso on one side only.", "N/m", 20.0, _slack, positive=True
+    ),
+    Outside(
+        name="joint-sideways",
+        sentence="A joint yields about an axis across its own.",
+        unit="rad/Nm",
+        amplitude=5e-4,
+        inject=_sideways,
+        positive=True,
+        late=True,
+    ),
+    Outside("cell-creep", "A cell reads more the longer it is loaded.", "", 0.02, _creep, late=True),
+    Outside(
+        name="boards-touch",
+        sentence="A board passes part of its load on to the other.",
+        unit="",
+        amplitude=0.01,
+        inject=_touching,
+        positive=True,
+        late=True,
+    ),
+    Outside("encoder-teeth", "An encoder errs with every tooth of a gear.", "rad", 0.005, _teeth, late=True),
 )

@@ -31,6 +31,8 @@ def shown(figure: Figure) -> str:
     """Value and interval."""
     if not figure.count:
         return "-"
+    if not np.isfinite(figure.low):
+        return f"{figure.value:.3g} (too few for an interval)"
     return f"{figure.value:.3g} ({figure.low:.2g} to {figure.high:.2g})"
 
 
@@ -38,11 +40,11 @@ def verdict(figure: Figure) -> str:
     """Whether a figure is what it must be, and whether its interval leaves that open."""
     if figure.met is None:
         return ""
-    if figure.met:
-        return "met"
     least = -np.inf if figure.least is None else figure.least
     most = np.inf if figure.most is None else figure.most
-    return "missed" if figure.high < least or figure.low > most else "missed, within its interval"
+    if figure.met:
+        return "met, shown" if least <= figure.low and figure.high <= most else "met, not shown"
+    return "missed, shown" if figure.high < least or figure.low > most else "missed, not shown"
 
 
 def figure_rows(found: Sequence[Figure]) -> Rows:
@@ -118,7 +120,7 @@ def outside_rows(outcomes: Sequence[Outcome]) -> Rows:
     outside = of(outcomes, arms.OUTSIDE_ARM)
     for kind, multiple in sorted({(o.kinds[0], o.multiple) for o in outside}):
         some = [o for o in outside if (o.kinds[0], o.multiple) == (kind, multiple)]
-        named = Counter(" + ".join(o.names) for o in some if o.verdict in ("named", "ambiguous"))
+        named = Counter(" + ".join(o.names) for o in some if o.said)
         rows.append(
             (
                 kind,
@@ -137,7 +139,7 @@ def left_out_rows(outcomes: Sequence[Outcome]) -> Rows:
     left = of(outcomes, arms.LEFT_OUT)
     for kind in sorted({o.kinds[0] for o in left}):
         some = [o for o in left if o.kinds[0] == kind]
-        named = Counter(" + ".join(o.names) for o in some if o.verdict in ("named", "ambiguous"))
+        named = Counter(" + ".join(o.names) for o in some if o.said)
         rows.append(
             (
                 kind,

@@ -16,7 +16,7 @@ from experiments.discovery.benchmark.draw import Hidden, draw_absorbed, draw_vis
 from experiments.discovery.benchmark.outcome import Bias, Found, Outcome
 from experiments.discovery.benchmark.outside import OUTSIDE
 from experiments.discovery.detectability import noncentrality
-from experiments.discovery.discovery import Discovery, discover, occurrence_of
+from experiments.discovery.discovery import AMBIGUOUS, NAMED, Discovery, discover, occurrence_of
 from experiments.discovery.laboratory import without_noise
 from experiments.effects import catalogue
 from experiments.effects.occurrence import Occurrence, injected
@@ -77,17 +77,21 @@ def carry_out(case: Case, run: int, seed: int, board: Board) -> Outcome:
         measured = _measured(trial, case, laboratory, board)
         if len(np.unique(measured.posture)) < LEAST_STANDING * len(board.plan.posture):
             return replace(known, failed=f"only {len(measured)} of {len(board.plan.posture)} postures stand")
+    except InputError as error:
+        return replace(known, failed=str(error))
+    effects = catalogue()
+    if case.arm == arms.LEFT_OUT:
+        effects = {k: v for k, v in effects.items() if k not in case.kinds}
+    try:
         found = discover(
             measured,
             board.rig.robot,
             int(discovering.generate_state(1)[0]),
-            {k: v for k, v in catalogue().items() if k not in case.kinds}
-            if case.arm == arms.LEFT_OUT
-            else None,
+            effects,
             hold_out=case.arm == arms.SINGLE,
         )
-    except InputError as error:
-        return replace(known, failed=str(error))
+    except InputError:
+        return replace(known, rows=len(measured), verdict="refused")
     return replace(known, rows=len(measured), **_judged(known, trial, found, case, board))
 
 
@@ -101,11 +105,11 @@ def _trial(case: Case, rng: np.random.Generator, board: Board) -> Trial:
         hidden = [draw_absorbed(board, kind, rng) for kind in case.kinds]
     else:
         hidden = [draw_visible(board, kind, case.multiple, rng) for kind in case.kinds]
-    own = case.kinds if case.arm == arms.LEFT_OUT else [h.label for h in hidden]
-    twins = tuple(board.twins(h.signal, own) if h.multiple else () for h in hidden)
+    own = [case.kinds if case.arm == arms.LEFT_OUT else [h.label] for h in hidden]
+    twins = tuple(board.twins(h.signal, o) if h.multiple else () for h, o in zip(hidden, own, strict=True))
     rig = injected(board.rig, [h.occurrence for h in hidden])
     multiple = min((h.multiple for h in hidden), default=0.0)
-    remainder = board.remainder(hidden[0].signal, own) if len(hidden) == 1 and multiple else 0.0
+    remainder = board.remainder(hidden[0].signal, own[0]) if len(hidden) == 1 and multiple else 0.0
     return Trial(rig, tuple(hidden), "", twins, multiple, remainder)
 
 
@@ -116,7 +120,7 @@ def _outside(case: Case, rng: np.random.Generator, board: Board) -> Trial:
     signal = board.signal(lambda rig: fault.inject(rig, number, fault.amplitude))
     wanted = case.multiple * float(np.sqrt(noncentrality(1, board.level)))
     size = sign * fault.amplitude * wanted / float(np.linalg.norm(signal))
-    size = abs(size) if fault.name == "cable-slack" else size
+    size = abs(size) if fault.positive else size
     label, signal = f"{fault.name}:{number}={size:.3g}", signal * (size / fault.amplitude)
     return Trial(
         fault.inject(board.rig, number, size),
@@ -168,7 +172,8 @@ def _judged(
         "unseen": bool(listed),
         "biased": listed[0].parameter if listed else 0,
         "held": held and (held.before["AFTC"], held.after["AFTC"], held.floor["AFTC"]),
-        "coverage": tuple(covered for h in trial.hidden for covered in _covered(found, h)),
+        "coverage": tuple(c for h in trial.hidden for c in _covered(found, h, of_time=False)),
+        "times": tuple(c for h in trial.hidden for c in _covered(found, h, of_time=True)),
         "bias": _bias(found, trial, board) if biased else None,
         "wall_s": found.wall_s,
     }
@@ -182,13 +187,16 @@ def _found(found: Discovery, k: int) -> Found:
     return Found(term.candidate.label, term.values, low, high, alike)
 
 
-def _covered(found: Discovery, hidden: Hidden) -> list[bool]:
-    """Whether the interval of each size of a correctly named effect holds the truth."""
-    out = []
+def _covered(found: Discovery, hidden: Hidden, of_time: bool) -> list[bool]:
+    """Whether the interval of each size, or time, of a correctly named effect holds the truth."""
+    effect, out = hidden.occurrence.effect, []
+    if found.verdict not in (NAMED, AMBIGUOUS):
+        return out
+    wanted = [k for k in range(len(effect.parameters)) if (k not in effect.sizes) == of_time]
     for k, term in enumerate(found.found.terms):
         if term.candidate.label == hidden.label:
             intervals = occurrence_of(term, found.found, k).intervals
-            pairs = [(intervals[at], hidden.occurrence.values[at]) for at in hidden.occurrence.effect.sizes]
+            pairs = [(intervals[at], hidden.occurrence.values[at]) for at in wanted]
             out += [interval[0] <= true <= interval[1] for interval, true in pairs if interval]
     return out
 
