@@ -101,7 +101,7 @@ class Hidden(BaseModel):
     name: str
     target: str | None
     parameter: int | None
-    bias_mm_per_prior_sd: float
+    bias_mm_per_prior_sd: float | None
 
 
 class Left(BaseModel):
@@ -119,7 +119,7 @@ class Repeats(BaseModel):
 class Check(BaseModel):
     postures: int
     tried: int
-    left_over_noise: float
+    left_over_noise: float | None
     reason: str | None
 
 

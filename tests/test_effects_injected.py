@@ -6,9 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from experiments.discovery.channels import residuals
 from experiments.discovery.laboratory import exact_rig, measured_plan, simulated
 from experiments.effects import catalogue
 from experiments.effects.injection import passed
+from experiments.effects.occurrence import Occurrence, freed, injected
 from experiments.effects.seen import see
 from experiments.scenario import DEFAULT_PLAN, Scenario
 from sim.errors import InputError
@@ -73,6 +75,20 @@ def test_what_an_effect_adds_is_no_part_of_the_true_robot(name, target, values, 
     changed = catalogue()[name].inject(noiseless, target, values)
     truth = Scenario(changed, few, 1, "ideal").true_base_parameters()
     assert truth == pytest.approx(nominal.value, abs=1e-12)
+
+
+def test_effects_are_undone_as_they_act_in_whatever_order_they_are_listed(noiseless, few, nominal):
+    """Else a sole's yielding would be taken from cells that are still exchanged."""
+    listed = [
+        Occurrence(catalogue()["swapped-cells"], "left", (1, 3)),
+        Occurrence(catalogue()["cell-gain"], "right.front_left", (0.1,)),
+        Occurrence(catalogue()["sole-compliance"], "", (4e-4,)),
+    ]
+    sole = listed[2:]
+    alone = residuals(freed(see(statically(injected(noiseless, sole), few), nominal), sole), nominal.value)
+    for order in (listed, listed[::-1]):
+        seen = see(statically(injected(noiseless, order), few), nominal)
+        assert residuals(freed(seen, order), nominal.value) == pytest.approx(alone, abs=1e-9)
 
 
 def test_the_truth_is_of_the_robot_that_stood_there_first(noiseless, few, nominal):

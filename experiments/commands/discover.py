@@ -18,7 +18,7 @@ from experiments.discovery.folder import write_discovery
 from experiments.discovery.story import story
 from experiments.run_folder import check_new
 from experiments.setting_up import at_least
-from experiments.terminal import ERR, console, print_json, print_table, progress
+from experiments.terminal import ERR, console, finite, print_json, print_table, progress
 from experiments.validate import identify
 from sim.measurements import read_measurements
 from sim.model import TULIP
@@ -65,14 +65,16 @@ def discover_command(
             check = check_in_dynamics(found, found.adopted, workers, advance)
     proposed = next_experiments(found)
     lines = story(found, proposed)
-    document = discovery_document(
-        found,
-        proposed,
-        lines,
-        out / "rig" if found.adopted else None,
-        before,
-        after,
-        None if check is None else check.document(),
+    document = finite(
+        discovery_document(
+            found,
+            proposed,
+            lines,
+            out / "rig" if found.adopted else None,
+            before,
+            after,
+            None if check is None else check.document(),
+        )
     )
     write_discovery(out, found, document, described, folder)
     if as_json:

@@ -55,7 +55,7 @@ def discovery_document(
                 "name": name,
                 "target": target or None,
                 "parameter": u.parameter or None,
-                "bias_mm_per_prior_sd": 1e3 * u.bias,
+                "bias_mm_per_prior_sd": 1e3 * u.bias if u.parameter else None,
             }
             for u in found.unseen
             for name, _, target in [u.label.partition(":")]

@@ -16,7 +16,7 @@ SPOKEN = {
 
 
 def spoken(parameter: Parameter, value: float, interval: tuple[float, float] | None = None) -> str:
-    """A value as text, with half its 95 % interval where there is one.
+    """A value as text, with the longer half of its 95 % interval where there is one.
 
     Args:
         value, interval: in the parameter's unit.
@@ -26,7 +26,8 @@ def spoken(parameter: Parameter, value: float, interval: tuple[float, float] | N
     factor, unit = SPOKEN.get(parameter.unit, (1.0, parameter.unit))
     if interval is None:
         return f"{factor * value:.3g} {unit}".strip()
-    half = factor * (interval[1] - interval[0]) / 2
+    # An interval that ends at zero is cut there.
+    half = factor * max(interval[1] - value, value - interval[0])
     digits = max(0, 1 - math.floor(math.log10(half))) if half > 0 else 3
     return f"{factor * value:.{digits}f} +- {half:.{digits}f} {unit}".strip()
 

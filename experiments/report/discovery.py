@@ -214,7 +214,7 @@ def _hidden(entries: list[dict[str, Any]]) -> Table:
         by_name.setdefault(entry["name"], []).append(entry)
     rows = []
     for name, of in by_name.items():
-        worst = max(of, key=lambda entry: entry["bias_mm_per_prior_sd"])
+        worst = max(of, key=lambda entry: entry["bias_mm_per_prior_sd"] or 0.0)
         cells = ("", "")
         if worst["parameter"] is not None:
             cells = (str(worst["parameter"]), f"{worst['bias_mm_per_prior_sd']:.2f}")
