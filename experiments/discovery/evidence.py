@@ -25,7 +25,6 @@ class Score:
 
     Attributes:
         candidate, point: which, at its best grid point.
-        columns: whitened and projected, (r + 1, s).
         sizes, covariance: posterior mean and covariance, (s,) and (s, s).
         gain: of chi-square by the best sizes.
         p: probability of as large a gain without the effect, of this candidate's best point alone.
@@ -35,7 +34,6 @@ class Score:
 
     candidate: Candidate
     point: int
-    columns: np.ndarray
     sizes: np.ndarray
     covariance: np.ndarray
     gain: float
@@ -96,7 +94,7 @@ def score(candidate: Candidate, points: list[np.ndarray], residual: np.ndarray) 
         logs.append(log if visible else -np.inf)
         if best is None or (visible, log) > (best.visible, best.log_bayes_factor):
             p = float(chi2.sf(gain, len(prior))) / (2 if positive.any() else 1) if gain > 0 else 1.0
-            best = Score(candidate, point, column, sizes, covariance, gain, p, log, visible)
+            best = Score(candidate, point, sizes, covariance, gain, p, log, visible)
     assert best is not None
     average = float(np.logaddexp.reduce(logs) - np.log(len(logs)))
     return replace(best, log_bayes_factor=average if best.visible else -np.inf)
@@ -111,8 +109,7 @@ def _score_of_presence(candidate: Candidate, points: list[np.ndarray], residual:
     gain = max(2 * float(logs[point]), 0.0)
     average = float(np.logaddexp.reduce(logs[seen]) - np.log(seen.sum())) if seen.any() else -np.inf
     p = float(chi2.sf(gain, 1)) / 2 if gain > 0 else 1.0
-    empty = np.zeros((len(residual), 0))
-    return Score(candidate, point, empty, np.zeros(0), np.zeros((0, 0)), gain, p, average, bool(seen.any()))
+    return Score(candidate, point, np.zeros(0), np.zeros((0, 0)), gain, p, average, bool(seen.any()))
 
 
 def scores(found: Field, residual: np.ndarray) -> list[Score]:

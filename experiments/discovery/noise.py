@@ -50,7 +50,7 @@ def noise_of(seen: Seen) -> Noise:
         encoder = encoder_by_closure(seen) or ASSUMED_ENCODER
         assumed.append("encoders (from the closure of the legs)")
     if cell is None:
-        cell = cell_by_twist(seen)
+        cell = cell_by_twist(seen) or ASSUMED_CELL
         assumed.append("cells (from the plates' twist)")
     if left is None:
         left = FREE_PLATE
@@ -68,8 +68,8 @@ def encoder_by_closure(seen: Seen) -> float | None:
     )
 
 
-def cell_by_twist(seen: Seen) -> float:
-    """S.d. of the cells' errors by what rigid plates cannot share among four cells [N].
+def cell_by_twist(seen: Seen) -> float | None:
+    """S.d. of the cells' errors by what rigid plates cannot share among four [N]; None: too few postures.
 
     A cell's zero, gain and drift are no noise: what goes with the load, its place and time is taken off.
     """
@@ -83,7 +83,7 @@ def cell_by_twist(seen: Seen) -> float:
         freedom += max(len(twist) - known.shape[1], 0)
     every = np.concatenate(left)
     if not freedom:
-        return ASSUMED_CELL
+        return None
     most = OUTLYING * median_abs_deviation(every, scale="normal")
     inside = every[np.abs(every) <= most]
     return float(np.sqrt((inside**2).mean() * len(every) / freedom) / 2)

@@ -48,7 +48,6 @@ class Explanation:
         gaps: by channel, before.
         alarm: probability of as strong an effect among noise alone, over all candidates.
         undetectable: candidates that these postures cannot show.
-        tests: how many independent tests the catalogue is worth here.
     """
 
     found: Fit
@@ -57,7 +56,6 @@ class Explanation:
     gaps: tuple[Gap, ...]
     alarm: float
     undetectable: tuple[Candidate, ...]
-    tests: float
 
 
 def gaps_of(seen: Seen, noise: Noise) -> tuple[Gap, ...]:
@@ -101,7 +99,7 @@ def explain(
         found = _forward(seen, noise, among, before, ranked, tests, through_laboratory, progress)
     rivals = tuple(_alternatives(seen, noise, among, found, k) for k in range(len(found.terms)))
     progress(1)
-    return Explanation(found, before, rivals, gaps, alarm, undetectable, tests)
+    return Explanation(found, before, rivals, gaps, alarm, undetectable)
 
 
 def _forward(
