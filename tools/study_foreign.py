@@ -105,8 +105,10 @@ def one(seed: int, number: int) -> dict[str, Any] | None:
     return {"number": number, "unsaid": unsaid, "hidden": hidden and hidden.document(), "found": document}
 
 
-def label(effect: dict[str, Any]) -> tuple[str, str | None]:
-    return effect["name"], effect["target"]
+def label(effect: dict[str, Any]) -> tuple[str, str | None, tuple[float, ...]]:
+    """Name and target; of exchanged cells which."""
+    chosen = [p["value"] for p in effect["parameters"]] if effect["name"] == "swapped-cells" else []
+    return effect["name"], effect["target"], tuple(sorted(chosen))
 
 
 def right(case: dict[str, Any]) -> bool:
@@ -114,7 +116,8 @@ def right(case: dict[str, Any]) -> bool:
 
 
 def in_set(case: dict[str, Any]) -> bool:
-    return label(case["hidden"]) in [label(c) for c in case["found"]["candidates"]]
+    among = [label(c) for c in case["found"]["candidates"]]
+    return case["found"]["verdict"] != "unknown" and label(case["hidden"]) in among
 
 
 def intervals(cases: Sequence[dict[str, Any]]) -> list[bool]:
