@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from experiments.description import described_robot
-from experiments.effects.hidden import check_laboratory, read_effects
+from experiments.effects.hidden import RANDOM, check_laboratory, read_effects
+from experiments.effects.injection import check_built
 from experiments.effects.occurrence import Occurrence, check_occurrence, injected
 from experiments.rig_folder import RIG_FILE, read_rig
 from experiments.run_folder import check_new
@@ -18,12 +19,12 @@ from identification.base_parameters import BaseParameters, base_parameters, comm
 from identification.postures import random_postures
 from identification.rank import labels, require_told_apart
 from identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
-from sim.errors import InputError
+from sim.errors import InputError, shortened
 from sim.measurements import PosturePlan, read_plan
 from sim.model import Robot, load_model, load_robot, sha256
 from sim.plates import plate_geometry
 from sim.record import check_support
-from sim.rig import preset_rig
+from sim.rig import Rig, preset_rig
 from sim.scene import load_scene
 from sim.scene_check import check_scene
 
@@ -64,8 +65,25 @@ def read_scenario(
     for found in adopted:
         check_laboratory(found, statics, f"--rig {rig}")
     hidden = read_effects(effects, described, placements, seed, statics)
+    for text, found in zip(effects, hidden, strict=True):
+        _check_built(nominal, found, text)
     changed = injected(injected(nominal, adopted), hidden)
     return Scenario(changed, made, seed, preset, adopted, hidden, statics)
+
+
+def _check_built(rig: Rig, found: Occurrence, text: str) -> None:
+    """Refuse an effect with which there is no robot: more taken from a link than its mass.
+
+    Raises:
+        InputError: names the effect (not its size, where it was drawn).
+    """
+    try:
+        check_built(injected(rig, [found]))
+    except InputError as error:
+        raise InputError(
+            f"--effect {shortened(text)}: found a laboratory that cannot be built, expected one that can: "
+            f"{'give another --seed' if text == RANDOM else error}"
+        ) from None
 
 
 def adopted_effects(rig: Path | None, robot: Robot, placements: Sequence[int]) -> tuple[Occurrence, ...]:

@@ -80,6 +80,13 @@ def test_a_plan_is_no_measurement_folder_and_the_other_way_round(wii, tmp_path, 
     assert "found a measurement folder (manifest.json), expected a plan folder" in refused(
         capsys, "postures", tmp_path / "data"
     )
+    run = tmp_path / "run"
+    write_measurements(run / "measurements", wii.experiment.measurements)
+    (run / "run.json").write_text("{}")
+    message = refused(capsys, "check", run)
+    assert "found a run folder (run.json), expected a measurement folder (manifest.json); there is" in message
+    assert f"one in it: {run}" in message
+    assert "found a file, expected a measurement folder" in refused(capsys, "check", run / "run.json")
 
 
 @pytest.mark.parametrize("option", ["--placements", "--per-placement", "--seed"])

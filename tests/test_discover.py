@@ -12,7 +12,7 @@ import pytest
 from experiments.cli import main
 from experiments.discovery.candidates import candidates
 from experiments.discovery.channels import fields, packed, residuals, sensitivity, unpacked
-from experiments.discovery.discovery import discover
+from experiments.discovery.discovery import _verdict, discover
 from experiments.discovery.document import next_experiments
 from experiments.discovery.evidence import field, scores
 from experiments.discovery.fit import Term, fit
@@ -27,6 +27,7 @@ from sim.measurements import read_measurements, write_measurements
 from sim.prepared import prepare
 from sim.rig import preset_rig
 from sim.static_laboratory import run_static
+from tools.study import rows_of
 
 SEED = 7001  # no development seed
 
@@ -209,6 +210,26 @@ def test_a_hidden_effect_is_named_sized_and_predicts(robot, plan, preset, name, 
     middle, half = (low + high) / 2, (high - low) / 2
     assert abs(value - middle) < 1.5 * half  # five cases at once: 1.5 half widths is 99.7 %
     assert after(found)["AFTC"] < min(1.1, before(found)["AFTC"])
+    assert found.heldout is not None
+    worse = dataclasses.replace(found.heldout, after=after(found) | {"AFTC": 1.2})
+    assert _verdict(found.explanation, found.found, found.rivals, found.left[0], worse) == "unknown"
+
+
+def test_without_times_a_lost_posture_may_mean_a_foot_put_down_anew(robot, plan, nominal):
+    m = measured(robot, plan.take(plan.placement <= 2), "ideal")
+    kept = rows_of(m, (m.posture != 3) & ~np.isin(np.arange(len(m)), _repeats(m)))
+    timed, timeless = (see(one, nominal).stance for one in (kept, _timeless(kept)))
+    assert timed.tolist() == timeless.tolist()
+    assert len(np.unique(timeless)) == 3
+
+
+def _repeats(m):
+    first = np.unique(m.posture, return_index=True)[1]
+    return np.setdiff1d(np.arange(len(m)), first)
+
+
+def _timeless(m):
+    return dataclasses.replace(m, time=np.full(len(m), np.nan))
 
 
 def test_a_knee_that_yields_by_degrees_is_sized_through_the_laboratory(robot, plan):
@@ -336,6 +357,14 @@ def as_csv(source, folder):
     manifest["tables"] = None
     (folder / "manifest.json").write_text(json.dumps(manifest))
     return folder
+
+
+def test_kilograms_are_no_missing_effect(robot, plan, tmp_path, capsys):
+    m = measured(robot, plan.take(plan.placement <= 6), "wii")
+    write_measurements(tmp_path / "kg", dataclasses.replace(m, cell_forces=m.cell_forces / 9.81))
+    assert main(["discover", str(tmp_path / "kg"), "--out", str(tmp_path / "run")]) == 2
+    assert "kilograms?; expected rad, m, N, kg, s" in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "run").exists()
 
 
 def test_too_few_placements_are_refused(robot, plan, tmp_path, capsys):

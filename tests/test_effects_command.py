@@ -88,6 +88,19 @@ def test_a_hidden_effect_leaves_the_noise_and_the_folder_as_they_are(tmp_path):
     assert truth["configuration"]["statics"] is True
 
 
+def test_what_is_far_beyond_plausible_is_doubted(tmp_path, capsys):
+    simulated(tmp_path / "data", "--effect", "encoder-offset:right_knee=0.5")
+    warned = " ".join(capsys.readouterr().err.split())
+    assert "encoder-offset:right_knee: offset 0.5 rad (28.6 deg) is 29 times what is plausible" in warned
+
+
+def test_who_takes_more_than_there_is_is_named(tmp_path, capsys):
+    text = "payload-step:torso=-20,0.5"
+    message = refused(capsys, "simulate", "--out", tmp_path / "data", "--effect", text)
+    assert f"--effect {text}: found a laboratory that cannot be built" in message
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_several_effects(tmp_path):
     more = ("--effect", OFFSET, "--effect", "cell-gain:left.front_left=0.05", "--truth", tmp_path / "t.json")
     simulated(tmp_path / "data", *more)

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from experiments.commands.options import CORES, Json, RobotFile, Workers
 from experiments.description import described_robot
-from experiments.discovery.discovery import NAMED, Discovery, discover
+from experiments.discovery.discovery import Discovery, discover
 from experiments.discovery.document import discovery_document, next_experiments
 from experiments.discovery.dynamics_check import PLACEMENTS, check_in_dynamics
 from experiments.discovery.folder import write_discovery
@@ -20,13 +20,20 @@ from experiments.run_folder import check_new
 from experiments.setting_up import at_least
 from experiments.terminal import ERR, console, finite, print_json, print_table, progress
 from experiments.validate import identify
-from sim.measurements import read_measurements
-from sim.model import TULIP
+from identification.nominal import nominal_robot
+from identification.preflight.units import units
+from sim.errors import InputError
+from sim.measurements import Measurements, read_measurements
+from sim.model import TULIP, Robot
 
 STAGES = 4
 NEW = Annotated[Path | None, tyro.conf.arg(help="run folder to write; runs/discover-DATE-TIME if not given")]
 NoCheck = Annotated[
-    bool, tyro.conf.arg(help="do not simulate the adopted model in full dynamics (saves up to two minutes)")
+    bool,
+    tyro.conf.arg(
+        help="do not simulate adopted physics in full dynamics (saves up to two minutes; what instruments "
+        "misread is not simulated: predictions undo it exactly)"
+    ),
 ]
 
 
@@ -53,6 +60,7 @@ def discover_command(
     check_new(out)
     described = described_robot(robot)
     measurements = read_measurements(folder)
+    _check_units(measurements, described, folder)
     before = identify(measurements, described, str(folder))  # says what does not fit, before the work
     with progress("looking for what is missing", STAGES) as advance:
         found = discover(measurements, described, seed, progress=advance)
@@ -60,7 +68,7 @@ def discover_command(
     if found.adopted:
         after = identify(measurements, described, str(folder), adopted=found.adopted)
     check = None
-    if found.verdict == NAMED and not no_check:
+    if not no_check and any(not one.effect.misreads for one in found.adopted):
         with progress("the adopted model in full dynamics", 2 * PLACEMENTS * 5) as advance:
             check = check_in_dynamics(found, found.adopted, workers, advance)
     proposed = next_experiments(found)
@@ -76,13 +84,25 @@ def discover_command(
             None if check is None else check.document(),
         )
     )
-    write_discovery(out, found, document, described, folder)
+    asked = {"measurements": str(folder), "robot": described.path.name, "seed": seed, "no_check": no_check}
+    write_discovery(out, found, document, described, asked)
     if as_json:
         print_json(document)
         return 0
     _show(found, document, lines)
     ERR.print(f"Run folder: {out}")
     return 0
+
+
+def _check_units(measurements: Measurements, robot: Robot, folder: Path) -> None:
+    """Kilograms for newtons are no physical effect.
+
+    Raises:
+        InputError: what the preflight says of the units.
+    """
+    found = units(measurements, nominal_robot(robot))
+    if found.result == "fail":
+        raise InputError(f"{folder}: found {found.seen}; expected {found.expected} (`tulip check` says more)")
 
 
 def _show(found: Discovery, document: dict, lines: list[str]) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import tyro
 
 from experiments.commands.options import CORES, Json, Plan, Preset, RigFolder, RobotFile, Seed, Workers
-from experiments.effects.hidden import RANDOM
+from experiments.effects.hidden import RANDOM, doubts
 from experiments.run_folder import check_new, write_experiment
 from experiments.scenario import DEFAULT_SEED, Scenario
 from experiments.setting_up import read_scenario, tries
@@ -66,6 +66,9 @@ def simulate_command(
     if secret and truth is None:
         raise InputError("--effect random: found no --truth FILE, expected one: nothing else would know it")
     scenario = read_scenario(plan, preset, seed, robot, workers, rig, effect, statics)
+    if not secret:
+        for doubt in (text for found in scenario.hidden for text in doubts(found)):
+            ERR.print(f"tulip: warning: {doubt}", markup=False, highlight=False, soft_wrap=True)
     try:
         experiment = _experiment(scenario, workers)
     except InputError:

@@ -32,6 +32,7 @@ from sim.rig import preset_rig
 
 NAMED, AMBIGUOUS, UNKNOWN, NONE = "named", "ambiguous", "unknown", "none"
 CLOSED = 0.95  # part of a gap whose explanation is kept although a pattern is left of it
+PREDICTS = 1.1  # times the noise on held-out placements: an explanation that leaves more is none
 QUANTILE = 1.959964
 TOLD_PATTERNS = 5
 TIME_GAIN = 3.84  # chi-square with one degree of freedom, 95 %
@@ -133,9 +134,9 @@ def discover(
         rivals = tuple(alike(r, t) for r, t in zip(explanation.rivals, found.terms, strict=True))
     progress(1)
     left = patterns(found.linear, found.residual, found.columns)
-    verdict = _verdict(explanation, found, rivals, left[0])
-    adopted = tuple(occurrence_of(term, found, k) for k, term in enumerate(found.terms))
     heldout = held_out(seen, noise, found.terms, bend) if hold_out else None
+    verdict = _verdict(explanation, found, rivals, left[0], heldout)
+    adopted = tuple(occurrence_of(term, found, k) for k, term in enumerate(found.terms))
     progress(1)
     before = patterns(explanation.before.linear, explanation.before.residual, explanation.before.columns)
     clearest = left[0] if verdict == UNKNOWN and found.terms else before[0]
@@ -162,7 +163,11 @@ def _support(measurements: Measurements) -> str:
 
 
 def _verdict(
-    explanation: Explanation, found: Fit, rivals: tuple[tuple[Rival, ...], ...], left: Pattern
+    explanation: Explanation,
+    found: Fit,
+    rivals: tuple[tuple[Rival, ...], ...],
+    left: Pattern,
+    heldout: HeldOut | None,
 ) -> str:
     if not found.terms:
         gap = explanation.alarm < LEVEL or min(g.p for g in explanation.gaps) < LEVEL / len(explanation.gaps)
@@ -170,6 +175,8 @@ def _verdict(
     explained = explanation.before.chi_square - found.chi_square
     unexplained = left.gain if left.p < LEVEL else 0.0
     if explained < CLOSED * (explained + unexplained) or crowded(found):
+        return UNKNOWN
+    if heldout is not None and heldout.after["AFTC"] > max(PREDICTS, heldout.floor["AFTC"]):
         return UNKNOWN
     return AMBIGUOUS if any(len(alternatives) > 1 for alternatives in rivals) else NAMED
 

@@ -21,7 +21,7 @@ PARTS = (
 
 
 def write_discovery(
-    folder: Path, found: Discovery, document: dict[str, Any], robot: Robot, source: Path
+    folder: Path, found: Discovery, document: dict[str, Any], robot: Robot, configuration: dict[str, Any]
 ) -> None:
     """Write discovery.json, story.txt, the residuals before and after, the measurements, the rig.
 
@@ -44,7 +44,7 @@ def write_discovery(
                 "format": "tulip-run",
                 "version": 1,
                 "command": "discover",
-                "configuration": {"measurements": str(source), "robot": robot.path.name},
+                "configuration": configuration,
                 "software": software(),
                 "inputs": {path.name: sha256(path) for path in robot.files},
                 "outputs": {str(path.relative_to(working)): sha256(path) for path in outputs},

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from experiments.discovery.discovery import AMBIGUOUS, NAMED, NONE, Discovery, crowded, occurrence_of
 from experiments.discovery.proposals import Proposal
+from experiments.discovery.ranking import Rival
 from experiments.discovery.steps import LEVEL
-from experiments.effects.wording import told
+from experiments.effects.wording import spoken, told
 
 MANY = 2  # effects, that are often there at once
+LARGE = 5.0  # prior s.d.: beyond, predictions were not tested
 PLACES = {
     "A": "the centre of pressure",
     "F": "the sum of the cells",
@@ -40,12 +44,38 @@ def story(found: Discovery, next_experiment: list[Proposal]) -> list[str]:
             f"{len(found.adopted)} effects at once are rare; one fault that the catalogue lacks, such as "
             "an axis that is askew, can look like several. Look for a common cause."
         )
+    lines += _large(found)
+    if found.verdict == AMBIGUOUS and not next_experiment:
+        lines.append(
+            "Nothing that could be done with the placements would tell them apart by these channels: "
+            "measure what is in question itself."
+        )
     lines += [f"To tell them apart: {p.words} ({p.gain:.3g} times the separation)" for p in next_experiment]
     if found.noise.assumed:
-        lines.append(f"Noise not as the data sheets say: {'; '.join(found.noise.assumed)}.")
+        lines.append(f"Noise that is not a data sheet's: {'; '.join(found.noise.assumed)}.")
     if found.repeats.pairs == 0:
-        lines.append("No posture was repeated: the stated noise is believed, nothing checks it.")
+        lines.append("No posture was repeated in one set-up: nothing checks the stated noise.")
+    if found.verdict != NONE and (names := _unseen(found)):
+        lines.append(f"Whatever it is, these postures cannot show: {names}.")
     return lines
+
+
+def _large(found: Discovery) -> list[str]:
+    """Sizes that nobody expects, and what that means for them."""
+    if found.verdict not in (NAMED, AMBIGUOUS):
+        return []
+    out = []
+    for term in found.found.terms:
+        effect = term.candidate.effect
+        for parameter, value in zip(effect.parameters, term.values, strict=True):
+            if parameter.prior and abs(value) > LARGE * parameter.prior:
+                times = abs(value) / parameter.prior
+                out.append(
+                    f"{term.candidate.label}: {spoken(parameter, value)} is {times:.0f} times what is "
+                    f"plausible ({spoken(parameter, parameter.prior)}). Predictions are not tested there, "
+                    "the interval may be too narrow: mend it and measure again."
+                )
+    return out
 
 
 def _headline(found: Discovery) -> str:
@@ -68,8 +98,13 @@ def _headline(found: Discovery) -> str:
     return f"There is a gap that no effect of the catalogue closes: {found.where}.{closest}"
 
 
-def _labels(rivals) -> str:
-    return ", ".join(f"{r.label} (ln BF {r.log_bayes_factor:.1f})" for r in rivals)
+def _labels(rivals: Sequence[Rival]) -> str:
+    return ", ".join(f"{r.label} ({_values(r)}; ln BF {r.log_bayes_factor:.1f})" for r in rivals)
+
+
+def _values(rival: Rival) -> str:
+    parameters = rival.term.candidate.effect.parameters
+    return ", ".join(spoken(p, value) for p, value in zip(parameters, rival.term.values, strict=True))
 
 
 def _seen_in(found: Discovery) -> list[str]:
@@ -90,6 +125,14 @@ def _seen_in(found: Discovery) -> list[str]:
 
 
 def _sensitivity(found: Discovery) -> str:
-    names = sorted({u.label.split(":")[0] for u in found.unseen})
-    hidden = f" These postures cannot show: {', '.join(names)}." if names else ""
-    return f"{len(found.seen)} postures, {len(np.unique(found.seen.stance))} stances.{hidden}"
+    names = _unseen(found)
+    hidden = f" These postures cannot show: {names}." if names else ""
+    m = found.seen.measurements
+    return (
+        f"{len(np.unique(m.posture))} postures in {len(np.unique(found.seen.stance))} set-ups of the feet, "
+        f"{len(m)} readings.{hidden}"
+    )
+
+
+def _unseen(found: Discovery) -> str:
+    return ", ".join(sorted({u.label.split(":")[0] for u in found.unseen}))

@@ -9,10 +9,12 @@ import numpy as np
 from experiments.effects import catalogue
 from experiments.effects.effect import Effect, Parameter
 from experiments.effects.occurrence import Occurrence, check_occurrence
+from experiments.effects.wording import spoken
 from sim.errors import InputError, listed, look_up, shortened
 from sim.model import Robot
 
 RANDOM = "random"
+DOUBTFUL = 10.0  # prior s.d.
 
 
 def usage(effect: Effect) -> str:
@@ -104,6 +106,17 @@ def read_effects(
             found.append(read_effect(text, robot, placements))
             check_laboratory(found[-1], statics, f"--effect {shortened(text)}")
     return tuple(found)
+
+
+def doubts(found: Occurrence) -> list[str]:
+    """What is far beyond plausible: most often another unit was meant."""
+    label = f"{found.effect.name}:{found.target}" if found.target else found.effect.name
+    return [
+        f"{label}: {p.name} {value:g} {p.unit} ({spoken(p, value)}) is {abs(value) / p.prior:.0f} times what "
+        f"is plausible ({p.prior:.3g} {p.unit}); values are in SI units"
+        for p, value in zip(found.effect.parameters, found.values, strict=True)
+        if p.prior and abs(value) > DOUBTFUL * p.prior
+    ]
 
 
 def check_laboratory(found: Occurrence, statics: bool, where: str) -> None:

@@ -9,7 +9,9 @@ import mujoco
 import numpy as np
 
 from sim.measurements import Measurements
-from sim.rig import Rig
+from sim.model import compile_spec
+from sim.rig import Rig, stages
+from sim.scene import laboratory_scene
 
 STARTS = tuple(k / 10 for k in range(1, 10))  # parts of the experiment's time that a search tries
 
@@ -52,6 +54,16 @@ def _edited(rig: Rig, edit: Callable[[mujoco.MjSpec], None]) -> Rig:
         edit(spec)
 
     return replace(rig, edit=both)
+
+
+def check_built(rig: Rig) -> None:
+    """Refuse a laboratory that MuJoCo cannot build: nobody takes more from a link than its mass.
+
+    Raises:
+        InputError: what the compiler says.
+    """
+    for _, stage in stages(rig):
+        compile_spec(laboratory_scene(stage, np.zeros((2, 3))), str(rig.robot.path))
 
 
 def column(names: tuple[str, ...], name: str, size: int) -> np.ndarray:

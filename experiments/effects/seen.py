@@ -81,14 +81,16 @@ class Seen:
         """Number of the stance: postures between which the feet stay where they are, (m,).
 
         A new placement begins one; so does a gap in time, in which a posture was lost and the robot
-        may have been put down anew.
+        may have been put down anew. Without times the postures' numbers tell what was lost.
         """
         placement, time = self.measurements.placement, self.measurements.time
-        order = np.lexsort((time, placement))
-        gap, same = np.diff(time[order]), placement[order][1:] == placement[order][:-1]
-        long = gap > LONG_GAP * np.median(gap[same]) if same.any() else np.zeros(len(gap), bool)
+        timed = np.isfinite(time).all()
+        clock = time if timed else self.measurements.posture.astype(float)
+        order = np.lexsort((time if timed else np.arange(len(time)), placement))
+        gap, same = np.diff(clock[order]), placement[order][1:] == placement[order][:-1]
+        usual = np.median(gap[same]) if same.any() else 0.0
         number = np.empty(len(time), int)
-        number[order] = np.append(0, np.cumsum(~same | long))
+        number[order] = np.append(0, np.cumsum(~same | (gap > LONG_GAP * usual) | (gap < 0)))
         return number
 
     @cached_property

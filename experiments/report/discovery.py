@@ -57,7 +57,8 @@ def discovery_page(run: SavedDiscovery) -> Page:
     measured = run.measurements
     facts = (
         ("measurements", str(run.document["configuration"]["measurements"])),
-        ("postures", str(len(measured))),
+        ("postures", str(len(np.unique(measured.posture)))),
+        ("readings", str(len(measured))),
         ("placements", str(len(np.unique(measured.placement)))),
         ("repeated pairs", str(report["repeats"]["pairs"])),
         ("search, s", f"{report['wall_s']:.1f}"),
@@ -73,7 +74,7 @@ def gap_table(gap: dict[str, Any]) -> Table:
     rows = []
     for channel, name in CHANNEL_NAMES.items():
         if entry := gap.get(channel):
-            unit = " [mm, r.m.s.]" if channel == "heldout_rms_mm" else ""
+            unit = " [mm, r.m.s. per axis; last: the noise]" if channel == "heldout_rms_mm" else ""
             figures = (
                 number(f"gap.{channel}.{key}", entry[key], ".2f") for key in ("before", "after", "floor")
             )
@@ -215,7 +216,7 @@ def _hidden(entries: list[dict[str, Any]]) -> Table:
     rows = []
     for name, of in by_name.items():
         worst = max(of, key=lambda entry: entry["bias_mm_per_prior_sd"] or 0.0)
-        cells = ("", "")
+        cells = ("not predicted", "")
         if worst["parameter"] is not None:
             cells = (str(worst["parameter"]), f"{worst['bias_mm_per_prior_sd']:.2f}")
         targets = ", ".join(entry["target"] for entry in of if entry["target"])

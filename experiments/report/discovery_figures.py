@@ -97,9 +97,10 @@ def plane_figure(side: str, x: np.ndarray, y: np.ndarray, sd: float, reach: floa
     drawn.update_layout(showlegend=False)
     drawn.update_xaxes(range=[reach, -reach], title="y, mm", constrain="domain")
     drawn.update_yaxes(range=[-reach, reach], title="x, mm", scaleanchor="x", constrain="domain")
-    rms = float(np.sqrt(np.mean(x**2 + y**2)))
-    text = f"Centre of pressure minus estimated centre of mass of every posture, {side}: r.m.s. {rms:.2f} mm."
-    caption = f"{side.capitalize()}: CoP minus estimated CoM (eq. 12); r.m.s. {rms:.2f} mm"
+    rms = float(np.sqrt(np.mean((x**2 + y**2) / 2)))
+    size = f"r.m.s. per axis {rms:.2f} mm"
+    text = f"Centre of pressure minus estimated centre of mass of every posture, {side}: {size}."
+    caption = f"{side.capitalize()}: CoP minus estimated CoM (eq. 12), all placements; {size}"
     return replace(figure(f"plane-{side}", caption, text, drawn, 340), small=True)
 
 

@@ -9,11 +9,10 @@ import numpy as np
 from experiments.discovery.benchmark.board import Board
 from experiments.discovery.candidates import Candidate
 from experiments.discovery.evidence import VISIBLE
+from experiments.effects.injection import check_built
 from experiments.effects.occurrence import Occurrence, injected
 from sim.errors import InputError
-from sim.model import compile_spec
-from sim.rig import Rig, stages
-from sim.scene import laboratory_scene
+from sim.rig import Rig
 
 MOST_PRIORS = 8.0  # s.d.: no larger effect is hidden
 TRIES = 1000
@@ -103,10 +102,8 @@ def draw_visible(board: Board, kind: str, multiple: float, rng: np.random.Genera
 
 
 def _can_be_built(rig: Rig, hidden: Hidden) -> bool:
-    """Whether there is such a robot: nobody takes more from a link than its mass."""
     try:
-        for _, stage in stages(injected(rig, [hidden.occurrence])):
-            compile_spec(laboratory_scene(stage, np.zeros((2, 3))), str(rig.robot.path))
+        check_built(injected(rig, [hidden.occurrence]))
     except InputError:
         return False
     return True
