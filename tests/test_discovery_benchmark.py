@@ -221,7 +221,8 @@ def test_scores_of_what_is_left_out_outside_and_several():
 def test_files_and_documents():
     single = made("named", "tilt", coverage=(True,), held=(2.0, 1.0, 1.1), bias=Bias(3.0, 1.0, 0.2))
     assert outcome(json.loads(json.dumps(single.document()))) == single
-    written = files([single, made("none", hidden=(), arm=arms.NULL)])
+    written = files([single, made("none", hidden=(), arm=arms.NULL)], "2 cases")
+    assert written["report.md"].startswith("2 cases\n")
     assert (
         "| right name first, isolable, from 2 MDE on | 1 (0.025 to 1) | 1 | at least 0.95 | met, not shown |"
         in written["report.md"]

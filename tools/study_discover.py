@@ -33,7 +33,7 @@ def main() -> None:
         folder = arguments.out / preset
         settings = Settings(preset, arguments.seed + number, arguments.size)
         outcomes = benchmark(settings, folder, arguments.workers)
-        for name, text in files(outcomes).items():
+        for name, text in files(outcomes, f"{len(outcomes)} cases, {settings}").items():
             write_bytes(folder / name, text.encode())
         spent = sum(o.wall_s for o in outcomes)
         parts.append(

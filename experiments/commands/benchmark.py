@@ -20,7 +20,7 @@ from experiments.terminal import ERR, console, print_json, print_table, printabl
 from sim.errors import InputError
 from sim.files import write_bytes
 
-Size = Annotated[float, tyro.conf.arg(metavar="SCALE", help="of every arm; 1 is the full size, hours")]
+Size = Annotated[float, tyro.conf.arg(metavar="SCALE", help="of every arm; 1 is the full size, hours; every kind has some case, 120 in all at least")]
 Noisy = Literal["wii", "force-plate"]
 What = Annotated[Literal["discover"], tyro.conf.Positional]
 
@@ -55,7 +55,8 @@ def benchmark_command(
     except Interrupted as stopped:
         ERR.print(printable(f"tulip: {stopped}"), markup=False, highlight=False, soft_wrap=True)
         outcomes, code = so_far(out), 130
-    for name, text in files(outcomes).items():
+    heading = f"{len(outcomes)} cases, preset {preset}, seed {seed}, size {size:g}{', stopped' if code else ''}"
+    for name, text in files(outcomes, heading).items():
         write_bytes(out / name, text.encode())
     if as_json:
         print_json(report_document(outcomes) | {"wall_s": time.perf_counter() - began})

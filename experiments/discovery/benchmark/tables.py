@@ -191,7 +191,7 @@ def report_text(outcomes: Sequence[Outcome]) -> str:
     )
 
 
-def files(outcomes: Sequence[Outcome]) -> dict[str, str]:
+def files(outcomes: Sequence[Outcome], heading: str) -> dict[str, str]:
     """Names and contents of what is written beside the cases."""
     counted = sorted(confusion([o for o in outcomes if not o.dynamics]).items())
     cases = [
@@ -209,7 +209,7 @@ def files(outcomes: Sequence[Outcome]) -> dict[str, str]:
         for o in outcomes
     ]
     return {
-        "report.md": report_text(outcomes) + "\n",
+        "report.md": f"{heading}\n\n{report_text(outcomes)}\n",
         "power.csv": csv_text(power_rows([o for o in outcomes if not o.dynamics])),
         "confusion.csv": csv_text(
             [("hidden", "mde", "verdict", "named_first", "cases"), *((*key, count) for key, count in counted)]
