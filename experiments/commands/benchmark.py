@@ -20,7 +20,10 @@ from experiments.terminal import ERR, console, print_json, print_table, printabl
 from sim.errors import InputError
 from sim.files import write_bytes
 
-Size = Annotated[float, tyro.conf.arg(metavar="SCALE", help="of every arm; 1 is the full size, hours; every kind has some case, 120 in all at least")]
+Size = Annotated[
+    float,
+    tyro.conf.arg(metavar="SCALE", help="of every arm; 1 is the full size, hours; at least some 120 cases"),
+]
 Noisy = Literal["wii", "force-plate"]
 What = Annotated[Literal["discover"], tyro.conf.Positional]
 
@@ -52,10 +55,11 @@ def benchmark_command(
     code = 0
     try:
         outcomes = benchmark(Settings(preset, seed, size), out, workers)
-    except Interrupted as stopped:
-        ERR.print(printable(f"tulip: {stopped}"), markup=False, highlight=False, soft_wrap=True)
+    except Interrupted as error:
+        ERR.print(printable(f"tulip: {error}"), markup=False, highlight=False, soft_wrap=True)
         outcomes, code = so_far(out), 130
-    heading = f"{len(outcomes)} cases, preset {preset}, seed {seed}, size {size:g}{', stopped' if code else ''}"
+    stopped = ", stopped" if code else ""
+    heading = f"{len(outcomes)} cases, preset {preset}, seed {seed}, size {size:g}{stopped}"
     for name, text in files(outcomes, heading).items():
         write_bytes(out / name, text.encode())
     if as_json:
