@@ -59,6 +59,13 @@ DYNAMICS = {
 }
 
 
+# Not among them: a length, which changes base parameters too, and two placements cannot tell; play in an
+# ankle, whose load it takes away itself: cosine 0.89, 1.00 and (here) 0.74, slope 0.71: no narrow bound holds.
+LEFT_OUT = ("link-length:right_lower_leg", "link-length:left_hip", "backlash:left_ankle_roll")
+SLOWLY = {k: v for k, v in PHYSICS.items() if k not in DYNAMICS and k not in LEFT_OUT}
+SLOWLY["backlash:left_hip_pitch"] = ((0.005,), 0.9)  # friction decides where in its play a joint rests
+
+
 @pytest.fixture(scope="module")
 def plain(noiseless, two) -> Measurements:
     return statically(noiseless, two)
@@ -156,12 +163,12 @@ def test_predict_undoes_any_misreading(text, data, noiseless, robot, base, nomin
         assert getattr(cleaned, name) == pytest.approx(getattr(base, name), abs=1e-9)
 
 
-@pytest.mark.parametrize("text", DYNAMICS)
+@pytest.mark.parametrize("text", [*DYNAMICS, *(pytest.param(t, marks=pytest.mark.slow) for t in SLOWLY)])
 def test_predict_points_where_the_full_dynamics_goes(text, noiseless, two, moved, nominal):
     effect, target = split(text)
-    values, least = DYNAMICS[text]
+    values, least = (DYNAMICS | SLOWLY)[text]
     found = run_experiment(effect.inject(noiseless, target, values), two, SEED).measurements
-    assert len(found) >= len(moved.measurements) - 2
+    assert len(found) >= len(moved.measurements) - (2 if text in DYNAMICS else 4)
     # Two placements have fewer equations than base parameters.
     cosine, slope = agreement(
         *changes(nominal, moved.measurements, found, effect, target, values, absorbed=False)
