@@ -60,7 +60,7 @@ DYNAMICS = {
 
 
 # Not among them: a length, which changes base parameters too, and two placements cannot tell; play in an
-# ankle, whose load it takes away itself: cosine 0.89, 1.00 and (here) 0.74, slope 0.71: no narrow bound holds.
+# ankle, whose load it takes away itself: cosine 0.89, 1.00 and (here) 0.74, slope 0.71: no close bound.
 LEFT_OUT = ("link-length:right_lower_leg", "link-length:left_hip", "backlash:left_ankle_roll")
 SLOWLY = {k: v for k, v in PHYSICS.items() if k not in DYNAMICS and k not in LEFT_OUT}
 SLOWLY["backlash:left_hip_pitch"] = ((0.005,), 0.9)  # friction decides where in its play a joint rests
