@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from experiments.discovery.channels import ANCHORED, ROWS, residuals
+from experiments.effects import catalogue
 from experiments.effects.seen import see
 from sim.measurements import Measurements
 from sim.prepared import prepare
+from sim.rig import preset_rig
 from sim.static_laboratory import run_static
 
 SEED = 103  # bounds were set on seed 1
+DISCOVERY_SEED = 7001  # no development seed
 # What a millimetre, a newton and a milliradian are worth to each other.
 UNIT = np.array([1e-3, 1e-3, 1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3])
 
@@ -22,6 +25,14 @@ def first(plan, count):
 
 def statically(rig, plan) -> Measurements:
     return run_static(prepare(rig, plan), [np.random.SeedSequence(1101)])[0].measurements
+
+
+def measured(robot, plan, preset, *hidden, seed=DISCOVERY_SEED):
+    """Measurements of a laboratory in which effects are hidden: (name, target, values)."""
+    rig = preset_rig(preset, robot)
+    for name, target, values in hidden:
+        rig = catalogue()[name].inject(rig, target, values)
+    return run_static(prepare(rig, plan), [np.random.SeedSequence(seed)])[0].measurements
 
 
 def changes(nominal, base, with_it, effect, target, values, absorbed=True, physics=True):

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import json
 
 import numpy as np
 import pytest
 
-from experiments.cli import main
 from experiments.discovery.candidates import candidates
 from experiments.discovery.channels import fields, packed, residuals, sensitivity, unpacked
 from experiments.discovery.discovery import _verdict, discover
@@ -23,13 +20,12 @@ from experiments.discovery.story import story
 from experiments.effects import catalogue
 from experiments.effects.seen import see
 from identification.nominal import nominal_robot
-from sim.measurements import read_measurements, write_measurements
 from sim.prepared import prepare
 from sim.rig import preset_rig
 from sim.static_laboratory import run_static
+from tests.effect_changes import DISCOVERY_SEED as SEED
+from tests.effect_changes import measured
 from tools.study import rows_of
-
-SEED = 7001  # no development seed
 
 
 @pytest.fixture(scope="module")
@@ -40,14 +36,6 @@ def nominal(robot):
 @pytest.fixture(scope="module")
 def prepared(robot, plan):
     return {name: prepare(preset_rig(name, robot), plan) for name in ("ideal", "force-plate", "wii")}
-
-
-def measured(robot, plan, preset, *hidden, seed=SEED):
-    """Measurements of a laboratory in which effects are hidden: (name, target, values)."""
-    rig = preset_rig(preset, robot)
-    for name, target, values in hidden:
-        rig = catalogue()[name].inject(rig, target, values)
-    return run_static(prepare(rig, plan), [np.random.SeedSequence(seed)])[0].measurements
 
 
 def names(found):
@@ -312,65 +300,3 @@ def test_columns_hold_no_noise_of_the_residuals(prepared, nominal):
 def _in_order(board, plain):
     by_label = {s.candidate.label: s for s in scores(board, plain.residual)}
     return [by_label[c.label] for c in board.candidates]
-
-
-def test_the_command_reads_a_foreign_folder_and_its_rig_is_the_new_nominal(robot, plan, tmp_path, capsys):
-    """A folder as another program may write it: CSV, no commands, no motors, unknown noise of the cells."""
-    hidden = ("encoder-offset", "right_knee", (0.01,))
-    m = measured(robot, plan, "wii", hidden)
-    bare = dataclasses.replace(
-        m, command=None, motor=None, sensors=dataclasses.replace(m.sensors, cell_sd=None)
-    )
-    write_measurements(tmp_path / "parquet", bare)
-    folder = as_csv(tmp_path / "parquet", tmp_path / "csv")
-    run = tmp_path / "found"
-    assert main(["discover", str(folder), "--out", str(run), "--no-check", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["verdict"] == "named"
-    (effect,) = document["effects"]
-    assert (effect["name"], effect["target"]) == hidden[:2]
-    assert set(document["gap"]) == {"A", "F", "T", "C", "all", "heldout_rms_mm"}
-    assert document == json.loads((run / "discovery.json").read_text())
-    assert main(["identify", str(folder), "--rig", document["rig"], "--json"]) == 0
-    freed = json.loads(capsys.readouterr().out)
-    plain = tmp_path / "plain"
-    write_measurements(plain, dataclasses.replace(measured(robot, plan, "wii"), command=None, motor=None))
-    assert main(["identify", str(plain), "--json"]) == 0
-    truth = json.loads(capsys.readouterr().out)
-    for a, b in zip(freed["full"]["parameters"], truth["full"]["parameters"], strict=True):
-        assert abs(a["estimate"] - b["estimate"]) < b["standard_error"]
-
-
-def as_csv(source, folder):
-    """The same folder with its table as CSV, hash left out."""
-    measured = read_measurements(source)
-    assert measured
-    import pyarrow.parquet as pq
-
-    folder.mkdir()
-    table = pq.read_table(source / "postures.parquet").to_pylist()
-    with (folder / "postures.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(table[0]))
-        writer.writeheader()
-        writer.writerows(table)
-    manifest = json.loads((source / "manifest.json").read_text())
-    manifest["tables"] = None
-    (folder / "manifest.json").write_text(json.dumps(manifest))
-    return folder
-
-
-def test_kilograms_are_no_missing_effect(robot, plan, tmp_path, capsys):
-    m = measured(robot, plan.take(plan.placement <= 6), "wii")
-    write_measurements(tmp_path / "kg", dataclasses.replace(m, cell_forces=m.cell_forces / 9.81))
-    assert main(["discover", str(tmp_path / "kg"), "--out", str(tmp_path / "run")]) == 2
-    assert "kilograms?; expected rad, m, N, kg, s" in " ".join(capsys.readouterr().err.split())
-    assert not (tmp_path / "run").exists()
-
-
-def test_too_few_placements_are_refused(robot, plan, tmp_path, capsys):
-    few = measured(robot, plan.take(plan.placement <= 3), "wii")
-    write_measurements(tmp_path / "few", few)
-    assert main(["discover", str(tmp_path / "few"), "--out", str(tmp_path / "run")]) == 2
-    error = " ".join(capsys.readouterr().err.split())
-    assert "placements" in error or "postures" in error
-    assert not (tmp_path / "run").exists()
