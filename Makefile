@@ -10,7 +10,7 @@ validate: setup  ## set up, then the main job: simulate, identify, compare, verd
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
 
 demo: setup  ## a hidden effect: identified wrong, discovered, identified right, report and view (a minute or two)
-	MUJOCO_GL=disable OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.demo
+	MUJOCO_GL=disable OPENBLAS_NUM_THREADS=1 $(BIN)/python -m examples.demo
 
 setup: $(VENV)/.done  ## the environment alone, once
 
@@ -39,7 +39,7 @@ bench: setup  ## ratios of times, in one run
 # One BLAS thread: with more, products of small matrices wait for each other on a busy machine.
 oracle: export OPENBLAS_NUM_THREADS = 1
 oracle: $(ORACLE)/.done  ## ask Pinocchio and FIGAROH anew (2 GB), compare, time against FIGAROH
-	$(ORACLE)/bin/python -W ignore::RuntimeWarning -m tools.oracle
+	$(ORACLE)/bin/python -W ignore::RuntimeWarning -m studies.ask_oracles
 	$(ORACLE)/bin/python -m pytest -q tests/test_oracle.py
 	$(ORACLE)/bin/python -m pytest -q -s tests/benchmarks/test_figaroh.py -o addopts= --benchmark-only
 
@@ -50,49 +50,49 @@ $(ORACLE)/.done: constraints.txt pyproject.toml
 	@touch $@
 
 study-contact: setup  ## docs/contact-study.md's table: contact and gate settings against accuracy
-	$(BIN)/python -m tools.study_contact
+	$(BIN)/python -m studies.study_contact
 
 study-sequential: setup  ## docs/planning.md's table: ten postures chosen next against ten random ones
-	$(BIN)/python -m tools.study_sequential
+	$(BIN)/python -m studies.study_sequential
 
 study-fuzz: setup  ## docs/reliability.md's table: 1,000 broken folders, 200 broken robots
-	$(BIN)/python -m tools.study_fuzz
+	$(BIN)/python -m studies.study_fuzz
 
 study-kill: setup  ## docs/reliability.md's table: fifty kills while writing and before
-	$(BIN)/python -m tools.study_kill
+	$(BIN)/python -m studies.study_kill
 
 study-equilibrium: setup  ## docs/equilibrium.md's tables: statics against the full dynamics
-	$(BIN)/python -m tools.study_equilibrium
+	$(BIN)/python -m studies.study_equilibrium
 
 study-montecarlo: setup  ## docs/calibration.md's tables: calibration, wrong data sheets, statics beside dynamics
-	$(BIN)/python -m tools.study_montecarlo
+	$(BIN)/python -m studies.study_montecarlo
 
 study-estimators: setup  ## docs/estimators.md's table: is each estimator right about its own errors?
-	$(BIN)/python -m tools.study_estimators
+	$(BIN)/python -m studies.study_estimators
 
 study-improve: setup  ## docs/improve.md's tables and figures: the paper's ways to improve (some seventeen minutes of one core)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.study_improve
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.study_improve
 
 study-atlas: setup  ## docs/atlas.md's table: from which angle on two effects are told apart (some minutes of one core)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.study_atlas
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.study_atlas
 
 study-foreign: setup  ## docs/discovery-benchmark.md's table of data from outside (a quarter of an hour)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.study_foreign
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.study_foreign
 
 study-verdict: setup  ## docs/verdict.md's tables: how often the verdict fails a true laboratory (an hour of one core)
-	$(BIN)/python -m tools.study_verdict
+	$(BIN)/python -m studies.study_verdict
 
 study-discover: setup  ## docs/discovery-benchmark.md's tables: the honest test of `tulip discover` (hours)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.study_discover
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.study_discover
 
 study-check: setup  ## docs/check.md's tables: false alarms and planted faults of `tulip check`
-	$(BIN)/python -m tools.study_check
+	$(BIN)/python -m studies.study_check
 
 study-plan: setup  ## docs/planning.md's Table I: six trials of optimal postures
 	$(BIN)/tulip plan --table1 --out runs/plan-$$(date +%Y%m%d-%H%M%S)
 
 pictures: setup  ## the README's pictures (needs libosmesa6, mesa-vulkan-drivers, chromium)
-	MUJOCO_GL=disable OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tools.pictures
+	MUJOCO_GL=disable OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.pictures
 
 constraints: setup  ## pin the dependencies anew
 	$(BIN)/python -m pip install --quiet uv

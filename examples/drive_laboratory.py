@@ -10,8 +10,8 @@ import numpy as np
 
 from identification.inverse_kinematics import InverseKinematics
 from sim.composer import laboratory_environment
-from sim.model import load_model
 from sim.rig import preset_rig
+from sim.robot import load_model
 
 SWING_FOOT = np.array([0.0, 0.16, 0.0])  # m, m, rad, beside the stance foot
 FORWARD, HEIGHT = 0.02, 0.66  # m, of the centre of mass

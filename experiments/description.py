@@ -7,11 +7,11 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
 
-from experiments.tables import paper_table
+from experiments.parameter_tables import paper_table
 from identification.base_parameters import BaseParameters, base_parameters
 from identification.postures import planning_ranges
 from sim.errors import InputError, listed, validation_message
-from sim.model import Robot, load_model, load_robot
+from sim.robot import Robot, load_model, load_robot
 from sim.sensors import PRESETS
 
 Number = Annotated[int, Strict(), Field(ge=1)]
@@ -36,7 +36,7 @@ class Paper(BaseModel):
 
 
 class Tables(BaseModel):
-    """The optional parts; `load_robot` has seen the others."""
+    """The optional parts; `load_robot` has observed the others."""
 
     name: Text | None = None
     z_down: list[Text] = []

@@ -10,8 +10,8 @@ import numpy as np
 from identification.nominal import nominal_robot
 from sim.measurements import lay_boards
 from sim.measurements.survey import required_columns
-from sim.model import CELLS, CORNERS, PLATES, Robot
 from sim.plates import plate_geometry
+from sim.robot import CELLS, CORNERS, PLATES, Robot
 from sim.scene import load_scene
 
 BOARD_GAP = 0.01  # m

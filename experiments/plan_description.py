@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 from experiments.correlation_table import meaning, print_correlations
-from experiments.planning import joined
-from experiments.setting_up import planned_parameters
+from experiments.planning_run import joined
+from experiments.preparation import planned_parameters
 from experiments.terminal import print_table
 from identification.base_parameters import BaseParameters, standard_parameters
 from identification.feasibility import predicted_cell_loads, predicted_foot_loads
@@ -26,13 +26,13 @@ from identification.statistics import (
     relative_standard_errors,
     standard_errors,
 )
+from sim.dynamics.dynamic_run import boards_under
 from sim.errors import InputError
-from sim.laboratory import boards_under
 from sim.measurements import Measurements, PosturePlan
-from sim.model import Robot, joint_names, load_model, sole_point
 from sim.plates import plate_geometry
-from sim.record import constants
+from sim.procedure import constants
 from sim.rig import Rig, preset_rig
+from sim.robot import Robot, joint_names, load_model, sole_point
 from sim.scene import load_scene
 
 

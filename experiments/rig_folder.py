@@ -13,19 +13,19 @@ import mujoco
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
 
-from experiments.effects import catalogue
-from experiments.effects.occurrence import Occurrence, check_occurrence, injected
-from experiments.effects.targets import PLACEMENTS
-from experiments.effects.wording import told
+from effects.catalogue import catalogue
+from effects.instance import EffectInstance, check_instance, injected
+from effects.targets import PLACEMENTS
+from effects.wording import told
 from identification.nominal import nominal_robot
+from sim.dynamics.dynamic_run import boards_under
 from sim.errors import InputError, listed, look_up, shortened, validation_message
 from sim.files import new_folder, present, write_text
-from sim.laboratory import boards_under
 from sim.measurements.measurement_folder import Version
 from sim.measurements.plan_folder import check_model
-from sim.measurements.tables import read_json, software, write_json
-from sim.model import Robot, compile_spec, sha256
+from sim.measurements.table_files import read_json, software, write_json
 from sim.rig import Rig, preset_rig
+from sim.robot import Robot, compile_spec, sha256
 from sim.scene import laboratory_scene
 
 RIG_FILE = "rig.json"
@@ -72,7 +72,7 @@ class RigManifest(_Entry):
 
 
 def write_rig(
-    folder: Path, robot: Robot, occurrences: Sequence[Occurrence], preset: str | None = None
+    folder: Path, robot: Robot, instances: Sequence[EffectInstance], preset: str | None = None
 ) -> None:
     """Write a rig folder; it appears whole or not at all.
 
@@ -85,16 +85,16 @@ def write_rig(
     Raises:
         InputError: no effects, or a folder that exists or cannot be written.
     """
-    if not occurrences:
+    if not instances:
         raise InputError(f"{folder}: found no effects, expected at least one")
     nominal = preset_rig(preset or "ideal", robot)
-    changed = injected(nominal, occurrences)
+    changed = injected(nominal, instances)
     scenes = {NOMINAL: scene_xml(nominal), CHANGED: scene_xml(changed)}
     scenes |= {name: scene_xml(rig) for name, (_, rig) in _later(changed).items()}
     with new_folder(folder) as working:
         for name, text in scenes.items():
             write_text(working / name, text)
-        write_text(working / DIFF, difference(nominal, changed, occurrences, scenes))
+        write_text(working / DIFF, difference(nominal, changed, instances, scenes))
         write_json(
             working / RIG_FILE,
             {
@@ -106,14 +106,14 @@ def write_rig(
                     "files": {path.name: sha256(path) for path in robot.files[1:]},
                 },
                 "preset": preset,
-                "effects": [found.document() for found in occurrences],
+                "effects": [found.document() for found in instances],
                 "software": software(),
                 "files": {path.name: sha256(path) for path in sorted(working.iterdir())},
             },
         )
 
 
-def read_rig(folder: Path, robot: Robot) -> tuple[Occurrence, ...]:
+def read_rig(folder: Path, robot: Robot) -> tuple[EffectInstance, ...]:
     """Read and check a rig folder for a robot: its effects, in the order in which they act.
 
     Whether a placement is there, the experiment must tell.
@@ -143,7 +143,7 @@ def read_rig(folder: Path, robot: Robot) -> tuple[Occurrence, ...]:
         if name not in (NOMINAL, CHANGED, DIFF) and not LATER.fullmatch(name):
             raise InputError(f"{where}: key 'files': found '{shortened(name)}', expected scenes and {DIFF}")
         _check_hash(folder / name, expected, f"{where}: key 'files'")
-    return tuple(_occurrence(entry, robot, str(where)) for entry in manifest.effects)
+    return tuple(_instance(entry, robot, str(where)) for entry in manifest.effects)
 
 
 def _check_hash(path: Path, expected: str | None, where: str) -> None:
@@ -155,7 +155,7 @@ def _check_hash(path: Path, expected: str | None, where: str) -> None:
         )
 
 
-def _occurrence(entry: EffectEntry, robot: Robot, where: str) -> Occurrence:
+def _instance(entry: EffectEntry, robot: Robot, where: str) -> EffectInstance:
     effect = catalogue()[look_up("effect", entry.name, catalogue(), where)]
     expected = [(parameter.name, parameter.unit) for parameter in effect.parameters]
     found = [(parameter.name, parameter.unit) for parameter in entry.parameters]
@@ -174,9 +174,9 @@ def _occurrence(entry: EffectEntry, robot: Robot, where: str) -> Occurrence:
                 "expected low95 up to high95"
             )
     values = tuple(p.value for p in entry.parameters)
-    read = Occurrence(effect, entry.target or "", values, intervals if any(intervals) else ())
+    read = EffectInstance(effect, entry.target or "", values, intervals if any(intervals) else ())
     placements = [int(read.target)] if effect.targets is PLACEMENTS and _whole(read.target) else []
-    check_occurrence(read, robot, placements, where)
+    check_instance(read, robot, placements, where)
     return read
 
 
@@ -203,10 +203,12 @@ def scene_xml(rig: Rig) -> str:
     return spec.to_xml()
 
 
-def difference(nominal: Rig, changed: Rig, occurrences: Sequence[Occurrence], scenes: dict[str, str]) -> str:
+def difference(
+    nominal: Rig, changed: Rig, instances: Sequence[EffectInstance], scenes: dict[str, str]
+) -> str:
     """What the effects change, for a person: the findings, the instruments in words, the lines of MJCF."""
-    lines = ["Effects", *(f"  {told(found)} ({found.effect.sentence})" for found in occurrences), ""]
-    lines += ["Instruments and procedure", *_outside(nominal, changed, occurrences), "", "Scene (MJCF)"]
+    lines = ["Effects", *(f"  {told(found)} ({found.effect.sentence})" for found in instances), ""]
+    lines += ["Instruments and procedure", *_outside(nominal, changed, instances), "", "Scene (MJCF)"]
     for name, text in scenes.items():
         if name != NOMINAL:
             pieces = difflib.unified_diff(
@@ -216,11 +218,11 @@ def difference(nominal: Rig, changed: Rig, occurrences: Sequence[Occurrence], sc
     return "\n".join(lines) + "\n"
 
 
-def _outside(nominal: Rig, changed: Rig, occurrences: Sequence[Occurrence]) -> list[str]:
+def _outside(nominal: Rig, changed: Rig, instances: Sequence[EffectInstance]) -> list[str]:
     """What MJCF does not hold."""
     lines = [
         f"  Readings are changed: {found.effect.sentence} {_numbers(found)}"
-        for found in occurrences
+        for found in instances
         if injected(nominal, [found]).misread is not None
     ]
     for part in ("sensors", "controller", "drives", "compliance", "protocol"):
@@ -237,7 +239,7 @@ def _outside(nominal: Rig, changed: Rig, occurrences: Sequence[Occurrence]) -> l
     return lines or ["  Nothing differs."]
 
 
-def _numbers(found: Occurrence) -> str:
+def _numbers(found: EffectInstance) -> str:
     values = ", ".join(
         f"{parameter.name} {value:.6g} {parameter.unit}".strip()
         for parameter, value in zip(found.effect.parameters, found.values, strict=True)

@@ -12,13 +12,13 @@ import numpy as np
 
 from experiments.scenario import Scenario, truth_document
 from experiments.validate import Validation, report_document
+from sim.dynamics.dynamic_run import Experiment
 from sim.errors import InputError
 from sim.files import new_folder, present
-from sim.laboratory import Experiment
 from sim.measurements import write_measurements, write_plan
-from sim.measurements.tables import software, write_json
-from sim.model import sha256
-from sim.static_laboratory import StaticRun
+from sim.measurements.table_files import software, write_json
+from sim.robot import sha256
+from sim.statics.static_run import StaticRun
 
 
 def check_new(path: Path) -> None:

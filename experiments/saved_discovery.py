@@ -11,19 +11,19 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, Field, ValidationError
 
-from experiments.discovery.channels import ANCHORED, SIZE
-from experiments.discovery.folder import PARTS
-from experiments.discovery.noise import Noise, whitening
-from experiments.effects.seen import Seen, see
-from experiments.montecarlo.folder import RUN_FILE
+from experiments.discovery_folder import PARTS
+from experiments.montecarlo.montecarlo_folder import RUN_FILE
 from experiments.saved_run import Hashed, check_outputs, check_robot, parsed
 from identification.base_parameters import common_support
 from identification.nominal import nominal_robot
+from identification.observation import Observation, observe
+from identification.residual_channels import ANCHORED, SIZE
+from identification.residual_noise import Noise, whitening
 from sim.errors import InputError, shortened, validation_message
 from sim.files import read_bytes
 from sim.measurements import Measurements, read_measurements
-from sim.measurements.tables import read_json
-from sim.model import Robot
+from sim.measurements.table_files import read_json
+from sim.robot import Robot
 
 NEEDED = ("discovery.json", "residuals.csv", "story.txt", "measurements/manifest.json")
 DIFF = "rig/diff.txt"
@@ -224,9 +224,9 @@ def residual_curves(run: SavedDiscovery) -> list[Curve]:
 
     The swing foot's x, y and yaw are known up to a constant of the stance, hence about its mean.
     """
-    seen = see(run.measurements, nominal_robot(run.robot, common_support(run.measurements.support)))
-    sd = _spread(run, seen)
-    before, after = (_about_stances(side, seen.stance) for side in (run.before, run.after))
+    observed = observe(run.measurements, nominal_robot(run.robot, common_support(run.measurements.support)))
+    sd = _spread(run, observed)
+    before, after = (_about_stances(side, observed.stance) for side in (run.before, run.after))
     order = time_order(run)
     return [
         Curve(channel, name, unit, *(scale * side[order, j] for side in (before, after, sd)))
@@ -239,12 +239,12 @@ def time_order(run: SavedDiscovery) -> np.ndarray:
     return np.argsort(run.measurements.time, kind="stable")
 
 
-def _spread(run: SavedDiscovery, seen: Seen) -> np.ndarray:
+def _spread(run: SavedDiscovery, observed: Observation) -> np.ndarray:
     """Standard deviation of every residual by the noise that the discovery took, (m, 11)."""
     stated = run.report["noise"]
     noise = Noise(stated["encoder_sd"], stated["cell_sd"], np.array(stated["placement_sd"]), ())
-    white = whitening(seen, seen.nominal.value, noise)
-    n = len(seen.tree.joints)
+    white = whitening(observed, observed.nominal.value, noise)
+    n = len(observed.tree.joints)
     levers = white.sensitivity[..., n + 8 : n + 14] * noise.plates
     variance = np.diagonal(white.own, axis1=1, axis2=2) + (levers**2).sum(axis=2)
     missing = np.ones(variance.size, bool)

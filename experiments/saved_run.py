@@ -9,20 +9,20 @@ from typing import Annotated, Any, Literal, TypeVar
 import numpy as np
 from pydantic import BaseModel, Field, Strict, ValidationError
 
+from experiments.montecarlo.calibration_report import report
 from experiments.montecarlo.chunks import Chunks
-from experiments.montecarlo.folder import CHUNK_FOLDER, PLAN_FOLDER, RUN_FILE
-from experiments.montecarlo.record import Layout, layout_of
-from experiments.montecarlo.report import report
+from experiments.montecarlo.montecarlo_folder import CHUNK_FOLDER, PLAN_FOLDER, RUN_FILE
+from experiments.montecarlo.run_columns import Layout, layout_of
 from experiments.montecarlo.settings import CHUNK
 from experiments.montecarlo.summary import summarise
-from experiments.setting_up import planned_parameters
+from experiments.preparation import planned_parameters
 from identification.base_parameters import BaseParameters
 from sim.errors import InputError, listed, shortened, validation_message
 from sim.files import present
 from sim.measurements import Measurements, PosturePlan, read_measurements, read_plan
 from sim.measurements.folder_kind import KINDS
-from sim.measurements.tables import read_json
-from sim.model import Robot, load_model, sha256
+from sim.measurements.table_files import read_json
+from sim.robot import Robot, load_model, sha256
 
 FORMATS = ("tulip-run", "tulip-montecarlo")
 RunKind = Literal["run", "montecarlo", "discovery"]

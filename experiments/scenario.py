@@ -10,14 +10,14 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from experiments.effects.occurrence import Occurrence
+from effects.instance import EffectInstance
 from identification.base_parameters import base_parameters, common_support, standard_parameters
-from sim.laboratory import Attempt, Experiment
+from sim.dynamics.dynamic_run import Attempt, Experiment
 from sim.measurements import PosturePlan
-from sim.model import CORNERS, PLATES, compile_spec
 from sim.rig import Rig
+from sim.robot import CORNERS, PLATES, compile_spec
 from sim.scene import load_scene
-from sim.static_laboratory import StaticRun
+from sim.statics.static_run import StaticRun
 
 DEFAULT_PLAN = Path(__file__).resolve().parent / "plans" / "random"
 DEFAULT_SEED = 1
@@ -39,8 +39,8 @@ class Scenario:
     plan: PosturePlan
     seed: int
     preset: str
-    adopted: tuple[Occurrence, ...] = ()
-    hidden: tuple[Occurrence, ...] = ()
+    adopted: tuple[EffectInstance, ...] = ()
+    hidden: tuple[EffectInstance, ...] = ()
     statics: bool = False
 
     def true_model(self) -> mujoco.MjModel:

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from effects.instance import EffectInstance
+from effects.removal import without
 from experiments.checks import (
     Check,
     below,
@@ -22,8 +24,6 @@ from experiments.checks import (
     skipped,
     verdict,
 )
-from experiments.effects.corrected import without
-from experiments.effects.occurrence import Occurrence
 from experiments.scenario import Scenario
 from identification.base_parameters import (
     BaseParameters,
@@ -43,9 +43,9 @@ from identification.statistics import (
     residual_norms,
     standard_errors,
 )
-from sim.laboratory import Experiment, run_experiment
+from sim.dynamics.dynamic_run import Experiment, run_experiment
 from sim.measurements import Measurements
-from sim.model import Robot
+from sim.robot import Robot
 from sim.sensors import Sensors
 
 HIGH_CORRELATION = 0.85  # the paper's level
@@ -85,7 +85,7 @@ def identify(
     source: str = "measurements",
     estimator: str = DEFAULT,
     parameters: BaseParameters | None = None,
-    adopted: Sequence[Occurrence] = (),
+    adopted: Sequence[EffectInstance] = (),
 ) -> Identification:
     """Full and simplified model.
 
@@ -102,8 +102,8 @@ def identify(
     )
     if adopted:
         check_robot(parameters, measurements, robot, source)
-        measurements, seen = without(measurements, nominal_robot(robot, parameters.support), adopted)
-        parameters = dataclasses.replace(parameters, tree=seen.tree)
+        measurements, observed = without(measurements, nominal_robot(robot, parameters.support), adopted)
+        parameters = dataclasses.replace(parameters, tree=observed.tree)
     data = regression(parameters, measurements, robot, source)
     kept = simplified_numbers(robot, parameters)
     full = estimate_by(data, estimator)

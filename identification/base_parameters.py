@@ -16,7 +16,7 @@ from scipy.linalg import solve_triangular
 
 from identification.kinematics import Tree, joint_axes, link_rotations, moved_frames, tree_of, walk
 from sim.errors import InputError
-from sim.model import Robot, load_model, sole_point
+from sim.robot import Robot, load_model, sole_point
 
 AXES = "xyz"
 SUPPORTS = ("double", "right", "left")

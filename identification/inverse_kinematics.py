@@ -6,7 +6,7 @@ import mink
 import mujoco
 import numpy as np
 
-from sim.model import Robot, between_feet, joint_names, sole_point
+from sim.robot import Robot, between_feet, joint_names, sole_point
 
 TOLERANCE = 1e-9  # of every task's error [m, rad]
 ITERATIONS = 15
@@ -62,7 +62,7 @@ class InverseKinematics:
             # dt = 1 and unit gain: a Newton step.
             try:
                 velocity = mink.solve_ik(self.configuration, self.tasks, 1.0, "daqp", damping=1e-9, limits=[])
-            except mink.NoSolutionFound:  # seen far out of reach, where the iteration diverges
+            except mink.NoSolutionFound:  # observed far out of reach, where the iteration diverges
                 return None
             self.configuration.integrate_inplace(velocity, 1.0)
             if self._error() < TOLERANCE:

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from sim.errors import InputError
-from sim.model import look_up
+from sim.robot import look_up
 
 
 @dataclass(frozen=True)
@@ -173,12 +173,12 @@ def walk(tree: Tree, base: int) -> list[Step]:
     for edge in tree.edges:
         beside[edge.parent].append((edge.child, edge, True))
         beside[edge.child].append((edge.parent, edge, False))
-    steps, seen, queue = [], {base}, [base]
+    steps, observed, queue = [], {base}, [base]
     for known in queue:  # grows on the way
         for new, edge, forward in beside[known]:
-            if new not in seen:
+            if new not in observed:
                 steps.append(Step(known, new, edge, forward))
-                seen.add(new)
+                observed.add(new)
                 queue.append(new)
     tree.walks[base] = steps
     return steps

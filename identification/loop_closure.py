@@ -36,7 +36,7 @@ def encoder_sd_by_closure(
     if not len(placement):
         return None
     pose, slope = _swing_sole(tree, base, swing, joint_angles)
-    weight, seen = _inverse(slope @ slope.mT)
+    weight, observed = _inverse(slope @ slope.mT)
     whole = np.concatenate([slope, pose[..., None]], axis=2)
     _, group = np.unique(placement, return_inverse=True)
     normal, moment = np.zeros((group.max() + 1, 3, 3)), np.zeros((group.max() + 1, 3, whole.shape[2]))
@@ -46,7 +46,7 @@ def encoder_sd_by_closure(
     rest = whole - (inverse @ moment)[group]
     gram = np.tensordot(rest, weight @ rest, axes=((0, 1), (0, 1)))
     shown, offsets = _inverse(gram[:-1, :-1])
-    freedom = seen - floors - offsets
+    freedom = observed - floors - offsets
     if freedom < LEAST_FREEDOM:
         return None
     left_over = gram[-1, -1] - gram[-1, :-1] @ shown @ gram[:-1, -1]
@@ -56,9 +56,9 @@ def encoder_sd_by_closure(
 def _inverse(matrices: np.ndarray) -> tuple[np.ndarray, int]:
     """Pseudoinverses of positive semidefinite matrices (..., k, k), and the sum of their ranks."""
     values, turn = np.linalg.eigh(matrices)
-    seen = values > SINGULAR * values.max(initial=1e-300)
-    inverse = np.where(seen, 1 / np.where(seen, values, 1.0), 0.0)
-    return (turn * inverse[..., None, :]) @ turn.mT, int(seen.sum())
+    observed = values > SINGULAR * values.max(initial=1e-300)
+    inverse = np.where(observed, 1 / np.where(observed, values, 1.0), 0.0)
+    return (turn * inverse[..., None, :]) @ turn.mT, int(observed.sum())
 
 
 def _swing_sole(tree: Tree, base: int, swing: int, joint_angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

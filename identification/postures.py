@@ -23,7 +23,7 @@ from identification.feasibility import (
 from identification.inverse_kinematics import InverseKinematics
 from sim.errors import InputError, listed, look_up, shortened
 from sim.measurements import PlateGeometry, PosturePlan, lay_boards
-from sim.model import Robot, between_feet, joint_names, joint_ranges, load_model, sha256, sole_corners
+from sim.robot import Robot, between_feet, joint_names, joint_ranges, load_model, sha256, sole_corners
 
 ATTEMPTS = 3000  # without a single feasible posture: the ranges are taken to be impossible
 ATTEMPTS_HERE = 200  # for the next posture of a placement that has some: the placement is given up

@@ -20,7 +20,7 @@ MOST_COMBINATIONS = 4  # to spell out
 MOST_TERMS = 4  # of a combination to spell out
 
 
-def require_told_apart(
+def require_identifiable(
     matrix: np.ndarray, names: tuple[str, ...], source: str, blur: np.ndarray | None = None
 ) -> None:
     """Refuse a regressor that does not determine every parameter.

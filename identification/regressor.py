@@ -13,7 +13,7 @@ from identification.reading_noise import cell_noise, known, placement_levers
 from sim.errors import InputError, listed
 from sim.measurements import Measurements, SensorSheet
 from sim.measurements.plan_folder import check_model
-from sim.model import Robot
+from sim.robot import Robot
 
 ENCODER_SD = 5e-4  # rad, where no data sheet tells
 
@@ -162,7 +162,7 @@ def regression(
     slope = parameters.slope(measurements.joint_angles)
     tree, swing = parameters.tree, parameters.tree.frame(robot.swing_foot)
     both = measurements.support == "double"
-    seen = encoder_sd_by_closure(
+    observed = encoder_sd_by_closure(
         tree, parameters.base, swing, measurements.joint_angles[both], measurements.placement[both]
     )
     matrix = stacked_regressor(parameters, measurements.joint_angles)
@@ -177,7 +177,7 @@ def regression(
         placement=measurements.placement,
         load_share=load_shares(measurements),
         slope=slope,
-        encoder_sd=known(sheet.encoder_sd) if seen is None else seen,
+        encoder_sd=known(sheet.encoder_sd) if observed is None else observed,
         cells=cell_noise(measurements, _fitted(matrix, output).reshape(-1, 2)),
         levers=placement_levers(measurements),
         sensors=sheet,

@@ -7,7 +7,7 @@ import numpy as np
 
 from sim.errors import InputError
 from sim.measurements.boards import PlateGeometry
-from sim.model import CORNERS, PLATES
+from sim.robot import CORNERS, PLATES
 
 
 def plate_geometry(spec: mujoco.MjSpec, plate: str) -> PlateGeometry:

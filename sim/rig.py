@@ -13,7 +13,7 @@ from sim.control import Controller
 from sim.drives import Drives
 from sim.errors import InputError, look_up
 from sim.measurements import Measurements
-from sim.model import Robot, load_robot
+from sim.robot import Robot, load_robot
 from sim.sensors import PRESETS, Sensors
 
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from sim.drives import motor_joint
 from sim.errors import InputError, listed
-from sim.model import CORNERS, PLATES, compile_spec, joint_names, load_model
 from sim.model_check import check_options
 from sim.plates import cell_names, plate_geometry
 from sim.rig import Rig
+from sim.robot import CORNERS, PLATES, compile_spec, joint_names, load_model
 from sim.scene import laboratory_scene
 
 

@@ -17,15 +17,15 @@ from experiments.scenario import DEFAULT_PLAN, Scenario
 from experiments.validate import Validation, validate
 from identification.base_parameters import BaseParameters, base_parameters
 from identification.nominal import Nominal, nominal_robot
-from sim.laboratory import Experiment, read_again, run_experiment
+from sim.dynamics.dynamic_run import Experiment, read_again, run_experiment
 from sim.measurements import Measurements, PlateGeometry, PosturePlan, read_plan
-from sim.model import Robot, load_model, load_robot
 from sim.plates import plate_geometry
 from sim.rig import Rig, preset_rig
+from sim.robot import Robot, load_model, load_robot
 from sim.scene import load_scene
 from tests.effect_changes import SEED, first
+from tests.foreign_robots import ROBOTS, write_robot
 from tests.synthetic import Bench, synthetic_bench
-from tools.foreign_robots import ROBOTS, write_robot
 
 
 @pytest.fixture(scope="session")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from experiments.discovery.channels import ANCHORED, ROWS, residuals
-from experiments.effects import catalogue
-from experiments.effects.seen import see
+from effects.catalogue import catalogue
+from identification.observation import observe
+from identification.residual_channels import ANCHORED, ROWS, residuals
 from sim.measurements import Measurements
-from sim.prepared import prepare
 from sim.rig import preset_rig
-from sim.static_laboratory import run_static
+from sim.statics.solved_plan import solve_plan
+from sim.statics.static_run import run_static
 
 SEED = 103  # bounds were set on seed 1
 DISCOVERY_SEED = 7001  # no development seed
@@ -24,7 +24,7 @@ def first(plan, count):
 
 
 def statically(rig, plan) -> Measurements:
-    return run_static(prepare(rig, plan), [np.random.SeedSequence(1101)])[0].measurements
+    return run_static(solve_plan(rig, plan), [np.random.SeedSequence(1101)])[0].measurements
 
 
 def measured(robot, plan, preset, *hidden, seed=DISCOVERY_SEED):
@@ -32,7 +32,7 @@ def measured(robot, plan, preset, *hidden, seed=DISCOVERY_SEED):
     rig = preset_rig(preset, robot)
     for name, target, values in hidden:
         rig = catalogue()[name].inject(rig, target, values)
-    return run_static(prepare(rig, plan), [np.random.SeedSequence(seed)])[0].measurements
+    return run_static(solve_plan(rig, plan), [np.random.SeedSequence(seed)])[0].measurements
 
 
 def changes(nominal, base, with_it, effect, target, values, absorbed=True, physics=True):
@@ -42,22 +42,22 @@ def changes(nominal, base, with_it, effect, target, values, absorbed=True, physi
     absorb is taken out of both, as whoever looks for the effect does. Where it is `physics`, postures in
     which a board stands on three cells are left out: which these are, loads at its edge decide.
     """
-    seen, before = see(with_it, nominal), see(base, nominal)
+    observed, before = observe(with_it, nominal), observe(base, nominal)
     rows = {key: k for k, key in enumerate(_keys(base))}
     here = np.array([k for k, key in enumerate(_keys(with_it)) if key in rows])
     if physics:
         there = np.array([rows[_keys(with_it)[k]] for k in here])
         twisted = np.abs(residuals(before, nominal.value)[there]) + np.abs(
-            residuals(seen, nominal.value)[here]
+            residuals(observed, nominal.value)[here]
         )
         here = here[twisted[:, ROWS["T"]].max(axis=1) < 1e-6]
     there = np.array([rows[_keys(with_it)[k]] for k in here])
-    found = residuals(seen, nominal.value)
-    cleaned = residuals(effect.predict(seen, target, values), nominal.value)
+    found = residuals(observed, nominal.value)
+    cleaned = residuals(effect.predict(observed, target, values), nominal.value)
     differences = (found[here] - residuals(before, nominal.value)[there], (found - cleaned)[here])
     regressor = nominal.parameters.regressor(with_it.joint_angles[here]).reshape(2 * len(here), -1)
     basis = np.linalg.qr(regressor)[0]
-    stances = np.column_stack([seen.stance[here], before.stance[there]])
+    stances = np.column_stack([observed.stance[here], before.stance[there]])
     projected = []
     for rows_of in differences:
         part = rows_of / UNIT
@@ -73,11 +73,11 @@ def changes(nominal, base, with_it, effect, target, values, absorbed=True, physi
 
 def _keys(measurements):
     """Posture and its how-manieth measurement."""
-    seen: dict[int, int] = {}
+    observed: dict[int, int] = {}
     keys = []
     for number in measurements.posture.tolist():
-        seen[number] = seen.get(number, 0) + 1
-        keys.append((number, seen[number]))
+        observed[number] = observed.get(number, 0) + 1
+        keys.append((number, observed[number]))
     return keys
 
 

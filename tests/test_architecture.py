@@ -32,7 +32,7 @@ def test_nothing_imports_against_the_flow(package, forbidden):
 
 
 def test_identification_sees_of_sim_only_model_measurements_and_errors():
-    allowed = ("sim.model", "sim.measurements", "sim.errors")
+    allowed = ("sim.robot", "sim.measurements", "sim.errors")
     for path in (ROOT / "identification").rglob("*.py"):
         for name in imported(path):
             assert not name.startswith("sim") or name.startswith(allowed), f"{path.name} imports {name}"

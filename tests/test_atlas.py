@@ -6,24 +6,24 @@ import json
 import numpy as np
 import pytest
 
-from experiments.cli import main
-from experiments.discovery.atlas import atlas, document
-from experiments.discovery.bias import bias, weights
-from experiments.discovery.candidates import candidates
-from experiments.discovery.channels import CHANNELS, residuals
-from experiments.discovery.evidence import field, score
-from experiments.discovery.isolability import ISOLABLE, angles, groups, order
-from experiments.discovery.laboratory import without_noise
-from experiments.discovery.linear import linear_model
-from experiments.discovery.noise import noise_of
-from experiments.discovery.planned import estimates, noisy, planned, streams
-from experiments.discovery.tolerance import CHECKED, Tolerance, erring, sources
-from experiments.effects import catalogue
-from experiments.effects.seen import see
+from discovery.candidates import candidates
+from discovery.evidence import field, score
+from discovery.linear_model import linear_model
+from discovery.refit import without_noise
+from effects.catalogue import catalogue
+from experiments.atlas.bias import bias, weights
+from experiments.atlas.effect_atlas import atlas, document
+from experiments.atlas.isolability import ISOLABLE, angles, groups, order
+from experiments.atlas.planned_experiment import estimates, noisy, planned, streams
+from experiments.atlas.tolerance import CHECKED, Tolerance, erring, sources
+from identification.observation import observe
+from identification.residual_channels import CHANNELS, residuals
+from identification.residual_noise import noise_of
 from sim.measurements import write_plan
-from sim.model import load_robot
-from sim.prepared import prepare
-from tools.study import part_of, shipped_plan
+from sim.robot import load_robot
+from sim.statics.solved_plan import solve_plan
+from studies.runner import part_of, shipped_plan
+from tulip_testbed.cli.main import main
 
 SEED = 112
 
@@ -48,18 +48,18 @@ def changed(plan, candidate, sizes):
     """The plan's laboratory with an effect."""
     rig = candidate.effect.inject(plan.rig, candidate.target, candidate.values(np.asarray(sizes)))
     if dataclasses.replace(rig, misread=None) == plan.rig:
-        return dataclasses.replace(plan.prepared, rig=rig)
-    return prepare(rig, plan.prepared.plan)
+        return dataclasses.replace(plan.solved_plan, rig=rig)
+    return solve_plan(rig, plan.solved_plan.plan)
 
 
 def test_detectable_sizes_are_found_by_nine_of_ten_simulated_experiments(plan, found):
     runs, hits = 16, []
     for label in ("cell-gain:left.rear_left", "encoder-offset:right_knee", "sole-compliance"):
         row = row_of(found, label)
-        prepared = changed(plan, row.candidate, [row.detectable])
-        for run in noisy(prepared, streams(SEED + 1, runs)):
-            seen = see(run, plan.nominal)
-            linear = linear_model(seen, noise_of(seen))
+        solved_plan = changed(plan, row.candidate, [row.detectable])
+        for run in noisy(solved_plan, streams(SEED + 1, runs)):
+            observed = observe(run, plan.nominal)
+            linear = linear_model(observed, noise_of(observed))
             board = field(linear, [row.candidate])
             hits.append(score(row.candidate, board.projected[0], linear.residual).p < found.level)
     # 90 % of 48, less 2.7 standard deviations of the binomial; at half the size it would be about 10 %.
@@ -79,8 +79,8 @@ def test_absorbed_effects_are_named_with_their_bias(plan, found):
     mass = row_of(found, "payload:torso", "mass")
     assert not mass.visible
     assert set(mass.by_channel.values()) == {np.inf}
-    prepared = changed(plan, mass.candidate, [mass.prior, 0.0, 0.0, 0.0])
-    runs = noisy(prepared, streams(SEED, CHECKED))
+    solved_plan = changed(plan, mass.candidate, [mass.prior, 0.0, 0.0, 0.0])
+    runs = noisy(solved_plan, streams(SEED, CHECKED))
     moved = estimates(runs, plan.nominal) - estimates(plan.runs[:CHECKED], plan.nominal)
     error = (moved.mean(axis=0) - mass.bias) / plan.standard_errors
     assert np.abs(mass.bias / plan.standard_errors).max() > 10
@@ -88,7 +88,7 @@ def test_absorbed_effects_are_named_with_their_bias(plan, found):
 
 
 def candidate_of(plan, name, target):
-    (candidate,) = (c for c in candidates(plan.seen, {name: catalogue()[name]}) if c.target == target)
+    (candidate,) = (c for c in candidates(plan.observed, {name: catalogue()[name]}) if c.target == target)
     return candidate
 
 
@@ -104,7 +104,7 @@ def test_biases_are_those_of_the_estimator(plan, name, target):
     predicted = bias(plan, weights(plan), candidate, point)[:, 0]
     part = 0.1  # of the prior's s.d.: to first order
     rig = candidate.effect.inject(plan.rig, target, candidate.values(part * candidate.prior, point))
-    runs = noisy(prepare(rig, plan.prepared.plan), streams(SEED, CHECKED))
+    runs = noisy(solve_plan(rig, plan.solved_plan.plan), streams(SEED, CHECKED))
     moved = estimates(runs, plan.nominal) - estimates(plan.runs[:CHECKED], plan.nominal)
     assert alike(predicted / plan.standard_errors, moved.mean(axis=0) / plan.standard_errors / part)
 
@@ -119,10 +119,10 @@ def test_biases_by_what_yields_agree_with_the_laboratory(plan, name, target):
     part = 0.1
     quiet = without_noise(plan.rig)
     rig = candidate.effect.inject(quiet, target, candidate.values(part * candidate.prior))
-    (shown,) = noisy(prepare(rig, plan.prepared.plan), streams(SEED, 1))
-    assert (shown.posture == plan.seen.measurements.posture).all()
+    (shown,) = noisy(solve_plan(rig, plan.solved_plan.plan), streams(SEED, 1))
+    assert (shown.posture == plan.observed.measurements.posture).all()
     theta = estimator.linear.theta
-    added = residuals(see(shown, plan.nominal), theta) - residuals(plan.seen, theta)
+    added = residuals(observe(shown, plan.nominal), theta) - residuals(plan.observed, theta)
     moved = np.linalg.lstsq(estimator.regressor, estimator.linear.white(added), rcond=None)[0] / part
     assert alike(predicted / plan.standard_errors, moved / plan.standard_errors)
 

@@ -13,7 +13,7 @@ from identification.base_parameters import _frame_matrix, base_parameters, stand
 from identification.kinematics import link_rotations
 from identification.regressor import stacked_regressor
 from sim.errors import InputError
-from sim.model import CORNERS, Robot, sole_point
+from sim.robot import CORNERS, Robot, sole_point
 
 # facts: number -> links that the parameter unites, and its axis
 PAPER = {

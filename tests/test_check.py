@@ -7,14 +7,14 @@ import re
 import numpy as np
 import pytest
 
-from experiments.check import check_folder
-from experiments.cli import main
+from experiments.check_folder import check_folder
 from identification.preflight import preflight
 from identification.preflight.finding import STATISTICAL_CHECKS
 from sim.errors import InputError
 from sim.measurements import write_measurements
-from tools.study import rows_of
-from tools.study_check import FAULTS, HEALTHY
+from studies.runner import rows_of
+from studies.study_check import FAULTS, HEALTHY
+from tulip_testbed.cli.main import main
 
 
 def found(measurements, nominal):

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from experiments.cli import COMMANDS, main
 from experiments.scenario import DEFAULT_PLAN
 from sim.measurements import write_measurements
-from sim.model import ASSETS
+from sim.robot import ASSETS
+from tulip_testbed.cli.main import COMMANDS, main
 
 TULIP = ASSETS / "tulip_mjcf"
 

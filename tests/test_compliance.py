@@ -7,17 +7,17 @@ import mujoco
 import numpy as np
 import pytest
 
-from experiments.cli import main
 from sim.compliance import Compliance
 from sim.control import Controller, add_servos
 from sim.drives import Drives, add_drives
+from sim.dynamics.hold import hold, put_down
+from sim.dynamics.stand import Stand
 from sim.errors import InputError
-from sim.hold import hold, put_down
 from sim.measurements import lay_boards, read_measurements
-from sim.model import CORNERS, load_robot, sole_corners, sole_point
 from sim.rig import preset_rig
+from sim.robot import CORNERS, load_robot, sole_corners, sole_point
 from sim.scene import load_scene
-from sim.stand import Stand
+from tulip_testbed.cli.main import main
 
 PENDULUM = """
 <mujoco>

@@ -9,11 +9,11 @@ import pytest
 from sim.compliance import Compliance
 from sim.composer import laboratory_environment
 from sim.drives import Drives
-from sim.hold import hold, put_down
-from sim.model import load_robot
+from sim.dynamics.hold import hold, put_down
+from sim.dynamics.stand import Stand
 from sim.rig import preset_rig
+from sim.robot import load_robot
 from sim.sensors import PRESETS, Sensors, averaged_sd
-from sim.stand import Stand
 
 POSES = np.array([[0.0301, -0.1552, 0.0113], [0.0322, 0.1553, -0.0207]])
 PERIOD = 20  # physics steps from action to action
@@ -238,13 +238,13 @@ def test_every_sample_is_rounded_and_cells_have_their_gain(rig, stand):
     )
     environment.reset()
     for _ in range(10):
-        seen = environment.step(stand).observation
+        observed = environment.step(stand).observation
     for name, resolution in (("robot/joint_encoders", 1e-3), ("robot/motor_encoders", 3e-4)):
-        counts = seen[name] / resolution
+        counts = observed[name] / resolution
         assert counts == pytest.approx(counts.round(), abs=1e-6)
         assert np.abs(counts).max() > 100
-    assert seen["right_plate/cells"] == pytest.approx(seen["right_plate/true_cells"])
-    assert seen["left_plate/cells"] == pytest.approx(seen["left_plate/true_cells"] * [1, 1, 2, 1])
+    assert observed["right_plate/cells"] == pytest.approx(observed["right_plate/true_cells"])
+    assert observed["left_plate/cells"] == pytest.approx(observed["left_plate/true_cells"] * [1, 1, 2, 1])
 
 
 def test_parts_lose_nothing_of_the_scene(rig, stand):

@@ -16,8 +16,8 @@ from dm_env import test_utils
 from sim.composer import laboratory_environment
 from sim.errors import InputError
 from sim.measurements import lay_boards
-from sim.model import sole_corners
 from sim.rig import preset_rig
+from sim.robot import sole_corners
 from tests.test_composer import PERIOD, cells
 
 ROOT = Path(__file__).parent.parent

@@ -7,25 +7,25 @@ import dataclasses
 import numpy as np
 import pytest
 
-from experiments.discovery.candidates import candidates
-from experiments.discovery.channels import fields, packed, residuals, sensitivity, unpacked
-from experiments.discovery.discovery import _verdict, discover
-from experiments.discovery.document import next_experiments
-from experiments.discovery.evidence import field, scores
-from experiments.discovery.fit import Term, fit
-from experiments.discovery.linear import linear_model
-from experiments.discovery.noise import cell_by_twist, noise_of
-from experiments.discovery.patterns import patterns
-from experiments.discovery.story import story
-from experiments.effects import catalogue
-from experiments.effects.seen import see
+from discovery.candidates import candidates
+from discovery.discover import _verdict, discover
+from discovery.evidence import field, scores
+from discovery.fit import Term, fit
+from discovery.linear_model import linear_model
+from discovery.patterns import patterns
+from discovery.story import story
+from effects.catalogue import catalogue
+from experiments.discovery_document import next_experiments
 from identification.nominal import nominal_robot
-from sim.prepared import prepare
+from identification.observation import observe
+from identification.residual_channels import fields, packed, residuals, sensitivity, unpacked
+from identification.residual_noise import cell_by_twist, noise_of
 from sim.rig import preset_rig
-from sim.static_laboratory import run_static
+from sim.statics.solved_plan import solve_plan
+from sim.statics.static_run import run_static
+from studies.runner import rows_of
 from tests.effect_changes import DISCOVERY_SEED as SEED
 from tests.effect_changes import measured
-from tools.study import rows_of
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +34,8 @@ def nominal(robot):
 
 
 @pytest.fixture(scope="module")
-def prepared(robot, plan):
-    return {name: prepare(preset_rig(name, robot), plan) for name in ("ideal", "force-plate", "wii")}
+def solved_plan(robot, plan):
+    return {name: solve_plan(preset_rig(name, robot), plan) for name in ("ideal", "force-plate", "wii")}
 
 
 def names(found):
@@ -63,48 +63,52 @@ def interval(found, number):
     return one.intervals[number]
 
 
-def test_the_nominal_laboratory_leaves_no_residual(prepared, nominal):
-    seen = see(run_static(prepared["ideal"], [np.random.SeedSequence(SEED)])[0].measurements, nominal)
-    left = residuals(seen, nominal.value)
-    for number in np.unique(seen.stance):
-        left[seen.stance == number, 8:] -= left[seen.stance == number, 8:].mean(axis=0)
-    left[:, 3:5] *= seen.on_four_cells
+def test_the_nominal_laboratory_leaves_no_residual(solved_plan, nominal):
+    observed = observe(
+        run_static(solved_plan["ideal"], [np.random.SeedSequence(SEED)])[0].measurements, nominal
+    )
+    left = residuals(observed, nominal.value)
+    for number in np.unique(observed.stance):
+        left[observed.stance == number, 8:] -= left[observed.stance == number, 8:].mean(axis=0)
+    left[:, 3:5] *= observed.on_four_cells
     size = np.sqrt((left**2).mean(axis=0))
     assert (size < [2e-5, 2e-5, 1e-3, 1e-3, 1e-3, 5e-6, 2e-5, 2e-5, 5e-6, 5e-6, 2e-5]).all()
 
 
-def test_the_slopes_of_the_residuals_are_their_differences(prepared, nominal):
-    seen = see(run_static(prepared["ideal"], [np.random.SeedSequence(SEED)])[0].measurements, nominal)
-    slope, start, at = sensitivity(seen, nominal.value), packed(seen), fields(nominal)
+def test_the_slopes_of_the_residuals_are_their_differences(solved_plan, nominal):
+    observed = observe(
+        run_static(solved_plan["ideal"], [np.random.SeedSequence(SEED)])[0].measurements, nominal
+    )
+    slope, start, at = sensitivity(observed, nominal.value), packed(observed), fields(nominal)
     for name, where in at.items():
         step = 1e-2 if name in ("cells", "lift") else 1e-5
         for k in range(where.start, where.stop):
             way = step * (np.arange(start.shape[1]) == k)
-            ahead, behind = (residuals(unpacked(seen, start + s * way), nominal.value) for s in (1, -1))
+            ahead, behind = (residuals(unpacked(observed, start + s * way), nominal.value) for s in (1, -1))
             np.testing.assert_allclose(slope[..., k], (ahead - behind) / (2 * step), atol=2e-5)
 
 
 @pytest.mark.parametrize("preset", ["force-plate", "wii"])
-def test_noise_alone_is_what_the_noise_model_says(prepared, nominal, preset):
+def test_noise_alone_is_what_the_noise_model_says(solved_plan, nominal, preset):
     """Chi-square over 25 experiments of some 1,400 degrees of freedom; 99.9 % bounds."""
-    runs = run_static(prepared[preset], [np.random.SeedSequence([SEED, k]) for k in range(25)])
+    runs = run_static(solved_plan[preset], [np.random.SeedSequence([SEED, k]) for k in range(25)])
     ratios = []
     for run in runs:
-        seen = see(run.measurements, nominal)
-        linear = linear_model(seen, noise_of(seen))
+        observed = observe(run.measurements, nominal)
+        linear = linear_model(observed, noise_of(observed))
         ratios.append(float(linear.residual @ linear.residual) / linear.freedom)
     assert abs(np.mean(ratios) - 1) < 0.02
     assert np.std(ratios) < 1.7 * np.sqrt(2 / linear.freedom)
 
 
 @pytest.mark.parametrize("preset", ["force-plate", "wii"])
-def test_patterns_in_noise_alone_are_as_rare_as_they_say(prepared, nominal, preset):
+def test_patterns_in_noise_alone_are_as_rare_as_they_say(solved_plan, nominal, preset):
     """25 experiments: a least p below 0.1 in more than 9 of them has a probability below 0.1 %."""
-    runs = run_static(prepared[preset], [np.random.SeedSequence([SEED, k]) for k in range(25)])
+    runs = run_static(solved_plan[preset], [np.random.SeedSequence([SEED, k]) for k in range(25)])
     least = []
     for run in runs:
-        seen = see(run.measurements, nominal)
-        linear = linear_model(seen, noise_of(seen))
+        observed = observe(run.measurements, nominal)
+        linear = linear_model(observed, noise_of(observed))
         empty = np.zeros((len(linear.residual), 0))
         least.append(patterns(linear, linear.residual, empty)[0].p)
     assert sum(p < 0.1 for p in least) <= 9
@@ -119,8 +123,8 @@ def test_patterns_in_noise_alone_are_as_rare_as_they_say(prepared, nominal, pres
     ],
 )
 def test_a_faulty_cell_is_no_noise(robot, plan, nominal, name, target, value):
-    seen = see(measured(robot, plan, "force-plate", (name, target, value)), nominal)
-    assert cell_by_twist(seen) == pytest.approx(noise_of(seen).cell, rel=0.15)
+    observed = observe(measured(robot, plan, "force-plate", (name, target, value)), nominal)
+    assert cell_by_twist(observed) == pytest.approx(noise_of(observed).cell, rel=0.15)
 
 
 @pytest.mark.parametrize(
@@ -134,24 +138,24 @@ def test_a_faulty_cell_is_no_noise(robot, plan, nominal, name, target, value):
         ("swapped-cells", "left", (1.0, 2.0)),
     ],
 )
-def test_what_an_instrument_does_leaves_the_noise_as_it_was(prepared, nominal, name, target, value):
+def test_what_an_instrument_does_leaves_the_noise_as_it_was(solved_plan, nominal, name, target, value):
     """Chi-square at the right effect is that of the same experiment without it.
 
     A whitening that follows the readings' scale, as one may think it should, is off by 15 to 360 here.
     """
-    plain = prepared["force-plate"]
+    plain = solved_plan["force-plate"]
     effect = catalogue()[name]
     sizes = []
     for rig in (plain.rig, effect.inject(plain.rig, target, value)):
         stream = np.random.SeedSequence([SEED, 1])
-        seen = see(run_static(dataclasses.replace(plain, rig=rig), [stream])[0].measurements, nominal)
+        observed = observe(run_static(dataclasses.replace(plain, rig=rig), [stream])[0].measurements, nominal)
         if rig is plain.rig:
             terms = ()
         else:
-            (found,) = (c for c in candidates(seen) if (c.effect.name, c.target) == (name, target))
+            (found,) = (c for c in candidates(observed) if (c.effect.name, c.target) == (name, target))
             point = 0 if effect.sizes else [tuple(s) for s in found.settings].index(value)
             terms = (Term(found, point, np.array(value if effect.sizes else ())),)
-        fitted = fit(seen, noise_of(seen), terms)
+        fitted = fit(observed, noise_of(observed), terms)
         sizes.append(fitted.chi_square - fitted.linear.freedom)
     assert abs(sizes[1] - sizes[0]) < 10
 
@@ -165,8 +169,10 @@ def test_a_pattern_tells_the_reading_that_errs(robot, plan, nominal):
         return dataclasses.replace(m, joint_angles=angles)
 
     rig = dataclasses.replace(preset_rig("force-plate", robot), misread=bent)
-    seen = see(run_static(prepare(rig, plan), [np.random.SeedSequence(SEED)])[0].measurements, nominal)
-    linear = linear_model(seen, noise_of(seen))
+    observed = observe(
+        run_static(solve_plan(rig, plan), [np.random.SeedSequence(SEED)])[0].measurements, nominal
+    )
+    linear = linear_model(observed, noise_of(observed))
     clearest = patterns(linear, linear.residual, np.zeros((len(linear.residual), 0)))[0]
     assert clearest.words.startswith("the reading of right_knee errs with")
 
@@ -206,7 +212,7 @@ def test_a_hidden_effect_is_named_sized_and_predicts(robot, plan, preset, name, 
 def test_without_times_a_lost_posture_may_mean_a_foot_put_down_anew(robot, plan, nominal):
     m = measured(robot, plan.take(plan.placement <= 2), "ideal")
     kept = rows_of(m, (m.posture != 3) & ~np.isin(np.arange(len(m)), _repeats(m)))
-    timed, timeless = (see(one, nominal).stance for one in (kept, _timeless(kept)))
+    timed, timeless = (observe(one, nominal).stance for one in (kept, _timeless(kept)))
     assert timed.tolist() == timeless.tolist()
     assert len(np.unique(timeless)) == 3
 
@@ -286,13 +292,13 @@ def test_repeats_overrule_a_data_sheet(robot, plan, sheet, word):
     assert any(word in text for text in found.noise.assumed)
 
 
-def test_columns_hold_no_noise_of_the_residuals(prepared, nominal):
+def test_columns_hold_no_noise_of_the_residuals(solved_plan, nominal):
     """Scores of every candidate over noise alone: no systematic pull on any (z of the mean over 20 runs)."""
     pulls = []
-    for run in run_static(prepared["wii"], [np.random.SeedSequence([SEED, 100 + k]) for k in range(20)]):
-        seen = see(run.measurements, nominal)
-        plain = fit(seen, noise_of(seen), ())
-        board = field(plain.linear, [c for c in candidates(seen) if c.effect.name == "cell-gain"])
+    for run in run_static(solved_plan["wii"], [np.random.SeedSequence([SEED, 100 + k]) for k in range(20)]):
+        observed = observe(run.measurements, nominal)
+        plain = fit(observed, noise_of(observed), ())
+        board = field(plain.linear, [c for c in candidates(observed) if c.effect.name == "cell-gain"])
         pulls.append([s.sizes[0] / np.sqrt(s.covariance[0, 0]) for s in _in_order(board, plain)])
     assert (np.abs(np.mean(pulls, axis=0)) * np.sqrt(20) < 3.5).all()
 

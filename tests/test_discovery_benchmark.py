@@ -7,21 +7,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.cli import main
-from experiments.discovery.benchmark import cases as arms
-from experiments.discovery.benchmark import run
-from experiments.discovery.benchmark.board import board
-from experiments.discovery.benchmark.cases import Case, Settings, cases
-from experiments.discovery.benchmark.draw import MOST_PRIORS, draw_absorbed, draw_visible
-from experiments.discovery.benchmark.outcome import Bias, Found, Outcome, outcome
-from experiments.discovery.benchmark.outside import OUTSIDE
-from experiments.discovery.benchmark.score import figures
-from experiments.discovery.benchmark.tables import files
-from experiments.discovery.detectability import noncentrality
-from experiments.discovery.isolability import ISOLABLE
-from experiments.effects import catalogue
+from effects.catalogue import catalogue
+from experiments.atlas.detectability import noncentrality
+from experiments.atlas.isolability import ISOLABLE
+from experiments.benchmark import benchmark_run as run
+from experiments.benchmark import cases as arms
+from experiments.benchmark.benchmark_tables import files
+from experiments.benchmark.cases import Case, Settings, cases
+from experiments.benchmark.draw import MOST_PRIORS, draw_absorbed, draw_visible
+from experiments.benchmark.outcome import Bias, Found, Outcome, outcome
+from experiments.benchmark.outside_faults import OUTSIDE
+from experiments.benchmark.score import figures
+from experiments.benchmark.scoreboard import board
 from sim.measurements import write_plan
-from tools.study import part_of
+from studies.runner import part_of
+from tulip_testbed.cli.main import main
 
 SETTINGS = Settings("force-plate", 7, 0.01)
 FEW = [
@@ -66,10 +66,10 @@ def test_sizes_are_multiples_of_what_can_be_found(small):
         hidden = draw_visible(small, "encoder-offset", 2.0, rng)
         (candidate,) = [c for c in small.candidates if c.label == hidden.label]
         assert np.linalg.norm(hidden.signal) == pytest.approx(2 * small.wanted(candidate))
-        assert abs(hidden.occurrence.values[0]) <= MOST_PRIORS * candidate.prior[0]
-        signs.add(np.sign(hidden.occurrence.values[0]))
+        assert abs(hidden.instance.values[0]) <= MOST_PRIORS * candidate.prior[0]
+        signs.add(np.sign(hidden.instance.values[0]))
     assert signs == {-1.0, 1.0}
-    assert all(draw_visible(small, "backlash", 1.0, rng).occurrence.values[0] > 0 for _ in range(10))
+    assert all(draw_visible(small, "backlash", 1.0, rng).instance.values[0] > 0 for _ in range(10))
     assert not draw_absorbed(small, "payload", rng).signal.any()
 
 
@@ -78,7 +78,7 @@ def test_twins_are_what_looks_alike(small):
     angles = small.angles(hidden.signal)
     assert angles[hidden.label] < 0.01
     twins = small.twins(hidden.signal, [hidden.label])
-    plate, corner = hidden.occurrence.target.split(".")
+    plate, corner = hidden.instance.target.split(".")
     opposite = {"front_left": "rear_right", "front_right": "rear_left"}
     opposite |= {b: a for a, b in opposite.items()}
     assert f"cell-tare:{plate}.{opposite[corner]}" in twins

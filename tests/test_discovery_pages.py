@@ -9,19 +9,19 @@ from html import unescape
 import numpy as np
 import pytest
 
-from experiments.cli import main
-from experiments.report.discovery import discovery_page
-from experiments.report.page import html
-from experiments.report.tables import flattened
 from experiments.saved_discovery import read_discovery, residual_curves
 from experiments.saved_run import kind_of
-from experiments.view import window
-from experiments.view.discovery import discovery_text, log_discovery
 from sim.errors import InputError
-from sim.model import sha256
+from sim.robot import sha256
+from tests.looking import browse
 from tests.test_report import needs_chromium
 from tests.test_view import cpu_seconds, look, needs_vulkan, not_blank, refused
-from tools.looking import browse
+from tulip_testbed.cli.main import main
+from tulip_testbed.pages.discovery_page import discovery_page
+from tulip_testbed.pages.page import html
+from tulip_testbed.pages.page_tables import flattened
+from tulip_testbed.viewer import window
+from tulip_testbed.viewer.discovery_view import discovery_text, log_discovery
 
 SEED = "104"
 MOST_SECONDS, MOST_VIEW, MOST_PAGE = 20, 60e6, 12e6
@@ -70,11 +70,11 @@ def test_rerun_draws_every_view(found, saved, tmp_path):
     assert main(["view", str(found), "--save", str(tmp_path / "d.rrd")]) == 0
     assert cpu_seconds() - began < MOST_SECONDS
     assert (tmp_path / "d.rrd").stat().st_size < MOST_VIEW
-    seen = look(tmp_path / "d.rrd", {"posture": 40}, tmp_path / "d.png")
-    assert len(seen) == 10
-    assert sum(name.startswith("Before") for name in seen) == 2
-    assert sum(name.startswith("After") for name in seen) == 2
-    assert not any(seen.values()), seen
+    observed = look(tmp_path / "d.rrd", {"posture": 40}, tmp_path / "d.png")
+    assert len(observed) == 10
+    assert sum(name.startswith("Before") for name in observed) == 2
+    assert sum(name.startswith("After") for name in observed) == 2
+    assert not any(observed.values()), observed
     not_blank(tmp_path / "d.png")
 
 
@@ -85,16 +85,16 @@ def test_a_browser_has_nothing_to_complain_of(found, tmp_path):
     assert main(["report", str(found), "--out", str(page)]) == 0
     assert cpu_seconds() - began < MOST_SECONDS
     assert page.stat().st_size < MOST_PAGE
-    seen = browse(page, tmp_path / "d.png", (412, 900), dark=True)
-    assert seen.complaints == []
-    assert seen.requests == []
-    assert seen.width == 412
+    observed = browse(page, tmp_path / "d.png", (412, 900), dark=True)
+    assert observed.complaints == []
+    assert observed.requests == []
+    assert observed.width == 412
     expected = flattened(json.loads((found / "discovery.json").read_text()))
     run = flattened(json.loads((found / "run.json").read_text()))
     expected |= {f"run.{key}": value for key, value in run.items()}
-    assert {key: expected[key] for key in seen.cells} == seen.cells
-    assert {"gap.C.before", "gap.C.after", "candidates.0.log_bayes_factor"} <= set(seen.cells)
-    assert sum(key.endswith("after_mm") for key in seen.cells) == 25
+    assert {key: expected[key] for key in observed.cells} == observed.cells
+    assert {"gap.C.before", "gap.C.after", "candidates.0.log_bayes_factor"} <= set(observed.cells)
+    assert sum(key.endswith("after_mm") for key in observed.cells) == 25
 
 
 def other(saved, verdict):

@@ -10,13 +10,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from experiments.discovery.channels import ANCHORED, ROWS, residuals
-from experiments.effects import catalogue
-from experiments.effects.seen import see
-from experiments.effects.targets import check_target, leg_links
-from sim.laboratory import run_experiment
+from effects.catalogue import catalogue
+from effects.targets import check_target, leg_links
+from identification.observation import observe
+from identification.residual_channels import ANCHORED, ROWS, residuals
+from sim.dynamics.dynamic_run import run_experiment
 from sim.measurements import Measurements
-from sim.model import CORNERS
+from sim.robot import CORNERS
 from tests.effect_changes import SEED, UNIT, agreement, changes, statically
 
 SENSORS = {  # of readings alone: predict undoes inject to rounding
@@ -158,7 +158,7 @@ def test_predict_undoes_any_misreading(text, data, noiseless, robot, base, nomin
     )
     read = effect.inject(noiseless, target, values).misread
     assert read is not None
-    cleaned = effect.predict(see(read(base), nominal), target, values)
+    cleaned = effect.predict(observe(read(base), nominal), target, values)
     for name in ("joint_angles", "cell_forces", "plate_poses"):
         assert getattr(cleaned, name) == pytest.approx(getattr(base, name), abs=1e-9)
 
@@ -185,10 +185,10 @@ def zero(effect):
 
 @pytest.mark.parametrize("name", catalogue())
 def test_no_effect_predicts_nothing(name, robot, base, nominal):
-    effect, seen = catalogue()[name], see(base, nominal)
+    effect, observed = catalogue()[name], observe(base, nominal)
     target = effect.targets.of(robot, tuple(np.unique(base.placement).tolist()))[0]
-    same = residuals(effect.predict(seen, target, zero(effect)), nominal.value)
-    assert np.abs(same - residuals(seen, nominal.value)).max() < 1e-12
+    same = residuals(effect.predict(observed, target, zero(effect)), nominal.value)
+    assert np.abs(same - residuals(observed, nominal.value)).max() < 1e-12
 
 
 @pytest.mark.parametrize(
@@ -208,7 +208,7 @@ def test_a_creeping_robot_stands_in_equilibrium(noiseless, two, nominal):
     short = dataclasses.replace(noiseless, protocol=dataclasses.replace(noiseless.protocol, window=2.0))
     found = run_experiment(catalogue()["unsettled"].inject(short, "", (0.5,)), two, SEED)
     assert max(held.settled_after for held in found.held) < 0.5
-    left = residuals(see(found.measurements, nominal), nominal.value) / UNIT
+    left = residuals(observe(found.measurements, nominal), nominal.value) / UNIT
     assert np.abs(left[:, : ANCHORED.start]).max() < 0.05  # mm, N, mrad
 
 

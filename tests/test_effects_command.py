@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.cli import main
-from experiments.effects import catalogue
-from experiments.effects.hidden import draw_effect, read_effect
-from experiments.effects.occurrence import check_occurrence
-from experiments.effects.wording import told
+from effects.catalogue import catalogue
+from effects.instance import check_instance
+from effects.parsing import draw_effect, read_effect
+from effects.wording import told
 from experiments.rig_folder import write_rig
 from sim.errors import InputError
 from sim.measurements import read_measurements
 from tests.test_cli import refused
+from tulip_testbed.cli.main import main
 
 OFFSET = "encoder-offset:right_knee=0.01"
 
@@ -137,7 +137,7 @@ def test_a_random_effect_that_cannot_be_simulated_is_not_named(tmp_path, capsys,
     def fail(*_):
         raise InputError("joint-compliance at left_knee is too soft")
 
-    monkeypatch.setattr("experiments.commands.simulate.run_static", fail)
+    monkeypatch.setattr("tulip_testbed.cli.simulate_command.run_static", fail)
     more = ("--statics", "--effect", "random", "--truth", tmp_path / "truth.json")
     message = refused(capsys, "simulate", "--out", tmp_path / "data", *more)
     assert "give another --seed" in message
@@ -150,7 +150,7 @@ def test_draws_are_valid_and_of_all_kinds(statics, robot):
     rng, placements = np.random.default_rng(242), range(1, 31)
     drawn = [draw_effect(robot, placements, rng, statics) for _ in range(600)]
     for found in drawn:
-        check_occurrence(found, robot, placements, "draw")
+        check_instance(found, robot, placements, "draw")
         assert told(found)
     possible = [e.name for e in catalogue().values() if e.statics or not statics]
     assert {found.effect.name for found in drawn} == set(possible)
@@ -191,7 +191,7 @@ def test_check_with_a_rig(tmp_path, robot, capsys):
 
 
 def test_choices_are_given_by_name(robot):
-    pytest.importorskip("experiments.effects.swapped_cells")
+    pytest.importorskip("effects.catalogue.swapped_cells")
     found = read_effect("swapped-cells:left=front_left,rear_right", robot, [1])
     assert found.values == (0.0, 2.0)
     assert told(found) == "The front left and rear right cells of the left plate are swapped."

@@ -6,25 +6,24 @@ import mujoco
 import numpy as np
 import pytest
 
-from experiments.discovery.channels import residuals
-from experiments.discovery.laboratory import exact_rig, measured_plan, simulated
-from experiments.effects import catalogue
-from experiments.effects.injection import passed
-from experiments.effects.occurrence import Occurrence, freed, injected
-from experiments.effects.seen import see
+from discovery.refit import exact_rig, measured_plan, simulated
+from effects.catalogue import catalogue
+from effects.instance import EffectInstance, injected, removed
 from experiments.scenario import DEFAULT_PLAN, Scenario
+from identification.observation import observe, time_fraction
+from identification.residual_channels import residuals
 from sim.errors import InputError
 from sim.measurements import read_plan
-from sim.prepared import prepare
 from sim.rig import preset_rig, stages
 from sim.scene import load_scene
-from sim.static_laboratory import run_static
+from sim.statics.solved_plan import solve_plan
+from sim.statics.static_run import run_static
 from tests.effect_changes import SEED, first, statically
 
 
 def test_loads_in_the_joints_are_what_the_servos_bear(moved, model, nominal):
     """But for dry friction: of the joint itself, and what it leaves of push between the feet."""
-    torques = see(moved.measurements, nominal).torques
+    torques = observe(moved.measurements, nominal).torques
     servos = np.array([held.torques for held in moved.held])
     dry = np.array(
         [model.dof_frictionloss[model.joint(name).dofadr[0]] for name in moved.measurements.joints]
@@ -52,12 +51,12 @@ def test_a_tilt_turns_about_x_then_about_y(noiseless):
 def test_the_nominal_laboratory_asked_again_shows_what_was_measured(name, robot, model, nominal):
     """Also where the plan has feed-forward, which the commands hold."""
     plan = first(read_plan(DEFAULT_PLAN.parent / name, robot, model), 8)
-    run = run_static(prepare(preset_rig("wii", robot), plan), np.random.SeedSequence(SEED).spawn(1))[0]
-    seen = see(run.measurements, nominal)
-    again = simulated(exact_rig(seen), measured_plan(seen))
-    assert len(again) == len(seen)
-    assert np.abs(again.joint_angles - seen.joint_angles).max() < 5e-3
-    feet = (again.cell_forces - seen.cell_forces).reshape(-1, 2, 4).sum(axis=2)
+    run = run_static(solve_plan(preset_rig("wii", robot), plan), np.random.SeedSequence(SEED).spawn(1))[0]
+    observed = observe(run.measurements, nominal)
+    again = simulated(exact_rig(observed), measured_plan(observed))
+    assert len(again) == len(observed)
+    assert np.abs(again.joint_angles - observed.joint_angles).max() < 5e-3
+    feet = (again.cell_forces - observed.cell_forces).reshape(-1, 2, 4).sum(axis=2)
     assert np.abs(feet).max() < 15
 
 
@@ -80,15 +79,17 @@ def test_what_an_effect_adds_is_no_part_of_the_true_robot(name, target, values, 
 def test_effects_are_undone_as_they_act_in_whatever_order_they_are_listed(noiseless, few, nominal):
     """Else a sole's yielding would be taken from cells that are still exchanged."""
     listed = [
-        Occurrence(catalogue()["swapped-cells"], "left", (1, 3)),
-        Occurrence(catalogue()["cell-gain"], "right.front_left", (0.1,)),
-        Occurrence(catalogue()["sole-compliance"], "", (4e-4,)),
+        EffectInstance(catalogue()["swapped-cells"], "left", (1, 3)),
+        EffectInstance(catalogue()["cell-gain"], "right.front_left", (0.1,)),
+        EffectInstance(catalogue()["sole-compliance"], "", (4e-4,)),
     ]
     sole = listed[2:]
-    alone = residuals(freed(see(statically(injected(noiseless, sole), few), nominal), sole), nominal.value)
+    alone = residuals(
+        removed(observe(statically(injected(noiseless, sole), few), nominal), sole), nominal.value
+    )
     for order in (listed, listed[::-1]):
-        seen = see(statically(injected(noiseless, order), few), nominal)
-        assert residuals(freed(seen, order), nominal.value) == pytest.approx(alone, abs=1e-9)
+        observed = observe(statically(injected(noiseless, order), few), nominal)
+        assert residuals(removed(observed, order), nominal.value) == pytest.approx(alone, abs=1e-9)
 
 
 def test_the_truth_is_of_the_robot_that_stood_there_first(noiseless, few, nominal):
@@ -116,7 +117,7 @@ def test_what_is_changed_after_a_step_is_changed_before_and_after(noiseless):
 def test_a_step_comes_at_its_part_of_the_recorded_time(noiseless, few, nominal):
     found = statically(catalogue()["payload-step"].inject(noiseless, "torso", (0.5, 0.41)), few)
     heavy = found.cell_forces.sum(axis=1) / found.gravity - nominal.mass
-    assert heavy == pytest.approx(0.5 * (passed(found.time) >= 0.41), abs=1e-6)
+    assert heavy == pytest.approx(0.5 * (time_fraction(found.time) >= 0.41), abs=1e-6)
 
 
 def test_a_laboratory_does_not_change_before_it_begins(noiseless):
@@ -130,4 +131,4 @@ def test_statics_refuses_what_it_does_not_know(name, noiseless, robot, two):
     effect = catalogue()[name]
     target = effect.targets.of(robot, (1,))[0]
     with pytest.raises(InputError, match="static equilibrium"):
-        prepare(effect.inject(noiseless, target, (0.001,)), two)
+        solve_plan(effect.inject(noiseless, target, (0.001,)), two)

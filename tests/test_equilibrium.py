@@ -12,19 +12,27 @@ from hypothesis import strategies as st
 from scipy.stats import ks_2samp
 
 from identification.nominal import nominal_robot
-from sim.equilibrium import Load, State, faults, mechanism, reference, residual
-from sim.equilibrium.statics import turn
+from sim.dynamics.dynamic_run import run_experiment
 from sim.errors import InputError
-from sim.laboratory import run_experiment
-from sim.model import load_model
 from sim.path import ClosedChain
-from sim.prepared import prepare
 from sim.rig import preset_rig
+from sim.robot import load_model
 from sim.scene import laboratory_scene
 from sim.sensors import PRESETS, averaged_sd, sample, sample_mean
-from sim.static_laboratory import run_static
-from tools.study import part_of
-from tools.study_equilibrium import EDGE, centers_at, compare, edge_distance, excess_sag, laboratories, pulled
+from sim.statics import Load, State, faults, mechanism, reference, residual
+from sim.statics.forces import turn
+from sim.statics.solved_plan import solve_plan
+from sim.statics.static_run import run_static
+from studies.runner import part_of
+from studies.study_equilibrium import (
+    EDGE,
+    centers_at,
+    compare,
+    edge_distance,
+    excess_sag,
+    laboratories,
+    pulled,
+)
 
 # Backlash is in docs/equilibrium.md: where a load turns within the play there is more than one equilibrium.
 LABORATORIES = [
@@ -46,8 +54,8 @@ def rig(robot):
 
 
 @pytest.fixture(scope="module")
-def prepared(rig, plan):
-    return prepare(rig, plan)
+def solved_plan(rig, plan):
+    return solve_plan(rig, plan)
 
 
 @pytest.mark.parametrize("name", LABORATORIES)
@@ -55,34 +63,34 @@ def test_the_dynamics_come_to_rest_in_it(rig, plan, name):
     one = part_of(plan, np.flatnonzero(plan.placement == 2))
     changed = laboratories(rig)[name]
     quiet = dataclasses.replace(changed, protocol=dataclasses.replace(changed.protocol, repeats=0))
-    found = compare(prepare(quiet, one), list(run_experiment(quiet, one, 1).attempts))
+    found = compare(solve_plan(quiet, one), list(run_experiment(quiet, one, 1).attempts))
     assert len(found.held) >= 3
     assert np.abs(found.angles).max() < 1e-4
     assert np.abs(found.cells).max() < 0.05
     assert found.center.max() < 1e-5
 
 
-def test_with_dry_friction_the_center_of_pressure_follows_from_the_angles(prepared, ideal):
+def test_with_dry_friction_the_center_of_pressure_follows_from_the_angles(solved_plan, ideal):
     held = [a for a in ideal.experiment.attempts if a.held is not None]
-    inside = edge_distance(prepared, held) > EDGE
+    inside = edge_distance(solved_plan, held) > EDGE
     assert inside.mean() > 0.9
-    assert np.linalg.norm(centers_at(prepared, held), axis=1)[inside].max() < 1e-5
+    assert np.linalg.norm(centers_at(solved_plan, held), axis=1)[inside].max() < 1e-5
 
 
-def test_with_dry_friction_sag_and_load_share_are_distributed_alike(prepared, ideal):
+def test_with_dry_friction_sag_and_load_share_are_distributed_alike(solved_plan, ideal):
     """Kolmogorov and Smirnov's test for every joint and the load share, familywise level 1 %."""
     held = [a for a in ideal.experiment.attempts if a.held is not None]
-    actual, predicted = excess_sag(prepared, held, np.random.default_rng(301))
+    actual, predicted = excess_sag(solved_plan, held, np.random.default_rng(301))
     chances = [ks_2samp(a, p).pvalue for a, p in zip(actual.T, predicted.T, strict=True)]
     assert min(chances) > LEVEL / len(chances)
 
 
-def test_that_test_sees_friction_that_always_stands_at_its_limit(prepared, ideal, monkeypatch):
-    monkeypatch.setattr("sim.equilibrium.approach.SHORT_WAY", 1e-6)
-    monkeypatch.setattr("sim.equilibrium.approach.SCATTER", 0.0)
-    monkeypatch.setattr("sim.equilibrium.approach.PUT_DOWN_SCATTER", 1e6)
+def test_that_test_sees_friction_that_always_stands_at_its_limit(solved_plan, ideal, monkeypatch):
+    monkeypatch.setattr("sim.statics.approach.SHORT_WAY", 1e-6)
+    monkeypatch.setattr("sim.statics.approach.SCATTER", 0.0)
+    monkeypatch.setattr("sim.statics.approach.PUT_DOWN_SCATTER", 1e6)
     held = [a for a in ideal.experiment.attempts if a.held is not None]
-    actual, predicted = excess_sag(prepared, held, np.random.default_rng(301))
+    actual, predicted = excess_sag(solved_plan, held, np.random.default_rng(301))
     chances = [ks_2samp(a, p).pvalue for a, p in zip(actual.T, predicted.T, strict=True)]
     assert min(chances) < LEVEL / len(chances)
 
@@ -118,11 +126,11 @@ def test_gravity_and_ropes_are_what_mujoco_says(rig, seed):
     np.testing.assert_allclose(rotation.T @ left[3:6], expected[dof + 3 : dof + 6], atol=1e-9)
 
 
-def test_the_feet_bear_the_weight_under_the_center_of_mass(prepared, robot):
-    m, state = prepared.mechanism, prepared.near.state
+def test_the_feet_bear_the_weight_under_the_center_of_mass(solved_plan, robot):
+    m, state = solved_plan.mechanism, solved_plan.near.state
     push, twist = state.wrench[..., :3], state.wrench[..., 3:]
     np.testing.assert_allclose(push.sum(axis=1), np.tile([0, 0, 9.81 * m.mass.sum()], (150, 1)), atol=1e-8)
-    feet = np.stack([np.zeros_like(prepared.plan.swing_pose), prepared.plan.swing_pose], axis=1)
+    feet = np.stack([np.zeros_like(solved_plan.plan.swing_pose), solved_plan.plan.swing_pose], axis=1)
     moment = (twist[..., :2] + np.stack([feet[..., 1], -feet[..., 0]], axis=-1) * push[..., 2:]).sum(axis=1)
     pressure = np.column_stack([-moment[:, 1], moment[:, 0]]) / push[..., 2].sum(axis=1)[:, None]
     model = load_model(robot)
@@ -139,11 +147,11 @@ def test_the_feet_bear_the_weight_under_the_center_of_mass(prepared, robot):
 
 def test_runs_are_the_same_bits_however_they_are_grouped(robot, plan):
     few = part_of(plan, np.flatnonzero(plan.placement <= 4))
-    prepared = prepare(preset_rig("wii", robot), few)
+    solved_plan = solve_plan(preset_rig("wii", robot), few)
     streams = np.random.SeedSequence(5).spawn(5)
-    together = run_static(prepared, streams)
+    together = run_static(solved_plan, streams)
     for run, stream in zip(together, streams, strict=True):
-        (alone,) = run_static(prepared, [stream])
+        (alone,) = run_static(solved_plan, [stream])
         assert alone.dropped == run.dropped
         for name in ("joint_angles", "cell_forces", "plate_poses", "time", "command"):
             assert np.array_equal(getattr(alone.measurements, name), getattr(run.measurements, name))
@@ -163,15 +171,15 @@ def test_its_readings_scatter_as_sampled_ones_do():
             assert abs(error.mean()) < 5 * sd / np.sqrt(len(truth))
 
 
-def test_a_robot_it_is_told_of_is_the_one_that_stands_there(prepared, robot, plan):
+def test_a_robot_it_is_told_of_is_the_one_that_stands_there(solved_plan, robot, plan):
     """Doubling every mass doubles what the cells read; the truth goes with the run."""
-    m = prepared.mechanism
-    standard = np.column_stack([m.mass, m.mass[:, None] * m.center])[prepared.links]
+    m = solved_plan.mechanism
+    standard = np.column_stack([m.mass, m.mass[:, None] * m.center])[solved_plan.links]
     streams = np.random.SeedSequence(6).spawn(1)
-    (nominal,) = run_static(prepared, streams)
-    (told,) = run_static(prepared, streams, standard[None])
+    (nominal,) = run_static(solved_plan, streams)
+    (told,) = run_static(solved_plan, streams, standard[None])
     assert np.array_equal(nominal.measurements.cell_forces, told.measurements.cell_forces)
-    (heavy,) = run_static(prepared, streams, 1.1 * standard[None])
+    (heavy,) = run_static(solved_plan, streams, 1.1 * standard[None])
     assert heavy.true_mass == pytest.approx(1.1 * nominal.true_mass)
     total = heavy.measurements.cell_forces.sum(axis=1)
     np.testing.assert_allclose(total, 9.81 * heavy.true_mass, atol=1e-6)
@@ -182,8 +190,8 @@ def test_a_posture_that_nobody_can_hold_is_not_solved(rig, plan):
     few = part_of(plan, np.arange(5))
     angles = few.joint_angles.copy()
     angles[2, [4, 10]] += 0.6
-    prepared = prepare(rig, dataclasses.replace(few, joint_angles=angles))
-    (run,) = run_static(prepared, np.random.SeedSequence(1).spawn(1))
+    solved_plan = solve_plan(rig, dataclasses.replace(few, joint_angles=angles))
+    (run,) = run_static(solved_plan, np.random.SeedSequence(1).spawn(1))
     assert int(few.posture[2]) in [number for number, _ in run.dropped]
 
 
@@ -199,7 +207,7 @@ def test_what_it_does_not_know_is_refused(rig, plan):
         mechanism(dataclasses.replace(rig, edit=odd))
     other = dataclasses.replace(plan, support=np.full(len(plan), "left"))
     with pytest.raises(InputError, match="found support 'left', expected 'double' or 'right'"):
-        prepare(rig, other)
+        solve_plan(rig, other)
 
 
 def test_small_turns_are_rotations():
@@ -216,26 +224,31 @@ def test_small_turns_are_rotations():
         np.testing.assert_allclose(r.ravel(), expected, atol=1e-12)
 
 
-def test_newton_ends_where_it_began_if_that_is_the_solution(prepared):
-    m, near = prepared.mechanism, prepared.near
-    feet = np.stack([np.zeros_like(prepared.plan.swing_pose), prepared.plan.swing_pose], axis=1)
+def test_newton_ends_where_it_began_if_that_is_the_solution(solved_plan):
+    m, near = solved_plan.mechanism, solved_plan.near
+    feet = np.stack([np.zeros_like(solved_plan.plan.swing_pose), solved_plan.plan.swing_pose], axis=1)
     load = Load(
-        prepared.plan.joint_angles, np.zeros(12), feet, prepared.boards[prepared.placement], m.mass, m.center
+        solved_plan.plan.joint_angles,
+        np.zeros(12),
+        feet,
+        solved_plan.boards[solved_plan.placement],
+        m.mass,
+        m.center,
     )
     again = reference(m, near.state, load)
     assert np.abs(again.state.angles - near.state.angles).max() < 1e-12
     assert np.abs(residual(m, near.state, load)).max() < 1e-9
 
 
-def test_the_chain_starts_from_the_same_torso(prepared, robot, plan):
+def test_the_chain_starts_from_the_same_torso(solved_plan, robot, plan):
     chain = ClosedChain(load_model(robot), robot)
     lifted = [chain.base_pose(angles)[2] for angles in plan.joint_angles]
-    assert np.abs(prepared.near.state.position[:, 2] - lifted).max() < 0.03  # sag
+    assert np.abs(solved_plan.near.state.position[:, 2] - lifted).max() < 0.03  # sag
 
 
-def test_a_sole_is_held_against_its_own_edges(prepared):
+def test_a_sole_is_held_against_its_own_edges(solved_plan):
     """Pressure near the toes of a foot turned by half a radian is inside of it; beside them it is not."""
-    m, near = prepared.mechanism, prepared.near.state
+    m, near = solved_plan.mechanism, solved_plan.near.state
     yaw = 0.5
     state = near.items(np.zeros(2, int))
     feet = np.zeros((2, 2, 3))
@@ -255,7 +268,7 @@ def test_the_feet_stay_when_the_last_posture_is_measured_again(rig, plan):
     """A repeat that follows its own first try is a move, not a new set-up."""
     one = part_of(plan, np.flatnonzero(plan.placement == 2))
     every = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=len(one)))
-    measured = run_static(prepare(every, part_of(one, np.array([0]))), [np.random.SeedSequence(1)])[0]
+    measured = run_static(solve_plan(every, part_of(one, np.array([0]))), [np.random.SeedSequence(1)])[0]
     nominal = nominal_robot(rig.robot)
     place = nominal.swing_sole(measured.measurements.joint_angles)[:, [0, 1, 5]]
     assert len(place) == 2

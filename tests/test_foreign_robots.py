@@ -8,16 +8,16 @@ import mujoco
 import numpy as np
 import pytest
 
-from experiments.cli import main
 from identification.base_parameters import base_parameters, standard_parameters
 from identification.postures import free_joint_ranges, planning_ranges, random_postures
 from identification.regressor import stacked_regressor
 from sim.errors import InputError
-from sim.model import between_feet, joint_names, load_model, load_robot, sole_corners
 from sim.path import ClosedChain
 from sim.plates import plate_geometry
+from sim.robot import between_feet, joint_names, load_model, load_robot, sole_corners
 from sim.scene import load_scene
-from tools.foreign_robots import ROBOTS, original_model, write_robot
+from tests.foreign_robots import ROBOTS, original_model, write_robot
+from tulip_testbed.cli.main import main
 
 NAMES = sorted(ROBOTS)
 

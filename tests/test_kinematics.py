@@ -6,7 +6,7 @@ import pytest
 
 from identification.base_parameters import base_parameters, standard_parameters
 from identification.kinematics import frame_positions, link_rotations
-from sim.model import sole_point
+from sim.robot import sole_point
 
 
 def random_angles(tree, count, seed):

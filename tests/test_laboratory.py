@@ -8,21 +8,21 @@ import pytest
 
 from identification.center_of_pressure import center_of_pressure
 from identification.kinematics import link_rotations
-from sim import laboratory
-from sim.bookkeeping import keep_books
 from sim.compliance import Compliance
 from sim.drives import Drives
-from sim.hold import hold, move, put_down
-from sim.laboratory import run_experiment, run_placement
+from sim.dynamics import dynamic_run as laboratory
+from sim.dynamics.balance import balance_of
+from sim.dynamics.dynamic_run import run_experiment, run_placement
+from sim.dynamics.hold import hold, move, put_down
+from sim.dynamics.stand import Stand
 from sim.measurements import lay_boards
-from sim.model import sole_corners
 from sim.path import ClosedChain
 from sim.plates import tare
 from sim.rig import preset_rig
+from sim.robot import sole_corners
 from sim.scene import load_scene
 from sim.sensors import PRESETS, averaged_sd, sample
-from sim.stand import Stand
-from tools.study import part_of
+from studies.runner import part_of
 
 
 def test_centre_of_pressure_is_the_com_within_0_05_mm(ideal):
@@ -198,12 +198,12 @@ def test_the_books_show_a_cell_that_stands_elsewhere_and_a_foreign_force(robot, 
     assert held.books.torques < 1e-6
     stand.data.xfrc_applied[stand.torso, 2] += 1.0
     stand.run(0.5)
-    assert keep_books(stand, 0.0).weight == pytest.approx(-1.0, abs=0.01)
-    assert keep_books(stand, 0.0).torques > 0.5
+    assert balance_of(stand, 0.0).weight == pytest.approx(-1.0, abs=0.01)
+    assert balance_of(stand, 0.0).torques > 0.5
     stand.data.xfrc_applied[stand.torso, :3] = [1.0, 0.0, 0.0]
     stand.run(0.5)
-    assert keep_books(stand, 0.0).torques > 0.5
-    assert keep_books(stand, 0.0).centre > 1e-3
+    assert balance_of(stand, 0.0).torques > 0.5
+    assert balance_of(stand, 0.0).centre > 1e-3
 
 
 def test_a_posture_beyond_the_feet_tips_and_one_pushed_slips(robot, plan):

@@ -12,7 +12,7 @@ import pytest
 from experiments.validate import identify
 from sim.errors import InputError
 from sim.measurements import read_measurements, read_plan, write_measurements, write_plan
-from sim.model import sha256
+from sim.robot import sha256
 
 
 @pytest.fixture

@@ -79,7 +79,7 @@ def test_runs_differ_and_depend_on_the_seed(undisturbed):
 
 def test_killed_at_any_moment_it_goes_on_to_the_same_bytes(undisturbed, tmp_path):
     command = [sys.executable, "-m", "tests.montecarlo_work", str(tmp_path), str(RUNS), str(SIZE), "0.05"]
-    chance, seen = random.Random(1107), []
+    chance, observed = random.Random(1107), []
     for _ in range(4):
         process = subprocess.Popen(command, cwd=ROOT, start_new_session=True)
         before = len(list(tmp_path.glob("*.parquet")))
@@ -88,10 +88,10 @@ def test_killed_at_any_moment_it_goes_on_to_the_same_bytes(undisturbed, tmp_path
         time.sleep(chance.uniform(0.0, 0.06))
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-        seen.append(len(list(tmp_path.glob("*.parquet"))))
-        if seen[-1] == len(undisturbed):
+        observed.append(len(list(tmp_path.glob("*.parquet"))))
+        if observed[-1] == len(undisturbed):
             break
-    assert seen[0] < len(undisturbed)
+    assert observed[0] < len(undisturbed)
     subprocess.run(command, cwd=ROOT, check=True)
     assert bytes_of(Chunks(tmp_path, RUNS, SIZE)) == bytes_of(undisturbed)
     assert {p.suffix for p in tmp_path.iterdir()} == {".parquet"}

@@ -12,18 +12,18 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from experiments.montecarlo.laboratory import Run, laboratory, stream_of
+from experiments.montecarlo.laboratory_runs import Run, laboratory, stream_of
 from experiments.scenario import Scenario
 from identification.base_parameters import standard_parameters
 from identification.estimators import DEFAULT
 from sim.errors import InputError
 from sim.measurements import write_plan
 from sim.rig import preset_rig
-from sim.static_laboratory import run_static
+from sim.statics.static_run import run_static
+from studies.runner import part_of
 from tests.test_cli import refused
-from tools.study import part_of
 
-TULIP = [sys.executable, "-c", "from experiments.entry import run; run()"]
+TULIP = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"]
 RUNS = 60
 
 
@@ -177,11 +177,11 @@ def test_a_run_without_a_posture_does_not_take_others_with_it(robot, plan, monke
     scenario = Scenario(preset_rig("wii", robot), part_of(plan, plan.placement <= 1), 1, "wii")
     static = laboratory(scenario, None, False)
 
-    def fail(prepared, streams, standard):
+    def fail(solved_plan, streams, standard):
         if any(stream.spawn_key[0] == 2 for stream in streams):
             raise InputError("none of 6 postures could be measured: tipped")
-        return run_static(prepared, streams, standard)
+        return run_static(solved_plan, streams, standard)
 
-    monkeypatch.setattr("experiments.montecarlo.laboratory.run_static", fail)
+    monkeypatch.setattr("experiments.montecarlo.laboratory_runs.run_static", fail)
     outcomes = static([stream_of(107, run) for run in range(4)])
     assert [isinstance(outcome, str) for outcome in outcomes] == [False, False, True, False]

@@ -5,12 +5,12 @@ import json
 
 import pytest
 
-from experiments.montecarlo.folder import check_folder, first_difference, open_folder, run_document
+from experiments.montecarlo.montecarlo_folder import check_folder, first_difference, open_folder, run_document
 from experiments.montecarlo.settings import Settings
 from experiments.scenario import Scenario
 from sim.errors import InputError
 from sim.rig import preset_rig
-from tools.study import part_of
+from studies.runner import part_of
 
 SETTINGS = Settings(runs=100, seed=5, estimator="mixed-model", spread=None, dynamics=False)
 

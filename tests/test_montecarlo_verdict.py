@@ -4,10 +4,17 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from experiments.montecarlo.calibration_report import report
+from experiments.montecarlo.calibration_verdict import (
+    LEVEL,
+    CalibrationCheck,
+    checks,
+    shown,
+    verdict,
+    whole_bounds,
+)
 from experiments.montecarlo.chunks import Chunks
-from experiments.montecarlo.report import report
 from experiments.montecarlo.summary import Calibration, Spread, Summary, summarise
-from experiments.montecarlo.verdict import LEVEL, CalibrationCheck, checks, shown, verdict, whole_bounds
 from tests.montecarlo_work import LAYOUT, Regressions, run_regressions
 
 RUNS = 5000

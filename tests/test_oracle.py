@@ -10,7 +10,7 @@ from scipy.linalg import subspace_angles
 
 from identification.base_parameters import base_parameters, standard_parameters
 from identification.kinematics import frame_positions, link_rotations
-from sim.model import joint_names, load_model, sole_point
+from sim.robot import joint_names, load_model, sole_point
 
 FOLDER = Path(__file__).parent / "data" / "oracle"
 SUPPORTS = ("right", "double")

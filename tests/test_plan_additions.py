@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from experiments.discovery.planned import usable
+from experiments.atlas.planned_experiment import usable
 from experiments.plan_description import described_plan, regressor_by_mujoco
-from experiments.planning import as_plan, joined
+from experiments.planning_run import as_plan, joined
 from experiments.validate import identify
 from identification.base_parameters import base_parameters
 from identification.planning.closed_chain import chain_at
@@ -29,17 +29,17 @@ from identification.regressor import stacked_regressor
 from identification.statistics import standard_errors
 from sim.errors import InputError
 from sim.measurements import read_plan, write_plan
-from sim.prepared import prepare
 from sim.rig import preset_rig
-from sim.static_laboratory import run_static
-from tools.improve.one_foot import holding_torques
+from sim.statics.solved_plan import solve_plan
+from sim.statics.static_run import run_static
+from studies.improve.one_foot import holding_torques
 
 SIGMA = 4.16e-3
 SEED = 311
 
 
 def measured(robot, plan, preset="wii", seed=SEED):
-    (run,) = run_static(prepare(preset_rig(preset, robot), plan), np.random.SeedSequence(seed).spawn(1))
+    (run,) = run_static(solve_plan(preset_rig(preset, robot), plan), np.random.SeedSequence(seed).spawn(1))
     return run.measurements
 
 
@@ -125,10 +125,10 @@ def test_feed_forward_holds_postures_on_one_foot_without_sag(robot, with_one_foo
     """Statics of the laboratory's own scene, without friction and noise: angles are the plan's."""
     one = with_one_foot.take(with_one_foot.support == "right")
     rig, count = preset_rig("ideal", robot), one.joint_angles.shape[1]
-    held = prepare(rig, one).near
+    held = solve_plan(rig, one).near
     assert held.solved.all()
     assert np.abs(held.state.angles[:, :count] - one.joint_angles).max() < 1e-4
-    sagging = prepare(rig, dataclasses.replace(one, torques=None)).near
+    sagging = solve_plan(rig, dataclasses.replace(one, torques=None)).near
     assert np.abs(sagging.state.angles[:, :count] - one.joint_angles).max() > 0.01
 
 

@@ -10,17 +10,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from experiments import planning, rendering
-from experiments.cli import main
-from experiments.drawings import contact_sheet, support_polygons
+from experiments import planning_run as planning
 from experiments.scenario import DEFAULT_PLAN
 from sim.measurements import read_plan, write_measurements
-from sim.model import load_model
-from sim.prepared import prepare
 from sim.rig import preset_rig
-from sim.static_laboratory import run_static
+from sim.robot import load_model
+from sim.statics.solved_plan import solve_plan
+from sim.statics.static_run import run_static
 from tests.test_cli import refused
 from tests.test_view import needs_opengl
+from tulip_testbed import rendering
+from tulip_testbed.cli.main import main
+from tulip_testbed.drawings import contact_sheet, support_polygons
 
 SMALL = ("--placements", "5", "--postures-per-placement", "3", "--hops", "1", "--seed", "311")
 
@@ -30,7 +31,7 @@ def data(robot, plan, tmp_path_factory):
     """Fifty postures, measured."""
     place = tmp_path_factory.mktemp("measured") / "data"
     first = plan.take(plan.placement <= 10)
-    (run,) = run_static(prepare(preset_rig("wii", robot), first), np.random.SeedSequence(312).spawn(1))
+    (run,) = run_static(solve_plan(preset_rig("wii", robot), first), np.random.SeedSequence(312).spawn(1))
     write_measurements(place, run.measurements)
     return place
 

@@ -24,13 +24,13 @@ from identification.planning.search import begin, design_of, search
 from identification.planning.trial import run_trial, smallest_margins
 from identification.postures import planning_ranges
 from identification.regressor import stacked_regressor
+from sim.dynamics.dynamic_run import run_experiment
 from sim.errors import InputError
-from sim.laboratory import run_experiment
 from sim.measurements import read_plan, write_plan
-from sim.model import sole_corners
-from sim.prepared import prepare
 from sim.rig import preset_rig
-from tools.study import part_of
+from sim.robot import sole_corners
+from sim.statics.solved_plan import solve_plan
+from studies.runner import part_of
 
 STEP = 1e-6
 SIGMA = 4.16e-3
@@ -168,7 +168,7 @@ def test_objective_is_recomputed_from_the_plan_file(tmp_path, robot, model, para
 def test_feed_forward_shares_the_load_as_planned(problem, small, robot):
     """Statics of the laboratory's own scene, without friction and noise: angles and loads are the plan's."""
     rig = preset_rig("ideal", robot)
-    held = prepare(rig, small).near
+    held = solve_plan(rig, small).near
     assert held.solved.all()
     joints = held.state.angles[:, : small.joint_angles.shape[1]]
     assert np.abs(joints - small.joint_angles).max() < 1e-4
@@ -177,7 +177,7 @@ def test_feed_forward_shares_the_load_as_planned(problem, small, robot):
     wrench = held.state.wrench  # of the floor on either sole, about the sole points
     assert np.abs(wrench[:, :, 2] - foot.feet).max() < 0.1
     assert np.abs(wrench[:, :, :2]).max() < 0.5
-    sagging = prepare(rig, dataclasses.replace(small, torques=None)).near
+    sagging = solve_plan(rig, dataclasses.replace(small, torques=None)).near
     assert np.abs(sagging.state.wrench[:, :, 2] - foot.feet).max() > 5
 
 
@@ -197,8 +197,8 @@ def test_no_margin_is_negative(problem, small):
 
 def test_chance_margin_covers_robots_that_differ(problem, plan):
     """The linear s.d. of the CoM against robots drawn around the nominal one."""
-    from sim.model import load_model
     from sim.random_robots import draw_robot
+    from sim.robot import load_model
 
     model, rng = load_model(problem.robot), np.random.default_rng(212)
     rows = problem.parameters.regressor(plan.joint_angles[:5])

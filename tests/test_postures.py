@@ -10,7 +10,7 @@ from identification.feasibility import place_polygon, stability_margin, support_
 from identification.postures import planning_ranges, random_postures
 from identification.regressor import stacked_regressor
 from sim.errors import InputError
-from sim.model import sole_corners
+from sim.robot import sole_corners
 
 
 def test_shipped_plan_keeps_every_constraint(robot, model, plan):
@@ -61,9 +61,9 @@ def test_same_seed_same_plan(robot, plate):
 
 
 def test_progress_counts_every_posture(robot, plate):
-    seen = []
-    random_postures(robot, plate, 3, 2, 1, progress=seen.append)
-    assert sum(seen) == 6
+    observed = []
+    random_postures(robot, plate, 3, 2, 1, progress=observed.append)
+    assert sum(observed) == 6
 
 
 def test_impossible_ranges_say_what_blocks(robot, plate):

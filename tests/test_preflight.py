@@ -12,13 +12,13 @@ from identification.center_of_pressure import center_of_pressure
 from identification.estimators import least_squares
 from identification.preflight import preflight
 from identification.preflight.agreement import fit
-from identification.preflight.plan import predicted_standard_errors
+from identification.preflight.excitation import predicted_standard_errors
 from identification.preflight.readings import decimal_step, longest_run, rounding_sd
 from identification.reading_noise import placement_levers, reading_noise
 from identification.regressor import regression, stacked_regressor
 from identification.statistics import standard_errors
 from sim.measurements import SensorSheet
-from tools.study_check import rows_of
+from studies.study_check import rows_of
 
 
 def test_swing_sole_is_where_mujoco_has_it(nominal, model, precise):

@@ -10,9 +10,9 @@ import pytest
 from experiments.validate import NEGLIGIBLE
 from identification.base_parameters import standard_parameters
 from sim.errors import InputError
-from sim.model import compile_spec
 from sim.random_robots import draw_robot, edit_of, half_edges
 from sim.rig import preset_rig
+from sim.robot import compile_spec
 from sim.scene import laboratory_scene
 
 SPREAD = 0.2

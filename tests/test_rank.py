@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiments.validate import identify
-from identification.rank import described, reduced, require_told_apart, undetermined, weakly_known
+from identification.rank import described, reduced, require_identifiable, undetermined, weakly_known
 from identification.regressor import encoder_blur, stacked_regressor
 from sim.errors import InputError
 
@@ -19,7 +19,7 @@ def judged(parameters, angles, sd=ENCODER):
     """The message on postures (m, n_joints), or ""."""
     matrix = stacked_regressor(parameters, angles)
     try:
-        require_told_apart(matrix, parameters.names, "data", encoder_blur(parameters, angles, sd))
+        require_identifiable(matrix, parameters.names, "data", encoder_blur(parameters, angles, sd))
     except InputError as error:
         return str(error)
     return ""

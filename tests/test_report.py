@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from experiments import rendering
-from experiments.cli import main
-from experiments.report import page as pages
-from experiments.report.tables import flattened
 from experiments.run_folder import write_run
 from experiments.saved_run import read_run
+from tests.looking import browse, browser
 from tests.test_view import calibration, cpu_seconds, needs_opengl, not_blank, refused, run  # noqa: F401
-from tools.looking import browse, browser
+from tulip_testbed import rendering
+from tulip_testbed.cli.main import main
+from tulip_testbed.pages import page as pages
+from tulip_testbed.pages.page_tables import flattened
 
 MOST_SECONDS, MOST_BYTES = 20, 12e6
 needs_chromium = pytest.mark.skipif(shutil.which("chromium") is None, reason="no Chromium (chromium)")
@@ -47,31 +47,31 @@ def test_a_browser_has_nothing_to_complain_of(page, run, tmp_path):  # noqa: F81
     expected |= {f"run.{key}": value for key, value in document.items()}
     with browser() as visit:
         for width, dark in ((1100, False), (412, True)):
-            seen = visit(page, tmp_path / "page.png", (width, 900), dark)
-            assert seen.complaints == []
-            assert seen.requests == []
-            assert seen.width == width
+            observed = visit(page, tmp_path / "page.png", (width, 900), dark)
+            assert observed.complaints == []
+            assert observed.requests == []
+            assert observed.width == width
             not_blank(tmp_path / "page.png")
             brightness = np.asarray(Image.open(tmp_path / "page.png").convert("L"))[:200].mean()
             assert (brightness < 100) == dark
-            assert len(seen.cells) > 300
-            assert {key: expected[key] for key in seen.cells} == seen.cells
-            assert {f"full.parameters.{row}.standard_error" for row in range(25)} <= set(seen.cells)
+            assert len(observed.cells) > 300
+            assert {key: expected[key] for key in observed.cells} == observed.cells
+            assert {f"full.parameters.{row}.standard_error" for row in range(25)} <= set(observed.cells)
 
 
 @needs_chromium
 def test_a_browser_shows_a_montecarlo(calibration_page, calibration, tmp_path):  # noqa: F811
-    seen = browse(calibration_page, tmp_path / "page.png")
-    assert seen.complaints == []
-    assert seen.requests == []
+    observed = browse(calibration_page, tmp_path / "page.png")
+    assert observed.complaints == []
+    assert observed.requests == []
     expected = flattened(json.loads((calibration / "report.json").read_text()))
     expected |= {
         f"run.{key}": value
         for key, value in flattened(json.loads((calibration / "run.json").read_text())).items()
     }
-    assert {key: expected[key] for key in seen.cells} == seen.cells
-    assert "parameters.24.coverage95" in seen.cells
-    assert "simplified.parameters.12.bias" in seen.cells
+    assert {key: expected[key] for key in observed.cells} == observed.cells
+    assert "parameters.24.coverage95" in observed.cells
+    assert "simplified.parameters.12.bias" in observed.cells
     not_blank(tmp_path / "page.png")
 
 
@@ -82,9 +82,9 @@ def test_the_browser_test_notices_requests_and_errors(tmp_path):
         "<body><img src='http://127.0.0.1:9/x.png'><script>console.error('so'); "
         "document.body.dataset.drawn = 'yes'; nothing();</script></body>"
     )
-    seen = browse(page, tmp_path / "bad.png")
-    assert seen.requests == ["http://127.0.0.1:9/x.png"]
-    assert len(seen.complaints) >= 2
+    observed = browse(page, tmp_path / "bad.png")
+    assert observed.requests == ["http://127.0.0.1:9/x.png"]
+    assert len(observed.complaints) >= 2
 
 
 def test_shown_figures_are_the_documents_rounded(page, run):  # noqa: F811

@@ -7,20 +7,20 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from experiments.cli import main
-from experiments.effects.hidden import read_effect, read_effects
-from experiments.effects.occurrence import Occurrence, injected
-from experiments.effects.wording import told
+from effects.instance import EffectInstance, injected
+from effects.parsing import read_effect, read_effects
+from effects.wording import told
+from experiments.preparation import adopted_effects
 from experiments.rig_folder import CHANGED, DIFF, NOMINAL, RIG_FILE, read_rig, write_rig
-from experiments.setting_up import adopted_effects
 from experiments.validate import identify
 from sim.errors import InputError
 from sim.measurements import read_measurements
-from sim.model import load_spec
-from sim.prepared import prepare
 from sim.rig import preset_rig
-from sim.static_laboratory import run_static
+from sim.robot import load_spec
+from sim.statics.solved_plan import solve_plan
+from sim.statics.static_run import run_static
 from tests.test_cli import edit, refused
+from tulip_testbed.cli.main import main
 
 SEED = 231
 TEXTS = ("encoder-offset:right_knee=0.01", "joint-compliance:left_ankle_roll=0.0005")
@@ -38,8 +38,8 @@ def rig(found, robot, tmp_path):
 
 
 def measured(robot, plan, found):
-    prepared = prepare(injected(preset_rig("force-plate", robot), found), plan)
-    return run_static(prepared, [np.random.SeedSequence(SEED)])[0].measurements
+    solved_plan = solve_plan(injected(preset_rig("force-plate", robot), found), plan)
+    return run_static(solved_plan, [np.random.SeedSequence(SEED)])[0].measurements
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def test_what_is_written_is_read(rig, found, robot):
 
 
 def test_intervals_are_kept(found, robot, tmp_path):
-    first = Occurrence(found[0].effect, found[0].target, found[0].values, ((0.008, 0.012),))
+    first = EffectInstance(found[0].effect, found[0].target, found[0].values, ((0.008, 0.012),))
     write_rig(tmp_path / "rig", robot, [first, found[1]])
     assert read_rig(tmp_path / "rig", robot) == (first, found[1])
     assert "reads 0.57 +- 0.11 deg too high" in (tmp_path / "rig" / DIFF).read_text()
@@ -205,7 +205,7 @@ def test_commands_refuse_a_broken_rig_before_the_work(rig, tmp_path, capsys):
 
 
 def test_a_rig_of_a_placement_that_is_not_there(robot, tmp_path):
-    pytest.importorskip("experiments.effects.placement_blunder")
+    pytest.importorskip("effects.catalogue.placement_blunder")
     blunder = read_effect("placement-blunder:7=0.01,0.0", robot, [7])
     write_rig(tmp_path / "rig", robot, [blunder])
     assert adopted_effects(tmp_path / "rig", robot, [1, 7]) == (blunder,)

@@ -11,13 +11,13 @@ import pytest
 
 from sim.control import Controller, add_servos, torque_limit
 from sim.errors import InputError
-from sim.model import CORNERS, PLATE, TULIP, load_robot
 from sim.plates import cell_addresses
 from sim.rig import preset_rig
+from sim.robot import CORNERS, PLATE, TULIP, load_robot
 from sim.scene import laboratory_scene, load_scene
 
 POSES = np.array([[0.03, -0.16, 0.02], [0.05, 0.17, -0.01]])
-# What is seen and what things are called; everything else is physics.
+# What is observed and what things are called; everything else is physics.
 LOOKS = re.compile(
     r"(n?(light|mat|tex|names?|skin|vis)(_|$|map|data))|nnames_map|nbuffer|signature|geom_matid|paths|ntex|nmat"
 )

@@ -11,8 +11,8 @@ import pytest
 from identification.preflight.settling import series_agrees, settling, steady_windows
 from sim.errors import InputError
 from sim.measurements import Series, read_measurements, read_series, write_measurements
-from sim.model import CELLS, sha256
-from tools.study_check import rows_of
+from sim.robot import CELLS, sha256
+from studies.study_check import rows_of
 
 SAMPLES = 600  # of a window of 30 s
 

@@ -14,14 +14,14 @@ from identification.base_parameters import base_parameters, common_support, stan
 from identification.center_of_pressure import center_of_pressure, load_shares
 from identification.nominal import nominal_robot
 from identification.preflight import preflight
+from sim.dynamics.dynamic_run import run_experiment
 from sim.errors import InputError
-from sim.laboratory import run_experiment
 from sim.measurements import PosturePlan, read_measurements, write_measurements
-from sim.prepared import prepare
 from sim.rig import preset_rig
-from sim.static_laboratory import run_static
-from tools.study import part_of
-from tools.study_equilibrium import compare, without_friction
+from sim.statics.solved_plan import solve_plan
+from sim.statics.static_run import run_static
+from studies.runner import part_of
+from studies.study_equilibrium import compare, without_friction
 
 # Leaning over the stance hip, so that its roll drive holds the rest of the robot; the other leg lifted.
 STANCE = np.array([0.0, -0.35, -0.3, 0.5, -0.2, 0.05, 0.0, 0.1, -0.6, 1.0, -0.3, 0.0])
@@ -58,7 +58,7 @@ def test_statics_is_where_the_dynamics_come_to_rest(robot, balanced):
         rig, edit=without_friction(), protocol=dataclasses.replace(rig.protocol, repeats=0)
     )
     experiment = run_experiment(quiet, few, 1)
-    found = compare(prepare(quiet, few), list(experiment.attempts))
+    found = compare(solve_plan(quiet, few), list(experiment.attempts))
     assert len(found.held) == 5
     assert np.abs(found.angles).max() < 1e-5
     assert np.abs(found.cells).max() < 0.01
@@ -73,7 +73,7 @@ def test_statics_is_where_the_dynamics_come_to_rest(robot, balanced):
 def test_both_supports_together_tell_26_parameters(robot, plan, balanced):
     mixed = joined(part_of(plan, plan.placement <= 16), balanced)
     rig = preset_rig("ideal", robot)
-    (run,) = run_static(prepare(rig, mixed), np.random.SeedSequence(3).spawn(1))
+    (run,) = run_static(solve_plan(rig, mixed), np.random.SeedSequence(3).spawn(1))
     assert set(run.measurements.support) == {"double", "right"}
     found = identify(run.measurements, robot)
     truth = base_parameters(robot, support="right").values(run.standard)
@@ -87,7 +87,7 @@ def test_both_supports_together_tell_26_parameters(robot, plan, balanced):
 
 
 def test_an_empty_plate_is_not_read(robot, balanced):
-    (run,) = run_static(prepare(preset_rig("wii", robot), balanced), np.random.SeedSequence(5).spawn(1))
+    (run,) = run_static(solve_plan(preset_rig("wii", robot), balanced), np.random.SeedSequence(5).spawn(1))
     measured = run.measurements
     noisy = measured.cell_forces.copy()
     noisy[:, 4:] += 5.0
@@ -117,7 +117,7 @@ def test_the_whole_job_in_full_dynamics(robot, plan, balanced):
 
 def test_the_preflight_says_what_it_leaves_out(robot, balanced, tmp_path):
     rig = preset_rig("wii", robot)
-    (run,) = run_static(prepare(rig, balanced), np.random.SeedSequence(4).spawn(1))
+    (run,) = run_static(solve_plan(rig, balanced), np.random.SeedSequence(4).spawn(1))
     write_measurements(tmp_path / "data", run.measurements)
     findings = preflight(read_measurements(tmp_path / "data"), nominal_robot(robot), None)
     by_name = {finding.name: finding for finding in findings}

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.stiction import BREAKAWAY, Stiction
+from sim.dynamics.stiction import BREAKAWAY, Stiction
 
 ARM = """
 <mujoco>

@@ -10,14 +10,14 @@ import pytest
 
 from identification.base_parameters import BaseParameters, base_parameters, standard_parameters
 from sim.measurements import PosturePlan
-from sim.model import Robot, load_model, load_robot
 from sim.rig import Rig, preset_rig
+from sim.robot import Robot, load_model, load_robot
 from sim.sensors import PRESETS
-from tools.improve import accuracy, conditioning, designs, postures, simplified, single_support
-from tools.improve.one_foot import MARGIN, holding_torques, one_foot_postures
-from tools.improve.output import write_csv
-from tools.improve.repeat import monte_carlo_error, rms
-from tools.study import shipped_plan
+from studies.improve import accuracy, conditioning, designs, postures, simplified, single_support
+from studies.improve.one_foot import MARGIN, holding_torques, one_foot_postures
+from studies.improve.output import write_csv
+from studies.improve.repeat import monte_carlo_error, rms
+from studies.runner import shipped_plan
 
 pytest.importorskip("matplotlib")
 SEED = 81

@@ -12,11 +12,11 @@ from experiments.scenario import Scenario
 from experiments.validate import evaluate, identify, report_document
 from identification.base_parameters import standard_parameters
 from identification.center_of_pressure import center_of_pressure
+from sim.dynamics.dynamic_run import run_experiment
 from sim.errors import InputError
-from sim.laboratory import run_experiment
 from sim.measurements import read_measurements
 from sim.rig import preset_rig
-from tools.study import part_of
+from studies.runner import part_of
 
 # facts: standard errors that the paper reached, full model, numbers 1 to 25 [mm]
 PAPER_MM = [1.42, 5.75, 8.24, 11.9, 17.4, 6.66, 8.31, 7.99, 15.5, 1.45, 5.91, 46.2, 46.5, 5.05, 28.7, 29.2]

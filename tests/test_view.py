@@ -16,20 +16,23 @@ import rerun as rr
 import rerun.blueprint as rrb
 from PIL import Image
 
-from experiments.cli import main
-from experiments.polygons import inset, nearest_on
 from experiments.run_folder import write_run
 from experiments.saved_run import read_montecarlo, read_run
 from experiments.scenario import DEFAULT_PLAN
-from experiments.view import balance, layout, montecarlo, postures, window
-from experiments.view.robot import link_frames, undrawn
-from experiments.view.subject import measured, planned, validated
-from experiments.view.time_series import sampled
 from identification.feasibility import stability_margin
 from sim.measurements import write_measurements
+from studies.study_check import rows_of
+from tests.looking import headless_viewer
 from tests.test_series import raw_series, write_series
-from tools.looking import headless_viewer
-from tools.study_check import rows_of
+from tulip_testbed.cli.main import main
+from tulip_testbed.polygons import inset, nearest_on
+from tulip_testbed.viewer import balance_series as balance
+from tulip_testbed.viewer import layout, window
+from tulip_testbed.viewer import montecarlo_view as montecarlo
+from tulip_testbed.viewer import postures_view as postures
+from tulip_testbed.viewer.robot_view import link_frames, undrawn
+from tulip_testbed.viewer.subject import measured, planned, validated
+from tulip_testbed.viewer.time_series import sampled
 
 MOST_SECONDS, MOST_BYTES = 20, 60e6  # of a view of 150 postures
 
@@ -287,7 +290,14 @@ def test_a_run_of_another_version_or_robot_or_one_that_was_changed(run, foreign,
 
 
 def test_serving_is_for_this_machine_alone(run):
-    command = [sys.executable, "-c", "from experiments.entry import run; run()", "view", str(run), "--serve"]
+    command = [
+        sys.executable,
+        "-c",
+        "from tulip_testbed.cli.entry import run; run()",
+        "view",
+        str(run),
+        "--serve",
+    ]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         line = process.stderr.readline()

@@ -12,7 +12,7 @@ import pyarrow.parquet
 
 from sim.errors import InputError
 from sim.files import present, write_bytes
-from sim.measurements.tables import Columns
+from sim.measurements.table_files import Columns
 
 
 @dataclass(frozen=True)

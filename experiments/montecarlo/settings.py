@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from experiments.montecarlo.engine import ENGINES
-from experiments.setting_up import at_least
+from experiments.preparation import at_least
 from identification.estimators import ESTIMATORS
 from sim.errors import InputError, look_up
 

@@ -11,8 +11,8 @@ from scipy.stats import t as t_distribution
 
 from experiments.montecarlo.chunks import Chunks
 from experiments.montecarlo.moments import histogram, moments, quantiles
-from experiments.montecarlo.record import SCALARS, Layout
-from sim.measurements.tables import Columns
+from experiments.montecarlo.run_columns import SCALARS, Layout
+from sim.measurements.table_files import Columns
 
 LEVELS = (0.5, 0.9, 0.95)  # of the intervals whose coverage is counted
 QUANTILES = (0.05, 0.5, 0.95)

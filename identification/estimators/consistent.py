@@ -13,7 +13,7 @@ from identification.estimators.ordinary import residual_sigma
 from identification.link_boxes import SIDES, link_boxes
 from identification.regressor import Regression
 from sim.errors import InputError
-from sim.model import load_model
+from sim.robot import load_model
 
 EQUALITY = 1e4  # weight of "mass fractions sum to one" over the largest other
 

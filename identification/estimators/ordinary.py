@@ -7,7 +7,7 @@ from scipy.linalg import solve_triangular
 
 from identification.estimators.estimate import Estimate
 from identification.placement_effects import clustered_covariance
-from identification.rank import labels, require_told_apart
+from identification.rank import labels, require_identifiable
 from identification.regressor import Regression
 
 
@@ -17,7 +17,7 @@ def solve_least_squares(matrix: np.ndarray, output: np.ndarray) -> tuple[np.ndar
     Raises:
         InputError: H has not full column rank; says which columns (from 1) cannot be told apart.
     """
-    require_told_apart(matrix, tuple(str(k + 1) for k in range(matrix.shape[1])), "regressor")
+    require_identifiable(matrix, tuple(str(k + 1) for k in range(matrix.shape[1])), "regressor")
     return by_qr(matrix, output)
 
 
@@ -35,7 +35,7 @@ def solve(data: Regression) -> tuple[np.ndarray, np.ndarray]:
     Raises:
         InputError: they do not; says which.
     """
-    require_told_apart(data.matrix, labels(data.numbers, data.names), data.source, data.blur)
+    require_identifiable(data.matrix, labels(data.numbers, data.names), data.source, data.blur)
     return by_qr(data.matrix, data.output)
 
 

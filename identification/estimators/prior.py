@@ -13,7 +13,7 @@ from identification.estimators.ordinary import residual_sigma
 from identification.regressor import Regression
 from identification.visible_masses import visible_masses
 from sim.errors import InputError
-from sim.model import load_model
+from sim.robot import load_model
 
 MASS_SD = 0.2  # of each link's mass, relative: what a CAD model leaves out (cables, screws, shells)
 CENTER_SD = 0.02  # m, of each link's centre of mass, per axis
@@ -43,7 +43,7 @@ def with_prior(data: Regression) -> Estimate:
     total, total_sd = data.mass
     noise = np.zeros((len(found.value) + 1,) * 2)
     noise[:-1, :-1], noise[-1, -1] = found.covariance, total_sd**2
-    seen = np.append(found.value, total)
+    observed = np.append(found.value, total)
     from_standard = data.parameters.from_standard[found.numbers - 1]
 
     state = start.copy()
@@ -52,7 +52,7 @@ def with_prior(data: Regression) -> Estimate:
         scale = np.sqrt(np.diag(slope @ prior @ slope.T + noise))
         spread = (slope @ prior @ slope.T + noise) / np.outer(scale, scale)
         gain = np.linalg.lstsq(spread, slope @ prior / scale[:, None], rcond=None)[0].T / scale
-        fresh = start + (gain @ (seen - predicted + slope @ (state - start).ravel())).reshape(start.shape)
+        fresh = start + (gain @ (observed - predicted + slope @ (state - start).ravel())).reshape(start.shape)
         change, state = np.abs((fresh - state).ravel() / np.maximum(deviation, 1e-300)), fresh
         if change.max() < CONVERGED:
             break

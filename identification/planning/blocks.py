@@ -135,22 +135,22 @@ def _slsqp(
     iterations: int,
     freedom: float,
 ) -> Block:
-    seen: dict[bytes, Evaluation] = {}
+    observed: dict[bytes, Evaluation] = {}
     last = evaluate(problem, block.design, block.angles)
     last_design = block.design
 
     def at(x: np.ndarray) -> Evaluation:
         nonlocal last, last_design
         key = x.tobytes()
-        if key not in seen:
-            seen.clear()
+        if key not in observed:
+            observed.clear()
             design = unpack(x)
             change = last.turn @ (design - last_design)[..., None]
             far = max(1.0, np.abs(change).max() / FARTHEST)
-            seen[key] = evaluate(problem, design, last.chain.angles + change[..., 0] / far)
-            if seen[key].reached.all():
-                last, last_design = seen[key], design
-        return seen[key]
+            observed[key] = evaluate(problem, design, last.chain.angles + change[..., 0] / far)
+            if observed[key].reached.all():
+                last, last_design = observed[key], design
+        return observed[key]
 
     x0 = pack(block.design)
     box = bounds(problem, len(block.design))

@@ -34,7 +34,7 @@ def candidates(problem: Problem, swing: np.ndarray, near: Block, rng: np.random.
     low, high = np.array([r.torso_roll, r.torso_pitch, r.torso_yaw]).T
     design[:, 3:6] = rng.uniform(low, high, (DRAWS, 3))
     design[:, 6:] = swing
-    plan = np.zeros((DRAWS, PLAN))  # as if the CoM were known: what that asks for is seen below
+    plan = np.zeros((DRAWS, PLAN))  # as if the CoM were known: what that asks for is observed below
     plan[:, :5] = design[:, [0, 1, 6, 7, 8]]
     foot = footing(problem, plan)
     stands = (foot.polygon.min(axis=1) >= r.stability_margin) & (foot.boards.min(axis=1) >= 0)

@@ -88,7 +88,7 @@ def footing_slopes(problem: Problem, plan: np.ndarray) -> tuple[Footing, Footing
 
 
 def _ccw(corners: np.ndarray) -> np.ndarray:
-    """`CORNERS` go round clockwise, seen from above."""
+    """`CORNERS` go round clockwise, observed from above."""
     return corners[:, ::-1]
 
 

@@ -64,22 +64,22 @@ def interior_point(problem: Problem, plan: Whole, smooth: Smooth, iterations: in
     across = np.repeat(columns, slots, axis=0).ravel()
     order = np.lexsort((rows, across))  # casadi stores by columns
     sparsity = casadi.Sparsity.triplet(count * slots, size, rows[order].tolist(), across[order].tolist())
-    last, seen = plan, dict[bytes, Whole]()
+    last, observed = plan, dict[bytes, Whole]()
 
     def design_at(x: np.ndarray) -> np.ndarray:
         return x[columns] * SCALE
 
     def at(x: np.ndarray) -> Evaluation:
         nonlocal last
-        if x.tobytes() not in seen:
+        if x.tobytes() not in observed:
             design = design_at(x)
             change = (last.found.turn @ (design - last.design)[..., None])[..., 0]
             change /= max(1.0, float(np.abs(change).max()) / FARTHEST)
-            seen.clear()
-            seen[x.tobytes()] = whole(problem, design, last.found.chain.angles + change, plan.per)
-            if seen[x.tobytes()].found.reached.all():
-                last = seen[x.tobytes()]
-        return seen[x.tobytes()].found
+            observed.clear()
+            observed[x.tobytes()] = whole(problem, design, last.found.chain.angles + change, plan.per)
+            if observed[x.tobytes()].found.reached.all():
+                last = observed[x.tobytes()]
+        return observed[x.tobytes()].found
 
     def slope(x: np.ndarray) -> np.ndarray:
         found = at(x)
@@ -111,7 +111,7 @@ def interior_point(problem: Problem, plan: Whole, smooth: Smooth, iterations: in
     )
     answer = solver(x0=x0, lbx=low, ubx=high, lbg=0.0, ubg=np.inf)
     at(np.clip(np.array(answer["x"]).ravel(), low, high))
-    return next(iter(seen.values()))
+    return next(iter(observed.values()))
 
 
 def _function(casadi: Any, name: str, size: int, shape: Any, compute: Any) -> Any:

@@ -13,7 +13,7 @@ from identification.link_boxes import link_boxes
 from identification.postures import PlanningRanges, planning_ranges
 from sim.errors import InputError
 from sim.measurements import PlateGeometry
-from sim.model import Robot, between_feet, joint_names, load_model, sole_corners, sole_point
+from sim.robot import Robot, between_feet, joint_names, load_model, sole_corners, sole_point
 
 CLOSING = 12  # joints between the feet: as many as the equations that two feet, torso and CoM give
 Limb = tuple[int, int, float]
@@ -72,7 +72,7 @@ class Problem:
         soles: corners of the stance and the swing sole in their feet's frames, (2, 4, 2) [m].
         points: the sole points below both ankles in the feet's frames, (2, 3) [m].
         swing, torso: frame numbers.
-        moved: frames that a joint moves, seen from the stance foot, (n, f) bool.
+        moved: frames that a joint moves, observed from the stance foot, (n, f) bool.
         upstream: whether joint i carries joint j, (n, n) bool.
         spread: covariance of the nominal base parameters, (p, p) [m2].
         limbs: the two legs' limbs as frames at their ends, two a leg or more, and radii [m].

@@ -18,7 +18,7 @@ from identification.planning.exchange import candidates, exchange
 from identification.planning.objectives import Objective, condition_number
 from identification.planning.problem import Problem
 from identification.planning.search import POLISH, State
-from identification.planning.trial import first_state, plan_of, require_told_apart
+from identification.planning.trial import first_state, plan_of, require_identifiable
 from sim.measurements import Measurements, PosturePlan
 
 STEPS = 8  # of SLSQP after an exchange
@@ -114,11 +114,11 @@ def run_next(
         state: to go on from, of the same run.
 
     Raises:
-        InputError: as `next_state` and `require_told_apart`.
+        InputError: as `next_state` and `require_identifiable`.
     """
     taken = measured_information(problem, measurements)
     drawn, start = next_state(problem, objective, taken, placements, per, seed)
-    require_told_apart(problem, start, placements + len(np.unique(measurements.placement)))
+    require_identifiable(problem, start, placements + len(np.unique(measurements.placement)))
     state = state or start
     for found in search_next(problem, objective, taken, state, per, seed, hops):
         state = found

@@ -61,7 +61,7 @@ def first_state(
     return drawn, state
 
 
-def require_told_apart(problem: Problem, state: State, placements: int) -> None:
+def require_identifiable(problem: Problem, state: State, placements: int) -> None:
     """Refuse a start whose postures cannot tell the parameters apart: on one or two placements none can.
 
     Args:
@@ -96,10 +96,10 @@ def run_trial(
         solver: of the polish, one of `SOLVERS`.
 
     Raises:
-        InputError: as `first_state` and `require_told_apart`.
+        InputError: as `first_state` and `require_identifiable`.
     """
     drawn, start = first_state(problem, objective, placements, per, seed)
-    require_told_apart(problem, start, placements)
+    require_identifiable(problem, start, placements)
     state = state or start
     for found in search(problem, objective, state, per, seed, hops, solver):
         state = found

@@ -20,7 +20,7 @@ from identification.preflight.finding import Finding, bonferroni, result_of, row
 from identification.reading_noise import ReadingNoise, known, placement_levers, placement_sd
 from identification.regressor import Regression
 from sim.measurements import Measurements
-from sim.model import PLATES
+from sim.robot import PLATES
 
 STANDS_OUT = 4.0  # standard errors, about what the smallest of a hundred p-values needs to fail
 MOST_UNSEEN = 0.05  # m: a check that misses plates this far off has seen nothing

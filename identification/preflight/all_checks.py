@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from identification.nominal import Nominal, nominal_robot
 from identification.preflight.agreement import fit, repeats, scatter, single_placements, single_postures
+from identification.preflight.excitation import identifiable
 from identification.preflight.finding import Finding, row_name, skipped
-from identification.preflight.legs import legs
-from identification.preflight.plan import identifiable
-from identification.preflight.plates import feet_on_plates, load_in_soles, plate_poses
+from identification.preflight.leg_closure import legs
+from identification.preflight.plate_checks import feet_on_plates, load_in_soles, plate_poses
 from identification.preflight.readings import cell_loads, resolution, stuck
 from identification.preflight.settling import series_agrees, settling, steady_windows
 from identification.preflight.units import joint_limits, same_robot, units

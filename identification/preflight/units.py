@@ -7,7 +7,7 @@ import numpy as np
 from identification.nominal import Nominal
 from identification.preflight.finding import Finding, few, row_name
 from sim.measurements import Measurements
-from sim.model import CORNERS, PLATES, sha256
+from sim.robot import CORNERS, PLATES, sha256
 
 # Beyond a limit: drives sag under gravity by up to 0.02 rad in the simulated laboratory.
 LIMIT_WARN, LIMIT_FAIL = 0.03, 0.1  # rad

@@ -12,15 +12,15 @@ from dm_env import specs
 from sim.composer.channel import Channel
 from sim.composer.force_plate import ForcePlate
 from sim.composer.parts import SceneParts, join, split_scene
-from sim.composer.robot import RobotEntity
+from sim.composer.robot_entity import RobotEntity
 from sim.control import torque_limit
+from sim.dynamics.stand import hoist_damping
 from sim.errors import InputError, shortened
-from sim.model import PLATES, Robot, compile_spec, joint_names, joint_ranges, load_spec
 from sim.path import ClosedChain, tipped
 from sim.plates import cell_names, tare
 from sim.rig import Rig
+from sim.robot import PLATES, Robot, compile_spec, joint_names, joint_ranges, load_spec
 from sim.sensors import cell_gains
-from sim.stand import hoist_damping
 
 TURN = 2 * np.pi
 

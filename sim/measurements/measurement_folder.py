@@ -14,9 +14,9 @@ from sim.errors import InputError, validation_message
 from sim.files import new_folder
 from sim.measurements.data import Measurements, SensorSheet
 from sim.measurements.folder_kind import check_kind
-from sim.measurements.tables import Columns, Table, read_json, software, write_json, write_table
+from sim.measurements.table_files import Columns, Table, read_json, software, write_json, write_table
 from sim.measurements.twins import checked_table
-from sim.model import CELLS, CORNERS, PLATES, sha256
+from sim.robot import CELLS, CORNERS, PLATES, sha256
 
 SUPPORTS = ("double", "right", "left")
 

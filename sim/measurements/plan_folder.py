@@ -14,9 +14,9 @@ from sim.files import new_folder
 from sim.measurements.data import PosturePlan
 from sim.measurements.folder_kind import check_kind
 from sim.measurements.measurement_folder import MOST_ANGLE, MOST_LENGTH, SUPPORTS, Version
-from sim.measurements.tables import Table, read_json, software, write_json, write_table
+from sim.measurements.table_files import Table, read_json, software, write_json, write_table
 from sim.measurements.twins import checked_table
-from sim.model import Robot, joint_names, sha256
+from sim.robot import Robot, joint_names, sha256
 
 MOST_TORQUE = 1e5  # N m, of a drive
 

@@ -11,7 +11,7 @@ from sim.files import present
 from sim.measurements.data import Measurements
 from sim.measurements.measurement_folder import read_manifest
 from sim.measurements.twins import checked_table
-from sim.model import CELLS
+from sim.robot import CELLS
 
 MOST_SAMPLES = 5_000_000
 

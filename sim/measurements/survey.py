@@ -11,9 +11,9 @@ from pydantic import ValidationError
 from sim.errors import InputError, listed
 from sim.files import present
 from sim.measurements.measurement_folder import SUPPORTS, Manifest
-from sim.measurements.tables import Table, read_json
+from sim.measurements.table_files import Table, read_json
 from sim.measurements.twins import checked_table
-from sim.model import CELLS, PLATES
+from sim.robot import CELLS, PLATES
 
 WHOLE = ("posture", "placement")
 MAY_LACK = ("support", "time", "window", "samples", "q_std", "q_command", "motor", "cell_std")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from sim.errors import InputError, shortened
 from sim.files import present, read_bytes
-from sim.measurements.tables import MOST_ROWS, Table
+from sim.measurements.table_files import MOST_ROWS, Table
 
 
 def checked_table(

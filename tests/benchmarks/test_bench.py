@@ -13,9 +13,9 @@ from identification.planning.problem import planning_problem
 from identification.planning.search import design_of
 from identification.postures import random_postures
 from identification.regressor import Regression, stacked_regressor
-from sim.laboratory import run_experiment
+from sim.dynamics.dynamic_run import run_experiment
 from sim.rig import preset_rig
-from tools.study import part_of
+from studies.runner import part_of
 
 
 def tell_rate(benchmark, postures):

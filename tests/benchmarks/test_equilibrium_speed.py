@@ -7,21 +7,21 @@ import time
 
 import numpy as np
 
-from sim.hold import hold, put_down
-from sim.laboratory import boards_under
-from sim.prepared import prepare
+from sim.dynamics.dynamic_run import boards_under
+from sim.dynamics.hold import hold, put_down
+from sim.dynamics.stand import Stand
 from sim.rig import preset_rig
-from sim.stand import Stand
-from sim.static_laboratory import run_static
+from sim.statics.solved_plan import solve_plan
+from sim.statics.static_run import run_static
 
 RUNS = 50
 
 
 def test_a_posture_in_statics_and_held_for_a_minute(benchmark, robot, plan):
     rig = preset_rig("wii", robot)
-    prepared = prepare(rig, plan)
+    solved_plan = solve_plan(rig, plan)
     streams = np.random.SeedSequence(1).spawn(RUNS)
-    runs = benchmark.pedantic(run_static, (prepared, streams), rounds=3, warmup_rounds=1)
+    runs = benchmark.pedantic(run_static, (solved_plan, streams), rounds=3, warmup_rounds=1)
     postures = sum(len(run.measurements) + len(run.dropped) for run in runs)
     static = benchmark.stats.stats.min / postures
     whole = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, gated=False))

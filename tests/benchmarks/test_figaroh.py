@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from identification.base_parameters import base_parameters
-from sim.model import joint_names, load_model
+from sim.robot import joint_names, load_model
 
 MOST_SECONDS, MOST_RATIO = 1.0, 0.2
 # FIGAROH's own examples draw 100 or 1000 random postures for a base parameter set.
@@ -36,8 +36,10 @@ def figaroh_base_parameters(robot, count, low, high):
         rows.append((data.oMf[foot].rotation.T @ matrix)[:2])
     stacked = np.vstack(rows)
     names = [f"{joint}.{k}" for joint in robot.names[1:] for k in ("m", "mx", "my", "mz")]
-    unseen, seen = regressor.get_index_eliminate(stacked, dict.fromkeys(names, 0.0), 1e-6)
-    return qrdecomposition.QRDecomposer().decompose(regressor.build_regressor_reduced(stacked, unseen), seen)
+    unseen, observed = regressor.get_index_eliminate(stacked, dict.fromkeys(names, 0.0), 1e-6)
+    return qrdecomposition.QRDecomposer().decompose(
+        regressor.build_regressor_reduced(stacked, unseen), observed
+    )
 
 
 def least_time(function, rounds):

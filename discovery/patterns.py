@@ -1,0 +1,148 @@
+"""Unnamed rivals: patterns in the residuals that show whether anything is left, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from discovery.linear_model import Linear
+from identification.residual_channels import SIZE, fields
+from sim.robot import CELLS
+
+# Rows of the residuals with their channel and a word for a person.
+PARTS = (
+    ("A", slice(0, 2), "the centre of pressure"),
+    ("F", slice(2, 3), "the sum of the cells"),
+    ("T", slice(3, 4), "the twist of the right plate"),
+    ("T", slice(4, 5), "the twist of the left plate"),
+    ("C", slice(5, 6), "the swing foot's height"),
+    ("C", slice(6, 8), "the swing foot's tilt"),
+    ("C", slice(8, 11), "the swing foot's place"),
+)
+DISTINCT = 0.05
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """A pattern in the residuals.
+
+    Attributes:
+        channel: A, F, T or C, or several, as "AC".
+        words: "the twist of the left plate depends on right_knee".
+        gain: of chi-square. freedom: number of its columns. p: among all patterns (Bonferroni).
+    """
+
+    channel: str
+    words: str
+    gain: float
+    freedom: int
+    p: float
+
+
+def in_channels(pattern: Pattern) -> str:
+    """As "channel C" or "channels A and C"."""
+    *first, last = pattern.channel
+    return f"channels {', '.join(first)} and {last}" if first else f"channel {last}"
+
+
+def patterns(linear: Linear, residual: np.ndarray, taken: np.ndarray) -> list[Pattern]:
+    """All patterns, the least probable first.
+
+    Args:
+        residual: whitened and projected, (r + 1,).
+        taken: columns that are fitted already, whitened and projected, (r + 1, s).
+    """
+    basis = np.linalg.qr(taken)[0] if taken.shape[1] else taken
+    out = []
+    for channel, words, raw in [*_of_residuals(linear), *_of_readings(linear)]:
+        whole = linear.white(raw)
+        columns = linear.project(whole)
+        columns = columns - basis @ (basis.T @ columns)
+        left, size, _ = np.linalg.svd(columns, full_matrices=False)
+        # What the model takes up all but for a little is no pattern of its own.
+        left = left[:, size > DISTINCT * max(float(np.linalg.norm(whole, 2)), 1e-12)]
+        gain = float(((left.T @ residual) ** 2).sum())
+        out.append(Pattern(channel, words, gain, left.shape[1], 0.0))
+    count = len(out)
+    found = [replace(p, p=min(1.0, count * float(chi2.sf(p.gain, p.freedom)))) for p in out if p.freedom]
+    return sorted(found, key=lambda p: (p.p, -p.gain))
+
+
+def _of_residuals(linear: Linear) -> Iterator[tuple[str, str, np.ndarray]]:
+    """Every part of the residuals as a function of what it might depend on: channel, words, (m, 11, k)."""
+    observed = linear.observed
+    there = np.zeros(len(observed) * SIZE, bool)
+    there[linear.white.rows] = True
+    for channel, part, what in PARTS:
+        if not there.reshape(-1, SIZE)[:, part].any():
+            continue
+        width = part.stop - part.start
+        for how, functions in _functions(linear):
+            raw = np.zeros((len(observed), SIZE, functions.shape[1] * width))
+            for k in range(width):
+                raw[:, part.start + k, k::width] = functions
+            yield channel, f"{what} {how}", raw
+
+
+def _of_readings(linear: Linear) -> Iterator[tuple[str, str, np.ndarray]]:
+    """Every reading's error as such a function, in all channels at once: channel, words, (m, 11, k)."""
+    observed, slope, at = linear.smooth, linear.white.sensitivity, fields(linear.observed.nominal)
+    time = _powers(observed.part)
+    for k, joint in enumerate(observed.tree.joints):
+        angle, torque = observed.joint_angles[:, k], observed.torques[:, k]
+        errors = {
+            "the square and cube of its angle": np.column_stack(
+                [_powers(angle)[:, 1], _powers(angle, 3)[:, 2]]
+            ),
+            "its torque": np.column_stack([torque - torque.mean(), np.sign(torque)]),
+            "time": time,
+        }
+        for how, functions in errors.items():
+            column = slope[:, :, at["angles"].start + k, None]
+            yield "AC", f"the reading of {joint} errs with {how}", column * functions[:, None]
+    for k, cell in enumerate(CELLS):
+        for how, functions in {"its load": _powers(observed.cell_forces[:, k]), "time": time}.items():
+            column = slope[:, :, at["cells"].start + k, None]
+            yield "AFT", f"the cell {cell} errs with {how}", column * functions[:, None]
+    load, before = observed.cell_forces, np.zeros_like(observed.cell_forces)
+    order = np.argsort(observed.part)
+    before[order[1:]] = load[order[:-1]]
+    together = {
+        "their load before": before,
+        "the square of their load": load**2,
+        "their load and time": load * (observed.part - 0.5)[:, None],
+    }
+    for how, errors in together.items():
+        yield "AFT", f"all cells err with {how}", slope[:, :, at["cells"]] @ errors[..., None]
+
+
+def _powers(values: np.ndarray, most: int = 2) -> np.ndarray:
+    """Powers of standardised values less their means, (m, most)."""
+    spread = float(values.std())
+    z = (values - values.mean()) / (spread if spread > 0 else 1.0)
+    out = z[:, None] ** np.arange(1, most + 1)
+    return out - out.mean(axis=0)
+
+
+def _functions(linear: Linear) -> list[tuple[str, np.ndarray]]:
+    """What residuals might depend on, with its columns, (m, k).
+
+    Of smoothed readings: the load share's own noise is the centre of pressure's.
+    """
+    observed = linear.smooth
+    out = [
+        (f"depends on {joint}", _powers(observed.joint_angles[:, k]))
+        for k, joint in enumerate(observed.tree.joints)
+    ]
+    out.append(("drifts in time", _powers(observed.part)))
+    numbers = np.unique(observed.measurements.placement)
+    out.append(
+        ("differs between placements", (observed.measurements.placement[:, None] == numbers).astype(float))
+    )
+    out.append(("is not zero", np.ones((len(observed), 1))))
+    share = observed.foot_loads[0][:, 0] / observed.cell_forces.sum(axis=1)
+    out.append(("depends on the load share", _powers(share)))
+    return out

@@ -1,0 +1,85 @@
+"""What repeated postures say of the noise, whatever the model: pure error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from identification.observation import Observation
+from identification.residual_channels import CHANNELS, ROWS, residuals
+from identification.residual_noise import Noise, cell_by_twist, encoder_by_closure, whitening
+
+CONTRADICTED = 1e-3  # level at which repeats overrule a data sheet
+
+
+@dataclass(frozen=True)
+class PureError:
+    """Differences between repeated readings, over what the stated noise makes of them.
+
+    Attributes:
+        pairs: of repeated readings within a stance.
+        ratio: chi-square per degree of freedom by channel. p: probability of more.
+    """
+
+    pairs: int
+    ratio: dict[str, float]
+    p: dict[str, float]
+
+
+def pure_error(observed: Observation, theta: np.ndarray, noise: Noise) -> PureError:
+    """Compare repeats within a stance: what their postures share cancels.
+
+    The commanded posture is the same, the held one differs: residuals are compared, not readings.
+
+    Args:
+        theta: base parameters, (p,) [m].
+    """
+    number, m = observed.measurements.posture, len(observed)
+    pairs = [
+        (i, j)
+        for i in range(m)
+        for j in range(i + 1, m)
+        if number[i] == number[j] and observed.stance[i] == observed.stance[j]
+    ]
+    if not pairs:
+        return PureError(0, {}, {})
+    residual, own = residuals(observed, theta), whitening(observed, theta, noise).own
+    first, second = np.array(pairs).T
+    ratio, p = {}, {}
+    for channel in CHANNELS:
+        rows = ROWS[channel]
+        apart = (residual[first] - residual[second])[:, rows]
+        covariance = (own[first] + own[second])[:, rows, rows]
+        keep = observed.on_four_cells[first].all(axis=1) & observed.on_four_cells[second].all(axis=1)
+        use = keep if channel == "T" else np.ones(len(first), bool)
+        solved = np.linalg.solve(covariance, apart[..., None])[..., 0]
+        size = float((apart * solved)[use].sum())
+        freedom = int(use.sum()) * (rows.stop - rows.start)
+        if freedom:
+            ratio[channel], p[channel] = size / freedom, float(chi2.sf(size, freedom))
+    return PureError(len(pairs), ratio, p)
+
+
+def widened(observed: Observation, noise: Noise, repeats: PureError) -> Noise:
+    """The stated noise, or more where repeats contradict it: cells by F and T, encoders by C.
+
+    Few repeats tell that a data sheet is wrong, not by how much: that is told by all postures, the
+    cells' noise by the plates' twist, the encoders' by the closure of the legs.
+
+    Args:
+        observed: freed of what was found.
+    """
+    cells = [repeats.ratio[c] for c in "FT" if repeats.p.get(c, 1.0) < CONTRADICTED]
+    encoders = [repeats.ratio["C"]] if repeats.p.get("C", 1.0) < CONTRADICTED else []
+    assumed = noise.assumed
+    if cells:
+        found = cell_by_twist(observed) or noise.cell * float(np.sqrt(max(cells)))
+        noise = replace(noise, cell=max(noise.cell, found))
+        assumed += ("cells (repeats scatter more than the data sheet says)",)
+    if encoders:
+        by_legs = encoder_by_closure(observed) or noise.encoder * float(np.sqrt(encoders[0]))
+        noise = replace(noise, encoder=max(noise.encoder, by_legs))
+        assumed += ("encoders (repeats scatter more than the data sheet says)",)
+    return replace(noise, assumed=assumed) if cells or encoders else noise

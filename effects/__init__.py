@@ -1,0 +1,1 @@
+"""Physical effects: what they are, and how they enter and leave an experiment."""

@@ -1,0 +1,40 @@
+"""A joint's encoder reads a multiple of the joint's angle: wrong counts per turn, an eccentric disc.
+
+The angle counts from the joint's zero; near it the effect cannot be observed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from effects.effect import Effect, Parameter, Values
+from effects.injection import column, misreading
+from effects.targets import JOINTS
+from identification.observation import Observation
+from sim.measurements import Measurements
+from sim.rig import Rig
+
+
+def _inject(rig: Rig, target: str, values: Values) -> Rig:
+    def read(m: Measurements) -> Measurements:
+        factor = 1 + values[0] * column(m.joints, target, len(m.joints))
+        return replace(m, joint_angles=m.joint_angles * factor)
+
+    return misreading(rig, read)
+
+
+def _predict(observed: Observation, target: str, values: Values) -> Observation:
+    factor = 1 + values[0] * column(observed.tree.joints, target, len(observed.tree.joints))
+    return observed.changed(joint_angles=observed.joint_angles / factor)
+
+
+EFFECT = Effect(
+    name="encoder-gain",
+    sentence="A joint's encoder reads (1 + gain) times the joint's angle.",
+    parameters=(Parameter("gain", "", prior=0.02),),
+    inject=_inject,
+    predict=_predict,
+    words="The {target} encoder reads {0} of its angle too much.",
+    targets=JOINTS,
+    misreads=True,
+)

@@ -1,0 +1,47 @@
+"""A joint yields between its encoder and its link: the link turns, the encoder does not see it."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from effects.effect import Effect, Parameter, Values
+from effects.injection import column, edited
+from effects.targets import JOINTS
+from identification.observation import Observation
+from sim.rig import Rig
+
+SUFFIX = "_yield"
+LOSS_TIME = 0.005  # s, damping over stiffness of the spring, assumed; at rest it makes no difference
+
+
+def _inject(rig: Rig, target: str, values: Values) -> Rig:
+    def edit(spec: mujoco.MjSpec) -> None:
+        joint, stiffness = spec.joint(target), 1.0 / values[0]
+        joint.parent.add_joint(
+            name=f"{target}{SUFFIX}",
+            type=mujoco.mjtJoint.mjJNT_HINGE,
+            axis=joint.axis,
+            pos=joint.pos,
+            stiffness=[stiffness, 0.0, 0.0],
+            damping=[LOSS_TIME * stiffness, 0.0, 0.0],
+            armature=joint.armature,
+        )
+
+    return rig if values[0] == 0 else edited(rig, edit)
+
+
+def _predict(observed: Observation, target: str, values: Values) -> Observation:
+    yielded = values[0] * observed.torques * column(observed.tree.joints, target, len(observed.tree.joints))
+    return observed.changed(joint_angles=observed.joint_angles + yielded)
+
+
+EFFECT = Effect(
+    name="joint-compliance",
+    sentence="A joint yields between encoder and link, in the direction of its load.",
+    parameters=(Parameter("compliance", "rad/Nm", prior=np.radians(0.05), positive=True),),
+    inject=_inject,
+    predict=_predict,
+    words="The {target} joint yields by {0} between its encoder and its link.",
+    targets=JOINTS,
+)

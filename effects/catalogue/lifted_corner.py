@@ -1,0 +1,87 @@
+"""Something lies under a corner of a foot's sole: a cable, a stone, a bent edge.
+
+The foot stands on that corner, the opposite one and one of the two between them: the one on whose side of
+the diagonal its centre of pressure is. So it is turned about one of two edges. In closed legs it mostly
+rocks until its centre of pressure is on the diagonal itself, and rests anywhere between; the loads do not
+tell where, so `predict` takes the middle there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from effects.effect import Effect, Parameter, Values
+from effects.injection import always, edited
+from effects.targets import FOOT_CORNERS
+from identification.observation import Observation
+from sim.rig import Rig
+from sim.robot import CORNERS
+
+ROCKING = 0.002  # m, width about the diagonal in which a foot is taken to rock: what noise leaves of it
+
+
+def _inject(rig: Rig, target: str, values: Values) -> Rig:
+    geom, thickness = target.replace(".", "_"), values[0]
+
+    def edit(spec: mujoco.MjSpec) -> None:
+        corner = spec.geom(geom)
+        corner.pos = corner.pos - np.array([0.0, 0.0, thickness])
+
+    def tolerant(one: Rig) -> Rig:
+        limit = one.protocol.lift_limit + 2 * thickness
+        return replace(one, protocol=replace(one.protocol, lift_limit=limit))
+
+    return always(edited(rig, edit), tolerant)
+
+
+def _predict(observed: Observation, target: str, values: Values) -> Observation:
+    foot, _, corner = target.partition(".")
+    side = observed.nominal.robot.feet.index(foot)
+    tilt, rise = _stand(observed.nominal.soles[side], CORNERS.index(corner), _center(observed, side))
+    tilt, rise = values[0] * tilt, values[0] * rise
+    if side == 0:
+        return observed.changed(
+            stance_tilt=observed.stance_tilt + tilt, swing_rise=observed.swing_rise - rise
+        )
+    return observed.changed(swing_tilt=observed.swing_tilt + tilt, swing_rise=observed.swing_rise + rise)
+
+
+def _center(observed: Observation, side: int) -> np.ndarray:
+    """Centre of pressure under a foot from its sole point, in its axes, (m, 2) [m]."""
+    down = observed.foot_loads[0][:, side]
+    return observed.sole_loads[:, side] / np.where(np.abs(down) > 1e-6, down, np.inf)[:, None]
+
+
+def _stand(corners: np.ndarray, lifted: int, center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Roll and pitch (m, 2) [rad/m] and rise of the sole point (m,) by the thickness under a corner.
+
+    Args:
+        corners: of the sole from its point, (4, 2) [m]. lifted: number of the corner.
+        center: of pressure, (m, 2) [m].
+    """
+    opposite, *between = ((lifted + k) % 4 for k in (2, 1, 3))
+    along = corners[opposite] - corners[lifted]
+    planes = []
+    for third in between:
+        points = np.column_stack([corners[[lifted, third, opposite]], np.ones(3)])
+        planes.append(np.linalg.solve(points, [1.0, 0.0, 0.0]))  # height = a x + b y + c over the ground
+    normal = np.array([-along[1], along[0]])
+    normal = normal * np.sign((corners[between[0]] - corners[lifted]) @ normal) / np.linalg.norm(normal)
+    share = np.clip(0.5 + (center - corners[lifted]) @ normal / ROCKING, 0.0, 1.0)
+    a, b, c = np.outer(planes[0], share) + np.outer(planes[1], 1 - share)
+    return np.column_stack([b, -a]), c
+
+
+EFFECT = Effect(
+    name="lifted-corner",
+    sentence="Something of this thickness lies under a corner of a foot's sole.",
+    parameters=(Parameter("thickness", "m", prior=0.001, positive=True),),
+    inject=_inject,
+    predict=_predict,
+    words="Something {0} thick lies under the {target} corner.",
+    targets=FOOT_CORNERS,
+    statics=False,
+)

@@ -1,0 +1,53 @@
+"""A link is longer than the drawing says, from its joint to the next one.
+
+The closure of the legs sees it. In the centre of pressure it is absorbed: the base parameters take it
+with the masses beyond the link.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from effects.effect import Effect, Parameter, Values
+from effects.injection import edited
+from effects.targets import LEG_LINKS, next_joint
+from identification.kinematics import tree_of
+from identification.observation import Observation
+from sim.rig import Rig
+from sim.robot import load_model
+
+
+def _inject(rig: Rig, target: str, values: Values) -> Rig:
+    tree = tree_of(load_model(rig.robot))
+    number, way = next_joint(tree, target)
+    joint = tree.joints[tree.edges[number].joint]
+
+    def edit(spec: mujoco.MjSpec) -> None:
+        body = spec.joint(joint).parent
+        body.pos = body.pos + values[0] * way / np.linalg.norm(way)
+
+    return edited(rig, edit)
+
+
+def _predict(observed: Observation, target: str, values: Values) -> Observation:
+    number, way = next_joint(observed.tree, target)
+    edge = observed.tree.edges[number]
+    anchor = edge.anchor.copy()
+    anchor[0] += values[0] * way / np.linalg.norm(way)
+    edges = list(observed.tree.edges)
+    edges[number] = replace(edge, anchor=anchor)
+    return replace(observed, tree=replace(observed.tree, edges=tuple(edges)))
+
+
+EFFECT = Effect(
+    name="link-length",
+    sentence="A link between the feet is longer than nominal, from its joint to the next.",
+    parameters=(Parameter("length", "m", prior=0.002),),
+    inject=_inject,
+    predict=_predict,
+    words="The {target} link is {0} longer than its drawing says.",
+    targets=LEG_LINKS,
+)

@@ -1,0 +1,49 @@
+"""A mass comes to a link's centre of mass during the experiment: a tool left there, a cable hung on it.
+
+The scale weighed the robot before. From then on the cells bear the mass too, and the centre of pressure
+is drawn to the link's centre of mass, by mass over total mass.
+"""
+
+from __future__ import annotations
+
+import mujoco
+
+from effects.effect import Effect, Parameter, Values
+from effects.injection import STARTS, edited, from_then_on
+from effects.point_mass import add_mass
+from effects.targets import LINKS
+from identification.observation import Observation
+from sim.rig import Rig
+
+
+def _inject(rig: Rig, target: str, values: Values) -> Rig:
+    mass, start = values
+
+    def edit(spec: mujoco.MjSpec) -> None:
+        add_mass(spec, target, mass, None)
+
+    return from_then_on(rig, start, lambda one: edited(one, edit))
+
+
+def _predict(observed: Observation, target: str, values: Values) -> Observation:
+    mass, start = values
+    added = mass * (observed.part >= start)
+    rotations, positions = observed.frames
+    number = observed.tree.links.index(target)
+    frame, standard = observed.tree.frame_of_link[number], observed.standard[number]
+    place = positions[:, frame] + rotations[:, frame] @ (standard[1:] / standard[0])
+    gravity = observed.measurements.gravity
+    share = added / (observed.weight / gravity + added)
+    shift = share[:, None] * (place - observed.center)[:, :2]
+    return observed.changed(shift=observed.shift + shift, lift=observed.lift + added * gravity)
+
+
+EFFECT = Effect(
+    name="payload-step",
+    sentence="From a part of the experiment's time on a link carries a mass at its centre of mass.",
+    parameters=(Parameter("mass", "kg", prior=0.5), Parameter("start", "", grid=STARTS)),
+    inject=_inject,
+    predict=_predict,
+    words="The {target} link carries {0} more from {1} of the experiment on.",
+    targets=LINKS,
+)

@@ -1,0 +1,29 @@
+"""One placement's pose of the left plate is written down wrong: a slip of the pen, a tape misread."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from effects.effect import Effect, Parameter, Values
+from effects.misrecorded_plates import misrecorded, put_right
+from effects.targets import PLACEMENTS
+from sim.robot import PLATES
+
+
+def _shift(placement: np.ndarray, target: str, values: Values) -> np.ndarray:
+    """True minus recorded poses, (m, 2, 3) [m, m, rad]."""
+    shift = np.zeros((len(placement), 2, 3))
+    shift[placement == int(target), PLATES.index("left"), :2] = values
+    return shift
+
+
+EFFECT = Effect(
+    name="placement-blunder",
+    sentence="The left plate's pose of one placement is recorded wrong (base frame).",
+    parameters=(Parameter("x", "m", prior=0.01), Parameter("y", "m", prior=0.01)),
+    inject=misrecorded(_shift),
+    predict=put_right(_shift),
+    words="In placement {target} the left plate lies {0} further forward and {1} further left than recorded.",
+    targets=PLACEMENTS,
+    misreads=True,
+)

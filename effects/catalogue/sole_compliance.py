@@ -1,0 +1,42 @@
+"""Both feet's soles yield under their load: a rubber layer tilts as its centre of pressure wanders.
+
+The foot leans towards its load, about the point of the sole below the ankle. It comes beside whatever
+compliance the robot's description already states.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from effects.effect import Effect, Parameter, Values
+from effects.injection import always
+from identification.observation import Observation
+from sim.rig import Rig
+
+
+def _inject(rig: Rig, target: str, values: Values) -> Rig:
+    def softer(one: Rig) -> Rig:
+        soft = one.compliance
+        return replace(one, compliance=replace(soft, sole_tilt=soft.sole_tilt + values[0]))
+
+    return always(rig, softer)
+
+
+def _predict(observed: Observation, target: str, values: Values) -> Observation:
+    # Load to the front turns about +y, load to the left about -x.
+    lean = values[0] * observed.sole_loads[..., ::-1] * np.array([-1.0, 1.0])
+    return observed.changed(
+        stance_tilt=observed.stance_tilt + lean[:, 0], swing_tilt=observed.swing_tilt + lean[:, 1]
+    )
+
+
+EFFECT = Effect(
+    name="sole-compliance",
+    sentence="Both soles yield to roll and pitch about the point below the ankle.",
+    parameters=(Parameter("compliance", "rad/Nm", prior=np.radians(0.05), positive=True),),
+    inject=_inject,
+    predict=_predict,
+    words="The soles of both feet yield by {0}.",
+)

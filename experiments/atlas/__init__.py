@@ -1,0 +1,1 @@
+"""What a plan would detect, confuse or hide, before any data."""

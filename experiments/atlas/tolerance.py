@@ -1,0 +1,178 @@
+"""How exactly a laboratory must be set up: bias by small errors of plates, floor, encoders and cells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from discovery.candidates import Candidate, candidates
+from effects.catalogue import catalogue
+from experiments.atlas.bias import Weights, weights
+from experiments.atlas.planned_experiment import Planned, estimates, noisy, streams
+from sim.measurements import Measurements
+from sim.statics.solved_plan import solve_plan
+
+# Effect, and the amount that a laboratory thinks in.
+UNITS = {
+    "plate-translation": (1e-3, "1 mm"),
+    "plate-yaw": (np.radians(0.1), "0.1 deg"),
+    "tilt": (np.radians(0.1), "0.1 deg"),
+    "encoder-offset": (np.radians(0.1), "0.1 deg"),
+    "cell-gain": (0.01, "1 %"),
+}
+ALLOWED = 0.5  # standard errors of bias, in every parameter
+NO_BIAS = 1e-6  # standard errors: rounding
+CHECKED = 5  # runs of the simulation
+
+
+@dataclass(frozen=True)
+class Source:
+    """One error of the set-up.
+
+    Attributes:
+        size: number among the effect's sizes. amount: of one unit [SI]. words: that unit.
+    """
+
+    candidate: Candidate
+    size: int
+    amount: float
+    words: str
+
+    @property
+    def label(self) -> str:
+        effect = self.candidate.effect
+        name = f" {effect.parameters[effect.sizes[self.size]].name}" if len(effect.sizes) > 1 else ""
+        return self.candidate.label + name
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """Of the effect, one unit of this error, (s,)."""
+        return self.amount * (np.arange(len(self.candidate.effect.sizes)) == self.size)
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Biases of a plan.
+
+    Attributes:
+        sources: n of them.
+        bias: predicted, of one unit, in standard errors, (n, p).
+        simulated: the same by the static laboratory, mean over runs, (n, p).
+        spread: standard error of that mean, (n, p).
+    """
+
+    planned: Planned
+    sources: tuple[Source, ...]
+    bias: np.ndarray
+    simulated: np.ndarray
+    spread: np.ndarray
+
+    def allowed(self, number: int) -> float:
+        """Units of one error alone that bias no parameter by more than half a standard error."""
+        return _kept(np.abs(self.bias[number]))
+
+    def together(self, effect: str) -> float:
+        """S.d. in units of all errors of a kind, independent, that keep the root mean square bias there."""
+        mine = [k for k, source in enumerate(self.sources) if source.candidate.effect.name == effect]
+        return _kept(np.sqrt((self.bias[mine] ** 2).sum(axis=0)))
+
+
+def _kept(bias: np.ndarray) -> float:
+    worst = float(bias.max())
+    return ALLOWED / worst if worst > NO_BIAS else np.inf
+
+
+def sources(planned: Planned) -> tuple[Source, ...]:
+    """Every plate, joint and cell that may err."""
+    effects = {name: catalogue()[name] for name in UNITS}
+    return tuple(
+        Source(candidate, size, *UNITS[candidate.effect.name])
+        for candidate in candidates(planned.observed, effects)
+        for size in range(len(candidate.effect.sizes))
+    )
+
+
+def tolerance(planned: Planned, progress: Callable[[int], None] = lambda count: None) -> Tolerance:
+    """Predict all biases and simulate them.
+
+    Args:
+        progress: called with 1 after every error.
+    """
+    estimator, every = weights(planned), sources(planned)
+    predicted = np.array([_predicted(estimator, source) for source in every])
+    plain = planned.runs[:CHECKED]
+    without = estimates(plain, planned.nominal)
+    moved = []
+    for source in every:
+        moved.append(estimates(erring(planned, source), planned.nominal) - without)
+        progress(1)
+    shifts = np.array(moved) / planned.standard_errors
+    spread = shifts.std(axis=1, ddof=1) / np.sqrt(len(plain))
+    return Tolerance(planned, every, predicted / planned.standard_errors, shifts.mean(axis=1), spread)
+
+
+def erring(planned: Planned, source: Source) -> list[Measurements]:
+    """The first runs again with one unit of an error: the same random numbers."""
+    candidate = source.candidate
+    rig = candidate.effect.inject(planned.rig, candidate.target, candidate.values(source.sizes))
+    # What instruments make of readings moves nothing.
+    only_misread = replace(rig, misread=None) == planned.rig
+    solved_plan = (
+        replace(planned.solved_plan, rig=rig) if only_misread else solve_plan(rig, planned.solved_plan.plan)
+    )
+    return noisy(solved_plan, streams(planned.seed, CHECKED))
+
+
+def _predicted(estimator: Weights, source: Source) -> np.ndarray:
+    return estimator.change(source.candidate, 0) @ source.sizes
+
+
+def sources_document(found: Tolerance) -> list[dict[str, Any]]:
+    """Every error for JSON."""
+    return [
+        {
+            "effect": source.candidate.effect.name,
+            "target": source.candidate.target or None,
+            "parameter": source.candidate.effect.parameters[source.candidate.effect.sizes[source.size]].name,
+            "unit": source.words,
+            "amount": source.amount,
+            "bias_se": found.bias[k].tolist(),
+            "simulated_bias_se": found.simulated[k].tolist(),
+            "allowed_units": found.allowed(k),
+            "allowed": found.allowed(k) * source.amount,
+        }
+        for k, source in enumerate(found.sources)
+    ]
+
+
+def document(found: Tolerance) -> dict[str, Any]:
+    """For JSON; biases in standard errors of the default estimator, amounts in SI units."""
+    difference = np.abs(found.simulated - found.bias)
+    return {
+        "postures": len(found.planned.observed),
+        "allowed_bias_se": ALLOWED,
+        "parameters": list(found.planned.nominal.parameters.names),
+        "standard_error_m": found.planned.standard_errors.tolist(),
+        "sources": sources_document(found),
+        "kinds": [
+            {
+                "effect": name,
+                "unit": words,
+                "alone_units": min(
+                    found.allowed(k)
+                    for k, source in enumerate(found.sources)
+                    if source.candidate.effect.name == name
+                ),
+                "together_units": found.together(name),
+            }
+            for name, (_, words) in UNITS.items()
+        ],
+        "check": {
+            "runs": CHECKED,
+            "largest_difference_se": float(difference.max()),
+            "largest_bias_se": float(np.abs(found.bias).max()),
+        },
+    }

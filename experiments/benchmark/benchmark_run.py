@@ -1,0 +1,75 @@
+"""The whole benchmark: begin or resume, compute what is missing, score."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.benchmark.case_run import carry_out
+from experiments.benchmark.cases import Case, Settings, cases
+from experiments.benchmark.outcome import Outcome, outcome
+from experiments.benchmark.scoreboard import board
+from experiments.montecarlo.chunks import Chunks
+from experiments.montecarlo.engine import engine
+from experiments.montecarlo.montecarlo_folder import CHUNK_FOLDER, check_folder, open_folder, run_document
+from experiments.montecarlo.montecarlo_run import collect_missing
+from experiments.scenario import DEFAULT_PLAN, Scenario
+from sim.measurements.table_files import Columns
+
+CHUNK = 1  # a case takes seconds
+
+
+@dataclass(frozen=True)
+class Job:
+    """From numbers of cases to their outcomes; the board is made in the worker."""
+
+    settings: Settings
+    plan: Path
+    cases: tuple[Case, ...]
+
+    def __call__(self, runs: Sequence[int]) -> Columns:
+        made = board(self.settings.preset, self.plan)
+        documents = [
+            json.dumps(carry_out(self.cases[run], run, self.settings.seed, made).document()) for run in runs
+        ]
+        return {"run": np.array(runs), "outcome": np.array(documents, object)}
+
+
+def benchmark(settings: Settings, folder: Path, workers: int, plan: Path = DEFAULT_PLAN) -> list[Outcome]:
+    """Carry out what is missing in the folder; all outcomes.
+
+    Raises:
+        InputError: what cannot be run, written or read; cases that were written stay.
+        montecarlo.run.Interrupted: by Ctrl-C, after the folder was begun.
+    """
+    made = board(settings.preset, plan)
+    every = tuple(cases(settings, made))
+    scenario = Scenario(made.rig, made.plan, settings.seed, settings.preset, statics=True)
+    document: dict[str, Any] = run_document(scenario, settings.document())
+    document |= {"format": "tulip-benchmark", "command": "benchmark discover"}
+    chunks = Chunks(folder / CHUNK_FOLDER, len(every), CHUNK)
+    if not check_folder(folder, document) or chunks.missing():
+        with engine(workers, None), open_folder(folder, document, made.plan):
+            collect_missing(chunks, Job(settings, plan, every), folder, "cases")
+    return so_far(folder)
+
+
+def so_far(folder: Path) -> list[Outcome]:
+    """Outcomes of the cases that were carried out; any number of them is a fair sample of all.
+
+    Raises:
+        InputError: a file is damaged.
+    """
+    paths = sorted((folder / CHUNK_FOLDER).glob("chunk-*.parquet"))
+    numbers = [int(path.stem.removeprefix("chunk-")) for path in paths]
+    chunks = Chunks(folder / CHUNK_FOLDER, max(numbers, default=0) + 1, CHUNK)
+    return [
+        outcome(json.loads(text))
+        for number in numbers
+        for text in chunks.read_one(number, ["outcome"])["outcome"]
+    ]

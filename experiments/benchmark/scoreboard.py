@@ -1,0 +1,139 @@
+"""What can be known before any data: how large an effect must be, and what looks like it.
+
+Everything here is of the nominal laboratory and the plan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from discovery.candidates import Candidate, candidates
+from discovery.evidence import VISIBLE, family, field
+from discovery.linear_model import Linear, linear_model
+from discovery.refit import exact_rig, measured_plan, simulated, without_noise
+from discovery.selection import LEVEL
+from experiments.atlas.detectability import noncentrality, single_level
+from experiments.atlas.isolability import ISOLABLE
+from experiments.scenario import DEFAULT_PLAN
+from identification.nominal import nominal_robot
+from identification.observation import observe
+from identification.residual_channels import residuals
+from identification.residual_noise import noise_of
+from sim.measurements import PosturePlan, read_plan
+from sim.rig import Rig, preset_rig
+from sim.robot import load_model, load_robot
+from sim.statics.solved_plan import SolvedPlan, solve_plan
+from sim.statics.static_run import run_static
+
+REFERENCE = 999  # stream of the one nominal experiment at which columns are taken
+
+
+@dataclass(frozen=True)
+class Board:
+    """A plan in a nominal laboratory, and what every candidate of the catalogue shows there.
+
+    Attributes:
+        quiet: the same laboratory with nothing random but friction.
+        candidates: of the whole catalogue.
+        projected: columns of every candidate at every grid point, whitened and projected, (r + 1, s).
+        bases: orthonormal, of what a candidate can visibly show within its prior, by grid point.
+        level: of a single test among the catalogue's.
+    """
+
+    rig: Rig
+    plan: PosturePlan
+    solved_plan: SolvedPlan
+    quiet: SolvedPlan
+    linear: Linear
+    candidates: list[Candidate]
+    projected: list[list[np.ndarray]]
+    bases: list[list[np.ndarray]]
+    level: float
+
+    def wanted(self, candidate: Candidate) -> float:
+        """Length of a signal that is found with 90 % probability."""
+        one_sided = candidate.positive.any() or not candidate.effect.sizes
+        level = 2 * self.level if one_sided else self.level
+        return float(np.sqrt(noncentrality(max(len(candidate.effect.sizes), 1), level)))
+
+    def angles(self, signal: np.ndarray) -> dict[str, float]:
+        """Angle between a signal and what each candidate can show, by label [rad]."""
+        length = np.linalg.norm(signal)
+        return {
+            candidate.label: min(
+                float(np.arccos(min(1.0, np.linalg.norm(basis.T @ signal) / length))) for basis in bases
+            )
+            for candidate, bases in zip(self.candidates, self.bases, strict=True)
+        }
+
+    def twins(self, signal: np.ndarray, own: Sequence[str] = ()) -> tuple[str, ...]:
+        """Candidates that can look like a signal; those in `own`, labels or names, are not asked."""
+        near = self._others(signal, own)
+        return tuple(label for label, angle in near.items() if angle < ISOLABLE)
+
+    def remainder(self, signal: np.ndarray, own: Sequence[str] = ()) -> float:
+        """What the closest other candidate leaves of a signal, as a multiple of what is found."""
+        nearest = min(self._others(signal, own).values())
+        return float(np.linalg.norm(signal) * np.sin(nearest) / np.sqrt(noncentrality(1, self.level)))
+
+    def _others(self, signal: np.ndarray, own: Sequence[str]) -> dict[str, float]:
+        near = self.angles(signal).items()
+        return {k: angle for k, angle in near if k not in own and k.partition(":")[0] not in own}
+
+    def signal(self, change: Callable[[Rig], Rig]) -> np.ndarray:
+        """What a change of the laboratory shows, whitened and projected, (r + 1,)."""
+        observed, theta = self.linear.observed, self.linear.theta
+        rig, plan = exact_rig(observed), measured_plan(observed)
+        with_it, without = (observe(simulated(one, plan), observed.nominal) for one in (change(rig), rig))
+        after, before = residuals(with_it, theta), residuals(without, theta)
+        rows = {int(number): k for k, number in enumerate(without.measurements.posture)}
+        out = np.zeros((len(observed), 11))
+        for k, number in enumerate(with_it.measurements.posture):
+            if (at := rows.get(int(number))) is not None:
+                out[int(number) - 1] = after[k] - before[at]
+                out[int(number) - 1, 3:5] *= with_it.on_four_cells[k] & without.on_four_cells[at]
+        return self.linear.project(self.linear.white(out))
+
+
+@cache
+def board(preset: str, folder: Path = DEFAULT_PLAN) -> Board:
+    """Of a preset's laboratory of TULip and a plan; made once in every process.
+
+    Raises:
+        InputError: a plan that does not fit.
+    """
+    robot = load_robot()
+    plan, rig = read_plan(folder, robot, load_model(robot)), preset_rig(preset, robot)
+    solved_plan = solve_plan(rig, plan)
+    measured = run_static(solved_plan, [np.random.SeedSequence(REFERENCE)])[0].measurements
+    observed = observe(measured, nominal_robot(robot))
+    linear = linear_model(observed, noise_of(observed))
+    found = field(linear, candidates(observed))
+    level = single_level(LEVEL, family(found, np.random.default_rng(0)))
+    bases = [
+        [_visible(candidate, column) for column in points]
+        for candidate, points in zip(found.candidates, found.projected, strict=True)
+    ]
+    return Board(
+        rig,
+        plan,
+        solved_plan,
+        solve_plan(without_noise(rig), plan),
+        linear,
+        found.candidates,
+        found.projected,
+        bases,
+        level,
+    )
+
+
+def _visible(candidate: Candidate, columns: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of what a candidate can show, (r + 1, k)."""
+    scaled = columns * candidate.prior if candidate.effect.sizes else columns
+    left, size, _ = np.linalg.svd(scaled, full_matrices=False)
+    return left[:, size > VISIBLE]

@@ -1,0 +1,151 @@
+"""Preflight of a measurement folder: what is missing, what is wrong, and what to do about it."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from effects.removal import without
+from experiments.example import compact_json, example_manifest, example_row
+from experiments.preparation import adopted_effects
+from experiments.terminal import print_table
+from identification.nominal import Nominal, nominal_robot
+from identification.preflight import RESULTS, Finding, preflight, worst_of
+from identification.preflight.plate_checks import plate_poses
+from identification.regressor import check_robot
+from sim.errors import InputError, shortened
+from sim.measurements import Measurements, read_measurements, read_series
+from sim.measurements.folder_kind import check_kind
+from sim.measurements.measurement_folder import read_manifest
+from sim.measurements.survey import MAY_LACK, complaints
+from sim.robot import Robot
+
+COLOURS = {"pass": "green", "warn": "yellow", "fail": "bold red", "not evaluated": "dim"}
+UNREADABLE = "could not read"
+
+
+def check_folder(folder: Path, robot: Robot, rig: Path | None = None) -> dict[str, Any]:
+    """The whole report as one JSON document; `verdict` is "pass", "warn", "fail" or "could not read".
+
+    Args:
+        rig: folder of the effects that the measurements are freed of before; None: of none.
+
+    Raises:
+        InputError: no such folder, a broken robot, or a folder that cannot be read for a reason
+            that no list of columns and keys would mend.
+    """
+    folder = Path(folder)
+    check_kind(folder, "measurement")
+    nominal = nominal_robot(robot)
+    _refuse_other_robot(folder, nominal)
+    wrong = complaints(folder, nominal.parameters.tree.joints)
+    if any(wrong.values()):
+        return {
+            "verdict": UNREADABLE,
+            "complaints": wrong,
+            "example_manifest": example_manifest(robot),
+            "example_row": example_row(robot),
+        }
+    measurements, series = read_measurements(folder, likely=False), read_series(folder)
+    adopted = adopted_effects(rig, robot, np.unique(measurements.placement).tolist())
+    if not adopted:
+        return findings_document(measurements, nominal, preflight(measurements, nominal, series))
+    check_robot(nominal.parameters, measurements, robot, str(folder))
+    freed, _ = without(measurements, nominal, adopted)
+    findings = preflight(freed, nominal, series)
+    # Of the records of the plates: freed ones hold what moves the centre of pressure otherwise.
+    recorded = plate_poses(measurements)
+    return findings_document(
+        freed, nominal, [recorded if finding.name == recorded.name else finding for finding in findings]
+    )
+
+
+def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:
+    """Another robot's folder would lack column after column; name the robot instead.
+
+    Raises:
+        InputError: another model file and other joints.
+    """
+    try:
+        manifest = read_manifest(folder)
+    except InputError:
+        return  # the complaints say more
+    robot, joints = nominal.robot, nominal.parameters.tree.joints
+    if manifest.robot.model != robot.model.name and set(manifest.joints) != set(joints):
+        raise InputError(
+            f"{folder / 'manifest.json'}: found robot '{shortened(manifest.robot.model)}' with other joints, "
+            f"expected {robot.model.name}; give the robot that was measured as --robot FILE"
+        )
+
+
+def findings_document(
+    measurements: Measurements, nominal: Nominal, findings: list[Finding]
+) -> dict[str, Any]:
+    results = [finding.result for finding in findings]
+    return {
+        "verdict": worst_of([result for result in results if result != "not evaluated"]),
+        "robot": nominal.robot.model.name,
+        "postures": len(np.unique(measurements.posture)),
+        "rows": len(measurements),
+        "placements": len(np.unique(measurements.placement)),
+        "counts": {result: results.count(result) for result in RESULTS},
+        "checks": [dataclasses.asdict(finding) for finding in findings],
+    }
+
+
+def print_report(console: Console, document: dict[str, Any]) -> None:
+    """What a laboratory reads."""
+    if document["verdict"] == UNREADABLE:
+        print_complaints(console, document)
+        return
+    table = Table(title="Preflight", title_justify="left", header_style="bold", expand=True)
+    for header, width, share in (
+        ("check", 18, None),
+        ("result", 9, None),
+        ("what was seen", None, 5),
+        ("what is expected", None, 4),
+    ):
+        table.add_column(header, width=width, ratio=share)
+    for check in document["checks"]:
+        colour = COLOURS[check["result"]]
+        texts = [escape(check[key]) for key in ("seen", "expected")]
+        table.add_row(check["name"], f"[{colour}]{check['result']}[/]", *texts)
+    print_table(console, table)
+    for check in document["checks"]:
+        if check["result"] in ("warn", "fail"):
+            colour = COLOURS[check["result"]]
+            console.print(f"[{colour}]{check['result']}[/] [bold]{check['name']}[/]")
+            for label, key in (("where", "where"), ("what to do", "advice")):
+                if check[key]:
+                    console.print(f"  {label}: {check[key]}", markup=False, highlight=False)
+    counts = ", ".join(f"{count} {result}" for result, count in document["counts"].items() if count)
+    verdict = document["verdict"]
+    console.print(
+        f"{document['rows']} rows of {document['postures']} postures on {document['placements']} placements. "
+        f"Verdict: [{COLOURS[verdict]}]{verdict}[/] ({counts})"
+    )
+
+
+def print_complaints(console: Console, document: dict[str, Any]) -> None:
+    """What is missing, and something to copy."""
+    plain = {"markup": False, "highlight": False, "soft_wrap": True}
+    console.print("This folder cannot be read yet:")
+    about, within = (document["complaints"][key] for key in ("manifest", "table"))
+    for text in (*about, *within):
+        console.print(f"  - {text}", **plain)
+    if about:
+        console.print("\nAn example manifest.json for this robot; replace every null that you know:")
+        console.print(compact_json(document["example_manifest"]), **plain)
+    if within:
+        console.print("\nAn example postures.csv with one posture, all joints at zero (rad, N, m):")
+        row = document["example_row"]
+        console.print(",".join(row), **plain)
+        console.print(",".join(f"{value:g}" for value in row.values()), **plain)
+        console.print(f"\nMay be left out: {', '.join(MAY_LACK)}.")
+    console.print("\ndocs/your-data.md goes step by step.")

@@ -1,0 +1,181 @@
+"""Two runs side by side: what was set otherwise and what came out otherwise."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from experiments.saved_discovery import SavedDiscovery
+from experiments.saved_run import SavedMonteCarlo, SavedRun
+from experiments.terminal import print_table
+from sim.errors import InputError
+from tulip_testbed.pages.page_tables import flattened
+from tulip_testbed.pages.words import candidate_label
+
+Run = SavedRun | SavedMonteCarlo | SavedDiscovery
+KINDS = {SavedRun: "a validation", SavedMonteCarlo: "a Monte Carlo", SavedDiscovery: "a discovery"}
+NOT_SETTINGS = ("outputs",)  # hashes of results: they differ whenever the results do
+VALIDATION = ("estimate", "standard_error", "truth")
+MONTECARLO = ("bias", "standard_error", "standard_error_ratio", "coverage95")
+DISCOVERY = ("before_mm", "after_mm", "standard_error_mm")
+QUANTITIES = {SavedRun: VALIDATION, SavedMonteCarlo: MONTECARLO, SavedDiscovery: DISCOVERY}
+
+
+def compare(first: Run, second: Run) -> dict[str, Any]:
+    """Both runs as one JSON document; lists hold the first run's value, then the second's.
+
+    Raises:
+        InputError: runs that cannot be compared; says why.
+    """
+    _check_alike(first, second)
+    quantities = QUANTITIES[type(first)]
+    both = [_models(first), _models(second)]
+    return {
+        "runs": [str(first.folder), str(second.folder)],
+        "verdict": [first.report["verdict"], second.report["verdict"]],
+        "settings": differences(first.document, second.document),
+        "checks": _checks(_judged(first), _judged(second)),
+        "models": {
+            model: [
+                {"number": a["number"], "name": a["name"]} | {name: [a[name], b[name]] for name in quantities}
+                for a, b in zip(both[0][model], both[1][model], strict=True)
+            ]
+            for model in both[0]
+        },
+    }
+
+
+def differences(first: dict[str, Any], second: dict[str, Any]) -> dict[str, list[Any]]:
+    """Settings that are not the same in both, by name."""
+    flat = [flattened({k: v for k, v in d.items() if k not in NOT_SETTINGS}) for d in (first, second)]
+    names = dict.fromkeys([*flat[0], *flat[1]])
+    return {
+        name: [flat[0].get(name), flat[1].get(name)]
+        for name in names
+        if flat[0].get(name) != flat[1].get(name)
+    }
+
+
+def print_comparison(screen: Console, document: dict[str, Any]) -> None:
+    """The document as tables."""
+    first, second = document["runs"]
+    screen.print(f"A: {first}, verdict {document['verdict'][0]}", markup=False)
+    screen.print(f"B: {second}, verdict {document['verdict'][1]}", markup=False)
+    print_table(screen, _settings_table(document["settings"]))
+    judged = any(result for check in document["checks"] for result in check["result"])
+    checks = Table(
+        title="Checks" if judged else "Gap and evidence", title_justify="left", header_style="bold"
+    )
+    for header in ("check", "A", "value", "B", "value") if judged else ("", "A", "B"):
+        checks.add_column(header, justify="right" if header == "value" else "left")
+    for check in document["checks"]:
+        (a, b), (x, y) = check["result"], map(_figure, check["value"])
+        checks.add_row(check["name"], *((a or "", x, b or "", y) if judged else (x, y)))
+    print_table(screen, checks)
+    for model, rows in document["models"].items():
+        print_table(screen, _model_table(model, rows))
+
+
+def _check_alike(first: Run, second: Run) -> None:
+    """Refuse what has no common measure."""
+    where = f"{first.folder}, {second.folder}: cannot be compared"
+    if type(first) is not type(second):
+        raise InputError(
+            f"{where}: found {KINDS[type(first)]} and {KINDS[type(second)]}, expected two of a kind"
+        )
+    models = [_models(first), _models(second)]
+    for model in dict.fromkeys([*models[0], *models[1]]):
+        names = [[row["name"] for row in of.get(model, [])] for of in models]
+        if names[0] != names[1]:
+            raise InputError(
+                f"{where}: found {len(names[0])} and {len(names[1])} parameters of the {model} model with "
+                "other names, expected the same ones (the same support)"
+            )
+
+
+def _models(run: Run) -> dict[str, list[dict[str, Any]]]:
+    report = run.report
+    if isinstance(run, SavedRun):
+        return {model: report[model]["parameters"] for model in ("full", "simplified")}
+    if isinstance(run, SavedDiscovery):
+        return {"full": report["parameters"]}
+    return {"full": report["parameters"], "simplified": report["simplified"]["parameters"]}
+
+
+def _judged(run: Run) -> list[dict[str, Any]]:
+    """A run's checks; of a discovery the gap by channel, its explanations and their sizes."""
+    if not isinstance(run, SavedDiscovery):
+        return run.report["checks"]
+    gap = [
+        {"name": f"gap {channel}, {side}", "result": None, "value": entry[side]}
+        for channel, entry in run.report["gap"].items()
+        if entry is not None
+        for side in ("before", "after")
+    ]
+    explained = []
+    for candidate in run.report["candidates"]:
+        label = candidate_label(candidate)
+        explained.append({"name": f"ln BF {label}", "result": None, "value": candidate["log_bayes_factor"]})
+        for p in candidate["parameters"]:
+            unit = f" [{p['unit']}]" if p["unit"] else ""
+            explained.append({"name": f"{label} {p['name']}{unit}", "result": None, "value": p["value"]})
+    return gap + explained
+
+
+def _checks(first: list[dict[str, Any]], second: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    of = [{check["name"]: check for check in checks} for checks in (first, second)]
+    return [
+        {"name": name}
+        | {key: [checks.get(name, {}).get(key) for checks in of] for key in ("result", "value")}
+        for name in dict.fromkeys([*of[0], *of[1]])
+    ]
+
+
+def _settings_table(settings: dict[str, list[Any]]) -> Table:
+    table = Table(title="Settings that differ", title_justify="left", header_style="bold")
+    for header in ("setting", "A", "B"):
+        table.add_column(header)
+    for name, values in settings.items():
+        table.add_row(escape(name), *(escape(str(value)) for value in values))
+    if not settings:
+        table.add_row("none", "", "")
+    return table
+
+
+def _model_table(model: str, rows: list[dict[str, Any]]) -> Table:
+    lengths = "mm" if "bias" not in rows[0] else "mm, ratios and shares"
+    title = f"{model.capitalize()} model, {lengths}"
+    table = Table(title=title, title_justify="left", header_style="bold")
+    quantities = [name for name in rows[0] if name not in ("number", "name")]
+    table.add_column("nr", justify="right")
+    table.add_column("parameter")
+    for name in quantities:
+        for run in "AB":
+            table.add_column(f"{HEADERS[name][0]} {run}", justify="right", no_wrap=True)
+    for row in rows:
+        cells = []
+        for name in quantities:
+            _, scale, style = HEADERS[name]
+            cells += ["" if value is None else format(scale * value, style) for value in row[name]]
+        table.add_row(str(row["number"]), escape(row["name"]), *cells)
+    return table
+
+
+HEADERS = {
+    "estimate": ("est.", 1e3, ".2f"),
+    "standard_error": ("s.e.", 1e3, ".2f"),
+    "truth": ("truth", 1e3, ".2f"),
+    "before_mm": ("before", 1.0, ".2f"),
+    "after_mm": ("after", 1.0, ".2f"),
+    "standard_error_mm": ("s.e.", 1.0, ".2f"),
+    "bias": ("bias", 1e3, "+.3f"),
+    "standard_error_ratio": ("ratio", 1.0, ".3f"),
+    "coverage95": ("95 %", 1.0, ".3f"),
+}
+
+
+def _figure(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"

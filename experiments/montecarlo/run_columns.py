@@ -1,0 +1,159 @@
+"""The record of a run: one row of the results."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from effects.instance import EffectInstance
+from experiments.montecarlo.laboratory_runs import Laboratory, Run, stream_of
+from experiments.montecarlo.model_fits import Fit, Fits, fit
+from identification.base_parameters import BaseParameters, renumbered, simplified_numbers
+from identification.statistics import correlations, residual_norms, standard_errors
+from sim.errors import InputError
+from sim.measurements.table_files import Columns
+from sim.robot import Robot
+
+SCALARS = (
+    *("sigma", "condition_number", "residual_mean", "residual_sd", "residual_max"),
+    *("chi_square", "residual_dof"),
+)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which columns a record has.
+
+    Attributes:
+        names: of all base parameters, numbered from 1.
+        models: numbers of the parameters that each model estimates.
+        pairs: of the full model's parameters, whose correlation is recorded.
+    """
+
+    names: tuple[str, ...]
+    models: dict[str, tuple[int, ...]]
+    pairs: tuple[tuple[int, int], ...]
+
+    @property
+    def numbers(self) -> range:
+        return range(1, len(self.names) + 1)
+
+    def columns(self) -> list[str]:
+        """Names of the columns that hold numbers; lengths in m, masses in kg."""
+        names = [f"truth.{number}" for number in self.numbers]
+        for model, numbers in self.models.items():
+            names += [f"{model}.{what}.{n}" for what in ("value", "se", "dof") for n in numbers]
+            names += [f"{model}.{scalar}" for scalar in SCALARS]
+        names += [f"full.correlation.{a}.{b}" for a, b in self.pairs]
+        return [*names, "mass", "mass_se", "mass_dof", "true_mass"]
+
+
+def layout_of(robot: Robot, parameters: BaseParameters) -> Layout:
+    """The columns for a robot; a robot without a simplified model has the full one alone."""
+    models = {"full": tuple(range(1, len(parameters.names) + 1))}
+    if "simplified" in robot.settings:
+        models["simplified"] = tuple(simplified_numbers(robot, parameters))
+    described = (renumbered(robot, parameters, e["pair"]) for e in robot.settings.get("correlated", []))
+    pairs = tuple((int(a), int(b)) for a, b in described)
+    return Layout(parameters.names, models, pairs)
+
+
+@dataclass(frozen=True)
+class Job:
+    """What every run does; it travels to the workers.
+
+    Attributes:
+        parameters: with the lengths of the robot that stands there.
+        adopted: effects that the measurements are freed of.
+    """
+
+    laboratory: Laboratory
+    robot: Robot
+    parameters: BaseParameters
+    layout: Layout
+    estimator: str
+    seed: int
+    adopted: tuple[EffectInstance, ...] = ()
+
+    def __call__(self, runs: Sequence[int]) -> Columns:
+        """Carry out some runs.
+
+        Returns:
+            the columns of `Layout`, and run, rows, dropped (numbers), failure (text: why a run could not
+            be identified, with NaN in its other columns, or "").
+        """
+        outcomes = self.laboratory([stream_of(self.seed, run) for run in runs])
+        records = [self._record(outcome) for outcome in outcomes]
+        names = ["rows", "dropped", *self.layout.columns()]
+        columns: Columns = {"run": np.array(runs, dtype=np.int64)}
+        columns |= {name: np.array([record[name] for record, _ in records]) for name in names}
+        columns |= {name: columns[name].astype(np.int64) for name in ("rows", "dropped")}
+        return columns | {"failure": np.array([failure for _, failure in records])}
+
+    def _record(self, outcome: Run | str) -> tuple[dict[str, float], str]:
+        record = dict.fromkeys(self.layout.columns(), np.nan) | {"rows": 0, "dropped": 0}
+        if isinstance(outcome, str):
+            return record, outcome
+        record |= {"rows": len(outcome.measurements), "dropped": outcome.dropped}
+        try:
+            fits = fit(outcome.measurements, self.robot, self.parameters, self.estimator, self.adopted)
+        except InputError as error:
+            return record, str(error)
+        truth = self.parameters.values(outcome.standard)
+        return record | numbers_of(self.layout, fits, truth, outcome.true_mass), ""
+
+
+def numbers_of(layout: Layout, fits: Fits, truth: np.ndarray, true_mass: float) -> dict[str, float]:
+    """The columns of `Layout` of one run.
+
+    Args:
+        truth: of all base parameters, (p,) [m].
+    """
+    record = {f"truth.{number}": float(truth[number - 1]) for number in layout.numbers}
+    for model in layout.models:
+        record |= _model_numbers(model, fits.models[model], truth)
+    if layout.pairs:
+        rho, place = correlations(fits.models["full"].covariance), layout.models["full"].index
+        record |= {f"full.correlation.{a}.{b}": float(rho[place(a), place(b)]) for a, b in layout.pairs}
+    mass, mass_se = fits.mass
+    return record | {
+        "mass": mass,
+        "mass_se": mass_se,
+        "mass_dof": float(fits.postures - 1),
+        "true_mass": true_mass,
+    }
+
+
+def _model_numbers(model: str, found: Fit, truth: np.ndarray) -> dict[str, float]:
+    columns = {"value": found.value, "se": standard_errors(found.covariance), "dof": found.dof}
+    record = {
+        f"{model}.{what}.{number}": float(value)
+        for what, values in columns.items()
+        for number, value in zip(found.numbers, values, strict=True)
+    }
+    norms = residual_norms(found.residual)
+    error = found.value - truth[found.numbers - 1]
+    scalars = {
+        "sigma": found.sigma,
+        "condition_number": found.condition_number,
+        "residual_mean": norms.mean,
+        "residual_sd": norms.sd,
+        "residual_max": norms.max,
+        "chi_square": chi_square(error, found.covariance),
+        "residual_dof": found.residual_dof,
+    }
+    return record | {f"{model}.{name}": float(value) for name, value in scalars.items()}
+
+
+def chi_square(error: np.ndarray, covariance: np.ndarray) -> float:
+    """e' V^-1 e; NaN where a standard error is zero (noise-free data)."""
+    scale = standard_errors(covariance)
+    if not (scale > 0).all():
+        return np.nan
+    z = error / scale
+    try:
+        return float(z @ np.linalg.solve(covariance / np.outer(scale, scale), z))
+    except np.linalg.LinAlgError:
+        return np.nan

@@ -1,0 +1,240 @@
+"""A planning run that can be interrupted and taken up again, and what is added to its plan."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.run_folder import check_new
+from identification.nominal import nominal_robot
+from identification.planning.interior_point import SOLVERS
+from identification.planning.objectives import Objective
+from identification.planning.problem import Problem
+from identification.planning.search import State, rounds
+from identification.planning.sequential import (
+    measured_information,
+    next_plan,
+    next_rounds,
+    next_state,
+    run_next,
+)
+from identification.planning.trial import first_state, plan_of, run_trial
+from sim.errors import InputError, listed
+from sim.files import present, read_text, write_text
+from sim.measurements import Measurements, PosturePlan, read_measurements, write_plan
+from sim.measurements.plan_folder import check_model
+from sim.measurements.table_files import read_json
+from sim.robot import Robot, sha256
+
+ARRAYS = ("design", "angles", "best_design", "best_angles")
+Show = Callable[[State], None]
+
+
+@dataclass(frozen=True)
+class Job:
+    """A search for a plan.
+
+    Attributes:
+        key: what a run that is to be taken up has to share with the interrupted one.
+        rounds: how many it takes.
+        run: from a state, or from the start; calls back after every round.
+        best: the best plan of a state.
+    """
+
+    key: list[Any]
+    rounds: int
+    run: Callable[[Show, State | None], PosturePlan]
+    best: Callable[[State], PosturePlan]
+
+
+def trial_job(
+    problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int, solver: str = SOLVERS[0]
+) -> Job:
+    """A whole plan from a random start.
+
+    Args:
+        size: placements, postures on each, hops.
+        solver: of the polish, one of `SOLVERS`.
+    """
+    placements, per, hops = size
+
+    def run(show: Show, state: State | None) -> PosturePlan:
+        return run_trial(problem, goal, placements, per, seed, hops, show, state, solver)
+
+    def best(state: State) -> PosturePlan:
+        drawn, _ = first_state(problem, goal, placements, per, seed)
+        return plan_of(problem, goal, drawn, state, seed, hops, solver)
+
+    return Job([*_key(problem, goal, size, seed), solver], rounds(goal, hops), run, best)
+
+
+def next_job(
+    problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int, measured: Measurements
+) -> Job:
+    """The placements that tell most after what was measured."""
+    placements, per, hops = size
+    taken = measured_information(problem, measured)
+
+    def run(show: Show, state: State | None) -> PosturePlan:
+        return run_next(problem, goal, measured, placements, per, seed, hops, show, state)
+
+    def best(state: State) -> PosturePlan:
+        drawn, _ = next_state(problem, goal, taken, placements, per, seed)
+        return next_plan(problem, goal, drawn, state, measured, seed, hops)
+
+    key = [*_key(problem, goal, size, seed), float(np.trace(taken)), len(measured)]
+    return Job(key, next_rounds(placements, hops), run, best)
+
+
+def carry_out(job: Job, kept: Path, show: Show) -> tuple[PosturePlan, bool]:
+    """A job, taken up where it was interrupted; its plan and whether it came to its end.
+
+    Args:
+        kept: the file of the state, written after every round.
+
+    Raises:
+        KeyboardInterrupt: before there was any plan.
+    """
+    state = last = read_state(kept, job.key)
+
+    def progress(found: State) -> None:
+        nonlocal last
+        last = found
+        _write_state(kept, job.key, found)
+        show(found)
+
+    try:
+        return job.run(progress, state), True
+    except KeyboardInterrupt:
+        if last is None:
+            raise
+        plan = job.best(last)
+        return replace(plan, made=plan.made | {"interrupted": True}), False
+
+
+def state_file(out: Path) -> Path:
+    """Where an interrupted run leaves its state, beside its plan."""
+    return out.with_name(f".{out.name}.state.json")
+
+
+def check_out(out: Path) -> None:
+    """Refuse a name that is taken, unless by the plan of an interrupted run whose state is there.
+
+    Raises:
+        InputError: it is taken, or cannot be written.
+    """
+    if not (present(state_file(out)) and _interrupted(out)):
+        check_new(out)
+
+
+def keep_plan(out: Path, plan: PosturePlan) -> None:
+    """Write a plan folder, in the place of an interrupted run's if there is one.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    if not _interrupted(out):
+        write_plan(out, plan)
+        return
+    aside = out.with_name(f".{out.name}.interrupted")
+    shutil.rmtree(aside, ignore_errors=True)
+    os.rename(out, aside)
+    try:
+        write_plan(out, plan)
+    except BaseException:
+        os.rename(aside, out)
+        raise
+    shutil.rmtree(aside)
+
+
+def measured_for(robot: Robot, folder: Path, joints: tuple[str, ...]) -> Measurements:
+    """What was measured with this robot before.
+
+    Raises:
+        InputError: no such folder, or of another robot.
+    """
+    measured = read_measurements(folder)
+    where = f"{folder}: manifest.json"
+    check_model(where, measured.robot["model"], measured.robot["sha256"], robot)
+    if measured.joints != joints:
+        raise InputError(
+            f"{where}: key 'joints': found {listed(measured.joints)}; expected the model's order "
+            f"{listed(joints)}"
+        )
+    return measured
+
+
+def as_plan(robot: Robot, measured: Measurements) -> PosturePlan:
+    """Measured postures as if they were planned; the swing foot is where the angles put it."""
+    pose = nominal_robot(robot).swing_sole(measured.joint_angles)[:, [0, 1, 5]]
+    return PosturePlan(
+        joints=measured.joints,
+        joint_angles=measured.joint_angles,
+        posture=measured.posture,
+        placement=measured.placement,
+        support=measured.support,
+        swing_pose=pose,
+        robot={"model": robot.model.name, "sha256": sha256(robot.model)},
+    )
+
+
+def joined(plans: list[PosturePlan]) -> PosturePlan:
+    """Plans one after the other, with the first one's robot and provenance; numbers stay."""
+
+    def stacked(name: str) -> np.ndarray:
+        return np.concatenate([getattr(plan, name) for plan in plans])
+
+    return replace(
+        plans[0],
+        joint_angles=stacked("joint_angles"),
+        posture=stacked("posture"),
+        placement=stacked("placement"),
+        support=stacked("support"),
+        swing_pose=stacked("swing_pose"),
+        torques=None if all(plan.torques is None for plan in plans) else stacked("feed_forward"),
+    )
+
+
+def read_state(path: Path, key: list[Any]) -> State | None:
+    """What an interrupted run left; None where there is nothing.
+
+    Raises:
+        InputError: it is of another run, or broken.
+    """
+    if not present(path):
+        return None
+    try:
+        document = json.loads(read_text(path))
+        if document["key"] != key:
+            raise InputError(f"{path}: left by another run; remove it or give another --out")
+        values: dict[str, Any] = {k: np.array(v) if k in ARRAYS else v for k, v in document["state"].items()}
+        return State(**values)
+    except (json.JSONDecodeError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: found no state of an interrupted run ({error}); remove it") from None
+
+
+def _write_state(path: Path, key: list[Any], state: State) -> None:
+    """Floats as Python writes them come back in the same bits."""
+    document = {k: v.tolist() if k in ARRAYS else v for k, v in vars(state).items()}
+    write_text(path, json.dumps({"key": key, "state": document}))
+
+
+def _key(problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int) -> list[Any]:
+    return [goal.name, *size, seed, sha256(problem.robot.model), sha256(problem.robot.path)]
+
+
+def _interrupted(out: Path) -> bool:
+    """Whether a plan folder says that its run was interrupted."""
+    if not present(out / "plan.json"):
+        return False
+    try:
+        return read_json(out / "plan.json").get("made", {}).get("interrupted") is True
+    except (InputError, AttributeError):
+        return False

@@ -1,0 +1,209 @@
+"""What an experiment has shown: the readings, and how the robot is taken to stand.
+
+An effect's `predict` changes it; the nominal laboratory has flat soles, a level floor, cells where
+the data sheet puts them and nothing but gravity pulling. Only measurements and the nominal robot enter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from identification.base_parameters import standard_parameters
+from identification.joint_loads import Loads, joint_loads, mass_center, torque_limits
+from identification.kinematics import Tree, frame_positions, link_rotations
+from identification.nominal import Nominal
+from sim.measurements import Measurements
+from sim.robot import PLATES, compile_spec, load_model
+from sim.scene import load_scene
+
+LONG_GAP = 1.5  # of the median time between a placement's postures
+LEAST_LOAD = 0.5  # N
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One experiment of m postures, as it is taken to have been.
+
+    Attributes:
+        nominal: the robot as its files say.
+        measurements: as handed over; time and placement are taken from here.
+        tree: kinematics with the lengths that are believed.
+        cells: places of the cells on their plates, (2, 4, 2) [m].
+        joint_angles: of the links, (m, n_joints) [rad].
+        cell_forces: that the cells bear, (m, 8) [N].
+        plate_poses: where the plates lie, (m, 2, 3) [m, m, rad].
+        stance_tilt, swing_tilt: roll and pitch of the soles off the ground they stand on, (m, 2) [rad].
+        swing_rise: height of the swing foot's sole point over the stance foot's, (m,) [m].
+        shift: of the centre of pressure by other forces than weight, (m, 2) [m].
+        lift: vertical force beside the weighed weight, downwards, (m,) [N].
+        standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
+        board_share: of a board's own weight on each of its cells, right and left, (2,) [N].
+        torque_limits: of the joints' motors, (n_joints,) [Nm].
+        part: time of every posture as a part of the experiment's, 0 to 1, (m,).
+        on_four_cells: whether all cells of the right and the left plate bear something, (m, 2) bool. On
+            three, a board's twist says nothing. A tared cell without load reads minus its share of the board.
+    """
+
+    nominal: Nominal
+    measurements: Measurements
+    tree: Tree
+    cells: np.ndarray
+    joint_angles: np.ndarray
+    cell_forces: np.ndarray
+    plate_poses: np.ndarray
+    stance_tilt: np.ndarray
+    swing_tilt: np.ndarray
+    swing_rise: np.ndarray
+    shift: np.ndarray
+    lift: np.ndarray
+    standard: np.ndarray
+    board_share: np.ndarray
+    torque_limits: np.ndarray
+    part: np.ndarray
+    on_four_cells: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.joint_angles)
+
+    @cached_property
+    def weight(self) -> float:
+        """Of the robot, by its weighed mass or its nominal one [N]."""
+        weighed = self.measurements.weighed_mass
+        return (weighed[0] if weighed else self.nominal.mass) * self.measurements.gravity
+
+    @cached_property
+    def stance(self) -> np.ndarray:
+        """Number of the stance: postures between which the feet stay where they are, (m,).
+
+        A new placement begins one; so does a gap in time, in which a posture was lost and the robot
+        may have been put down anew. Without times the postures' numbers tell what was lost.
+        """
+        placement, time = self.measurements.placement, self.measurements.time
+        timed = np.isfinite(time).all()
+        clock = time if timed else self.measurements.posture.astype(float)
+        order = np.lexsort((time if timed else np.arange(len(time)), placement))
+        gap, same = np.diff(clock[order]), placement[order][1:] == placement[order][:-1]
+        usual = np.median(gap[same]) if same.any() else 0.0
+        number = np.empty(len(time), int)
+        number[order] = np.append(0, np.cumsum(~same | (gap > LONG_GAP * usual) | (gap < 0)))
+        return number
+
+    @cached_property
+    def frames(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rotations (m, n_frames, 3, 3) and origins (m, n_frames, 3) [m] of all frames, soles flat."""
+        base = self.nominal.parameters.base
+        rotations = link_rotations(self.tree, base, self.joint_angles)
+        return rotations, frame_positions(self.tree, base, rotations, -self.nominal.points[0])
+
+    @cached_property
+    def center(self) -> np.ndarray:
+        """Nominal centre of mass in the base frame, (m, 3) [m]."""
+        return mass_center(self.tree, *self.frames, self.standard)
+
+    @cached_property
+    def height(self) -> np.ndarray:
+        """Of the nominal centre of mass over the cells, (m,) [m]."""
+        return self.center[:, 2] + self.measurements.top_height[0]
+
+    @cached_property
+    def swing_sole(self) -> tuple[np.ndarray, np.ndarray]:
+        """Place of the swing sole point, (m, 3) [m], and the foot's rotation, (m, 3, 3), soles flat."""
+        rotations, positions = self.frames
+        turn = rotations[:, self.nominal.swing_frame]
+        return positions[:, self.nominal.swing_frame] + turn @ self.nominal.points[1], turn
+
+    @cached_property
+    def foot_loads(self) -> tuple[np.ndarray, np.ndarray]:
+        """Vertical force on both feet, (m, 2) [N], and its point on the ground, (m, 2, 2) [m]."""
+        forces = self.cell_forces.reshape(-1, 2, 4)
+        down = forces.sum(axis=2)
+        moment = (forces[..., None] * self.cell_places.reshape(-1, 2, 4, 2)).sum(axis=2)
+        return down, moment / np.where(np.abs(down) > 1e-6, down, np.inf)[..., None]
+
+    @cached_property
+    def sole_loads(self) -> np.ndarray:
+        """Force times lever about each sole point in the foot's axes, (m, 2, 2) [Nm]: along its x and y.
+
+        The cells tell where the force meets their floor; at the sole it passes beside by the feet's push
+        against each other.
+        """
+        down, point = self.foot_loads
+        place, turn = self.swing_sole
+        yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+        push = self.measurements.top_height[0] * self.loads.push[:, :2]
+        stance = down[:, :1] * point[:, 0] - push
+        x, y = (down[:, 1:] * (point[:, 1] - place[:, :2]) + push).T
+        c, s = np.cos(yaw), np.sin(yaw)
+        return np.stack([stance, np.column_stack([c * x + s * y, c * y - s * x])], axis=1)
+
+    @cached_property
+    def cell_places(self) -> np.ndarray:
+        """The cells in the base frame, (m, 8, 2) [m]."""
+        c, s = np.cos(self.plate_poses[..., 2]), np.sin(self.plate_poses[..., 2])
+        x, y = self.cells[None, ..., 0], self.cells[None, ..., 1]
+        turned = np.stack([c[..., None] * x - s[..., None] * y, s[..., None] * x + c[..., None] * y], axis=-1)
+        return (turned + self.plate_poses[:, :, None, :2]).reshape(-1, 8, 2)
+
+    @cached_property
+    def loads(self) -> Loads:
+        """What the joints and the feet bear."""
+        down, point = self.foot_loads
+        floor = np.full((len(self), 1), -self.measurements.top_height[1])
+        return joint_loads(
+            self.tree,
+            self.nominal.parameters.base,
+            self.frames,
+            self.standard,
+            self.weight,
+            self.nominal.swing_frame,
+            (down[:, 1], np.concatenate([point[:, 1], floor], axis=1)),
+            self.measurements.support == "double",
+            self.torque_limits,
+        )
+
+    @property
+    def torques(self) -> np.ndarray:
+        """By which every joint's load turns what lies beyond it, about its axis, (m, n_joints) [Nm]."""
+        return self.loads.torques
+
+    def changed(self, **fields: Any) -> Observation:
+        """Another one with some fields replaced."""
+        return replace(self, **fields)
+
+
+def observe(measurements: Measurements, nominal: Nominal) -> Observation:
+    """An experiment as its readings say, in the nominal laboratory."""
+    m = len(measurements)
+    scene = compile_spec(load_scene(nominal.robot), str(nominal.robot.path))
+    forces = np.where(np.isfinite(measurements.cell_forces), measurements.cell_forces, 0.0)
+    share = np.array([scene.body(f"{plate}_plate").mass[0] * measurements.gravity / 4 for plate in PLATES])
+    margin = max(LEAST_LOAD, 4 * (measurements.sensors.cell_sd or 0.0))
+    return Observation(
+        nominal=nominal,
+        measurements=measurements,
+        tree=nominal.parameters.tree,
+        cells=measurements.cells,
+        joint_angles=measurements.joint_angles,
+        cell_forces=forces,
+        plate_poses=measurements.plate_poses,
+        stance_tilt=np.zeros((m, 2)),
+        swing_tilt=np.zeros((m, 2)),
+        swing_rise=np.zeros(m),
+        shift=np.zeros((m, 2)),
+        lift=np.zeros(m),
+        standard=standard_parameters(load_model(nominal.robot)),
+        board_share=share,
+        torque_limits=torque_limits(load_model(nominal.robot)),
+        part=time_fraction(measurements.time),
+        on_four_cells=forces.reshape(-1, 2, 4).min(axis=2) > margin - share,
+    )
+
+
+def time_fraction(time: np.ndarray) -> np.ndarray:
+    """Time as a part of the experiment's, 0 at its first posture and 1 at its last, (m,)."""
+    span = float(np.ptp(time))
+    return (time - time.min()) / span if span > 0 else np.zeros(len(time))

@@ -1,0 +1,64 @@
+"""Preflight: which parameters can these postures identify, and how well?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from identification.estimators import solve_least_squares
+from identification.nominal import Nominal
+from identification.preflight.finding import Finding
+from identification.rank import labels, require_identifiable
+from identification.reading_noise import ReadingNoise, known
+from identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
+from identification.statistics import WELL_IDENTIFIED, relative_standard_errors, standard_errors
+from sim.errors import InputError
+from sim.measurements import Measurements
+
+DATA_PER_PARAMETER = 4  # the paper optimised sets of 50 postures for 25 parameters
+MOST_CONDITION = 2600  # twice the worst of the shipped plan's sets of 50
+
+
+def predicted_standard_errors(matrix: np.ndarray, noise: ReadingNoise) -> np.ndarray:
+    """Of ordinary least squares under the stated noise, C H'VH C, (p,) [m].
+
+    Args:
+        matrix: H, (2m, p).
+
+    Raises:
+        InputError: a rank-deficient regressor.
+    """
+    _, c = solve_least_squares(matrix, np.zeros(len(matrix)))
+    half = matrix @ c
+    return standard_errors(half.T @ noise.covariance() @ half)
+
+
+def identifiable(measurements: Measurements, nominal: Nominal, noise: ReadingNoise | None) -> Finding:
+    """Number of postures, rank, condition number, and, with a noise, predicted relative standard errors."""
+    name, m = "identifiable", measurements
+    count = len(nominal.value)
+    postures, rule = len(m), DATA_PER_PARAMETER * count // 2
+    expected = f"{count} parameters, {rule} postures or more, condition number below {MOST_CONDITION}"
+    advice = "Measure more, and more different, postures: `tulip postures --random` draws some."
+    seen = f"{postures} postures ({2 * postures} data points)"
+    if 2 * postures <= count:
+        return Finding(name, "fail", f"{seen}, {count // 2 + 1} are the least", expected, "", advice)
+    matrix = stacked_regressor(nominal.parameters, m.joint_angles)
+    condition = float(np.linalg.cond(matrix))
+    sd = m.sensors.encoder_sd
+    blur = encoder_blur(nominal.parameters, m.joint_angles, ENCODER_SD if sd is None else sd)
+    try:
+        require_identifiable(matrix, labels(np.arange(1, count + 1), nominal.parameters.names), "rank", blur)
+    except InputError as problem:
+        return Finding(name, "fail", f"{seen}; {problem}", expected, "", advice)
+    seen += f", rank {count}, condition number {condition:.0f}"
+    if noise is not None and known(m.sensors.cell_sd) is not None:
+        error = predicted_standard_errors(matrix, noise)
+        relative = relative_standard_errors(nominal.value, error)
+        good = [str(k) for k in np.flatnonzero(relative < WELL_IDENTIFIED) + 1]
+        bad = [str(k) for k in np.flatnonzero(relative >= WELL_IDENTIFIED) + 1]
+        seen += (
+            f"; standard errors predicted below {WELL_IDENTIFIED:.0f} % of the nominal value for "
+            f"{len(good)} of {count}: {', '.join(good) or 'none'}; not for {', '.join(bad) or 'none'}"
+        )
+    few = postures < rule or condition > MOST_CONDITION
+    return Finding(name, "warn" if few else "pass", seen, expected, "", advice)

@@ -1,0 +1,191 @@
+"""Residuals of an experiment in four channels, and what moves them.
+
+A: centre of pressure minus the regressor's (x, y); F: sum of the cells minus the weight; T: twist of
+the right and the left plate, f1 - f2 + f3 - f4; C: closure of the legs: height, roll and pitch of
+the swing foot by the angles, and its x, y and yaw, which are constant in a placement.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from identification.joint_loads import joint_pivots
+from identification.kinematics import frame_positions, joint_axes, link_rotations, moved_frames
+from identification.nominal import Nominal
+from identification.observation import Observation
+
+CHANNELS = ("A", "F", "T", "C")
+ROWS = {"A": slice(0, 2), "F": slice(2, 3), "T": slice(3, 5), "C": slice(5, 11)}
+SIZE = 11
+ANCHORED = slice(8, 11)  # x, y, yaw of the swing foot: known up to a constant of the placement
+UNITS = {"A": "mm", "F": "N", "T": "N", "C": "mm, deg"}
+TWIST = np.array([1.0, -1.0, 1.0, -1.0])
+
+
+def packed(observed: Observation) -> np.ndarray:
+    """All that may vary by posture side by side, (m, n_joints + 22).
+
+    Angles, cells, plates' poses, stance tilt, swing tilt, rise, shift, lift.
+    """
+    return np.concatenate(
+        [
+            observed.joint_angles,
+            observed.cell_forces,
+            observed.plate_poses.reshape(-1, 6),
+            observed.stance_tilt,
+            observed.swing_tilt,
+            observed.swing_rise[:, None],
+            observed.shift,
+            observed.lift[:, None],
+        ],
+        axis=1,
+    )
+
+
+def fields(nominal: Nominal) -> dict[str, slice]:
+    """Columns of `packed`."""
+    n = len(nominal.parameters.tree.joints)
+    return {
+        "angles": slice(0, n),
+        "cells": slice(n, n + 8),
+        "plates": slice(n + 8, n + 14),
+        "stance_tilt": slice(n + 14, n + 16),
+        "swing_tilt": slice(n + 16, n + 18),
+        "rise": slice(n + 18, n + 19),
+        "shift": slice(n + 19, n + 21),
+        "lift": slice(n + 21, n + 22),
+    }
+
+
+def unpacked(observed: Observation, values: np.ndarray) -> Observation:
+    """The inverse of `packed`."""
+    at = fields(observed.nominal)
+    return observed.changed(
+        joint_angles=values[:, at["angles"]],
+        cell_forces=values[:, at["cells"]],
+        plate_poses=values[:, at["plates"]].reshape(-1, 2, 3),
+        stance_tilt=values[:, at["stance_tilt"]],
+        swing_tilt=values[:, at["swing_tilt"]],
+        swing_rise=values[:, at["rise"]][:, 0],
+        shift=values[:, at["shift"]],
+        lift=values[:, at["lift"]][:, 0],
+    )
+
+
+def residuals(observed: Observation, theta: np.ndarray) -> np.ndarray:
+    """All channels, (m, 11) [m, m, N, N, N, m, rad, rad, m, m, rad].
+
+    Args:
+        theta: base parameters, (p,) [m].
+    """
+    out = np.empty((len(observed), SIZE))
+    out[:, ROWS["A"]] = (
+        center(observed) - observed.nominal.parameters.regressor(observed.joint_angles) @ theta
+    )
+    forces = carried(observed)
+    out[:, ROWS["F"]] = (forces.sum(axis=1) - observed.weight - observed.lift)[:, None]
+    out[:, ROWS["T"]] = observed.cell_forces.reshape(-1, 2, 4) @ TWIST
+    pose = swing_pose(observed)
+    out[:, 5] = pose[:, 2] - observed.swing_rise
+    out[:, 6:8] = pose[:, 3:5] - observed.swing_tilt
+    out[:, ANCHORED] = pose[:, [0, 1, 5]]
+    return out
+
+
+def carried(observed: Observation) -> np.ndarray:
+    """What the cells under the feet bear, (m, 8) [N]."""
+    return np.where(np.repeat(standing(observed), 4, axis=1), observed.cell_forces, 0.0)
+
+
+def standing(observed: Observation) -> np.ndarray:
+    """Whether the right and the left foot stand, (m, 2) bool."""
+    support = observed.measurements.support
+    return np.column_stack([support != "left", support != "right"])
+
+
+def center(observed: Observation) -> np.ndarray:
+    """Centre of pressure (eq. 11) less what is not the weight's on flat soles, (m, 2) [m].
+
+    A tilted stance foot turns the robot about its sole point: the centre of mass moves by its height,
+    for which the nominal one is good enough.
+    """
+    forces = carried(observed)
+    measured = (forces[..., None] * observed.cell_places).sum(axis=1) / forces.sum(axis=1)[:, None]
+    roll, pitch = observed.stance_tilt.T
+    leaned = observed.center[:, 2:] * np.column_stack([pitch, -roll])
+    return measured - observed.shift - leaned
+
+
+def swing_pose(observed: Observation) -> np.ndarray:
+    """Pose of the swing sole over the ground by the angles: x, y, z, roll, pitch, yaw, (m, 6) [m, rad]."""
+    base = observed.nominal.parameters.base
+    rotations = link_rotations(observed.tree, base, observed.joint_angles)
+    positions = frame_positions(observed.tree, base, rotations, -observed.nominal.points[0])
+    foot = rotations[:, observed.nominal.swing_frame]
+    place = positions[:, observed.nominal.swing_frame] + foot @ observed.nominal.points[1]
+    tilt = np.concatenate([observed.stance_tilt, np.zeros((len(observed), 1))], axis=1)
+    place = place + np.cross(tilt, place)
+    foot = foot + np.cross(tilt[:, None], foot.mT).mT
+    roll = np.arctan2(foot[:, 2, 1], foot[:, 2, 2])
+    pitch = -np.arcsin(np.clip(foot[:, 2, 0], -1.0, 1.0))
+    yaw = np.arctan2(foot[:, 1, 0], foot[:, 0, 0])
+    return np.column_stack([place, roll, pitch, yaw])
+
+
+def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
+    """Derivative of the residuals by the fields of `packed`, (m, 11, n_joints + 22).
+
+    Args:
+        theta: base parameters, (p,) [m].
+    """
+    at, m = fields(observed.nominal), len(observed)
+    out = np.zeros((m, SIZE, at["lift"].stop))
+    forces = carried(observed)
+    total = forces.sum(axis=1)
+    stands = np.repeat(standing(observed), 4, axis=1)
+    measured = (forces[..., None] * observed.cell_places).sum(axis=1) / total[:, None]
+    lever = (observed.cell_places - measured[:, None]) / total[:, None, None]
+    out[:, 0:2, at["cells"]] = (lever * stands[..., None]).transpose(0, 2, 1)
+    out[:, 2, at["cells"]] = stands
+    out[:, 3, at["cells"].start : at["cells"].start + 4] = TWIST
+    out[:, 4, at["cells"].start + 4 : at["cells"].stop] = TWIST
+    plates = forces.reshape(-1, 2, 4)
+    arms = observed.cell_places.reshape(-1, 2, 4, 2) - observed.plate_poses[:, :, None, :2]
+    moment = (plates[..., None] * arms).sum(axis=2) / total[:, None, None]
+    for side in (0, 1):
+        first = at["plates"].start + 3 * side
+        out[:, 0, first] = out[:, 1, first + 1] = plates[:, side].sum(axis=1) / total
+        out[:, 0, first + 2], out[:, 1, first + 2] = -moment[:, side, 1], moment[:, side, 0]
+    out[:, 0:2, at["angles"]] = -observed.nominal.parameters.slope(observed.joint_angles) @ theta
+    out[:, 5:, at["angles"]] = _foot_rates(observed)
+    height = observed.center[:, 2]
+    place, turn = observed.swing_sole
+    yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+    roll, pitch = at["stance_tilt"].start, at["stance_tilt"].start + 1
+    out[:, 0, pitch], out[:, 1, roll] = -height, height
+    for axis, column in enumerate((roll, pitch)):
+        spin = np.broadcast_to(np.eye(3)[axis], (m, 1, 3))
+        out[:, 5:, column] = _in_channel(np.cross(spin, place[:, None]), spin, yaw)[..., 0]
+    out[:, 6, at["swing_tilt"].start] = out[:, 7, at["swing_tilt"].start + 1] = -1.0
+    out[:, 5, at["rise"].start] = -1.0
+    out[:, 0, at["shift"].start] = out[:, 1, at["shift"].start + 1] = -1.0
+    out[:, 2, at["lift"].start] = -1.0
+    return out
+
+
+def _foot_rates(observed: Observation) -> np.ndarray:
+    """Derivative of channel C by the joint angles, (m, 6, n_joints): the feet are nearly flat."""
+    base, nominal = observed.nominal.parameters.base, observed.nominal
+    rotations, positions = observed.frames
+    place, turn = observed.swing_sole
+    axes = joint_axes(observed.tree, base, rotations)
+    axes = axes * moved_frames(observed.tree, base)[:, nominal.swing_frame, None]
+    way = np.cross(axes, place[:, None] - joint_pivots(observed.tree, base, rotations, positions))
+    return _in_channel(way, axes, np.arctan2(turn[:, 1, 0], turn[:, 0, 0]))
+
+
+def _in_channel(way: np.ndarray, spin: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+    """Ways and turns of the swing foot as rows of channel C, (m, k, 3) twice -> (m, 6, k)."""
+    c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+    roll, pitch = c * spin[..., 0] + s * spin[..., 1], c * spin[..., 1] - s * spin[..., 0]
+    return np.stack([way[..., 2], roll, pitch, way[..., 0], way[..., 1], spin[..., 2]], axis=1)

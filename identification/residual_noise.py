@@ -1,0 +1,171 @@
+"""The noise of an experiment's residuals, and the coordinates in which it is white."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.stats import median_abs_deviation
+
+from identification.loop_closure import encoder_sd_by_closure
+from identification.observation import Observation
+from identification.residual_channels import ROWS, SIZE, TWIST, fields, sensitivity, standing
+from identification.variance_components import MARK_RATIO
+
+# What the nominal laboratory itself leaves with exact sensors in full dynamics: contacts give way.
+FLOOR = np.array([1.5e-5] * 2 + [2e-3] + [2e-3] * 2 + [5e-6] + [1e-5] * 2 + [5e-6] * 2 + [1e-5])
+ASSUMED_ENCODER = 5e-4  # rad
+ASSUMED_CELL = 1.0  # N
+OUTLYING = 4.0  # s.d. of a twist that is no noise
+# What a plate's cells show beside the twist, at right angles to it: the load and where it is.
+OTHERS = np.array([[1.0, 1.0, 1.0, 1.0], [1.0, 1.0, -1.0, -1.0], [1.0, -1.0, -1.0, 1.0]])
+FREE_PLATE = (0.01, 0.01, 0.03)  # m, m, rad: of a recorded pose where nothing is known
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of an experiment's readings.
+
+    Attributes:
+        encoder [rad], cell [N], plates: of both recorded poses, (6,) [m, m, rad].
+        assumed: which of them no data sheet stated, as text.
+    """
+
+    encoder: float
+    cell: float
+    plates: np.ndarray
+    assumed: tuple[str, ...]
+
+
+def noise_of(observed: Observation) -> Noise:
+    """By the data sheets; what they do not state is taken from the readings, or assumed.
+
+    The sheet states the left plate's placement only. The right one's foot stands on a mark.
+    """
+    sheet = observed.measurements.sensors
+    assumed = []
+    encoder, cell, left = sheet.encoder_sd, sheet.cell_sd, sheet.placement_sd
+    if encoder is None:
+        encoder = encoder_by_closure(observed) or ASSUMED_ENCODER
+        assumed.append("encoders (from the closure of the legs)")
+    if cell is None:
+        cell = cell_by_twist(observed) or ASSUMED_CELL
+        assumed.append("cells (from the plates' twist)")
+    if left is None:
+        left = FREE_PLATE
+        assumed.append("placement (taken as unknown)")
+    plates = np.concatenate([MARK_RATIO * np.array(left), left])
+    return Noise(encoder, cell, plates, tuple(assumed))
+
+
+def encoder_by_closure(observed: Observation) -> float | None:
+    """S.d. of the encoders' errors by the closed legs [rad]; None where too few postures stand on both."""
+    m, base = observed.measurements, observed.nominal.parameters.base
+    both = m.support == "double"
+    return encoder_sd_by_closure(
+        observed.tree, base, observed.nominal.swing_frame, observed.joint_angles[both], m.placement[both]
+    )
+
+
+def cell_by_twist(observed: Observation) -> float | None:
+    """S.d. of the cells' errors by what rigid plates cannot share among four [N]; None: too few postures.
+
+    A cell's zero, gain and drift are no noise: what goes with the load, its place and time is taken off.
+    """
+    m, left, freedom = len(observed), [], 0
+    for side in (0, 1):
+        rows = observed.on_four_cells[:, side] & standing(observed)[:, side]
+        forces = observed.cell_forces.reshape(m, 2, 4)[rows, side]
+        known = np.column_stack([np.ones(len(forces)), observed.part[rows], forces @ OTHERS.T])
+        twist = forces @ TWIST
+        left.append(twist - known @ np.linalg.lstsq(known, twist, rcond=None)[0])
+        freedom += max(len(twist) - known.shape[1], 0)
+    every = np.concatenate(left)
+    if not freedom:
+        return None
+    most = OUTLYING * median_abs_deviation(every, scale="normal")
+    inside = every[np.abs(every) <= most]
+    return float(np.sqrt((inside**2).mean() * len(every) / freedom) / 2)
+
+
+@dataclass(frozen=True)
+class White:
+    """Coordinates in which the residuals' noise is independent, of unit variance.
+
+    Attributes:
+        rows: numbers of the residuals (11 a posture) that there are, placement by placement.
+        blocks: inverse Cholesky factor of every placement's covariance, and where it stands in `rows`.
+        sensitivity: derivative of the residuals by the fields of `packed`, (m, 11, k).
+        reach: derivative by the readings (angles, cells, plates), (m, 11, n_joints + 14): the same, unless
+            effects are taken away whose size goes with noisy readings.
+        own: part of each posture's covariance that is its own, (m, 11, 11).
+    """
+
+    rows: np.ndarray
+    blocks: tuple[tuple[slice, np.ndarray], ...]
+    sensitivity: np.ndarray
+    reach: np.ndarray
+    own: np.ndarray
+
+    def __call__(self, residuals: np.ndarray) -> np.ndarray:
+        """Whiten residuals (m, 11) or columns (m, 11, k): (r,) or (r, k)."""
+        flat = residuals.reshape(residuals.shape[0] * SIZE, *residuals.shape[2:])[self.rows]
+        out = np.empty_like(flat)
+        for where, factor in self.blocks:
+            out[where] = factor @ flat[where]
+        return out
+
+    @property
+    def log_volume(self) -> float:
+        """Ln of the determinant of the residuals' covariance."""
+        return -2 * sum(float(np.log(np.diag(factor)).sum()) for _, factor in self.blocks)
+
+    def back(self, white: np.ndarray) -> np.ndarray:
+        """V^-1 times residuals, from the whitened ones, (r,) -> (m, 11)."""
+        flat = np.zeros(self.own.shape[0] * SIZE)
+        for where, factor in self.blocks:
+            flat[self.rows[where]] = factor.T @ white[where]
+        return flat.reshape(-1, SIZE)
+
+
+def whitening(
+    observed: Observation,
+    theta: np.ndarray,
+    noise: Noise,
+    channels: str = "AFTC",
+    through: np.ndarray | None = None,
+) -> White:
+    """Coordinates for some channels of an experiment.
+
+    Args:
+        through: derivative of all fields by the readings, (m, k, n_joints + 14), where the experiment was
+            freed of effects; None: the readings are fields as they are.
+    """
+    slope, at = sensitivity(observed, theta), fields(observed.nominal)
+    m = len(observed)
+    reach = slope[..., : at["plates"].stop] if through is None else slope @ through
+    angles, cells = reach[..., at["angles"]], reach[..., at["cells"]]
+    own = noise.encoder**2 * angles @ angles.mT + noise.cell**2 * cells @ cells.mT + np.diag(FLOOR**2)
+    levers = reach[..., at["plates"]] * noise.plates
+    used = np.zeros((m, SIZE), bool)
+    for channel in channels:
+        used[:, ROWS[channel]] = True
+    stands = standing(observed)
+    used[:, ROWS["C"]] &= np.all(stands, axis=1, keepdims=True)
+    used[:, ROWS["T"]] &= stands & observed.on_four_cells
+    rows, blocks, at_row = [], [], 0
+    for placement in np.unique(observed.measurements.placement):
+        inside = np.flatnonzero(observed.measurements.placement == placement)
+        numbers = (inside[:, None] * SIZE + np.arange(SIZE)).ravel()
+        keep = used[inside].ravel()
+        block = np.zeros((len(inside), SIZE, len(inside), SIZE))
+        block[np.arange(len(inside)), :, np.arange(len(inside))] = own[inside]
+        block = block.reshape(len(numbers), -1)
+        shared = levers[inside].reshape(-1, 6)
+        block = (block + shared @ shared.T)[np.ix_(keep, keep)]
+        factor = solve_triangular(np.linalg.cholesky(block), np.eye(len(block)), lower=True)
+        blocks.append((slice(at_row, at_row + len(block)), factor))
+        rows.append(numbers[keep])
+        at_row += len(block)
+    return White(np.concatenate(rows), tuple(blocks), slope, reach, own)

@@ -1,0 +1,101 @@
+"""The robot as an entity: its drives, its encoders, and what only the simulation knows of it."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from dm_control import composer, mjcf
+from dm_control.composer.observation import observable
+
+from sim.composer.channel import Channel
+from sim.composer.parts import Part
+from sim.robot import CORNERS, Robot, joint_names
+from sim.sensors import Sensors
+
+
+class RobotEntity(composer.Entity):
+    """The robot on its feet. Joints, actuators and motors are in the order of the nominal model's joints.
+
+    Attributes:
+        joints, actuators: elements of the MJCF model.
+        motors: the joint that each actuator turns; the joint itself where the drive is rigid.
+        torso: the body that moves freely.
+        soles: the sole corners of each foot.
+        interval: physics steps from sample to sample.
+    """
+
+    def _build(
+        self, part: Part, robot: Robot, nominal: mujoco.MjModel, sensors: Sensors, interval: int
+    ) -> None:
+        self._root = part.root
+        names = joint_names(nominal)
+        drives = {nominal.joint(nominal.actuator_trnid[i, 0]).name: i for i in range(nominal.nu)}
+        self.joints = [part.root.find("joint", name) for name in names]
+        self.actuators = [part.root.find("actuator", nominal.actuator(drives[name]).name) for name in names]
+        self.motors = [actuator.joint for actuator in self.actuators]
+        self.torso = part.root.worldbody.body[0]
+        self.soles = [[part.root.find("geom", f"{foot}_{c}") for c in CORNERS] for foot in robot.feet]
+        ones = np.ones(len(names))
+        self.joint_channel = Channel(
+            ones, sensors.encoder_repeatability, sensors.encoder_noise, sensors.encoder_resolution
+        )
+        self.motor_channel = Channel(
+            ones, sensors.motor_repeatability, sensors.motor_noise, sensors.motor_resolution
+        )
+        self.interval = interval
+
+    def _build_observables(self) -> RobotObservables:
+        return RobotObservables(self)
+
+    @property
+    def mjcf_model(self) -> mjcf.RootElement:
+        return self._root
+
+    def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        self.joint_channel.draw(random_state)
+        self.motor_channel.draw(random_state)
+
+
+class RobotObservables(composer.Observables):
+    """What is read of the robot. All but the encoders is the truth, and disabled."""
+
+    @composer.observable
+    def joint_encoders(self) -> observable.MJCFFeature:
+        """Joint-side encoders, (n,) [rad]."""
+        return _encoder(self._entity.joints, self._entity.joint_channel, self._entity.interval)
+
+    @composer.observable
+    def motor_encoders(self) -> observable.MJCFFeature:
+        """Motor encoders over the gear ratio, (n,) [rad]."""
+        return _encoder(self._entity.motors, self._entity.motor_channel, self._entity.interval)
+
+    @composer.observable
+    def centre_of_mass(self) -> observable.MJCFFeature:
+        """The robot's true centre of mass in the world, (3,) [m]."""
+        return observable.MJCFFeature("subtree_com", self._entity.torso)
+
+    @composer.observable
+    def sole_forces(self) -> observable.Generic:
+        """True forces of the boards on the stance and the swing foot in the world, (6,) [N]."""
+        soles = self._entity.soles
+        return observable.Generic(lambda physics: _contact_forces(physics, soles).ravel())
+
+
+def _encoder(joints: list[mjcf.Element], channel: Channel, interval: int) -> observable.MJCFFeature:
+    encoder = observable.MJCFFeature("qpos", joints, update_interval=interval, corruptor=channel)
+    encoder.enabled = True
+    return encoder
+
+
+def _contact_forces(physics: mjcf.Physics, groups: list[list[mjcf.Element]]) -> np.ndarray:
+    """Sum of the contact forces on each group of geoms in the world, (groups, 3) [N]."""
+    model, data = physics.model.ptr, physics.data.ptr
+    group_of = {int(i): k for k, geoms in enumerate(groups) for i in physics.bind(geoms).element_id}
+    forces, wrench = np.zeros((len(groups), 3)), np.zeros(6)
+    for number, contact in enumerate(data.contact):
+        for geom, sign in zip(contact.geom, (-1, 1), strict=True):
+            if geom in group_of:
+                mujoco.mj_contactForce(model, data, number, wrench)
+                # A contact's frame has its axes in rows; its force acts on the second geom.
+                forces[group_of[geom]] += sign * contact.frame.reshape(3, 3).T @ wrench[:3]
+    return forces

@@ -1,0 +1,1 @@
+"""The experiment in the full MuJoCo dynamics."""

@@ -1,0 +1,244 @@
+"""The whole experiment: every placement of a plan, held, measured, written down."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import joblib
+import numpy as np
+
+from sim.dynamics.hold import Held, hold, move, put_down
+from sim.dynamics.stand import Stand
+from sim.errors import InputError
+from sim.measurements import Measurements, PosturePlan, lay_boards
+from sim.plates import plate_geometry
+from sim.procedure import (
+    check_support,
+    choose_repeats,
+    constants,
+    order_of_tries,
+    record,
+    record_error,
+    stage_at,
+    start_times,
+    support_of,
+    weigh,
+)
+from sim.rig import Rig, stages
+from sim.robot import load_model, sole_corners
+from sim.scene import load_scene
+from sim.sensors import read_cells, read_encoders
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One try at one posture, with the truth of it.
+
+    Attributes:
+        held: the posture, or None if it was dropped; reason: why, else "".
+        reading: what the sensors said, by column prefix.
+        plates, true_plates: recorded and true poses in the base frame, (2, 3) [m, m, rad].
+    """
+
+    posture: int
+    placement: int
+    repeat: bool
+    held: Held | None
+    reason: str
+    reading: dict[str, np.ndarray]
+    plates: np.ndarray
+    true_plates: np.ndarray
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What the laboratory hands over, and, kept apart from it, what really happened.
+
+    Attributes:
+        measurements: the data contract.
+        attempts: every try in order, the truth included.
+        true_mass: of the robot on the plates [kg].
+    """
+
+    measurements: Measurements
+    attempts: tuple[Attempt, ...]
+    true_mass: float
+
+    @property
+    def dropped(self) -> list[tuple[int, str]]:
+        """Number of every posture of which no try could be used, and why its first one could not."""
+        used = {a.posture for a in self.measured}
+        first: dict[int, str] = {}
+        for attempt in self.attempts:
+            first.setdefault(attempt.posture, attempt.reason)
+        return [(posture, reason) for posture, reason in first.items() if posture not in used]
+
+    @property
+    def measured(self) -> list[Attempt]:
+        """The tries behind the rows of the measurements, in the same order."""
+        return [a for a in self.attempts if a.held is not None]
+
+    @property
+    def held(self) -> list[Held]:
+        """The true states behind the rows of the measurements, in the same order."""
+        return [a.held for a in self.attempts if a.held is not None]
+
+
+def run_experiment(
+    rig: Rig,
+    plan: PosturePlan,
+    seed: int,
+    workers: int = 1,
+    progress: Callable[[int], None] = lambda count: None,
+) -> Experiment:
+    """Simulate the plan in the full dynamics.
+
+    Every placement has its own random stream, so the result does not depend on `workers`.
+
+    Args:
+        progress: called with the number of tries each time a placement is done.
+
+    Raises:
+        InputError: a posture on the swing foot alone, or no posture that could be used.
+    """
+    check_support(plan)
+    placements = list(dict.fromkeys(plan.placement.tolist()))
+    streams = np.random.SeedSequence(seed).spawn(len(placements) + 1)
+    shared = np.random.default_rng(streams[-1])
+    repeats = choose_repeats(plan, rig.protocol.repeats, shared)
+    attempts = _try_all(rig, plan, repeats, streams, workers, progress)
+    stand = Stand(rig, np.zeros((2, 3)))
+    mass = float(stand.model.body_subtreemass[stand.torso])
+    return Experiment(_measurements(rig, plan, attempts, mass, shared), tuple(attempts), mass)
+
+
+def _try_all(
+    rig: Rig,
+    plan: PosturePlan,
+    repeats: frozenset[int],
+    streams: list[np.random.SeedSequence],
+    workers: int,
+    progress: Callable[[int], None],
+) -> list[Attempt]:
+    """All tries in order, each in the laboratory that stands there at its time.
+
+    A placement in which the laboratory changes is gone through as before and as after the change.
+    """
+    starts, rigs = zip(*stages(rig), strict=True)
+    placements = list(dict.fromkeys(plan.placement.tolist()))
+    tries = [(place, k) for place in placements for k in range(len(order_of_tries(plan, place, repeats)))]
+    time = start_times(rig, np.array([place for place, _ in tries]))
+    done: dict[tuple[int, int], list[Attempt]] = {}  # by placement and number of the rig
+    used = np.ones((len(rigs), len(tries)), bool)
+    while True:
+        stage = stage_at(np.array(starts), time, used).tolist()
+        wanted = dict.fromkeys((place, s) for (place, _), s in zip(tries, stage, strict=True))
+        if not (missing := [key for key in wanted if key not in done]):
+            return [done[place, s][k] for (place, k), s in zip(tries, stage, strict=True)]
+        jobs = (
+            joblib.delayed(run_placement)(rigs[s], plan, place, repeats, streams[placements.index(place)])
+            for place, s in missing
+        )
+        # More workers than placements would all be started, and wait.
+        runs = joblib.Parallel(n_jobs=min(workers, len(missing)), return_as="generator")(jobs)
+        for key, attempts in zip(missing, runs, strict=True):
+            done[key] = attempts
+            progress(len(attempts))
+        for number, (place, k) in enumerate(tries):
+            for s in range(len(rigs)):
+                if (place, s) in done:
+                    used[s, number] = done[place, s][k].held is not None
+
+
+def read_again(rig: Rig, plan: PosturePlan, experiment: Experiment, rng: np.random.Generator) -> Measurements:
+    """The same held postures through the rig's sensors anew: readings, plate records, weighing.
+
+    Holding postures takes a minute, reading them a tenth of a second: for what needs many experiments
+    that differ in their sensor noise alone.
+    """
+    samples = round(rig.protocol.window * rig.sensors.sample_rate)
+    attempts: list[Attempt] = []
+    recorded = np.zeros((2, 3))
+    for before, attempt in zip([None, *experiment.attempts], experiment.attempts, strict=False):
+        if before is None or before.placement != attempt.placement:
+            recorded = attempt.true_plates + record_error(rig, rng, 1)[0]
+        reading = _read(rig, attempt.held, samples, rng) if attempt.held else {}
+        attempts.append(dataclasses.replace(attempt, reading=reading, plates=recorded))
+    return _measurements(rig, plan, attempts, experiment.true_mass, rng)
+
+
+def run_placement(
+    rig: Rig, plan: PosturePlan, placement: int, repeats: frozenset[int], stream: np.random.SeedSequence
+) -> list[Attempt]:
+    """Set up one placement and go through its postures, then through its repeats."""
+    rng = np.random.default_rng(stream)
+    order = order_of_tries(plan, placement, repeats)
+    boards = boards_under(rig, plan.swing_pose[[order[0][0]]])[0]
+    stand = Stand(rig, boards + rig.protocol.plate_sd * rng.standard_normal((2, 3)))
+    error = record_error(rig, rng, 1)[0]
+    attempts: list[Attempt] = []
+    before, recorded = None, np.zeros((2, 3))
+    samples = round(rig.protocol.window * rig.sensors.sample_rate)
+    fresh = np.append(
+        True, plan.support[[r for r, _ in order[1:]]] != plan.support[[r for r, _ in order[:-1]]]
+    )
+    for (row, repeat), anew in zip(order, fresh, strict=True):
+        planned = plan.joint_angles[row]
+        sent = planned + rig.controller.command_sd * rng.standard_normal(len(planned))
+        command = sent + stand.offset(plan.feed_forward[row])
+        if before is None or anew:
+            put_down(stand, sent, str(plan.support[row]), command)
+            if not attempts:
+                recorded = stand.plates_in_base() + error
+        else:
+            move(stand, before, planned, command)
+        held, reason = hold(stand, planned)
+        before = planned if held else None
+        reading = _read(rig, held, samples, rng) if held else {}
+        number, true_plates = int(plan.posture[row]), stand.plates_in_base()
+        attempts.append(Attempt(number, placement, repeat, held, reason, reading, recorded, true_plates))
+    return attempts
+
+
+def _read(rig: Rig, held: Held, samples: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    angles, angles_sd, motor = read_encoders(rig.sensors, held.joint_angles, held.motor_angles, samples, rng)
+    forces, forces_sd = read_cells(rig.sensors, held.cell_forces, samples, rng)
+    return {"q": angles, "q_std": angles_sd, "motor": motor, "cell": forces, "cell_std": forces_sd}
+
+
+def _measurements(
+    rig: Rig, plan: PosturePlan, attempts: list[Attempt], mass: float, rng: np.random.Generator
+) -> Measurements:
+    times = start_times(rig, np.array([a.placement for a in attempts]))
+    used = [(a, t) for a, t in zip(attempts, times, strict=True) if a.held]
+    if not used:
+        reasons = sorted({a.reason for a in attempts})
+        raise InputError(f"none of {len(attempts)} postures could be measured: {'; '.join(reasons)}")
+    return record(
+        rig,
+        constants(rig),
+        {key: np.array([a.reading[key] for a, _ in used]) for key in used[0][0].reading},
+        weigh(rig, mass, rng),
+        joints=plan.joints,
+        posture=np.array([a.posture for a, _ in used]),
+        support=support_of(plan, np.array([a.posture for a, _ in used])),
+        placement=np.array([a.placement for a, _ in used]),
+        time=np.array([t for _, t in used]),
+        command=np.array([a.held.commanded for a, _ in used if a.held]),
+        plate_poses=np.array([a.plates for a, _ in used]),
+    )
+
+
+def boards_under(rig: Rig, swing_poses: np.ndarray) -> np.ndarray:
+    """Where the two boards are to lie for poses of the swing foot, (k, 3) -> (k, 2, 3) [m, m, rad]."""
+    size = plate_geometry(load_scene(rig.robot), "right").size
+    model = load_model(rig.robot)
+    right, left = (sole_corners(model, foot)[:, :2] for foot in rig.robot.feet)
+    boards = []
+    for x, y, yaw in swing_poses:
+        c, s = np.cos(yaw), np.sin(yaw)
+        soles = np.array([right, left @ np.array([[c, s], [-s, c]]) + [x, y]])
+        boards.append(lay_boards(soles, size, rig.protocol.plate_gap))
+    return np.array(boards)

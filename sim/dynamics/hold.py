@@ -1,0 +1,194 @@
+"""Move the robot to a posture, let it stand, hold it: the full MuJoCo dynamics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from sim.dynamics.balance import Balance, balance_of, mechanical_energy
+from sim.dynamics.stand import Stand
+from sim.path import straight_path
+
+CONTROL_PERIOD = 0.02  # s, at which a hold looks at its gate
+LANDING_TIME = 0.1  # s
+CLAMP_IMPEDANCE = 0.9999
+AVERAGED_PERIODS = 5  # when gated
+STILL_PERIODS = 10  # in which no cell's force may change
+STICKING_PERIODS = 500  # at most, in which dry friction takes over the load
+CREATED_ENERGY = 1e-3  # J: more than contacts store; what comes out of nothing is a fault of the simulation
+SERVO_PERIOD = 0.002  # s, at which the commanded angles are updated while moving
+PATH_KNOTS = 30
+
+
+@dataclass(frozen=True)
+class Held:
+    """A posture that stood still: averages over its window, before any sensor noise.
+
+    Attributes:
+        joint_angles: true joint angles, (n,) [rad].
+        motor_angles: true angles of the motors over the gear ratio, (n,) [rad].
+        commanded: commanded angles, (n,) [rad].
+        torques: actuator torques, (n,) [Nm].
+        cell_forces: true cell forces, tared, (8,) [N].
+        com: centre of mass in the base frame, (2,) [m].
+        drift: largest movement of a sole corner since the robot was put down [m].
+        settled_after: time from release to the gate [s].
+        books: how well forces, moments, torques and energy balance.
+    """
+
+    joint_angles: np.ndarray
+    motor_angles: np.ndarray
+    commanded: np.ndarray
+    torques: np.ndarray
+    cell_forces: np.ndarray
+    com: np.ndarray
+    drift: float
+    settled_after: float
+    books: Balance
+
+
+def put_down(
+    stand: Stand, angles: np.ndarray, support: str = "double", command: np.ndarray | None = None
+) -> None:
+    """Put the robot down at a posture and clamp its feet where they came to stand.
+
+    Args:
+        command: what the servos are sent to; None: the posture's own angles.
+        support: "double", or "right": on the stance foot, the other one in the air.
+    """
+    stand.standing = np.array([True, support == "double"])
+    stand.reset(angles, stand.chain.base_pose(angles))
+    stand.command = angles if command is None else command
+    stand.run(LANDING_TIME)
+    stand.mark_feet()
+    _clamp(stand)
+    stand.run(stand.protocol.rest_time)
+
+
+def move(stand: Stand, start: np.ndarray, end: np.ndarray, command: np.ndarray) -> None:
+    """Move along the closed chain from one planned posture to the next, feet clamped; on one foot straight.
+
+    The servos damp the joint's own speed, so the command leads by their derivative time:
+    together a PD controller on angle and speed. The commanded angles arrive at `command`,
+    which differs from `end` by command noise.
+    """
+    stand.stiction.release(stand.data)
+    _clamp(stand)
+    duration = stand.protocol.move_time
+    path_between = stand.chain.path if stand.standing.all() else straight_path
+    knots = np.vstack([start, path_between(start, end, PATH_KNOTS)])
+    path = CubicSpline(np.linspace(0, duration, PATH_KNOTS + 1), knots, bc_type="clamped")
+    time = np.arange(1, round(duration / SERVO_PERIOD) + 1) * SERVO_PERIOD
+    part = time[:, None] / duration
+    noise = (1 - part) * (stand.command - start) + part * (command - end)
+    for angles in path(time) + stand.rig.controller.derivative_time * path(time, 1) + noise:
+        stand.command = angles
+        stand.run(SERVO_PERIOD)
+    stand.command = command
+    stand.run(stand.protocol.rest_time)
+
+
+def hold(stand: Stand, plan: np.ndarray) -> tuple[Held | None, str]:
+    """Release the clamps and hold: the held posture, or None and why it has to be dropped.
+
+    Once everything is calm, what dry friction can carry sticks (`sim.dynamics.stiction`); so nothing
+    changes any more, and a short average is the average of the whole window.
+    """
+    protocol, data = stand.protocol, stand.data
+    _release(stand)
+    before = mechanical_energy(stand)
+    upright = stand.chain.base_pose(plan)
+    released = data.time
+    latest = released + protocol.hold_time - protocol.window
+    while True:
+        if reason := _come_to_rest(stand, upright, latest):
+            return None, reason
+        settled_after = data.time - released
+        if _stick(stand):
+            break
+        stand.stiction.release(data)
+    if protocol.gated:
+        window = AVERAGED_PERIODS * CONTROL_PERIOD
+    else:
+        stand.run(latest - data.time)
+        window = protocol.window
+    mean = _average(stand, window)
+    if over := stand.stiction.overloaded(data):
+        return None, f"broke loose at {over[0]}"
+    if reason := stand.fault():
+        return None, reason
+    books = balance_of(stand, before)
+    if books.dissipated < -CREATED_ENERGY:
+        return None, "gained energy while held"
+    joints = len(stand.qpos)
+    held = Held(
+        joint_angles=mean[:joints],
+        motor_angles=mean[joints : 2 * joints],
+        commanded=stand.command.copy(),
+        torques=data.actuator_force[stand.servos].copy(),
+        cell_forces=mean[2 * joints : 2 * joints + 8],
+        com=mean[2 * joints + 8 :],
+        drift=stand.drift(),
+        settled_after=settled_after,
+        books=books,
+    )
+    return held, ""
+
+
+def _come_to_rest(stand: Stand, upright: np.ndarray, latest: float) -> str | None:
+    """Wait until nothing has moved for `calm_time`: None, or why that did not come about."""
+    protocol, data, calm = stand.protocol, stand.data, 0
+    while calm < round(protocol.calm_time / CONTROL_PERIOD):
+        if data.time > latest:
+            return "did not settle"
+        stand.run(CONTROL_PERIOD)
+        if data.warning.number.any():
+            return "MuJoCo warned of an unstable simulation"
+        if stand.tipped(upright):
+            return "tipped"
+        calm = calm + 1 if stand.speed() < protocol.speed_gate else 0
+    return None
+
+
+def _stick(stand: Stand) -> bool:
+    """Let dry friction hold what it can; whether it then carries the load and no cell's force changes."""
+    forces = []
+    for _ in range(STICKING_PERIODS):
+        stand.stiction.engage(stand.data)
+        stand.run(CONTROL_PERIOD)
+        forces.append(stand.cell_forces())
+        recent = forces[-STILL_PERIODS:]
+        still = len(recent) == STILL_PERIODS and np.ptp(recent, axis=0).max() < stand.protocol.force_gate
+        if still and not stand.stiction.overloaded(stand.data):
+            return True
+    return False
+
+
+def _average(stand: Stand, window: float) -> np.ndarray:
+    """Mean of joint and motor angles, cell forces and CoM over a window."""
+    states = []
+    for _ in range(round(window / CONTROL_PERIOD)):
+        stand.run(CONTROL_PERIOD)
+        qpos = stand.data.qpos
+        states.append(
+            np.concatenate(
+                [qpos[stand.qpos], qpos[stand.motors], stand.cell_forces(), stand.centre_of_mass()]
+            )
+        )
+    return np.mean(states, axis=0)
+
+
+def _clamp(stand: Stand) -> None:
+    clamps = stand.clamps[stand.standing]
+    stand.data.eq_active[clamps] = 1
+    stand.model.eq_solimp[clamps, :2] = CLAMP_IMPEDANCE
+
+
+def _release(stand: Stand) -> None:
+    """Let the contacts take over slowly: a sudden release would make the feet hop."""
+    for impedance in np.geomspace(CLAMP_IMPEDANCE, 1e-4, round(stand.protocol.rest_time / CONTROL_PERIOD)):
+        stand.model.eq_solimp[stand.clamps, :2] = impedance
+        stand.run(CONTROL_PERIOD)
+    stand.data.eq_active[stand.clamps] = 0

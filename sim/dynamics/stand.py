@@ -1,0 +1,197 @@
+"""One placement as MuJoCo sees it: the robot on its two plates, and what can be read off it."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from sim.compliance import Compliance
+from sim.drives import motor_joint
+from sim.dynamics.stiction import Stiction
+from sim.path import ClosedChain, tipped
+from sim.plates import cell_addresses, cell_names, tare
+from sim.rig import Rig
+from sim.robot import CELLS, CORNERS, PLATES, compile_spec, joint_names, load_model, sole_point
+from sim.scene import laboratory_scene
+
+HOIST_DAMPING = (200.0, 2.0)  # N s/m, N m s
+
+
+class Stand:
+    """The robot on its plates. A class because MuJoCo's state is mutable and outlives a posture.
+
+    Attributes:
+        rig: the laboratory. chain: the robot alone, as its file says.
+        model, data: the scene.
+        stiction: the rows that hold what has come to rest.
+        standing: which of the two feet the robot stands on, (2,) bool.
+    """
+
+    def __init__(self, rig: Rig, plate_poses: np.ndarray):
+        self.rig, self.robot, self.protocol = rig, rig.robot, rig.protocol
+        nominal = load_model(rig.robot)
+        self.chain = ClosedChain(nominal, rig.robot)
+        joints = joint_names(nominal)
+        spec = laboratory_scene(rig, plate_poses)
+        _add_clamps(spec, rig.robot.feet)
+        soles = [spec.geom(f"{foot}_{CORNERS[0]}").parent.name for foot in rig.robot.feet]
+        self.model = compile_spec(spec, str(rig.robot.path))
+        self.data = mujoco.MjData(self.model)
+        self.qpos = np.array([self.model.joint(name).qposadr[0] for name in joints])
+        motors = [motor_joint(self.model, name) for name in joints]
+        self.motors = np.array([self.model.joint(motor).qposadr[0] for motor in motors])
+        self.servos = np.array([_servo_of(self.model, motor) for motor in motors])
+        self.free = np.flatnonzero(self.model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)[0]
+        self.free_qpos = slice(self.model.jnt_qposadr[self.free], self.model.jnt_qposadr[self.free] + 7)
+        first = self.model.jnt_dofadr[self.free]
+        self.model.dof_damping[first : first + 6] += hoist_damping(rig)
+        self.torso = int(self.model.jnt_bodyid[self.free])
+        self.standing = np.array([True, True])
+        self.clamps = np.array([self.model.equality(f"{foot}_clamp").id for foot in rig.robot.feet])
+        self.cells = cell_addresses(self.model)
+        self.tare = tare(self.model)
+        self.sole_points = {foot: sole_point(nominal, foot) for foot in rig.robot.feet}
+        self.sole_names = [f"{foot}_{corner}" for foot in rig.robot.feet for corner in CORNERS]
+        self.soles = [self.model.body(name).id for name in soles]
+        plates = [self.model.body(f"{plate}_plate").id for plate in PLATES]
+        self.stiction = Stiction(self.model, list(zip(self.soles, plates, strict=True)))
+        top = spec.geom(f"{PLATES[0]}_plate_top")
+        self.top_height = float(top.pos[2] + top.size[2])
+
+    @property
+    def command(self) -> np.ndarray:
+        """Commanded angles, (n,) [rad]."""
+        return self.data.ctrl[self.servos]
+
+    @command.setter
+    def command(self, angles: np.ndarray) -> None:
+        self.data.ctrl[self.servos] = angles
+
+    def offset(self, torques: np.ndarray) -> np.ndarray:
+        """How far servos have to be sent beyond where they stand to exert torques, (n,) [rad]."""
+        return torques / self.model.actuator_gainprm[self.servos, 0]
+
+    def reset(self, angles: np.ndarray, pose: np.ndarray) -> None:
+        """Put everything back, the robot at these joint angles (n,) and torso pose (7,), at rest."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.stiction.forget()
+        self.data.qpos[self.motors] = angles
+        self.data.qpos[self.qpos] = angles
+        self.data.qpos[self.free_qpos] = pose
+        self.command = angles
+
+    def run(self, duration: float) -> None:
+        """Step for `duration` [s], one step at least."""
+        mujoco.mj_step(self.model, self.data, max(1, round(duration / self.model.opt.timestep)))
+
+    def speed(self) -> float:
+        """Largest speed of any degree of freedom [rad/s, m/s]."""
+        return float(np.abs(self.data.qvel).max())
+
+    def cell_forces(self) -> np.ndarray:
+        """The cells' true forces at this moment, tared, (8,) [N]."""
+        return self.data.sensordata[self.cells] - self.tare
+
+    def mark_feet(self) -> None:
+        """Remember where the feet stand; there the clamps hold them."""
+        self.marked_corners = self._corners()
+        for clamp, foot in zip(self.clamps, self.robot.feet, strict=True):
+            body = self.data.body(foot)
+            self.model.eq_data[clamp, :11] = [0, 0, 0, *body.xpos, *body.xquat, 1]
+
+    def _feet(self) -> np.ndarray:
+        """Planar poses of both feet in the world, (2, 3) [m, m, rad]."""
+        poses = []
+        for foot in self.robot.feet:
+            body = self.data.body(foot)
+            rotation = body.xmat.reshape(3, 3)
+            point = body.xpos + rotation @ self.sole_points[foot]
+            poses.append([point[0], point[1], np.arctan2(rotation[1, 0], rotation[0, 0])])
+        return np.array(poses)
+
+    def centre_of_mass(self) -> np.ndarray:
+        """Centre of mass in the base frame, from MuJoCo's own, (2,) [m]."""
+        x, y, yaw = self._feet()[0]
+        east = self.data.subtree_com[self.torso][:2] - [x, y]
+        return np.array(
+            [np.cos(yaw) * east[0] + np.sin(yaw) * east[1], np.cos(yaw) * east[1] - np.sin(yaw) * east[0]]
+        )
+
+    def plates_in_base(self) -> np.ndarray:
+        """True poses of both plates in the base frame at this moment, (2, 3) [m, m, rad]."""
+        x, y, yaw = self._feet()[0]
+        poses = []
+        for plate in PLATES:
+            body = self.data.body(f"{plate}_plate")
+            dx, dy = body.xpos[0] - x, body.xpos[1] - y
+            rotation = body.xmat.reshape(3, 3)
+            turn = np.arctan2(rotation[1, 0], rotation[0, 0]) - yaw
+            poses.append([np.cos(yaw) * dx + np.sin(yaw) * dy, np.cos(yaw) * dy - np.sin(yaw) * dx, turn])
+        return np.array(poses)
+
+    def tipped(self, planned: np.ndarray) -> bool:
+        """The torso leans or hangs far from its planned pose, (7,)."""
+        return tipped(self.data.qpos[self.free_qpos], planned, self.protocol.tilt_limit)
+
+    def drift(self) -> float:
+        """Largest horizontal way of any sole corner from where it was put down [m]."""
+        ways = np.linalg.norm((self._corners() - self.marked_corners)[:, :2], axis=1)
+        return float(ways[np.repeat(self.standing, 4)].max())
+
+    def fault(self) -> str | None:
+        """Why a settled posture cannot be used, or None."""
+        for what, names, gaps in (
+            ("lost sole corner", self.sole_names, self._sole_gaps()),
+            ("lifted cell", CELLS, self._cell_gaps()),
+        ):
+            gaps = np.where(np.repeat(self.standing, 4), gaps, 0.0)
+            if gaps.max() > self.protocol.lift_limit:
+                return f"{what} {names[int(gaps.argmax())]}"
+        if self.drift() > self.protocol.slip_limit:
+            return f"slipped {1e3 * self.drift():.2f} mm"
+        return None
+
+    def _corners(self) -> np.ndarray:
+        """The eight sole corners in the world, (8, 3) [m]."""
+        return np.array([self.data.geom(name).xpos for name in self.sole_names])
+
+    def _sole_gaps(self) -> np.ndarray:
+        """Height of the eight sole corners over their board, (8,) [m]."""
+        gaps = []
+        for k, name in enumerate(self.sole_names):
+            plate, corner = self.data.body(f"{PLATES[k // 4]}_plate"), self.data.geom(name)
+            height = plate.xmat.reshape(3, 3)[:, 2] @ (corner.xpos - plate.xpos)
+            gaps.append(height - self.top_height - self.model.geom(name).size[0])
+        return np.array(gaps)
+
+    def _cell_gaps(self) -> np.ndarray:
+        """Height of the eight cells over the floor, (8,) [m]."""
+        floor = self.data.geom("floor").xpos[2]
+        return np.array([self.data.site(name).xpos[2] - floor for name in cell_names()])
+
+
+def hoist_damping(rig: Rig) -> np.ndarray:
+    """Damping of the torso by a slack hoist, (6,) [N s/m, N m s]; at rest it exerts nothing.
+
+    Zero unless drives or soles are springs. MJCF knows one damping for all six.
+    """
+    springs = rig.drives.wind_up > 0 or rig.compliance != Compliance()
+    return np.repeat(HOIST_DAMPING, 3) if springs else np.zeros(6)
+
+
+def _add_clamps(spec: mujoco.MjSpec, feet: tuple[str, str]) -> None:
+    """Welds between the feet and the ground, off at first."""
+    for foot in feet:
+        spec.add_equality(
+            name=f"{foot}_clamp",
+            type=mujoco.mjtEq.mjEQ_WELD,
+            objtype=mujoco.mjtObj.mjOBJ_BODY,
+            name1="world",
+            name2=foot,
+            active=False,
+        )
+
+
+def _servo_of(model: mujoco.MjModel, joint: str) -> int:
+    wanted = model.joint(joint).id
+    return next(i for i in range(model.nu) if model.actuator_trnid[i, 0] == wanted)

@@ -1,0 +1,25 @@
+"""The static equilibrium of robot, servos, feet and plates, solved directly and in batches."""
+
+from sim.statics.approach import left_friction, swaying, ways
+from sim.statics.forces import Load, State, residual, soles, torques
+from sim.statics.mechanism import Mechanism, mechanism
+from sim.statics.reading import cell_forces, faults
+from sim.statics.solve import Reference, reference, solve
+
+__all__ = [
+    "Load",
+    "Mechanism",
+    "Reference",
+    "State",
+    "cell_forces",
+    "faults",
+    "left_friction",
+    "mechanism",
+    "reference",
+    "residual",
+    "soles",
+    "solve",
+    "swaying",
+    "torques",
+    "ways",
+]

@@ -1,0 +1,299 @@
+"""Forces and closure of the mechanism at given coordinates, batched over any leading dimensions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sim.statics.mechanism import HINGE, Mechanism
+from sim.statics.softness import stopped
+
+WRENCH_UNIT = 100.0  # N or Nm, that counts as much as a metre where a foot is to bear nothing
+
+
+@dataclass(frozen=True)
+class State:
+    """Where the mechanism is and what its feet bear; leading dimensions ... are the batch.
+
+    Attributes:
+        position, rotation: of the torso, (..., 3) [m] and (..., 3, 3).
+        angles: coordinates, (..., n) [rad, m].
+        wrench: force and moment about the sole point on the right and left sole, (..., 2, 6) [N, Nm].
+    """
+
+    position: np.ndarray
+    rotation: np.ndarray
+    angles: np.ndarray
+    wrench: np.ndarray
+
+    def items(self, which: np.ndarray) -> State:
+        """Some items of a flat batch."""
+        return State(self.position[which], self.rotation[which], self.angles[which], self.wrench[which])
+
+    def put(self, which: np.ndarray, other: State) -> None:
+        """Overwrite some items of a flat batch."""
+        self.position[which], self.rotation[which] = other.position, other.rotation
+        self.angles[which], self.wrench[which] = other.angles, other.wrench
+
+    def moved(self, change: np.ndarray) -> State:
+        """Another state, this one changed by (..., 6 + n + 12): way and turn of the torso in the
+        world's axes, coordinates, wrenches."""
+        n = self.angles.shape[-1]
+        return State(
+            self.position + change[..., :3],
+            turn(change[..., 3:6]) @ self.rotation,
+            self.angles + change[..., 6 : 6 + n],
+            self.wrench + change[..., 6 + n :].reshape(*change.shape[:-1], 2, 6),
+        )
+
+
+@dataclass(frozen=True)
+class Load:
+    """What one run of the laboratory puts on the mechanism; every array broadcasts over the batch.
+
+    Attributes:
+        command: of the robot's joints, (..., n_joints) [rad].
+        friction: torque of dry friction on every coordinate, (..., n) [Nm].
+        feet: planar poses of both soles, (..., 2, 3) [m, m, rad].
+        plates: planar poses of both plates, (..., 2, 3) [m, m, rad].
+        mass, center: of the bodies, (..., nb) [kg], (..., nb, 3) [m].
+        stands: whether either foot is on the ground, (..., 2) bool.
+    """
+
+    command: np.ndarray
+    friction: np.ndarray
+    feet: np.ndarray
+    plates: np.ndarray
+    mass: np.ndarray
+    center: np.ndarray
+    stands: np.ndarray = field(default_factory=lambda: np.ones(2, bool))
+
+    def items(self, which: np.ndarray) -> Load:
+        """Some items of a flat batch; what all items share stays."""
+        shapes = {"command": 1, "friction": 1, "feet": 2, "plates": 2, "mass": 1, "center": 2, "stands": 1}
+        parts = {name: getattr(self, name) for name in shapes}
+        return Load(
+            **{name: part[which] if part.ndim > shapes[name] else part for name, part in parts.items()}
+        )
+
+
+def residual(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
+    """What is missing to equilibrium and to closure, (..., 6 + n + 12) [N, Nm, m, rad].
+
+    Forces and moments of all loads about the world's origin are summed from the leaves to the
+    torso; a hinge bears the part along its axis (principle of virtual work). Then how far both
+    soles are from flat on their places, or what a foot in the air would bear.
+    """
+    m = mechanism
+    frames, axes, anchors = _kinematics(m, state)
+    force, moment = _loads(m, state, load, frames)
+    for number in range(len(m.bodies) - 1, 0, -1):
+        parent = m.bodies[number].parent
+        force[parent] = force[parent] + force[number]
+        moment[parent] = moment[parent] + moment[number]
+    n = state.angles.shape[-1]
+    shape = np.broadcast_shapes(state.angles.shape[:-1], load.command.shape[:-1], load.mass.shape[:-1])
+    out = np.empty((*shape, 6 + n + 12))
+    out[..., :3] = force[0]
+    out[..., 3:6] = moment[0] - _cross(state.position, force[0])
+    for number, body in enumerate(m.bodies):
+        for joint in body.joints:
+            axis, anchor = axes[joint.column], anchors[joint.column]
+            if joint.kind == HINGE:
+                borne = _dot(axis, moment[number] - _cross(anchor, force[number]))
+            else:
+                borne = _dot(axis, force[number])
+            out[..., 6 + joint.column] = borne
+    out[..., 6 : 6 + n] += _drives(m, state, load)
+    # A foot in the air bears nothing, wherever it is.
+    closure = np.where(load.stands[..., None], _closure(m, state, load, frames), state.wrench / WRENCH_UNIT)
+    out[..., 6 + n :] = closure.reshape(*shape, 12)
+    return out
+
+
+def soles(mechanism: Mechanism, state: State) -> np.ndarray:
+    """Planar poses of both soles in the world, (..., 2, 3) [m, m, rad]."""
+    frames, _, _ = _kinematics(mechanism, state)
+    poses = []
+    for sole, point in zip(mechanism.soles, mechanism.sole_points, strict=True):
+        place, rotation = frames[sole]
+        yaw = np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0])
+        poses.append(np.concatenate([(place + rotation @ point)[..., :2], yaw[..., None]], axis=-1))
+    return np.stack(poses, axis=-2)
+
+
+def torques(mechanism: Mechanism, angles: np.ndarray, command: np.ndarray) -> np.ndarray:
+    """The servos' torques, PD at rest and limited, (..., n_joints) [Nm]."""
+    m = mechanism
+    return np.clip(m.gain * (command - angles[..., m.motors]), -m.limit, m.limit)
+
+
+def turn(vector: np.ndarray) -> np.ndarray:
+    """Rotation matrices of rotation vectors, (..., 3) -> (..., 3, 3)."""
+    angle = np.sqrt((vector * vector).sum(axis=-1))
+    sine, cosine = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2
+    x, y, z = (vector[..., k] for k in range(3))
+    out = np.empty((*vector.shape, 3))
+    for (i, j), first, second in (((0, 1), z, (x, y)), ((1, 2), x, (y, z)), ((2, 0), y, (z, x))):
+        out[..., i, j] = cosine * second[0] * second[1] - sine * first
+        out[..., j, i] = cosine * second[0] * second[1] + sine * first
+    squares = vector * vector
+    for k in range(3):
+        out[..., k, k] = 1 - cosine * (squares.sum(axis=-1) - squares[..., k])
+    return out
+
+
+def skew(rotation: np.ndarray) -> np.ndarray:
+    """Axis times sine of rotation matrices, (..., 3, 3) -> (..., 3); small turns' rotation vectors."""
+    return (
+        np.stack(
+            [
+                rotation[..., 2, 1] - rotation[..., 1, 2],
+                rotation[..., 0, 2] - rotation[..., 2, 0],
+                rotation[..., 1, 0] - rotation[..., 0, 1],
+            ],
+            axis=-1,
+        )
+        / 2
+    )
+
+
+def _kinematics(m: Mechanism, state: State) -> tuple[list, list, list]:
+    """Place and rotation of every body; axis and anchor of every coordinate, in the world."""
+    frames = [(state.position, state.rotation)]
+    axes: list = [None] * state.angles.shape[-1]
+    anchors: list = [None] * state.angles.shape[-1]
+    for body in m.bodies[1:]:
+        place, rotation = frames[body.parent]
+        place = place + rotation @ body.position
+        if not np.array_equal(body.rotation, np.eye(3)):
+            rotation = rotation @ body.rotation
+        for joint in body.joints:
+            value = state.angles[..., joint.column]
+            axis = rotation @ joint.axis
+            if joint.kind == HINGE:
+                anchor = place + rotation @ joint.anchor if joint.anchor.any() else place
+                rotation = _turned(rotation, joint.axis, value)
+                place = anchor - rotation @ joint.anchor if joint.anchor.any() else place
+            else:
+                anchor = place
+                place = place + axis * value[..., None]
+            axes[joint.column], anchors[joint.column] = axis, anchor
+        frames.append((place, rotation))
+    return frames, axes, anchors
+
+
+def _turned(rotation: np.ndarray, axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """rotation times the turn by an angle about a fixed axis."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    along = np.flatnonzero(axis)
+    if len(along) == 1 and axis[along[0]] == 1.0:  # two columns are mixed, the third stays
+        k = int(along[0])
+        i, j = (k + 1) % 3, (k + 2) % 3
+        out = np.empty(np.broadcast_shapes(rotation.shape, (*angle.shape, 3, 3)))
+        first, second = rotation[..., i], rotation[..., j]
+        c, s = cosine[..., None], sine[..., None]
+        out[..., k] = rotation[..., k]
+        out[..., i] = c * first + s * second
+        out[..., j] = c * second - s * first
+        return out
+    return rotation @ turn(angle[..., None] * axis)
+
+
+def _loads(m: Mechanism, state: State, load: Load, frames: list) -> tuple[list, list]:
+    """Force on every body and its moment about the world's origin: weight, feet, ropes."""
+    force: list = [np.zeros(3)] * len(m.bodies)
+    moment: list = [np.zeros(3)] * len(m.bodies)
+    for number, (place, rotation) in enumerate(frames):
+        weight = load.mass[..., number, None] * m.gravity
+        center = place + (rotation @ load.center[..., number, :, None])[..., 0]
+        force[number], moment[number] = weight, _cross(center, weight)
+    for side, (sole, point) in enumerate(zip(m.soles, m.sole_points, strict=True)):
+        at = frames[sole][0] + frames[sole][1] @ point
+        push, twist = state.wrench[..., side, :3], state.wrench[..., side, 3:]
+        force[sole] = force[sole] + push
+        moment[sole] = moment[sole] + twist + _cross(at, push)
+    for rope in m.ropes:
+        at = frames[rope.body][0] + frames[rope.body][1] @ rope.point
+        way = rope.anchor - at
+        length = np.sqrt(_dot(way, way))
+        pull = (rope.stiffness * _beyond(length, *rope.length) / length)[..., None] * way
+        force[rope.body] = force[rope.body] + pull
+        moment[rope.body] = moment[rope.body] + _cross(at, pull)
+    return force, moment
+
+
+def _drives(m: Mechanism, state: State, load: Load) -> np.ndarray:
+    """Servos, springs and dry friction on the coordinates, (..., n)."""
+    out = load.friction - m.stiffness * (state.angles - m.rest) + stopped(m.stops, state.angles)
+    out[..., m.motors] += torques(m, state.angles, load.command)
+    for stiffness, (low, high), row in m.springs:
+        out -= (stiffness * _beyond(state.angles @ row, low, high))[..., None] * row
+    return out
+
+
+def _beyond(length: np.ndarray, low: float, high: float) -> np.ndarray:
+    """How far a spring is from its range of rest."""
+    return length - np.clip(length, low, high)
+
+
+def _closure(m: Mechanism, state: State, load: Load, frames: list) -> np.ndarray:
+    """Place and turn of both soles against flat on the ground, where the cells have let it, (..., 2, 6)."""
+    rows = []
+    for side, (sole, point) in enumerate(zip(m.soles, m.sole_points, strict=True)):
+        place, rotation = frames[sole]
+        foot = load.feet[..., side, :]
+        upright = turn(foot[..., 2:] * np.array([0.0, 0.0, 1.0]))
+        wanted = np.concatenate([foot[..., :2], np.zeros_like(foot[..., :1])], axis=-1)
+        turned = skew(rotation @ np.swapaxes(upright, -1, -2))
+        row = np.concatenate([place + rotation @ point - wanted, turned], axis=-1)
+        row[..., 2:5] -= sunk(m, side, state.wrench[..., side, :], foot, load.plates[..., side, :])
+        rows.append(row)
+    return np.stack(rows, axis=-2)
+
+
+def sunk(m: Mechanism, side: int, wrench: np.ndarray, foot: np.ndarray, plate: np.ndarray) -> np.ndarray:
+    """How contacts give way: height, roll and pitch of a sole at its point, (..., 3) [m, rad, rad]."""
+    down, tip = board_wrench(m, wrench, foot, plate)
+    board = np.concatenate([-down[..., None], tip], axis=-1) @ m.board_give[side].T
+    ox, oy = foot[..., 0] - plate[..., 0], foot[..., 1] - plate[..., 1]
+    tilt = _turned_about_z(board[..., 1:], plate[..., 2])
+    height = board[..., 0] + tilt[..., 0] * oy - tilt[..., 1] * ox
+    press = np.concatenate([-wrench[..., 2:3], -_turned_about_z(wrench[..., 3:5], -foot[..., 2])], axis=-1)
+    sole = press @ m.sole_give[side].T
+    tilt = tilt + _turned_about_z(sole[..., 1:], foot[..., 2])
+    return np.concatenate([(height + sole[..., 0])[..., None], tilt], axis=-1)
+
+
+def _turned_about_z(vector: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+    c, s = np.cos(yaw), np.sin(yaw)
+    x, y = vector[..., 0], vector[..., 1]
+    return np.stack([c * x - s * y, s * x + c * y], axis=-1)
+
+
+def board_wrench(
+    m: Mechanism, wrench: np.ndarray, foot: np.ndarray, plate: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What a foot presses on its board: downward force (...,) [N] and the roll and pitch moment about the
+    plate's origin on the floor in the plate's axes, (..., 2) [Nm].
+
+    Args:
+        wrench: on the sole about its point, (..., 6). foot, plate: planar poses, (..., 3).
+    """
+    force, moment = -wrench[..., :3], -wrench[..., 3:]
+    ox, oy = foot[..., 0] - plate[..., 0], foot[..., 1] - plate[..., 1]
+    mx = moment[..., 0] + oy * force[..., 2] - m.top_height * force[..., 1]
+    my = moment[..., 1] + m.top_height * force[..., 0] - ox * force[..., 2]
+    return -force[..., 2], _turned_about_z(np.stack([mx, my], axis=-1), -plate[..., 2])
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (a * b).sum(axis=-1)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """np.cross without its overhead."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)

@@ -1,0 +1,284 @@
+"""The robot's tree in a laboratory's scene as plain arrays, read from the compiled model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+
+from sim.drives import motor_joint
+from sim.dynamics.stiction import BREAKAWAY, sliding_friction
+from sim.errors import InputError, listed
+from sim.plates import plate_geometry
+from sim.rig import Rig
+from sim.robot import CORNERS, PLATES, compile_spec, joint_names, load_model, sole_corners, sole_point
+from sim.scene import laboratory_scene
+from sim.statics.softness import Stops, board_give, contact_give, stops_of
+
+LEVEL = 1e-6  # m, by which a sole's corners may differ in height
+HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A hinge or slide: `column` of the coordinates, its axis and anchor in its body's frame, (3,)."""
+
+    column: int
+    kind: int
+    axis: np.ndarray
+    anchor: np.ndarray
+
+
+@dataclass(frozen=True)
+class Body:
+    """A body below the torso: parent's number, place in the parent's frame, joints in order."""
+
+    name: str
+    parent: int
+    position: np.ndarray
+    rotation: np.ndarray
+    joints: tuple[Joint, ...]
+
+
+@dataclass(frozen=True)
+class Rope:
+    """A spring between a point of a body and a point of the world, slack below its length [N/m, m]."""
+
+    body: int
+    point: np.ndarray
+    anchor: np.ndarray
+    stiffness: float
+    length: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """What statics needs to know of one laboratory.
+
+    Coordinates are the hinges' and slides' angles or ways, n of them: joints, and where the rig has
+    them rotors and sole springs. Body 0 is the torso.
+
+    Attributes:
+        bodies: the tree, parents first; the torso's entry has no joints.
+        mass, center: of every body and its centre of mass in its frame, (nb,) [kg] and (nb, 3) [m].
+        gravity: (3,) [m/s2].
+        joints: columns of the robot's joints, in the plan's order.
+        motors: columns that their servos turn.
+        gain, limit: servos' stiffness and torque limit, by joint, [Nm/rad], [Nm].
+        stiffness, rest: of springs in single coordinates, (n,) [Nm/rad or N/m], [rad or m].
+        springs: fixed tendons as (stiffness, (low, high), coefficients (n,)).
+        ropes: springs to the world.
+        friction: dry friction of every coordinate, (n,) [Nm].
+        stops: of every coordinate's limits.
+        soles: body numbers of the right and left sole.
+        sole_points: the point of each sole below the ankle, in its body's frame, (2, 3) [m].
+        corners: of the soles, observed from their points, (2, 4, 2) [m].
+        sole_friction: coefficient of static friction under either sole, (2,).
+        cells: the cells' places on their plates, (2, 4, 2) [m].
+        plate_weight: share of its plate's weight on every cell, (2,) [N].
+        top_height: of the boards over the floor [m].
+        board_give, sole_give: height, roll and pitch of each board on its cells, and of each sole on
+            its board, by force and moments about the plate's origin and the sole point, (2, 3, 3).
+        names: of the coordinates.
+    """
+
+    bodies: tuple[Body, ...]
+    mass: np.ndarray
+    center: np.ndarray
+    gravity: np.ndarray
+    joints: np.ndarray
+    motors: np.ndarray
+    gain: np.ndarray
+    limit: np.ndarray
+    stiffness: np.ndarray
+    rest: np.ndarray
+    springs: tuple[tuple[float, tuple[float, float], np.ndarray], ...]
+    ropes: tuple[Rope, ...]
+    friction: np.ndarray
+    stops: Stops
+    soles: tuple[int, int]
+    sole_points: np.ndarray
+    corners: np.ndarray
+    sole_friction: np.ndarray
+    cells: np.ndarray
+    plate_weight: np.ndarray
+    top_height: float
+    board_give: np.ndarray
+    sole_give: np.ndarray
+    names: tuple[str, ...]
+
+    def with_play(self, part: float) -> Mechanism:
+        """The same with this part of the springs' free play, about its middle."""
+        springs = [
+            (k, ((low + high - part * (high - low)) / 2, (low + high + part * (high - low)) / 2), row)
+            for k, (low, high), row in self.springs
+        ]
+        return replace(self, springs=tuple(springs))
+
+
+def mechanism(rig: Rig) -> Mechanism:
+    """Read it from the rig's scene, compiled with all that the rig changes.
+
+    Raises:
+        InputError: something in the scene or protocol that this statics does not know.
+    """
+    if not np.isfinite(rig.protocol.speed_gate):
+        raise InputError("static equilibrium: found a robot read before it is at rest (speed_gate inf)")
+    nominal = load_model(rig.robot)
+    spec = laboratory_scene(rig, np.zeros((2, 3)))
+    model = compile_spec(spec, str(rig.robot.path))
+    for foot in rig.robot.feet:
+        heights = [model.geom(f"{foot}_{corner}").pos[2] for corner in CORNERS]
+        if (gap := np.ptp(heights)) > LEVEL:
+            raise InputError(
+                f"static equilibrium: foot '{foot}': found sole corners at heights that differ by "
+                f"{1e3 * gap:.3g} mm, expected one height (it rocks; use the full dynamics)"
+            )
+    free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)[0]
+    root = int(model.jnt_bodyid[free])
+    members = [b for b in range(1, model.nbody) if model.body_rootid[b] == root]
+    number = {body: k for k, body in enumerate(members)}
+    turning = [j for j in range(model.njnt) if model.jnt_bodyid[j] in number and j != free]
+    column = {j: k for k, j in enumerate(turning)}
+    names = joint_names(nominal)
+    joints = np.array([column[model.joint(name).id] for name in names])
+    motors = [model.joint(motor_joint(model, name)).id for name in names]
+    servos = [_servo(model, motor) for motor in motors]
+    soles = [int(model.geom(f"{foot}_{CORNERS[0]}").bodyid[0]) for foot in rig.robot.feet]
+    plates = [model.body(f"{plate}_plate").id for plate in PLATES]
+    sites = [[model.site(f"{plate}_plate_{corner}").id for corner in CORNERS] for plate in PLATES]
+    weight = np.array([-model.body_subtreemass[plate] * model.opt.gravity[2] / 4 for plate in plates])
+    top = [plate_geometry(spec, plate).top_height for plate in PLATES]
+    dofs = np.array([model.jnt_dofadr[j] for j in turning])
+    cells = np.array([[_on_plate(model, s, p) for s in row] for row, p in zip(sites, plates, strict=True)])
+    corners = np.array([sole_corners(nominal, foot)[:, :2] for foot in rig.robot.feet])
+    springs, ropes = _tendons(model, number, column, root)
+    return Mechanism(
+        bodies=tuple(_body(model, body, number, column) for body in members),
+        mass=model.body_mass[members].copy(),
+        center=model.body_ipos[members].copy(),
+        gravity=model.opt.gravity.copy(),
+        joints=joints,
+        motors=np.array([column[motor] for motor in motors]),
+        gain=model.actuator_gainprm[servos, 0].copy(),
+        limit=model.actuator_forcerange[servos, 1].copy(),
+        stiffness=model.jnt_stiffness[turning].reshape(len(turning), -1)[:, 0].copy(),
+        rest=np.array([model.qpos_spring[model.jnt_qposadr[j]] for j in turning]),
+        springs=springs,
+        ropes=ropes,
+        friction=model.dof_frictionloss[dofs].copy(),
+        stops=stops_of(model, turning, dofs),
+        soles=(number[soles[0]], number[soles[1]]),
+        sole_points=np.array(
+            [
+                _in_body(model, sole, foot, sole_point(nominal, foot))
+                for sole, foot in zip(soles, rig.robot.feet, strict=True)
+            ]
+        ),
+        corners=corners,
+        sole_friction=np.array(
+            [BREAKAWAY * sliding_friction(model, pair) for pair in zip(soles, plates, strict=True)]
+        ),
+        cells=cells,
+        plate_weight=weight,
+        top_height=float(top[0] if np.ptp(top) == 0 else np.nan),
+        board_give=np.array(
+            [
+                board_give(
+                    cells[k], rig.compliance.cell + contact_give(model, f"{plate}_plate_{CORNERS[0]}", None)
+                )
+                for k, plate in enumerate(PLATES)
+            ]
+        ),
+        sole_give=np.array(
+            [
+                board_give(corners[k], contact_give(model, f"{foot}_{CORNERS[0]}", f"{PLATES[k]}_plate_top"))
+                for k, foot in enumerate(rig.robot.feet)
+            ]
+        ),
+        names=tuple(model.joint(j).name for j in turning),
+    )
+
+
+def _body(model: mujoco.MjModel, body: int, number: dict[int, int], column: dict[int, int]) -> Body:
+    first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+    joints = [
+        Joint(column[j], int(model.jnt_type[j]), model.jnt_axis[j].copy(), model.jnt_pos[j].copy())
+        for j in range(first, first + count)
+        if j in column
+    ]
+    if odd := [
+        model.joint(j).name
+        for j in range(first, first + count)
+        if j in column and model.jnt_type[j] not in (HINGE, SLIDE)
+    ]:
+        raise InputError(f"static equilibrium: found joints {listed(odd)} that are neither hinge nor slide")
+    return Body(
+        name=model.body(body).name,
+        parent=number.get(int(model.body_parentid[body]), -1),
+        position=model.body_pos[body].copy(),
+        rotation=_matrix(model.body_quat[body]),
+        joints=tuple(joints),
+    )
+
+
+def _tendons(model, number, column, root):
+    """Fixed tendons with springs, and spatial ones between two sites as ropes to the world."""
+    springs, ropes = [], []
+    for t in range(model.ntendon):
+        name, stiffness = model.tendon(t).name, float(np.ravel(model.tendon_stiffness[t])[0])
+        low, high = (float(x) for x in model.tendon_lengthspring[t])
+        first, count = int(model.tendon_adr[t]), int(model.tendon_num[t])
+        kinds = model.wrap_type[first : first + count]
+        objects, coefficients = model.wrap_objid[first : first + count], model.wrap_prm[first : first + count]
+        if (kinds == mujoco.mjtWrap.mjWRAP_JOINT).all():
+            row = np.zeros(len(column))
+            for j, c in zip(objects, coefficients, strict=True):
+                row[column[int(j)]] = c
+            springs.append((stiffness, (low, high), row))
+            continue
+        bodies = (
+            model.site_bodyid[objects] if (kinds == mujoco.mjtWrap.mjWRAP_SITE).all() and count == 2 else []
+        )
+        inside = [k for k, b in enumerate(bodies) if int(b) in number]
+        outside = [k for k, b in enumerate(bodies) if int(b) == 0]
+        if len(inside) != 1 or len(outside) != 1:
+            raise InputError(
+                f"static equilibrium: tendon '{name}': "
+                "expected joints, or one site on the robot and one in the world"
+            )
+        site, anchor = int(objects[inside[0]]), int(objects[outside[0]])
+        ropes.append(
+            Rope(
+                number[int(model.site_bodyid[site])],
+                model.site_pos[site].copy(),
+                model.site_pos[anchor].copy(),
+                stiffness,
+                (low, high),
+            )
+        )
+    return tuple(springs), tuple(ropes)
+
+
+def _in_body(model: mujoco.MjModel, sole: int, foot: str, point: np.ndarray) -> np.ndarray:
+    """A point of a foot in the frame of its sole: the foot itself, or a body hung below it."""
+    if sole == model.body(foot).id:
+        return point
+    return point - model.body_pos[sole]
+
+
+def _on_plate(model: mujoco.MjModel, site: int, plate: int) -> np.ndarray:
+    body = int(model.site_bodyid[site])
+    place = model.site_pos[site] if body == plate else model.body_pos[body] + model.site_pos[site]
+    return place[:2]
+
+
+def _servo(model: mujoco.MjModel, joint: int) -> int:
+    return next(i for i in range(model.nu) if model.actuator_trnid[i, 0] == joint)
+
+
+def _matrix(quaternion: np.ndarray) -> np.ndarray:
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)

@@ -1,0 +1,120 @@
+"""Solve the static equilibrium: Newton's method once a posture, a chord method for all its runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.statics.forces import Load, State, residual
+from sim.statics.mechanism import Mechanism
+
+STEP = 1e-6  # rad or m, of differences
+NEWTON_STEPS = 25
+CHORD_STEPS = 10
+FREE_PLAY = (0.0, 0.25, 0.5, 0.75)
+TOGETHER = 1000  # states in one evaluation, within a processor's cache
+LARGEST_STEP = 0.1  # rad or m, of Newton's method
+TOLERANCE = 1e-9  # rad or m, of the last change
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Solved postures about which others are sought.
+
+    Attributes:
+        state: the equilibria, batch (k,).
+        inverse: of the residual's derivative there, (k, s, s), s = 6 + n + 12.
+        slope: that derivative.
+        solved: whether there is an equilibrium, (k,) bool.
+    """
+
+    state: State
+    inverse: np.ndarray
+    slope: np.ndarray
+    solved: np.ndarray
+
+
+def reference(mechanism: Mechanism, start: State, load: Load) -> Reference:
+    """Newton's method from states near the solutions, every one by itself.
+
+    Free play opens little by little: its torque has a kink, beyond which the derivative is another one. So
+    has a motor at its limit: where one would start there, it is first given all the torque it asks for.
+    """
+    asked = np.abs(mechanism.gain * (load.command - start.angles[..., mechanism.motors]))
+    if len(over := np.flatnonzero((asked > mechanism.limit).any(axis=-1))):
+        start, unlimited = start.items(np.arange(len(asked))), np.full_like(mechanism.limit, np.inf)
+        free = replace(mechanism, limit=unlimited)
+        start.put(over, _newton(free, start.items(over), load.items(over)).state)
+    for part in FREE_PLAY if any(low < high for _, (low, high), _ in mechanism.springs) else ():
+        start = _newton(mechanism.with_play(part), start, load).state
+    return _newton(mechanism, start, load)
+
+
+def _newton(mechanism: Mechanism, start: State, load: Load) -> Reference:
+    count, n = start.position.shape[0], start.angles.shape[-1]
+    state = start.items(np.arange(count))
+    slope = np.zeros((count, 18 + n, 18 + n))
+    inverse, left = slope.copy(), np.arange(count)
+    for _ in range(NEWTON_STEPS):
+        part, loads = state.items(left), load.items(left)
+        slope[left] = derivative(mechanism, part, loads)
+        inverse[left] = np.linalg.pinv(slope[left])  # a posture that cannot be held may have no inverse
+        change = -(inverse[left] @ residual(mechanism, part, loads)[..., None])[..., 0]
+        moves = np.abs(change[..., : 6 + n]).max(axis=-1)
+        # Whoever is there stays: what one item does must not depend on the others.
+        step = np.minimum(1.0, LARGEST_STEP / np.maximum(moves, TOLERANCE))
+        state.put(left, part.moved(step[:, None] * change))
+        if not len(left := left[moves >= TOLERANCE]):
+            break
+    return Reference(state, inverse, slope, ~np.isin(np.arange(count), left))
+
+
+def derivative(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
+    """Of the residual by the state's change, by central differences, (b, s, s).
+
+    Args:
+        state: a flat batch, (b,).
+    """
+    count, n = state.angles.shape
+    size = np.repeat([STEP, 1.0], [6 + n, 12])  # linear in the wrenches
+    steps = np.diag(size)[:, None]
+    together = max(1, TOGETHER // max(count, 1))
+    columns = []
+    for first in range(0, len(steps), together):
+        some = steps[first : first + together]
+        ahead, behind = (residual(mechanism, state.moved(sign * some), load) for sign in (1, -1))
+        columns.append((ahead - behind) / (2 * size[first : first + together, None, None]))
+    return np.moveaxis(np.concatenate(columns), 0, -1)
+
+
+def solve(mechanism: Mechanism, near: Reference, which: np.ndarray, load: Load) -> tuple[State, np.ndarray]:
+    """Equilibria near solved ones, with their derivative kept (chord method); it converges linearly,
+    the faster the nearer.
+
+    Args:
+        which: number of the reference posture of every batch item, (b,).
+        load: of every item.
+
+    Returns:
+        the states, batch (b,), and whether each has converged, (b,) bool.
+    """
+    r, n = near.state, near.state.angles.shape[-1]
+    state = State(r.position[which], r.rotation[which], r.angles[which], r.wrench[which])
+    moves = np.full(len(which), np.inf)
+    left = np.arange(len(which))
+    for _ in range(CHORD_STEPS):
+        part, loads = state.items(left), load.items(left)
+        inverse = near.inverse[which[left]]
+        with np.errstate(over="ignore", invalid="ignore"):  # what runs away is begun anew below
+            change = -(inverse @ residual(mechanism, part, loads)[..., None])[..., 0]
+            state.put(left, part.moved(change))
+        moves[left] = np.abs(change[..., : 6 + n]).max(axis=-1)
+        if not len(left := np.flatnonzero(~(moves <= TOLERANCE))):
+            return state, moves <= TOLERANCE
+    # Where a torque limit or a joint's stop comes in between, the derivative is another one.
+    start = State(r.position[which], r.rotation[which], r.angles[which], r.wrench[which]).items(left)
+    last = reference(mechanism, start, load.items(left))
+    state.put(left, last.state)
+    moves[left] = np.where(last.solved, 0.0, np.inf)
+    return state, moves <= TOLERANCE

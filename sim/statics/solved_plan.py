@@ -1,0 +1,102 @@
+"""A laboratory and a plan of which every posture is solved once, for the static experiment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from sim.dynamics.dynamic_run import boards_under
+from sim.measurements import PosturePlan
+from sim.path import ClosedChain
+from sim.procedure import check_support, constants
+from sim.rig import Rig, stages
+from sim.robot import load_model
+from sim.statics import Load, Mechanism, Reference, State, mechanism, reference
+
+
+@dataclass(frozen=True)
+class SolvedPlan:
+    """A laboratory and a plan, with all that does not change between runs.
+
+    Attributes:
+        near: every posture solved as planned, batch (postures,).
+        boards: where the boards are to lie, by placement, (placements, 2, 3).
+        placement: index of every posture's placement, (postures,).
+        links: the robot's bodies as numbers of the mechanism's, in MJCF order, (n_links,).
+        fixed: see `sim.procedure.constants`.
+        later: the same of what stands there later, by the part of the experiment's time.
+    """
+
+    rig: Rig
+    plan: PosturePlan
+    mechanism: Mechanism
+    near: Reference
+    boards: np.ndarray
+    placement: np.ndarray
+    links: np.ndarray
+    fixed: dict[str, Any]
+    later: tuple[tuple[float, SolvedPlan], ...] = ()
+
+
+def solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
+    """Solve every posture of a plan once, as planned.
+
+    Raises:
+        InputError: a support other than double, or a scene that this statics does not know.
+    """
+    first, *others = stages(rig)
+    later = tuple((start, _solve_plan(one, plan)) for start, one in others)
+    return replace(_solve_plan(first[1], plan), rig=rig, later=later)
+
+
+def _solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
+    check_support(plan)
+    m, model = mechanism(rig), load_model(rig.robot)
+    placements, placement = np.unique(plan.placement, return_inverse=True)
+    first = [int(np.flatnonzero(plan.placement == number)[0]) for number in placements]
+    boards = boards_under(rig, plan.swing_pose[first])
+    feet = np.stack([np.zeros_like(plan.swing_pose), plan.swing_pose], axis=1)
+    load = Load(
+        command=plan.joint_angles + plan.feed_forward / m.gain,
+        friction=np.zeros(len(m.names)),
+        feet=feet,
+        plates=boards[placement],
+        mass=m.mass,
+        center=m.center,
+        stands=standing_feet(plan.support),
+    )
+    near = reference(m, _start(rig, m, plan), load)
+    names = [body.name for body in m.bodies]
+    links = np.array([names.index(model.body(k).name) for k in range(1, model.nbody)])
+    return SolvedPlan(rig, plan, m, near, boards, placement, links, constants(rig))
+
+
+def standing_feet(support: np.ndarray) -> np.ndarray:
+    """Whether the right and the left foot are on the ground, (m, 2) bool."""
+    return np.column_stack([np.full(len(support), True), support == "double"])
+
+
+def nominal(solved_plan: SolvedPlan) -> np.ndarray:
+    """Standard parameters of the robot in the rig's scene, (n_links, 4) [kg, kg m]."""
+    m = solved_plan.mechanism
+    mass = m.mass[solved_plan.links]
+    return np.column_stack([mass, mass[:, None] * m.center[solved_plan.links]])
+
+
+def _start(rig: Rig, m: Mechanism, plan: PosturePlan) -> State:
+    """The planned postures, the weight on both feet alike."""
+    chain = ClosedChain(load_model(rig.robot), rig.robot)
+    pose = np.array([chain.base_pose(angles) for angles in plan.joint_angles])
+    rotation = np.zeros((len(pose), 9))
+    for matrix, quaternion in zip(rotation, pose[:, 3:], strict=True):
+        mujoco.mju_quat2Mat(matrix, quaternion)
+    angles = np.zeros((len(pose), len(m.names)))
+    angles[:, m.motors] = plan.joint_angles
+    angles[:, m.joints] = plan.joint_angles
+    share = standing_feet(plan.support) / standing_feet(plan.support).sum(axis=1)[:, None]
+    wrench = np.zeros((len(pose), 2, 6))
+    wrench[:, :, :3] = -share[:, :, None] * m.gravity * m.mass.sum()
+    return State(pose[:, :3], rotation.reshape(-1, 3, 3), angles, wrench)

@@ -1,0 +1,278 @@
+"""Run the whole experiment by static equilibrium, a thousand times as fast as in the full dynamics.
+
+Plates are laid, postures commanded, tracked with error, read and recorded as there; only the
+robot's motion is left out. docs/equilibrium.md says what that misses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.errors import InputError
+from sim.measurements import Measurements
+from sim.procedure import (
+    choose_repeats,
+    new_set_up,
+    order_of_tries,
+    record,
+    record_error,
+    stage_at,
+    start_times,
+    weigh,
+)
+from sim.sensors import read_cells, read_encoders, sample_mean
+from sim.statics import Load, State, cell_forces, faults, left_friction, soles, solve, swaying, ways
+from sim.statics.solved_plan import SolvedPlan, nominal, standing_feet
+
+NO_EQUILIBRIUM = "tipped"
+
+
+@dataclass(frozen=True)
+class Tries:
+    """What is tried in some runs, all of them after one another, b tries in all.
+
+    Attributes:
+        run, row: number of the run and row of the plan, (b,).
+        before: row of the plan from which the robot moves, (b,).
+        fresh: whether it is put down instead, (b,) bool.
+        command: commanded angles, (b, n_joints). offset: of it, by feed-forward torques, (b, n_joints).
+        push, scatter: standard normal, of swaying and of dry friction, (b, 2) and (b, n).
+        plates: true poses, (b, 2, 3).
+    """
+
+    run: np.ndarray
+    row: np.ndarray
+    before: np.ndarray
+    fresh: np.ndarray
+    command: np.ndarray
+    offset: np.ndarray
+    push: np.ndarray
+    scatter: np.ndarray
+    plates: np.ndarray
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What some tries came to.
+
+    Attributes:
+        joints, motors: angles, (b, n_joints) [rad]. forces: of the cells, (b, 8) [N].
+        reason: why a try cannot be used, or "", (b,) of text.
+    """
+
+    joints: np.ndarray
+    motors: np.ndarray
+    forces: np.ndarray
+    reason: np.ndarray
+
+
+@dataclass(frozen=True)
+class StaticRun:
+    """One run: what it hands over and, apart from it, the truth.
+
+    Attributes:
+        measurements: the data contract.
+        dropped: number of every posture of which no try could be used, and why its first could not.
+        standard: standard parameters of the robot that stood there (eq. 5), (n_links, 4) [kg, kg m].
+    """
+
+    measurements: Measurements
+    dropped: tuple[tuple[int, str], ...]
+    standard: np.ndarray
+
+    @property
+    def true_mass(self) -> float:
+        """[kg]"""
+        return float(self.standard[:, 0].sum())
+
+
+def run_static(
+    solved_plan: SolvedPlan,
+    streams: Sequence[np.random.SeedSequence],
+    standard: np.ndarray | None = None,
+    all_solved: bool = False,
+) -> list[StaticRun]:
+    """Repeat the experiment, every run with its own random stream.
+
+    Args:
+        standard: true standard parameters by run, (runs, n_links, 4); None: as the rig's scene says.
+        all_solved: hand over every posture that has an equilibrium, also one that would not stand as it
+            should.
+
+    Raises:
+        InputError: a run in which nothing could be measured.
+    """
+    generators = [np.random.default_rng(stream) for stream in streams]
+    tries = [_draw(solved_plan, k, rng) for k, rng in enumerate(generators)]
+    joined = Tries(
+        *(np.concatenate(column) for column in zip(*(vars(t).values() for t in tries), strict=True))
+    )
+    outcome = _outcome(solved_plan, joined, standard)
+    if solved_plan.later:
+        outcome = _in_time(solved_plan, joined, outcome, standard)
+    if all_solved:
+        standing = np.where(outcome.reason == NO_EQUILIBRIUM, outcome.reason, "")
+        outcome = replace(outcome, reason=standing)
+    truth = (
+        standard
+        if standard is not None
+        else np.broadcast_to(nominal(solved_plan), (len(tries), len(solved_plan.links), 4))
+    )
+    return [
+        _hand_over(solved_plan, joined, outcome, joined.run == k, truth[k], rng)
+        for k, rng in enumerate(generators)
+    ]
+
+
+def _outcome(solved_plan: SolvedPlan, tries: Tries, standard: np.ndarray | None) -> Outcome:
+    m = solved_plan.mechanism
+    mass, center = _bodies(solved_plan, standard, tries.run)
+    state, load, reason = hold_static(solved_plan, tries, mass, center)
+    forces = cell_forces(m, state, load)
+    return Outcome(state.angles[:, m.joints], state.angles[:, m.motors], forces, reason)
+
+
+def _in_time(solved_plan: SolvedPlan, tries: Tries, first: Outcome, standard: np.ndarray | None) -> Outcome:
+    """Every try in the laboratory that stood there at its time."""
+    starts, outcomes = [0.0], [first]
+    for start, then in solved_plan.later:
+        added = None if standard is None else standard + (nominal(then) - nominal(solved_plan))
+        starts.append(start)
+        outcomes.append(_outcome(then, tries, added))
+    used = np.array([outcome.reason == "" for outcome in outcomes])
+    stage = np.zeros(len(tries.run), int)
+    for run in np.unique(tries.run):
+        mine = tries.run == run
+        time = start_times(solved_plan.rig, solved_plan.placement[tries.row[mine]])
+        stage[mine] = stage_at(np.array(starts), time, used[:, mine])
+    every = np.arange(len(stage))
+    columns = zip(*(vars(outcome).values() for outcome in outcomes), strict=True)
+    return Outcome(*(np.array(column)[stage, every] for column in columns))
+
+
+def hold_static(
+    solved_plan: SolvedPlan, tries: Tries, mass: np.ndarray, center: np.ndarray
+) -> tuple[State, Load, np.ndarray]:
+    """Equilibria of all tries, and why they could not be used or "", (b,) of text."""
+    m, plan, rig = solved_plan.mechanism, solved_plan.plan, solved_plan.rig
+    moved = ~tries.fresh
+    way = swaying(solved_plan.near, -float(m.gravity[2] * m.mass.sum()), tries.row, tries.push)
+    if m.friction.any() and moved.any():
+        pairs, number = np.unique(
+            np.column_stack([tries.before, tries.row])[moved], axis=0, return_inverse=True
+        )
+        closed = plan.support[pairs[:, 1]] == "double"
+        start, end = pairs.T
+        way[moved] += ways(solved_plan.near, plan.joint_angles, m.motors, start, end, closed)[number]
+    load = Load(
+        command=tries.command,
+        friction=left_friction(m.friction, way, moved, rig.protocol.move_time, tries.scatter),
+        feet=_feet(solved_plan, tries),
+        plates=tries.plates,
+        mass=mass,
+        center=center,
+        stands=standing_feet(plan.support)[tries.row],
+    )
+    state, solved = solve(m, solved_plan.near, tries.row, load)
+    reason = faults(m, state, load, cell_forces(m, state, load), rig.robot.feet)
+    return state, load, np.where(solved, reason, NO_EQUILIBRIUM)
+
+
+def _draw(solved_plan: SolvedPlan, run: int, rng: np.random.Generator) -> Tries:
+    """What one run tries: repeats, where the plates lie, what is commanded."""
+    rig, plan, m = solved_plan.rig, solved_plan.plan, solved_plan.mechanism
+    repeats = choose_repeats(plan, rig.protocol.repeats, rng)
+    order = [row for number in np.unique(plan.placement) for row, _ in order_of_tries(plan, number, repeats)]
+    row = np.array(order)
+    place = solved_plan.placement[row]
+    fresh = np.append(True, new_set_up(place, plan.support[row]))
+    plates = solved_plan.boards + rig.protocol.plate_sd * rng.standard_normal(solved_plan.boards.shape)
+    noise = rig.controller.command_sd * rng.standard_normal((len(row), len(plan.joints)))
+    offset = plan.feed_forward[row] / m.gain
+    return Tries(
+        run=np.full(len(row), run),
+        row=row,
+        before=np.where(fresh, row, np.append(0, row[:-1])),
+        fresh=fresh,
+        command=plan.joint_angles[row] + noise + offset,
+        offset=offset,
+        push=rng.standard_normal((len(row), 2)),
+        scatter=rng.standard_normal((len(row), len(m.names))),
+        plates=plates[place],
+    )
+
+
+def _feet(solved_plan: SolvedPlan, tries: Tries) -> np.ndarray:
+    """Where the feet stand, (b, 2, 3).
+
+    The left one stands where its placement's first command puts it, without the feed-forward's offset.
+    """
+    m, near = solved_plan.mechanism, solved_plan.near.state
+    down = np.flatnonzero(tries.fresh)
+    angles = np.zeros((len(down), len(m.names)))
+    angles[:, m.motors] = tries.command[down] - tries.offset[down]
+    angles[:, m.joints] = angles[:, m.motors]
+    rows = tries.row[down]
+    poses = soles(m, State(near.position[rows], near.rotation[rows], angles, near.wrench[rows]))
+    x, y, yaw = (poses[:, 1] - poses[:, 0]).T
+    c, s = np.cos(poses[:, 0, 2]), np.sin(poses[:, 0, 2])
+    feet = np.zeros((len(down), 2, 3))
+    feet[:, 1] = np.column_stack([c * x + s * y, c * y - s * x, yaw])
+    return feet[np.cumsum(tries.fresh) - 1]
+
+
+def _bodies(
+    solved_plan: SolvedPlan, standard: np.ndarray | None, run: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Masses and centres of mass of all bodies, (nb,) and (nb, 3), or by try."""
+    m = solved_plan.mechanism
+    if standard is None:
+        return m.mass, m.center
+    mass = np.tile(m.mass, (len(standard), 1))
+    center = np.tile(m.center, (len(standard), 1, 1))
+    mass[:, solved_plan.links] = standard[:, :, 0]
+    center[:, solved_plan.links] = standard[:, :, 1:] / standard[:, :, :1]
+    return mass[run], center[run]
+
+
+def _hand_over(
+    solved_plan: SolvedPlan,
+    tries: Tries,
+    outcome: Outcome,
+    mine: np.ndarray,
+    standard: np.ndarray,
+    rng: np.random.Generator,
+) -> StaticRun:
+    """Read the sensors in one run's equilibria."""
+    rig, plan = solved_plan.rig, solved_plan.plan
+    row, why = tries.row[mine], outcome.reason[mine]
+    place = solved_plan.placement[row]
+    plates = tries.plates[mine] + record_error(rig, rng, len(solved_plan.boards))[place]
+    used = why == ""
+    number = plan.posture[row]
+    first = np.isin(np.arange(len(row)), np.unique(number, return_index=True)[1])
+    lost = first & ~np.isin(number, number[used])
+    dropped = tuple((int(plan.posture[r]), w) for r, w in zip(row[lost], why[lost], strict=True))
+    if not used.any():
+        raise InputError(f"none of {len(row)} postures could be measured: {'; '.join(sorted(set(why)))}")
+    samples = round(rig.protocol.window * rig.sensors.sample_rate)
+    joints, motors, forces = (part[mine][used] for part in (outcome.joints, outcome.motors, outcome.forces))
+    q, q_sd, motor = read_encoders(rig.sensors, joints, motors, samples, rng, sample_mean)
+    cell, cell_sd = read_cells(rig.sensors, forces, samples, rng, sample_mean)
+    measured = record(
+        rig,
+        solved_plan.fixed,
+        {"q": q, "q_std": q_sd, "motor": motor, "cell": cell, "cell_std": cell_sd},
+        weigh(rig, float(standard[:, 0].sum()), rng),
+        joints=plan.joints,
+        posture=plan.posture[row[used]],
+        support=plan.support[row[used]],
+        placement=plan.placement[row[used]],
+        time=start_times(rig, place)[used],
+        command=tries.command[mine][used],
+        plate_poses=plates[used],
+    )
+    return StaticRun(measured, dropped, standard)

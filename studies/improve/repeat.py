@@ -1,0 +1,125 @@
+"""Many experiments in the static laboratory, each identified by both models, beside their truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from experiments.montecarlo.laboratory_runs import Run, laboratory, stream_of
+from experiments.scenario import Scenario
+from experiments.validate import identify
+from identification.base_parameters import BaseParameters
+from identification.estimators import DEFAULT, Estimate
+from identification.statistics import WELL_IDENTIFIED, relative_standard_errors, standard_errors
+from sim.errors import InputError
+from sim.measurements import PosturePlan
+from sim.rig import Rig
+
+POSTURES_AT_ONCE = 3000  # solved in one batch
+RESAMPLES = 200
+
+
+@dataclass(frozen=True)
+class Model:
+    """One model's results, a row a run, shape (runs, p).
+
+    Attributes:
+        numbers: of the parameters, (p,).
+        value, truth, error: estimate, true value and reported standard error [m].
+        sigma: eq. 14, (runs,) [m].
+    """
+
+    numbers: np.ndarray
+    value: np.ndarray
+    truth: np.ndarray
+    error: np.ndarray
+    sigma: np.ndarray
+
+    @property
+    def off(self) -> np.ndarray:
+        """Estimate minus truth, (runs, p) [m]."""
+        return self.value - self.truth
+
+    @property
+    def well(self) -> np.ndarray:
+        """Parameters that a run calls well identified: relative s.e. (eq. 13) below 15 %, (runs,)."""
+        return (relative_standard_errors(self.value, self.error) < WELL_IDENTIFIED).sum(axis=1)
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """Both models over all runs, what the runs measured, and how many runs gave no estimate."""
+
+    full: Model
+    simplified: Model
+    rows: np.ndarray
+    failed: int
+
+
+def repeat(
+    rig: Rig,
+    plan: PosturePlan,
+    parameters: BaseParameters,
+    runs: int,
+    seed: int,
+    spread: float | None = None,
+) -> Repeated:
+    """Measure a plan `runs` times with fresh noise and identify it with the default estimator.
+
+    Args:
+        spread: of random true robots (`sim.random_robots`); None: the nominal one.
+
+    Raises:
+        InputError: a plan that the laboratory cannot stand on, or no run with an estimate.
+    """
+    hold = laboratory(Scenario(rig, plan, seed, "study"), spread, dynamics=False)
+    batch = max(1, POSTURES_AT_ONCE // len(plan))
+    found: list[tuple[Run, Estimate, Estimate]] = []
+    for first in range(0, runs, batch):
+        streams = [stream_of(seed, run) for run in range(first, min(first + batch, runs))]
+        for outcome in hold(streams):
+            if isinstance(outcome, str):
+                continue
+            try:
+                fit = identify(outcome.measurements, rig.robot, estimator=DEFAULT, parameters=parameters)
+            except InputError:
+                continue
+            found.append((outcome, fit.full, fit.simplified))
+    if not found:
+        raise InputError(f"none of {runs} runs with {len(plan)} postures could be identified")
+    truth = np.array([parameters.values(run.standard) for run, _, _ in found])
+    return Repeated(
+        full=_model([full for _, full, _ in found], truth),
+        simplified=_model([simple for _, _, simple in found], truth),
+        rows=np.array([len(run.measurements) for run, _, _ in found]),
+        failed=runs - len(found),
+    )
+
+
+def _model(estimates: list[Estimate], truth: np.ndarray) -> Model:
+    numbers = estimates[0].numbers
+    return Model(
+        numbers=numbers,
+        value=np.array([e.value for e in estimates]),
+        truth=truth[:, numbers - 1],
+        error=np.array([standard_errors(e.covariance) for e in estimates]),
+        sigma=np.array([e.sigma for e in estimates]),
+    )
+
+
+def rms(off: np.ndarray) -> np.ndarray:
+    """Root mean square over the runs, (..., runs, p) -> (..., p)."""
+    return np.sqrt((off**2).mean(axis=-2))
+
+
+def monte_carlo_error(statistic: Callable[[np.ndarray], float], off: np.ndarray) -> float:
+    """Standard error of a statistic of all runs, by resampling the runs (Efron 1979).
+
+    Args:
+        statistic: of errors (runs, p).
+    """
+    rng = np.random.default_rng(len(off))
+    draws = rng.integers(len(off), size=(RESAMPLES, len(off)))
+    return float(np.std([statistic(off[chosen]) for chosen in draws], ddof=1))

@@ -1,0 +1,72 @@
+"""docs/atlas.md's table: how small an angle between two effects may be for the right one to be named.
+
+Residuals with one effect at twice its detectable size and noise are scored by the whole catalogue, on
+development seeds 0 to 99, in the linear model of the shipped plan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from discovery.evidence import Field, field, scores
+from discovery.linear_model import Linear, linear_model
+from discovery.selection import DECISIVE
+from effects.targets import PLACEMENTS
+from experiments.atlas.detectability import noncentrality
+from experiments.atlas.effect_atlas import Atlas, atlas
+from experiments.atlas.planned_experiment import planned
+from experiments.preparation import plan_for
+from sim.robot import load_robot
+from studies.runner import header, row
+
+EDGES = (0, 5, 10, 15, 20, 25, 30, 40, 90)  # deg
+PER_SEED = 6
+TIMES = 2.0  # the detectable size
+
+
+def drawn(
+    found: Atlas, linear: Linear, board: Field, rng: np.random.Generator
+) -> Iterator[tuple[float, bool, bool]]:
+    """Some effects: the angle to the nearest other [deg], right one first, wrong one confidently."""
+    among = [k for k, c in enumerate(found.shown) if c.effect.sizes and c.effect.targets is not PLACEMENTS]
+    label = [candidate.label for candidate in board.candidates]
+    for k in rng.choice(among, PER_SEED, replace=False):
+        candidate = found.shown[k]
+        points = board.projected[label.index(candidate.label)]
+        column = points[rng.integers(len(points))]
+        way = candidate.prior * rng.standard_normal(len(candidate.prior))
+        way = np.where(candidate.positive, np.abs(way), way)
+        level = 2 * found.level if candidate.positive.any() else found.level
+        length = TIMES * np.sqrt(noncentrality(len(way), level))
+        signal = column @ way
+        noise = linear.project(rng.standard_normal(len(signal) - 1))
+        ranked = scores(board, signal * length / np.linalg.norm(signal) + noise)
+        mine = next(s for s in ranked if s.candidate.label == candidate.label)
+        right = ranked[0] is mine
+        wrong = ranked[0].log_bayes_factor - mine.log_bayes_factor > DECISIVE
+        yield float(np.degrees(found.nearest(k)[1])), right, wrong
+
+
+def main() -> None:
+    robot = load_robot()
+    for preset in ("wii", "force-plate"):
+        plan = planned(plan_for(robot, None), preset, robot, 0)
+        found = atlas(plan, np.random.default_rng(0))
+        linear = linear_model(plan.observed, plan.noise)
+        board = field(linear, [row.candidate for row in found.rows if row.size in (0, None)])
+        every = np.array(
+            [line for seed in range(100) for line in drawn(found, linear, board, np.random.default_rng(seed))]
+        )
+        print(f"\n{preset}\n\n{header('angle [deg]', 'data sets', 'right first [%]', 'wrong [%]')}")
+        for low, high in pairwise(EDGES):
+            inside = every[(every[:, 0] >= low) & (every[:, 0] < high)]
+            if len(inside):
+                right, wrong = 100 * inside[:, 1:].mean(axis=0)
+                print(row(f"{low} to {high}", len(inside), f"{right:.1f}", f"{wrong:.1f}"), flush=True)
+
+
+if __name__ == "__main__":
+    main()

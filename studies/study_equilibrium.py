@@ -1,0 +1,316 @@
+"""Static equilibrium against full dynamics: docs/equilibrium.md's tables."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import joblib
+import mujoco
+import numpy as np
+from scipy.stats import ks_2samp
+
+from experiments.scenario import DEFAULT_PLAN
+from sim.compliance import Compliance
+from sim.drives import Drives
+from sim.dynamics.dynamic_run import Attempt, run_experiment
+from sim.measurements import PosturePlan, read_plan
+from sim.path import ClosedChain
+from sim.rig import Rig, preset_rig
+from sim.robot import load_model, load_robot
+from sim.statics import Load, State, cell_forces, reference, residual, soles
+from sim.statics.forces import sunk, turn
+from sim.statics.solved_plan import SolvedPlan, solve_plan, standing_feet
+from sim.statics.static_run import Tries, hold_static, run_static
+
+# A foot whose centre of pressure is nearer to its sole's edge may have begun to tip (up to 20 um of gap).
+EDGE = 2e-3  # m
+
+Edit = Callable[[mujoco.MjSpec], None]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Largest differences over the postures held, and the postures.
+
+    Attributes:
+        held: what the dynamics held. angles: statics minus dynamics, (m, n_joints) [rad].
+        cells: (m, 8) [N]. center: of pressure, (m,) [m].
+    """
+
+    held: list[Attempt]
+    angles: np.ndarray
+    cells: np.ndarray
+    center: np.ndarray
+
+
+def without_friction(*edits: Edit) -> Edit:
+    """No dry friction in any joint, and whatever else is to be changed."""
+
+    def edit(spec: mujoco.MjSpec) -> None:
+        for joint in spec.joints:
+            joint.frictionloss = 0.0
+        for other in edits:
+            other(spec)
+
+    return edit
+
+
+def tilted(spec: mujoco.MjSpec) -> None:
+    """Gravity 2 degrees off."""
+    spec.option.gravity = 9.81 * np.array([np.sin(0.035), 0.0, -np.cos(0.035)])
+
+
+def heavier(spec: mujoco.MjSpec) -> None:
+    """The torso 1 kg heavier, its centre of mass 30 mm forward."""
+    torso = spec.body("torso")
+    torso.mass, torso.ipos = torso.mass + 1.0, [torso.ipos[0] + 0.03, 0.01, torso.ipos[2]]
+
+
+def longer(spec: mujoco.MjSpec) -> None:
+    """The left lower leg 1 mm longer."""
+    spec.body("left_ankle").pos = [0, 0, spec.body("left_ankle").pos[2] - 0.001]
+
+
+def pulled(spec: mujoco.MjSpec) -> None:
+    """The torso held by a spring from the side and by a weight over a pulley from the front."""
+    for name, anchor, stiffness, length in (
+        ("spring", [0.0, 2.0, 1.0], 20.0, 1.9),
+        ("weight", [200.0, 0.0, 1.0], 5.0 / 200, 0.0),
+    ):
+        spec.worldbody.add_site(name=f"{name}_anchor", pos=anchor)
+        spec.body("torso").add_site(name=f"{name}_hook", pos=[0, 0, 0.3])
+        tendon = spec.add_tendon(name=name, stiffness=stiffness, springlength=[0.0, length])
+        tendon.wrap_site(f"{name}_anchor")
+        tendon.wrap_site(f"{name}_hook")
+
+
+def laboratories(rig: Rig) -> dict[str, Rig]:
+    """What both are held against each other with, without dry friction."""
+    plain = dataclasses.replace(rig, edit=without_friction())
+    rigs = {"as it is": plain}
+    for name, edit in (
+        ("gravity 2 deg off", tilted),
+        ("torso 1 kg heavier", heavier),
+        ("shank 1 mm longer", longer),
+        ("pulled by ropes", pulled),
+    ):
+        rigs[name] = dataclasses.replace(rig, edit=without_friction(edit))
+    rigs["flexible drives"] = dataclasses.replace(plain, drives=Drives(wind_up=0.01))
+    rigs["backlash"] = dataclasses.replace(plain, drives=Drives(wind_up=0.01, backlash=0.005))
+    rigs["soft soles"] = dataclasses.replace(plain, compliance=Compliance(sole=2e-6, sole_tilt=2e-4))
+    rigs["soft cells"] = dataclasses.replace(plain, compliance=Compliance(cell=2e-6))
+    return rigs
+
+
+def compare(solved_plan: SolvedPlan, attempts: list[Attempt]) -> Comparison:
+    """Solve what the dynamics held: from the commands and where feet and plates stand."""
+    m, plan = solved_plan.mechanism, solved_plan.plan
+    held = [a for a in attempts if a.held is not None]
+    row = {int(number): k for k, number in enumerate(plan.posture)}
+    rows = np.array([row[a.posture] for a in held])
+    angles = np.array([a.held.joint_angles for a in held if a.held])
+    command = np.array([a.held.commanded for a in held if a.held])
+    near = solved_plan.near.state
+    start = State(near.position[rows], near.rotation[rows], near.angles[rows], near.wrench[rows])
+    load = Load(
+        command=command,
+        friction=np.zeros(len(m.names)),
+        feet=standing(solved_plan, rows, angles),
+        plates=np.array([a.true_plates for a in held]),
+        mass=m.mass,
+        center=m.center,
+        stands=standing_feet(plan.support)[rows],
+    )
+    solved = reference(m, start, load)
+    forces = cell_forces(m, solved.state, load)
+    actual = np.array([a.held.cell_forces for a in held if a.held])
+    centers = [center_of_pressure(m.cells, load.plates, f) for f in (forces, actual)]
+    return Comparison(
+        held,
+        solved.state.angles[:, m.joints] - angles,
+        forces - actual,
+        np.linalg.norm(centers[0] - centers[1], axis=1),
+    )
+
+
+def standing(solved_plan: SolvedPlan, rows: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Planar poses of both feet in the base frame at the held angles, (m, 2, 3).
+
+    Soles that give way tilt against their feet; their poses are those of the solved plan.
+    """
+    m, near = solved_plan.mechanism, solved_plan.near.state
+    coordinates = near.angles[rows].copy()
+    coordinates[:, m.joints] = angles
+    poses = soles(m, State(near.position[rows], near.rotation[rows], coordinates, near.wrench[rows]))
+    x, y, yaw = (poses[:, 1] - poses[:, 0]).T
+    c, s = np.cos(poses[:, 0, 2]), np.sin(poses[:, 0, 2])
+    feet = np.zeros_like(poses)
+    feet[:, 1] = np.column_stack([c * x + s * y, c * y - s * x, yaw])
+    return feet
+
+
+def center_of_pressure(cells: np.ndarray, plates: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """Of all eight cells where they are, (m, 2) [m]."""
+    sides = forces.reshape(-1, 2, 4)
+    share = sides.sum(axis=2) / forces.sum(axis=1)[:, None]
+    centers = [plate_center(cells[k], plates[:, k], sides[:, k]) for k in (0, 1)]
+    return share[:, :1] * centers[0] + share[:, 1:] * centers[1]
+
+
+def centers_at(solved_plan: SolvedPlan, held: list[Attempt]) -> np.ndarray:
+    """Statics' centre of pressure minus the cells', at the angles that the dynamics held, (m, 2) [m].
+
+    What the feet must bear together follows from the weight and the angles alone. The stance foot
+    tilts by some urad on its contacts, as the cells' moments tell; over the robot's height that is
+    up to 0.01 mm.
+    """
+    m = solved_plan.mechanism
+    chain = ClosedChain(load_model(solved_plan.rig.robot), solved_plan.rig.robot)
+    angles = np.array([a.held.joint_angles for a in held if a.held])
+    forces = np.array([a.held.cell_forces for a in held if a.held])
+    plates = np.array([a.true_plates for a in held])
+    pose = np.array([chain.base_pose(row) for row in angles])
+    rotation = np.zeros((len(pose), 9))
+    for matrix, quaternion in zip(rotation, pose[:, 3:], strict=True):
+        mujoco.mju_quat2Mat(matrix, quaternion)
+    wrench = np.zeros((len(pose), 2, 6))
+    wrench[:, 0, 2] = forces[:, :4].sum(axis=1)
+    x, y = (plate_center(m.cells[0], plates[:, 0], forces[:, :4]) * wrench[:, 0, 2:3]).T
+    wrench[:, 0, 3:5] = np.column_stack([y, -x])
+    zero = np.zeros((len(pose), 3))
+    tilt = np.pad(sunk(m, 0, wrench[:, 0], zero, plates[:, 0])[:, 1:], ((0, 0), (0, 1)))
+    turned = turn(tilt)
+    state = State(
+        (turned @ pose[:, :3, None])[..., 0], turned @ rotation.reshape(-1, 3, 3), angles, 0 * wrench
+    )
+    feet = np.zeros((len(pose), 2, 3))
+    left = residual(m, state, Load(angles, np.zeros(len(m.names)), feet, plates, m.mass, m.center))
+    force, moment = left[:, :3], left[:, 3:6] + np.cross(state.position, left[:, :3])
+    center = np.column_stack([-moment[:, 1], moment[:, 0]]) / force[:, 2:]
+    return center - center_of_pressure(m.cells, plates, forces)
+
+
+def edge_distance(solved_plan: SolvedPlan, held: list[Attempt]) -> np.ndarray:
+    """How far the measured centre of pressure under either foot is inside its sole, the lesser, (m,) [m]."""
+    m = solved_plan.mechanism
+    forces = np.array([a.held.cell_forces for a in held if a.held]).reshape(-1, 2, 4)
+    plates = np.array([a.true_plates for a in held])
+    row = {int(number): k for k, number in enumerate(solved_plan.plan.posture)}
+    swing = solved_plan.plan.swing_pose[[row[a.posture] for a in held]]
+    margins = []
+    for side, foot in enumerate((0 * swing, swing)):
+        center = plate_center(m.cells[side], plates[:, side], forces[:, side]) - foot[:, :2]
+        c, s = np.cos(foot[:, 2]), np.sin(foot[:, 2])
+        own = np.column_stack([c * center[:, 0] + s * center[:, 1], c * center[:, 1] - s * center[:, 0]])
+        low, high = m.corners[side].min(axis=0), m.corners[side].max(axis=0)
+        margins.append(np.minimum(own - low, high - own).min(axis=1))
+    return np.min(margins, axis=0)
+
+
+def plate_center(cells: np.ndarray, plate: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """Centre of pressure on one plate in the base frame, (m, 2) [m]."""
+    own = forces @ cells / np.maximum(forces.sum(axis=1), 1e-9)[:, None]  # nothing stands there: its middle
+    c, s = np.cos(plate[:, 2]), np.sin(plate[:, 2])
+    return plate[:, :2] + np.column_stack([c * own[:, 0] - s * own[:, 1], s * own[:, 0] + c * own[:, 1]])
+
+
+def excess_sag(
+    solved_plan: SolvedPlan, held: list[Attempt], rng: np.random.Generator, draws: int = 5
+) -> tuple[np.ndarray, np.ndarray]:
+    """What dry friction does to every joint's angle [rad] and, last column, to the load share.
+
+    Returns:
+        of the held postures, (m, n_joints + 1), and as the statics draws it, (draws m, n_joints + 1).
+    """
+    free = without(solved_plan)
+    found = compare(free, held)
+    forces = np.array([a.held.cell_forces for a in held if a.held])
+    actual = np.column_stack([-found.angles, load_share(forces) - load_share(forces + found.cells)])
+    row = {int(number): k for k, number in enumerate(solved_plan.plan.posture)}
+    rows = np.array([row[a.posture] for a in held])
+    place = np.array([a.placement for a in held])
+    fresh = np.append(True, place[1:] != place[:-1])
+    before = np.where(fresh, rows, np.append(0, rows[:-1]))
+    m = solved_plan.mechanism
+    drawn = []
+    for _ in range(draws):
+        tries = Tries(
+            run=np.zeros(len(rows), int),
+            row=rows,
+            before=before,
+            fresh=fresh,
+            command=np.array([a.held.commanded for a in held if a.held]),
+            offset=solved_plan.plan.feed_forward[rows] / m.gain,
+            push=rng.standard_normal((len(rows), 2)),
+            scatter=rng.standard_normal((len(rows), len(m.names))),
+            plates=np.array([a.true_plates for a in held]),
+        )
+        (still, loads, _), (loose, _, _) = (
+            hold_static(p, tries, m.mass, m.center) for p in (solved_plan, free)
+        )
+        shares = [load_share(cell_forces(m, state, loads)) for state in (still, loose)]
+        drawn.append(np.column_stack([(still.angles - loose.angles)[:, m.joints], shares[0] - shares[1]]))
+    return actual, np.concatenate(drawn)
+
+
+def without(solved_plan: SolvedPlan) -> SolvedPlan:
+    """The same laboratory without dry friction."""
+    m = solved_plan.mechanism
+    return dataclasses.replace(solved_plan, mechanism=dataclasses.replace(m, friction=0 * m.friction))
+
+
+def load_share(forces: np.ndarray) -> np.ndarray:
+    """Share of the weight on the right plate, (m,)."""
+    return forces[:, :4].sum(axis=1) / forces.sum(axis=1)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--workers", type=int, default=joblib.cpu_count())
+    workers = parser.parse_args().workers
+    robot = load_robot()
+    plan: PosturePlan = read_plan(DEFAULT_PLAN, robot, load_model(robot))
+    print("| without dry friction | held | angles (urad) | cells (N) | CoP (mm) |\n|---|---|---|---|---|")
+    for name, rig in laboratories(preset_rig("ideal", robot)).items():
+        part = plan if name == "as it is" else first(plan, 6)
+        found = compare(solve_plan(rig, part), list(run_experiment(rig, part, 1, workers).attempts))
+        print(
+            f"| {name} | {len(found.held)} | {1e6 * np.abs(found.angles).max():.1f} "
+            f"| {np.abs(found.cells).max():.4f} | {1e3 * found.center.max():.4f} |",
+            flush=True,
+        )
+
+    print("\n| with dry friction | static | dynamic | p |\n|---|---|---|---|")
+    solved_plan = solve_plan(preset_rig("ideal", robot), plan)
+    held = [a for a in run_experiment(solved_plan.rig, plan, 1, workers).attempts if a.held is not None]
+    off, inside = (
+        np.linalg.norm(centers_at(solved_plan, held), axis=1),
+        edge_distance(solved_plan, held) > EDGE,
+    )
+    actual, drawn = excess_sag(solved_plan, held, np.random.default_rng(301))
+    for k, name in enumerate((*solved_plan.plan.joints, "load share")):
+        scale, unit = (1e3, "mrad") if k < len(plan.joints) else (1e2, "%")
+        chance = ks_2samp(actual[:, k], drawn[:, k]).pvalue
+        print(
+            f"| {name}, s.d. of what friction adds ({unit}) | {scale * drawn[:, k].std():.2f} "
+            f"| {scale * actual[:, k].std():.2f} | {chance:.2f} |"
+        )
+    static = [len(run.dropped) for run in run_static(solved_plan, np.random.SeedSequence(301).spawn(20))]
+    dropped = len(plan) - len({a.posture for a in held})
+    print(
+        f"\nCoP at the held angles: largest difference {1e3 * off[inside].max():.4f} mm in {inside.sum()} "
+        f"postures, {1e3 * off.max():.4f} mm in all {len(held)}"
+    )
+    print(f"postures dropped of {len(plan)}: static {np.mean(static):.1f} (20 runs), dynamic {dropped}")
+
+
+def first(plan: PosturePlan, placements: int) -> PosturePlan:
+    """The first placements of a plan."""
+    return plan.take(np.isin(plan.placement, np.unique(plan.placement)[:placements]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,214 @@
+"""Is each estimator right about its own errors? Tables of calibration over re-measured experiments.
+
+The shipped plan is held once in the full dynamics. Every run draws the sensors' averages and the recorded
+plate poses anew; the held postures stay. docs/estimators.md holds the result.
+Arguments: runs of the default estimator (the others take a quarter), then presets; all if left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+from scipy.stats import t as t_distribution
+
+from experiments.scenario import DEFAULT_PLAN
+from identification.estimators import DEFAULT, ESTIMATORS, Estimate
+from identification.nominal import Nominal, nominal_robot
+from identification.regressor import regression
+from identification.statistics import standard_errors
+from sim.dynamics.dynamic_run import Experiment, run_experiment
+from sim.measurements import Measurements, SensorSheet, read_plan
+from sim.rig import Rig, preset_rig
+from sim.robot import load_model, load_robot
+from sim.sensors import Sensors, averaged_sd
+
+HOLD_SEED = 105
+RUNS = 1000
+PRESETS = ["wii", "force-plate"]
+CHEAP = ("least-squares", "errors-in-variables", "robust")  # their clustered covariance is another one
+FIRST_SEED = 1000  # runs for the table; thresholds were chosen on 0 to 99
+DITHER_TERMS = 8
+SHEETS: dict[str, Callable[[SensorSheet], SensorSheet]] = {
+    "right": lambda sheet: sheet,
+    "twice": lambda sheet: scaled(sheet, 2.0),
+    "half": lambda sheet: scaled(sheet, 0.5),
+    "none": lambda sheet: SensorSheet(),
+}
+
+
+def scaled(sheet: SensorSheet, factor: float) -> SensorSheet:
+    """A data sheet whose s.d. are all wrong by a factor."""
+    assert sheet.encoder_sd is not None
+    assert sheet.cell_sd is not None
+    assert sheet.placement_sd is not None
+    x, y, yaw = sheet.placement_sd
+    return dataclasses.replace(
+        sheet,
+        encoder_sd=factor * sheet.encoder_sd,
+        cell_sd=factor * sheet.cell_sd,
+        placement_sd=(factor * x, factor * y, factor * yaw),
+    )
+
+
+def averaged(
+    truth: np.ndarray, repeat: float, noise: float, step: float, samples: int, rng: np.random.Generator
+) -> np.ndarray:
+    """The mean of many rounded readings, by its expectation and its variance, same shape as `truth`.
+
+    Noise dithers rounding: E[round(x + n)] = x + sum_k (-1)^k step / (pi k) exp(-2 (pi k noise / step)^2)
+    sin(2 pi k x / step).
+    """
+    mean = truth + repeat * rng.standard_normal(truth.shape)
+    if step > 0:
+        if noise == 0:
+            return np.round(mean / step) * step
+        at = mean / step
+        for k in range(1, DITHER_TERMS):
+            weight = (-1) ** k * step / (np.pi * k) * np.exp(-2 * (np.pi * k * noise / step) ** 2)
+            mean = mean + weight * np.sin(2 * np.pi * k * at)
+    return mean + np.hypot(noise, step / np.sqrt(12)) / np.sqrt(samples) * rng.standard_normal(truth.shape)
+
+
+def redrawn(rig: Rig, experiment: Experiment, rng: np.random.Generator) -> Measurements:
+    """The same held postures, read anew; a hundred times faster than sample by sample."""
+    m, s = experiment.measurements, rig.sensors
+    samples = round(rig.protocol.window * s.sample_rate)
+    angles = np.array([held.joint_angles for held in experiment.held])
+    forces = np.array([held.cell_forces for held in experiment.held])
+    return dataclasses.replace(
+        m,
+        sensors=data_sheet(s, samples),
+        joint_angles=averaged(
+            angles, s.encoder_repeatability, s.encoder_noise, s.encoder_resolution, samples, rng
+        ),
+        cell_forces=averaged(forces, s.cell_repeatability, s.cell_noise, s.cell_resolution, samples, rng),
+        plate_poses=recorded_poses(rig, experiment, rng),
+        weighed_mass=(experiment.true_mass + s.weighed_mass_sd * rng.standard_normal(), s.weighed_mass_sd),
+    )
+
+
+def data_sheet(s: Sensors, samples: int) -> SensorSheet:
+    """What the rig's manifest states."""
+    return SensorSheet(
+        encoder_sd=averaged_sd(s.encoder_repeatability, s.encoder_noise, s.encoder_resolution, samples),
+        encoder_resolution=s.encoder_resolution,
+        cell_sd=averaged_sd(s.cell_repeatability, s.cell_noise, s.cell_resolution, samples),
+        cell_resolution=s.cell_resolution,
+        placement_sd=s.placement_sd,
+    )
+
+
+def recorded_poses(rig: Rig, experiment: Experiment, rng: np.random.Generator) -> np.ndarray:
+    """Plate poses as they are recorded when a placement is set up, per measured row, (m, 2, 3)."""
+    poses, error = [], np.array([rig.sensors.mark_sd, rig.sensors.placement_sd])
+    recorded, before = np.zeros((2, 3)), None
+    for attempt in experiment.attempts:
+        if before != attempt.placement:
+            recorded, before = attempt.true_plates + error * rng.standard_normal((2, 3)), attempt.placement
+        if attempt.held:
+            poses.append(recorded)
+    return np.array(poses)
+
+
+@dataclasses.dataclass(frozen=True)
+class Calibration:
+    """What many runs say of one estimator, per parameter, (p,) each.
+
+    Attributes:
+        bias: mean error over the true s.d. of the estimate.
+        ratio: s.d. of the estimates over the root mean square of the reported standard errors.
+        coverage: share of 95 % intervals that hold the truth.
+        error: root mean square error [m].
+        placed: the same ratio and coverage by the placement-clustered standard errors, (2, p).
+    """
+
+    bias: np.ndarray
+    ratio: np.ndarray
+    coverage: np.ndarray
+    error: np.ndarray
+    placed: np.ndarray
+
+
+def calibration(estimates: list[Estimate], truth: np.ndarray) -> Calibration:
+    errors = np.array([e.value for e in estimates]) - truth[estimates[0].numbers - 1]
+    reported = np.array([standard_errors(e.covariance) for e in estimates])
+    clustered = np.array([standard_errors(e.clustered_covariance) for e in estimates])
+    half = np.array([t_distribution.ppf(0.975, e.interval_dof) for e in estimates])
+    spread = errors.std(axis=0, ddof=1)
+    ratio = [spread / np.sqrt((s**2).mean(axis=0)) for s in (reported, clustered)]
+    cover = [(np.abs(errors) <= half * s).mean(axis=0) for s in (reported, clustered)]
+    return Calibration(
+        errors.mean(axis=0) / spread,
+        ratio[0],
+        cover[0],
+        np.sqrt((errors**2).mean(axis=0)),
+        np.array([ratio[1], cover[1]]),
+    )
+
+
+def run(
+    rig: Rig, experiment: Experiment, nominal: Nominal, name: str, sheet: str, seed: int
+) -> tuple[Estimate, Estimate]:
+    """One experiment, full and simplified model."""
+    measured = redrawn(rig, experiment, np.random.default_rng([HOLD_SEED, seed]))
+    measured = dataclasses.replace(measured, sensors=SHEETS[sheet](measured.sensors))
+    data = regression(nominal.parameters, measured, nominal.robot)
+    estimator = ESTIMATORS[name].run
+    return estimator(data), estimator(data.keep(nominal.robot.settings["simplified"]))
+
+
+def span(values: np.ndarray, form: str) -> str:
+    """Smallest and largest."""
+    return f"{values.min():{form}} to {values.max():{form}}"
+
+
+def row(
+    preset: str, experiment: Experiment, nominal: Nominal, name: str, sheet: str, runs: int
+) -> tuple[list[str], float]:
+    """One line of the table per model, and the CPU time of a run [ms]."""
+    rig, began = preset_rig(preset, nominal.robot), time.process_time()
+    found = [run(rig, experiment, nominal, name, sheet, FIRST_SEED + k) for k in range(runs)]
+    spent = 1e3 * (time.process_time() - began) / runs
+    lines = []
+    for k, model in enumerate(("full", "simplified")):
+        c = calibration([pair[k] for pair in found], nominal.value)
+        again = (
+            f"{span(c.placed[0], '.2f')} | {span(100 * c.placed[1], '.1f')}"
+            if name in CHEAP
+            else "same | same"
+        )
+        lines.append(
+            f"| {preset} | {sheet} | {name} | {model} | {runs} | {span(c.bias, '+.2f')} "
+            f"| {span(c.ratio, '.2f')} | {span(100 * c.coverage, '.1f')} "
+            f"| {100 * c.coverage.mean():.1f} | {again} | {1e3 * np.median(c.error):.2f} |"
+        )
+    return lines, spent
+
+
+def main() -> None:
+    runs, presets = int(sys.argv[1]) if len(sys.argv) > 1 else RUNS, sys.argv[2:] or PRESETS
+    robot = load_robot()
+    nominal, plan = nominal_robot(robot), read_plan(DEFAULT_PLAN, robot, load_model(robot))
+    experiment = run_experiment(preset_rig("wii", robot), plan, HOLD_SEED, workers=2)
+    print(
+        "| preset | data sheet | estimator | model | runs | bias / s.d. | s.d. / s.e. | 95 % coverage | mean "
+        "| s.d. / clustered s.e. | coverage by it | median rms error, mm |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|---|---|")
+    arms = [(DEFAULT, sheet, runs) for sheet in SHEETS]
+    arms += [(name, "right", runs // 4) for name in ESTIMATORS if name != DEFAULT]
+    times = {}
+    for preset in presets:
+        for name, sheet, count in arms:
+            lines, times[name] = row(preset, experiment, nominal, name, sheet, count)
+            print("\n".join(lines), flush=True)
+    spent = ", ".join(f"{name} {ms:.0f}" for name, ms in times.items())
+    print(f"\nCPU time of a run, drawing and both models, ms: {spent}")
+
+
+if __name__ == "__main__":
+    main()

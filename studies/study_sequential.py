@@ -1,0 +1,79 @@
+"""Sequential design: ten postures chosen after fifty random ones, against ten random ones.
+
+`python -m studies.study_sequential` prints the table of docs/planning.md (development seeds 0 to 19).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from identification.planning.objectives import Objective, objectives
+from identification.planning.problem import Problem, planning_problem
+from identification.planning.sequential import measured_information, run_next
+from identification.postures import random_postures
+from sim.measurements import Measurements, PosturePlan
+from sim.plates import plate_geometry
+from sim.rig import Rig, preset_rig
+from sim.robot import load_robot
+from sim.scene import load_scene
+from sim.statics.solved_plan import solve_plan
+from sim.statics.static_run import run_static
+from studies.runner import header, row
+
+SEEDS = range(20)
+NAMES = ("condition", "d-optimal", "a-optimal", "worst-standard-error")
+TAKEN, NEXT, PER, HOPS = 10, 2, 5, 40
+SIGMA = 4.16e-3  # m
+
+
+def measured(rig: Rig, plan: PosturePlan, seed: int) -> Measurements:
+    """The plan's usable postures at preset wii, in statics; none is measured twice."""
+    once = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
+    (run,) = run_static(solve_plan(once, plan), np.random.SeedSequence([seed, 17]).spawn(1))
+    return run.measurements
+
+
+def as_error(name: str, value: float) -> float:
+    """The criterion as something in proportion to standard errors: -ln det(M) / p is twice a logarithm."""
+    return float(np.exp(value / 2)) if name == "d-optimal" else value
+
+
+def chosen(problem: Problem, goal: Objective, taken: Measurements, seed: int) -> PosturePlan:
+    """As `tulip plan --after TAKEN --placements 2`."""
+    return run_next(problem, goal, taken, NEXT, PER, seed, HOPS)
+
+
+def main() -> None:
+    robot = load_robot()
+    plate = plate_geometry(load_scene(robot), "right")
+    problem, rig = planning_problem(robot, plate), preset_rig("wii", robot)
+    goals = objectives(problem.nominal, SIGMA)
+    ratios: dict[str, list[list[float]]] = {name: [] for name in NAMES}
+    for seed in SEEDS:
+        first = measured(rig, random_postures(robot, plate, TAKEN, PER, 1000 + seed), seed)
+        known = measured_information(problem, first)
+        other = random_postures(robot, plate, NEXT, PER, 2000 + seed)
+        for name in NAMES:
+            best = chosen(problem, goals[name], first, seed)
+            values = []
+            for ten in (other, best):
+                planned = problem.parameters.regressor(ten.joint_angles).reshape(-1, len(known))
+                held = measured_information(problem, measured(rig, ten, 100 + seed))
+                values.append([goals[name].value(known + part) for part in (planned.T @ planned, held)])
+            random, best_values = np.vectorize(lambda v, name=name: as_error(name, v))(np.array(values))
+            ratios[name].append((best_values / random).tolist())
+            print(
+                f"seed {seed} {name}: planned {ratios[name][-1][0]:.3f}, held {ratios[name][-1][1]:.3f}",
+                flush=True,
+            )
+    print(header("objective", "median", "smallest", "largest", "median of those that could be held"))
+    for name, found in ratios.items():
+        planned, held = np.array(found).T
+        figures = (np.median(planned), planned.min(), planned.max(), np.median(held))
+        print(row(name, *(f"{x:.2f}" for x in figures)))
+
+
+if __name__ == "__main__":
+    main()

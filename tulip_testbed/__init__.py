@@ -1,0 +1,1 @@
+"""Study the static identification of humanoid robots in a virtual laboratory."""

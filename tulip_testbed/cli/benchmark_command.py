@@ -1,0 +1,81 @@
+"""`tulip benchmark discover`."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from rich.table import Table
+
+from experiments.benchmark.benchmark_run import benchmark, so_far
+from experiments.benchmark.benchmark_tables import files, report_document, sections
+from experiments.benchmark.cases import Settings
+from experiments.montecarlo.montecarlo_run import Interrupted
+from experiments.preparation import at_least
+from experiments.terminal import ERR, console, print_json, print_table, printable
+from sim.errors import InputError
+from sim.files import write_bytes
+from tulip_testbed.cli.options import CORES, Json, Seed, Workers
+
+Size = Annotated[
+    float,
+    tyro.conf.arg(metavar="SCALE", help="of every arm; 1 is the full size, hours; at least some 120 cases"),
+]
+Noisy = Literal["wii", "force-plate"]
+What = Annotated[Literal["discover"], tyro.conf.Positional]
+
+
+def benchmark_command(
+    what: What,
+    /,
+    *,
+    out: Path,
+    preset: Noisy = "force-plate",
+    seed: Seed = 0,
+    size: Size = 0.2,
+    workers: Workers = CORES,
+    as_json: Json = False,
+) -> int:
+    """Hide effects in simulated data and count how often `tulip discover` is right.
+
+    Seeds 0 to 99 are for development; others are for tests that nothing was fitted to.
+    The same command resumes a run that was stopped, and reports again on a finished one. Stopped by Ctrl-C it
+    reports on the cases so far: they come in random order.
+    Exit code 0: done; 2: could not run; 130: interrupted.
+    Example: tulip benchmark discover --out runs/benchmark --preset force-plate --seed 1000 --size 0.2
+    """
+    began = time.perf_counter()
+    at_least("--seed", seed, 0)
+    at_least("--workers", workers, 1)
+    if not (math.isfinite(size) and 0 < size <= 10):
+        raise InputError(f"--size: found {size:g}, expected more than 0 and at most 10")
+    code = 0
+    try:
+        outcomes = benchmark(Settings(preset, seed, size), out, workers)
+    except Interrupted as error:
+        ERR.print(printable(f"tulip: {error}"), markup=False, highlight=False, soft_wrap=True)
+        outcomes, code = so_far(out), 130
+    stopped = ", stopped" if code else ""
+    heading = f"{len(outcomes)} cases, preset {preset}, seed {seed}, size {size:g}{stopped}"
+    for name, text in files(outcomes, heading).items():
+        write_bytes(out / name, text.encode())
+    if as_json:
+        print_json(report_document(outcomes) | {"wall_s": time.perf_counter() - began})
+    else:
+        for title, rows in sections(outcomes):
+            _show(title, rows)
+    ERR.print(f"Run folder: {out}")
+    return code
+
+
+def _show(title: str, rows: list[tuple[str, ...]]) -> None:
+    if len(rows) > 1:
+        table = Table(title=title, title_justify="left", header_style="bold")
+        for name in rows[0]:
+            table.add_column(name)
+        for row in rows[1:]:
+            table.add_row(*row)
+        print_table(console(), table)

@@ -1,0 +1,37 @@
+"""`tulip check`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from experiments.check_folder import UNREADABLE, check_folder, print_report
+from experiments.description import described_robot
+from experiments.terminal import console, print_json
+from sim.robot import TULIP
+from tulip_testbed.cli.options import Json, RigFolder, RobotFile
+
+
+def check_command(
+    folder: Annotated[Path, tyro.conf.Positional],
+    /,
+    *,
+    rig: RigFolder = None,
+    robot: RobotFile = TULIP,
+    as_json: Json = False,
+) -> int:
+    """Check a measurement folder before anybody trusts it: weights, drift, plates, legs, units and more.
+
+    Exit code 0: passed, perhaps with warnings; 1: a check failed; 2: could not read. What an
+    incomplete folder lacks is listed, with an example to copy. With --rig RIG the measurements
+    are freed of the rig's effects before.
+    Example: tulip check data/first
+    """
+    document = check_folder(folder, described_robot(robot), rig)
+    if as_json:
+        print_json(document)
+    else:
+        print_report(console(), document)
+    return {UNREADABLE: 2, "fail": 1}.get(document["verdict"], 0)

@@ -1,0 +1,42 @@
+"""`tulip compare`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from experiments.comparison import compare, print_comparison
+from experiments.description import described_robot
+from experiments.saved_discovery import read_discovery
+from experiments.saved_run import read_montecarlo, read_run, run_kind
+from experiments.terminal import console, print_json
+from sim.robot import TULIP
+from tulip_testbed.cli.options import Json, RobotFile
+
+Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(help="run folder")]
+
+
+def compare_command(
+    first: Folder,
+    second: Folder,
+    /,
+    *,
+    robot: RobotFile = TULIP,
+    as_json: Json = False,
+) -> int:
+    """Put two runs of one robot side by side: what was set otherwise, what came out otherwise.
+
+    Example: tulip compare runs/first runs/second
+    """
+    read = {"run": read_run, "montecarlo": read_montecarlo, "discovery": read_discovery}
+    readers = [read[run_kind(folder)] for folder in (first, second)]
+    described = described_robot(robot)
+    runs = [reader(folder, described) for reader, folder in zip(readers, (first, second), strict=True)]
+    document = compare(runs[0], runs[1])
+    if as_json:
+        print_json(document)
+    else:
+        print_comparison(console(), document)
+    return 0

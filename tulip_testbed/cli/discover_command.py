@@ -1,0 +1,137 @@
+"""`tulip discover`."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.table import Table
+
+from discovery.discover import Discovery, discover
+from discovery.dynamics_check import PLACEMENTS, check_in_dynamics
+from discovery.story import story
+from experiments.description import described_robot
+from experiments.discovery_document import discovery_document, next_experiments
+from experiments.discovery_folder import write_discovery
+from experiments.preparation import at_least
+from experiments.run_folder import check_new
+from experiments.terminal import ERR, console, finite, print_json, print_table, progress
+from experiments.validate import identify
+from identification.nominal import nominal_robot
+from identification.preflight.units import units
+from sim.errors import InputError
+from sim.measurements import Measurements, read_measurements
+from sim.robot import TULIP, Robot
+from tulip_testbed.cli.options import CORES, Json, RobotFile, Workers
+
+STAGES = 4
+NEW = Annotated[Path | None, tyro.conf.arg(help="run folder to write; runs/discover-DATE-TIME if not given")]
+NoCheck = Annotated[
+    bool,
+    tyro.conf.arg(
+        help="do not simulate adopted physics in full dynamics (saves up to two minutes; what instruments "
+        "misread is not simulated: predictions undo it exactly)"
+    ),
+]
+
+
+def discover_command(
+    folder: Annotated[Path, tyro.conf.Positional],
+    /,
+    *,
+    out: NEW = None,
+    no_check: NoCheck = False,
+    seed: int = 0,
+    workers: Workers = CORES,
+    robot: RobotFile = TULIP,
+    as_json: Json = False,
+) -> int:
+    """Find what the model lacks: where it disagrees with measurements, which effect explains it.
+
+    The verdict is `named`, `ambiguous`, `unknown` or `none`. What is named is added to the model: the run
+    folder's rig serves `tulip simulate --rig` and `tulip identify --rig`.
+    Example: tulip discover data/first --out runs/found
+    """
+    at_least("--seed", seed, 0)
+    at_least("--workers", workers, 1)
+    out = out or Path("runs") / f"discover-{datetime.now():%Y%m%d-%H%M%S-%f}"
+    check_new(out)
+    described = described_robot(robot)
+    measurements = read_measurements(folder)
+    _check_units(measurements, described, folder)
+    before = identify(measurements, described, str(folder))  # says what does not fit, before the work
+    with progress("looking for what is missing", STAGES) as advance:
+        found = discover(measurements, described, seed, progress=advance)
+    after = None
+    if found.adopted:
+        after = identify(measurements, described, str(folder), adopted=found.adopted)
+    check = None
+    if not no_check and any(not one.effect.misreads for one in found.adopted):
+        with progress("the adopted model in full dynamics", 2 * PLACEMENTS * 5) as advance:
+            check = check_in_dynamics(found, found.adopted, workers, advance)
+    proposed = next_experiments(found)
+    lines = story(found, proposed)
+    document = finite(
+        discovery_document(
+            found,
+            proposed,
+            lines,
+            out / "rig" if found.adopted else None,
+            before,
+            after,
+            None if check is None else check.document(),
+        )
+    )
+    asked = {"measurements": str(folder), "robot": described.path.name, "seed": seed, "no_check": no_check}
+    write_discovery(out, found, document, described, asked)
+    if as_json:
+        print_json(document)
+        return 0
+    _show(found, document, lines)
+    ERR.print(f"Run folder: {out}")
+    return 0
+
+
+def _check_units(measurements: Measurements, robot: Robot, folder: Path) -> None:
+    """Kilograms for newtons are no physical effect.
+
+    Raises:
+        InputError: what the preflight says of the units.
+    """
+    found = units(measurements, nominal_robot(robot))
+    if found.result == "fail":
+        raise InputError(f"{folder}: found {found.seen}; expected {found.expected} (`tulip check` says more)")
+
+
+def _show(found: Discovery, document: dict, lines: list[str]) -> None:
+    screen = console()
+    screen.print(f"Verdict: [bold]{found.verdict}[/bold]")
+    for line in lines:
+        screen.print(line, markup=False, highlight=False, soft_wrap=True)
+    table = Table(title="Residuals on held-out placements, times the noise")
+    for heading in ("channel", "before", "after", "by chance up to"):
+        table.add_column(heading, justify="left" if heading == "channel" else "right")
+    for channel, gap in document["gap"].items():
+        if channel != "heldout_rms_mm" and gap["after"] is not None:
+            table.add_row(channel, *(f"{gap[key]:.2f}" for key in ("before", "after", "floor")))
+    if table.rows:
+        print_table(screen, table)
+    moved = [row for row in document["parameters"] if abs(row["moved_in_standard_errors"]) > 0.5]
+    if moved:
+        table = Table(title="Base parameters that move by more than half a standard error, mm")
+        for heading in ("number", "name", "before", "after", "standard error"):
+            table.add_column(heading, justify="left" if heading == "name" else "right")
+        for row in moved:
+            values = (row["before_mm"], row["after_mm"], row["standard_error_mm"])
+            table.add_row(str(row["number"]), row["name"], *(f"{v:.2f}" for v in values))
+        print_table(screen, table)
+    if document["check"]:
+        check = document["check"]
+        screen.print(
+            f"In full dynamics {check['postures']} of {check['tried']} postures stood; what the adopted "
+            f"effects leave there is {check['left_over_noise']:.2f} times the noise."
+            if check["reason"] is None
+            else f"In full dynamics nothing could be compared: {check['reason']}."
+        )

@@ -1,0 +1,110 @@
+"""`tulip effects`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from effects.catalogue import catalogue, explanation
+from effects.effect import Effect, Parameter
+from effects.parsing import usage
+from effects.targets import PLACEMENTS
+from effects.wording import spoken
+from experiments.description import described_robot
+from experiments.terminal import console, print_json, print_table
+from sim.errors import listed, look_up
+from sim.robot import TULIP, Robot
+from tulip_testbed.cli.options import Json, RobotFile
+
+
+def effects_command(
+    name: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[NAME]")] = None,
+    /,
+    *,
+    robot: RobotFile = TULIP,
+    as_json: Json = False,
+) -> int:
+    """List the physical effects that can be hidden in data and found again, or explain one in full.
+
+    Example: tulip effects encoder-offset
+    """
+    described = described_robot(robot)
+    if name is not None:
+        look_up("effect", name, catalogue(), "effects")
+    chosen = [effect for effect in catalogue().values() if name in (None, effect.name)]
+    if as_json:
+        print_json({"effects": [_document(effect, described) for effect in chosen]})
+    elif name is None:
+        print_table(console(), _table(chosen))
+    else:
+        _explain(console(), chosen[0], described)
+    return 0
+
+
+def _targets(effect: Effect, robot: Robot) -> list[str]:
+    """Valid targets; empty where there are none or the experiment names them."""
+    return [target for target in effect.targets.of(robot, ()) if target]
+
+
+def _document(effect: Effect, robot: Robot) -> dict[str, Any]:
+    return {
+        "name": effect.name,
+        "sentence": effect.sentence,
+        "usage": usage(effect),
+        "parameters": [
+            {
+                "name": p.name,
+                "unit": p.unit,
+                "prior_sd": p.prior if p.prior > 0 else None,
+                "positive": p.positive,
+                "grid": list(p.grid),
+            }
+            for p in effect.parameters
+        ],
+        "target": effect.targets.word or None,
+        "targets": _targets(effect, robot),
+        "statics": effect.statics,
+        "explanation": explanation(effect.name),
+    }
+
+
+def _prior(parameter: Parameter) -> str:
+    if parameter.grid:
+        return f"one of {listed(spoken(parameter, value) for value in parameter.grid)}"
+    sign = ", not negative" if parameter.positive else ""
+    return f"s.d. {spoken(parameter, parameter.prior)}{sign}"
+
+
+def _table(effects: list[Effect]) -> Table:
+    table = Table(title="Effects; values are given in SI units", title_justify="left", header_style="bold")
+    for header in ("--effect", "unit", "plausible size", "what it is"):
+        table.add_column(header, no_wrap=header == "unit")
+    for effect in effects:
+        table.add_row(
+            usage(effect),
+            ", ".join(p.unit or "-" for p in effect.parameters),
+            "; ".join(_prior(p) for p in effect.parameters if not p.grid) or "a choice",
+            effect.sentence + ("" if effect.statics else " Full dynamics only."),
+        )
+    return table
+
+
+def _explain(screen: Console, effect: Effect, robot: Robot) -> None:
+    where = "static laboratory and full dynamics" if effect.statics else "full dynamics only"
+    named = effect.targets is PLACEMENTS
+    targets = "the experiment's placements" if named else listed(_targets(effect, robot))
+    lines = [
+        f"{effect.name}: {effect.sentence}",
+        "",
+        *explanation(effect.name).splitlines(),
+        "",
+        f"--effect {usage(effect)}",
+        *(f"  {p.name.upper()} [{p.unit or '-'}]: {_prior(p)}" for p in effect.parameters),
+        *([f"  {effect.targets.word}: {targets}"] if effect.targets.word else []),
+        f"Laboratory: {where}",
+    ]
+    for line in lines:
+        screen.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,94 @@
+"""The command line: one function a command; bad input ends in one line and exit code 2."""
+
+from __future__ import annotations
+
+import difflib
+import errno
+import os
+import sys
+from collections.abc import Callable
+
+import tyro
+
+from experiments.terminal import ERR, printable
+from sim.errors import InputError, listed, shortened
+from sim.measurements.table_files import software
+from tulip_testbed.cli.atlas_command import atlas_command
+from tulip_testbed.cli.benchmark_command import benchmark_command
+from tulip_testbed.cli.check_command import check_command
+from tulip_testbed.cli.compare_command import compare_command
+from tulip_testbed.cli.discover_command import discover_command
+from tulip_testbed.cli.effects_command import effects_command
+from tulip_testbed.cli.identify_command import identify_command
+from tulip_testbed.cli.model_command import model_command
+from tulip_testbed.cli.montecarlo_command import montecarlo_command
+from tulip_testbed.cli.plan_command import plan_command
+from tulip_testbed.cli.postures_command import postures_command
+from tulip_testbed.cli.report_command import report_command
+from tulip_testbed.cli.simulate_command import simulate_command
+from tulip_testbed.cli.tolerance_command import tolerance_command
+from tulip_testbed.cli.validate_command import validate_command
+from tulip_testbed.cli.view_command import view_command
+
+COMMANDS: dict[str, Callable[..., int]] = {
+    "validate": validate_command,
+    "simulate": simulate_command,
+    "montecarlo": montecarlo_command,
+    "check": check_command,
+    "identify": identify_command,
+    "postures": postures_command,
+    "plan": plan_command,
+    "model": model_command,
+    "discover": discover_command,
+    "effects": effects_command,
+    "atlas": atlas_command,
+    "tolerance": tolerance_command,
+    "view": view_command,
+    "report": report_command,
+    "compare": compare_command,
+    "benchmark": benchmark_command,
+}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point; returns the exit code."""
+    try:
+        _known_command((sys.argv[1:] if arguments is None else arguments)[:1])
+        return tyro.extras.subcommand_cli_from_dict(
+            COMMANDS,
+            prog="tulip",
+            description="A virtual laboratory for the static identification of humanoid robots.",
+            args=arguments,
+        )
+    except InputError as error:
+        ERR.print("tulip:", style="bold red", end=" ")
+        ERR.print(printable(str(error)), highlight=False, soft_wrap=True, markup=False)
+        return 2
+    except KeyboardInterrupt:
+        ERR.print("tulip: interrupted; nothing was written")
+        return 130
+
+
+def _known_command(first: list[str]) -> None:
+    if first and not first[0].startswith("-") and first[0] not in COMMANDS:
+        close = difflib.get_close_matches(first[0], COMMANDS, n=1)
+        meant = f"did you mean '{close[0]}'? " if close else ""
+        raise InputError(f"unknown command '{shortened(first[0])}'; {meant}valid: {listed(COMMANDS)}")
+
+
+def run() -> None:
+    """The console script."""
+    if sys.argv[1:] == ["--version"]:
+        print(f"tulip {software()['tulip-testbed']}")
+        sys.exit(0)
+    try:
+        code = main()
+        sys.stdout.flush()
+    except OSError as error:
+        if error.errno not in (errno.EPIPE, errno.ENOSPC, errno.EIO):
+            raise
+        if error.errno != errno.EPIPE:  # who closes a pipe early knows it
+            ERR.print(f"tulip: cannot write the results ({error.strerror})")
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left in the buffer
+        code = 2
+    sys.exit(code)

@@ -1,0 +1,108 @@
+"""`tulip postures`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+
+from experiments.description import described_robot
+from experiments.plan_description import described_plan, print_plan
+from experiments.planning_run import as_plan, joined, measured_for
+from experiments.preparation import draw_plan, identifiable_regressor, plan_for, planned_parameters
+from experiments.run_folder import check_new
+from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
+from experiments.terminal import ERR, console, print_json
+from identification.base_parameters import base_parameters
+from sim.errors import InputError
+from sim.files import new_folder, write_bytes, write_text
+from sim.measurements import PosturePlan, write_plan
+from sim.robot import TULIP, Robot
+from tulip_testbed.cli.options import Json, NoisyPreset, Plan, RobotFile
+
+
+def postures_command(
+    plan: Plan = None,
+    /,
+    *,
+    random: Annotated[bool, tyro.conf.arg(help="draw a new plan")] = False,
+    out: Annotated[Path | None, tyro.conf.arg(metavar="PLAN", help="the new plan folder")] = None,
+    placements: Annotated[int | None, tyro.conf.arg(metavar="INT", help="foot placements; 10")] = None,
+    per_placement: Annotated[int | None, tyro.conf.arg(metavar="INT", help="postures on each; 5")] = None,
+    seed: Annotated[int | None, tyro.conf.arg(metavar="INT", help=f"of the draws; {DEFAULT_SEED}")] = None,
+    after: Annotated[
+        Path | None, tyro.conf.arg(metavar="MEASUREMENTS", help="describe the plan together with these")
+    ] = None,
+    draw: Annotated[
+        Path | None, tyro.conf.arg(metavar="DIR", help="pictures: support-polygons.svg, postures.png")
+    ] = None,
+    preset: NoisyPreset = "wii",
+    robot: RobotFile = TULIP,
+    as_json: Json = False,
+) -> int:
+    """Draw random feasible postures (--random --out PLAN), or describe a plan and draw pictures of it.
+
+    Example: tulip postures --random --placements 10 --per-placement 5 --seed 7 --out plans/seven
+    """
+    if draw is not None:
+        check_new(draw)
+    described = described_robot(robot)
+    parameters = base_parameters(described)
+    source = str(out or plan or DEFAULT_PLAN)
+    if random:
+        made = draw_plan(
+            described,
+            parameters,
+            10 if placements is None else placements,
+            5 if per_placement is None else per_placement,
+            DEFAULT_SEED if seed is None else seed,
+            plan,
+            out,
+        )
+    else:
+        drawing = {"out": out, "placements": placements, "per-placement": per_placement, "seed": seed}
+        if alone := [option for option, value in drawing.items() if value is not None]:
+            raise InputError(f"--{alone[0]}: found without --random, expected both or neither")
+        made = plan_for(described, plan)
+    taken = None
+    if after is not None:
+        taken = as_plan(described, measured_for(described, after, parameters.tree.joints))
+    whole = made if taken is None else joined([taken, made])
+    parameters = planned_parameters(described, whole)
+    identifiable_regressor(source, whole, parameters)
+    document: dict[str, Any] = {
+        "plan": source,
+        "postures": len(made),
+        "placements": len(np.unique(made.placement)),
+        **described_plan(described, made, preset, taken),
+        "made": made.made,
+    }
+    if random and out is not None:
+        write_plan(out, made)
+    if draw is not None:
+        _draw(draw, described, made)
+    if as_json:
+        print_json(document)
+        return 0
+    screen = console()
+    screen.print(
+        f"{document['postures']} postures on {document['placements']} placements, "
+        f"condition number {document['condition_number']:.0f}"
+    )
+    print_plan(screen, document, parameters, whole)
+    return 0
+
+
+def _draw(folder: Path, robot: Robot, plan: PosturePlan) -> None:
+    """Both pictures in a new folder; where nothing renders, the polygons alone."""
+    from tulip_testbed.drawings import contact_sheet, support_polygons
+
+    with new_folder(folder) as working:
+        write_text(working / "support-polygons.svg", support_polygons(robot, plan))
+        try:
+            write_bytes(working / "postures.png", contact_sheet(robot, plan))
+        except InputError as problem:
+            ERR.print(f"tulip: no postures.png: {problem}", markup=False)
+    ERR.print(f"Pictures: {folder}")

@@ -1,0 +1,103 @@
+"""`tulip simulate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+
+from effects.parsing import RANDOM, doubts
+from experiments.parameter_tables import print_experiment
+from experiments.preparation import read_scenario, tries
+from experiments.run_folder import check_new, write_experiment
+from experiments.scenario import DEFAULT_SEED, Scenario
+from experiments.terminal import ERR, console, print_json, progress
+from sim.dynamics.dynamic_run import Experiment, run_experiment
+from sim.errors import InputError
+from sim.robot import TULIP
+from sim.statics.solved_plan import solve_plan
+from sim.statics.static_run import StaticRun, run_static
+from tulip_testbed.cli.options import CORES, Json, Plan, Preset, RigFolder, RobotFile, Seed, Workers
+
+Effects = Annotated[
+    tuple[str, ...],
+    tyro.conf.UseAppendAction,
+    tyro.conf.arg(
+        name="effect",
+        metavar="NAME[:TARGET]=VALUE[,VALUE]",
+        help="hide an effect in the data (SI units; `tulip effects` lists them), or `random`; repeatable",
+    ),
+]
+Statics = Annotated[
+    bool, tyro.conf.arg(help="solve every posture's static equilibrium instead of waiting for it to settle")
+]
+
+
+def simulate_command(
+    plan: Plan = None,
+    /,
+    *,
+    out: Path,
+    preset: Preset = "wii",
+    seed: Seed = DEFAULT_SEED,
+    truth: Path | None = None,
+    effect: Effects = (),
+    rig: RigFolder = None,
+    statics: Statics = False,
+    workers: Workers = CORES,
+    robot: RobotFile = TULIP,
+    as_json: Json = False,
+) -> int:
+    """Simulate the experiment and write a measurement folder, without the truth.
+
+    --truth FILE writes what really happened, elsewhere: `--effect random` tells it alone.
+    Example: tulip simulate --out data/first --effect encoder-offset:right_knee=0.01 --truth first-truth.json
+    """
+    check_new(out)
+    if truth is not None:
+        check_new(truth)
+    if truth is not None and truth.resolve().is_relative_to(out.resolve()):
+        raise InputError(f"{truth}: lies inside the measurement folder, which must not hold the truth")
+    if truth is not None and out.resolve().is_relative_to(truth.resolve()):
+        raise InputError(f"{out}: lies inside {truth}, which is to be a file")
+    secret = RANDOM in effect
+    if secret and truth is None:
+        raise InputError("--effect random: found no --truth FILE, expected one: nothing else would know it")
+    scenario = read_scenario(plan, preset, seed, robot, workers, rig, effect, statics)
+    if not secret:
+        for doubt in (text for found in scenario.hidden for text in doubts(found)):
+            ERR.print(f"tulip: warning: {doubt}", markup=False, highlight=False, soft_wrap=True)
+    try:
+        experiment = _experiment(scenario, workers)
+    except InputError:
+        if not secret:
+            raise
+        raise InputError(
+            f"--effect random: found an experiment that cannot be carried out with the effect that "
+            f"--seed {seed} draws, expected one that can; give another --seed"
+        ) from None
+    write_experiment(out, truth, scenario, experiment)
+    planned = scenario.plan.postures
+    if as_json:
+        dropped = experiment.dropped
+        print_json(
+            {
+                "measurements": str(out),
+                "postures_planned": planned,
+                "rows": len(experiment.measurements),
+                "dropped": [{"posture": p, "reason": None if secret else r} for p, r in dropped],
+            }
+        )
+    else:
+        print_experiment(console(), experiment, planned, {}, reasons=not secret)
+    ERR.print(f"Measurement folder: {out}")
+    return 0
+
+
+def _experiment(scenario: Scenario, workers: int) -> Experiment | StaticRun:
+    if scenario.statics:
+        return run_static(solve_plan(scenario.rig, scenario.plan), [np.random.SeedSequence(scenario.seed)])[0]
+    with progress("holding postures", tries(scenario)) as advance:
+        return run_experiment(scenario.rig, scenario.plan, scenario.seed, workers, advance)

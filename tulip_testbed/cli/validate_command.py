@@ -1,0 +1,65 @@
+"""`tulip validate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from experiments.parameter_tables import (
+    print_validation,
+)
+from experiments.preparation import identifiable_regressor, planned_parameters, read_scenario, tries
+from experiments.run_folder import check_new, write_run
+from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
+from experiments.terminal import ERR, console, print_json, progress
+from experiments.validate import report_document, validate
+from identification.estimators import DEFAULT, ESTIMATORS
+from sim.errors import look_up
+from sim.robot import TULIP
+from tulip_testbed.cli.options import (
+    CORES,
+    EstimatorName,
+    Json,
+    Plan,
+    Preset,
+    RigFolder,
+    RobotFile,
+    Seed,
+    Workers,
+)
+
+
+def validate_command(
+    plan: Plan = None,
+    /,
+    *,
+    out: Path,
+    preset: Preset = "wii",
+    seed: Seed = DEFAULT_SEED,
+    workers: Workers = CORES,
+    estimator: EstimatorName = DEFAULT,
+    rig: RigFolder = None,
+    robot: RobotFile = TULIP,
+    as_json: Json = False,
+) -> int:
+    """Simulate a plan, identify the robot, compare with the truth and give a verdict.
+
+    With --rig RIG the laboratory has the rig's effects, and the measurements are freed of them.
+    Exit code 0: every check passed; 1: a check failed; 2: could not run.
+    Example: tulip validate --out runs/first
+    """
+    check_new(out)
+    look_up("estimator", estimator, ESTIMATORS, "--estimator")
+    scenario = read_scenario(plan, preset, seed, robot, workers, rig)
+    identifiable_regressor(
+        str(plan or DEFAULT_PLAN), scenario.plan, planned_parameters(scenario.rig.robot, scenario.plan)
+    )
+    with progress("holding postures", tries(scenario)) as advance:
+        result = validate(scenario, workers, advance, estimator)
+    write_run(out, result)
+    document = report_document(result)
+    if as_json:
+        print_json(document)
+    else:
+        print_validation(console(), result, document)
+    ERR.print(f"Run folder: {out}")
+    return 0 if result.verdict == "pass" else 1

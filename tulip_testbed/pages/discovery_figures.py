@@ -1,0 +1,129 @@
+"""Figures of a discovery's page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from experiments.saved_discovery import Curve
+from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL
+from tulip_testbed.pages.figures import Figure, figure
+from tulip_testbed.pages.words import behind
+
+BEFORE, AFTER = MEASURED, ESTIMATE
+WIDE = 1.96  # s.d. that 95 % of the noise stay within
+
+
+def gap_figure(rows: Sequence[tuple[str, float, float, float]]) -> Figure:
+    """The gap by channel before and after, over the noise.
+
+    Args:
+        rows: channel, before, after, and what it may be by chance.
+    """
+    drawn = go.Figure()
+    names = [name for name, *_ in rows]
+    for side, colour, symbol, at in (("before", BEFORE, "circle", 1), ("after", AFTER, "diamond", 2)):
+        marker = {"color": colour, "symbol": symbol, "size": 12}
+        values = [row[at] for row in rows]
+        drawn.add_scatter(x=values, y=names, mode="markers", name=side, marker=marker)
+    ticks = {"symbol": "line-ns-open", "size": 22, "color": NOMINAL, "line": {"width": 3}}
+    floor = [row[3] for row in rows]
+    drawn.add_scatter(x=floor, y=names, mode="markers", name="by chance up to", marker=ticks)
+    drawn.update_xaxes(type="log", title="residual over noise (r.m.s., held-out placements)")
+    drawn.update_yaxes(autorange="reversed", automargin=True)
+    text = "; ".join(f"{name}: {before:.2f} before, {after:.2f} after" for name, before, after, _ in rows)
+    caption = "Residuals on placements that took no part in the fit; 1 is the noise."
+    return figure("gap", caption, text + ".", drawn, 320)
+
+
+def curve_figure(k: int, curve: Curve, posture: np.ndarray, changed: bool) -> Figure:
+    """One residual over the experiment, before and after, with the noise as a band.
+
+    Args:
+        posture: numbers in the order of time, (m,). changed: whether anything was taken off.
+    """
+    drawn = go.Figure()
+    there = np.isfinite(curve.sd)
+    row, sd, posture = np.arange(1, len(posture) + 1)[there], curve.sd[there], posture[there]
+    band = {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip", "showlegend": False}
+    drawn.add_scatter(x=row, y=-WIDE * sd, **band)
+    drawn.add_scatter(
+        x=row, y=WIDE * sd, fill="tonexty", fillcolor=_clear(MARGIN), name="noise, 95 %", **band
+    )
+    sides = [("before", curve.before[there], BEFORE, "circle")]
+    if changed:
+        sides.append(("after", curve.after[there], AFTER, "diamond"))
+    for side, values, colour, symbol in sides:
+        drawn.add_scatter(
+            x=row,
+            y=np.round(values, 5),
+            mode="markers",
+            name=side,
+            marker={"color": colour, "symbol": symbol, "size": 4},
+            customdata=posture,
+            hovertemplate="posture %{customdata}: %{y:.3f} " + curve.unit,
+        )
+    drawn.update_xaxes(title="postures in the order of time")
+    drawn.update_yaxes(title=curve.unit)
+    drawn.update_layout(showlegend=False)
+    spread = [float(np.nanstd(values)) for _, values, _, _ in sides]
+    text = (
+        f"{curve.name} over the experiment, s.d. {' before, '.join(f'{s:.3g}' for s in spread)} {curve.unit}"
+    )
+    text += " after." if changed else "."
+    caption = f"{curve.channel}: {curve.name}"
+    return replace(figure(f"residual-{k}", caption, text, drawn, 260), small=True)
+
+
+def plane_figure(side: str, x: np.ndarray, y: np.ndarray, sd: float, reach: float) -> Figure:
+    """CoP minus estimated CoM of all postures from above.
+
+    Args:
+        x, y: (m,) [mm]. sd: of the noise [mm]. reach: of the picture [mm], the same before and after.
+    """
+    drawn = go.Figure()
+    turn = np.linspace(0, 2 * np.pi, 73)
+    radius = sd * np.sqrt(-2 * np.log(0.05))
+    circle = {"color": NOMINAL, "width": 2}
+    drawn.add_scatter(
+        x=radius * np.cos(turn), y=radius * np.sin(turn), mode="lines", line=circle, hoverinfo="skip"
+    )
+    colour = BEFORE if side == "before" else AFTER
+    drawn.add_scatter(x=np.round(y, 4), y=np.round(x, 4), mode="markers", marker={"color": colour, "size": 5})
+    drawn.update_layout(showlegend=False)
+    drawn.update_xaxes(range=[reach, -reach], title="y, mm", constrain="domain")
+    drawn.update_yaxes(range=[-reach, reach], title="x, mm", scaleanchor="x", constrain="domain")
+    rms = float(np.sqrt(np.mean((x**2 + y**2) / 2)))
+    size = f"r.m.s. per axis {rms:.2f} mm"
+    text = f"Centre of pressure minus estimated centre of mass of every posture, {side}: {size}."
+    caption = f"{side.capitalize()}: CoP minus estimated CoM (eq. 12), all placements; {size}"
+    return replace(figure(f"plane-{side}", caption, text, drawn, 340), small=True)
+
+
+def evidence_figure(candidates: list[dict[str, Any]], labels: list[str]) -> Figure:
+    """ln of the Bayes factor of every explanation that is left, as bars."""
+    drawn = go.Figure()
+    factors = [candidate["log_bayes_factor"] for candidate in candidates]
+    names = [f"{label} " for label in labels]
+    drawn.add_bar(
+        x=factors,
+        y=names,
+        orientation="h",
+        marker={"color": [AFTER if b == 0 else MARGIN for b in behind(candidates)]},
+        text=[f"{factor:.1f}" for factor in factors],
+        textposition="auto",
+    )
+    drawn.update_xaxes(title="ln of the Bayes factor against no effect", rangemode="tozero")
+    drawn.update_yaxes(autorange="reversed", automargin=True)
+    text = "; ".join(f"{label}: {factor:.1f}" for label, factor in zip(labels, factors, strict=True))
+    caption = "Evidence for every explanation within 3 of its gap's best (dark)."
+    return figure("evidence", caption, f"Evidence. {text}.", drawn, 150 + 34 * len(factors))
+
+
+def _clear(colour: str) -> str:
+    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
+    return f"rgba({red},{green},{blue},0.35)"

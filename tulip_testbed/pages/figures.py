@@ -1,0 +1,259 @@
+"""The page's figures; the only importer of plotly. Texts and lines take the page's colours in the browser."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+
+from identification.feasibility import place_polygon
+from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, POLYGON, RESIDUAL, TRUTH
+
+MODEL_COLOURS = {"full": ESTIMATE, "simplified": POLYGON}
+SYMBOLS = {"full": "circle", "simplified": "diamond"}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of the page.
+
+    Attributes:
+        name: its id in the page. caption: below it. text: for who cannot see it.
+        json: plotly's, ready to stand inside of a script element.
+        small: several may stand beside each other.
+    """
+
+    name: str
+    caption: str
+    text: str
+    json: str
+    small: bool = False
+
+
+def plotly_script() -> str:
+    """The library, to stand in the page."""
+    return get_plotlyjs()
+
+
+def figure(name: str, caption: str, text: str, drawn: go.Figure, height: int = 380) -> Figure:
+    """Finish a figure: transparent, small margins, no text that a browser could take for the script's end."""
+    drawn.update_layout(
+        template="none",
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
+        height=height,
+        margin={"l": 60, "r": 15, "t": 50, "b": 50},
+        legend={"orientation": "h", "y": 1, "yref": "container", "yanchor": "top", "x": 0},
+        font={"size": 13},
+    )
+    content = drawn.to_json()
+    assert content is not None
+    return Figure(name, caption, text, content.replace("</", "<\\/"))
+
+
+def residual_norms(
+    posture: np.ndarray, placement: np.ndarray, norms: dict[str, np.ndarray], means: dict[str, float]
+) -> Figure:
+    """Fig. 4: norm of error of every row, full and simplified.
+
+    Args:
+        posture, placement: numbers, (m,). norms: by model, (m,) [mm]. means: by model, of the report [mm].
+    """
+    drawn = go.Figure()
+    row = np.arange(1, len(posture) + 1)
+    hover = np.column_stack([posture, placement])
+    for model, values in norms.items():
+        drawn.add_scatter(
+            x=row,
+            y=values,
+            mode="markers",
+            name=f"{model}, mean {means[model]:.2f} mm",
+            marker={"color": MODEL_COLOURS[model], "symbol": SYMBOLS[model], "size": 7},
+            customdata=hover,
+            hovertemplate="posture %{customdata[0]}, placement %{customdata[1]}: %{y:.2f} mm",
+        )
+        drawn.add_hline(y=means[model], line={"color": MODEL_COLOURS[model], "width": 1})
+    drawn.update_xaxes(title="row of the measurements, in the order of time")
+    drawn.update_yaxes(title="norm of error, mm", rangemode="tozero")
+    text = "Norm of the error of every posture. " + "; ".join(
+        f"{model} model: mean {means[model]:.2f}, largest {values.max():.2f} mm"
+        for model, values in norms.items()
+    )
+    caption = "Norm of error per posture (eq. 12), as the paper's Fig. 4."
+    return figure("residuals", caption, text + ".", drawn)
+
+
+def errors_over_se(z: dict[str, tuple[list[int], np.ndarray]]) -> Figure:
+    """Error of every parameter over its stated standard error.
+
+    Args:
+        z: numbers and (p,) by model.
+    """
+    drawn = go.Figure()
+    for model, (numbers, values) in z.items():
+        drawn.add_scatter(
+            x=numbers,
+            y=values,
+            mode="markers",
+            name=model,
+            marker={"color": MODEL_COLOURS[model], "symbol": SYMBOLS[model], "size": 9},
+        )
+    for level in (-2, 2):
+        drawn.add_hline(y=level, line={"color": NOMINAL, "dash": "dash", "width": 1})
+    drawn.update_xaxes(title="number of the parameter", tickangle=0)
+    drawn.update_yaxes(title="error over standard error")
+    worst = {model: float(np.abs(values).max()) for model, (_, values) in z.items()}
+    text = "; ".join(f"{model} model: largest {value:.2f}" for model, value in worst.items())
+    caption = (
+        "Error (estimate minus truth) over the standard error that the estimator states; dashed: -2 and 2, "
+        "which one parameter in twenty may exceed."
+    )
+    return figure("errors", caption, f"Errors over standard errors. {text}.", drawn)
+
+
+def correlation_map(matrix: np.ndarray, pairs: list[tuple[list[int], str]]) -> Figure:
+    """Eq. 15 as a map, with marked pairs.
+
+    Args:
+        matrix: (p, p). pairs: numbers of two parameters and the joint that tells them apart.
+    """
+    numbers = list(range(1, len(matrix) + 1))
+    drawn = go.Figure(
+        go.Heatmap(
+            z=matrix,
+            x=numbers,
+            y=numbers,
+            zmin=-1,
+            zmax=1,
+            colorscale=[[0, MEASURED], [0.5, "#F7F7F7"], [1, ESTIMATE]],  # apart for every kind of sight
+            colorbar={"thickness": 12},
+            hovertemplate="%{x}, %{y}: %{z:.4f}<extra></extra>",
+        )
+    )
+    for (a, b), joint in pairs:
+        for x, y in ((a, b), (b, a)):
+            drawn.add_shape(
+                type="rect",
+                x0=x - 0.5,
+                x1=x + 0.5,
+                y0=y - 0.5,
+                y1=y + 0.5,
+                line={"color": "#000000", "width": 3},
+            )
+        drawn.add_annotation(
+            x=b + 0.6,
+            y=a,
+            text=f"{a}, {b}: {matrix[a - 1, b - 1]:.4f}<br>{joint}",
+            showarrow=False,
+            xanchor="left",
+            font={"size": 11, "color": "#000000"},
+            bgcolor="rgba(255,255,255,0.8)",
+        )
+    drawn.update_xaxes(dtick=2, constrain="domain")
+    drawn.update_yaxes(dtick=2, autorange="reversed", scaleanchor="x", constrain="domain")
+    marked = "; ".join(f"{a} and {b}: {matrix[a - 1, b - 1]:.4f}" for (a, b), _ in pairs)
+    caption = (
+        "Correlations of the full model's parameters (eq. 15) by the regressor of the measured angles, "
+        "whatever the estimator."
+    )
+    if pairs:
+        caption += " Framed: the pairs that only one joint tells apart."
+    return figure("correlations", caption, f"Map of correlations. {marked}.", drawn, 520)
+
+
+def support_polygon_figure(
+    placement: int, plates: np.ndarray, polygon: np.ndarray, points: dict[str, np.ndarray], board: np.ndarray
+) -> Figure:
+    """Fig. 2: what carries the robot, from above.
+
+    Args:
+        plates: poses, (2, 3) [m, m, rad]. polygon: (k, 2) [m]. points: by name, (n, 2) [m].
+        board: extent in x and y, (2,) [m].
+    """
+    drawn = go.Figure()
+    x, y = board / 2
+    corners = np.array([[x, y], [x, -y], [-x, -y], [-x, y]])
+    outlines = [(place_polygon(corners, pose), MARGIN) for pose in plates]
+    for outline, colour in [*outlines, (polygon, POLYGON)]:
+        closed = 1e3 * np.vstack([outline, outline[:1]])
+        line = {"color": colour, "width": 2}
+        drawn.add_scatter(x=closed[:, 1], y=closed[:, 0], mode="lines", line=line, hoverinfo="skip")
+    styles = {"CoP": (MEASURED, "circle"), "CoM, truth": (TRUTH, "x-thin-open")}
+    for name, where in points.items():
+        colour, symbol = styles[name]
+        marker = {"color": colour, "size": 7, "symbol": symbol}
+        drawn.add_scatter(x=1e3 * where[:, 1], y=1e3 * where[:, 0], mode="markers", name=name, marker=marker)
+    drawn.update_layout(showlegend=False)
+    drawn.update_xaxes(autorange="reversed", constrain="domain", title="y, mm")
+    drawn.update_yaxes(scaleanchor="x", constrain="domain", title="x, mm")
+    caption = f"Placement {placement}"
+    text = f"Plates, support polygon and centres of pressure of placement {placement}, from above."
+    return replace(figure(f"polygon-{placement}", caption, text, drawn, 300), small=True)
+
+
+def with_intervals(
+    name: str,
+    caption: str,
+    axis: str,
+    rows: dict[str, list[tuple[int, float, list[float]]]],
+    target: float,
+    bounds: tuple[float, float],
+) -> Figure:
+    """A quantity of every parameter with its interval, against a target and bounds.
+
+    Args:
+        rows: number, value, interval by model.
+    """
+    drawn = go.Figure()
+    for k, (model, of_model) in enumerate(rows.items()):
+        values = np.array([value for _, value, _ in of_model])
+        ends = np.array([interval for _, _, interval in of_model])
+        drawn.add_scatter(
+            x=np.array([number for number, _, _ in of_model]) + 0.25 * k,
+            y=values,
+            mode="markers",
+            name=model,
+            marker={"color": MODEL_COLOURS[model], "symbol": SYMBOLS[model], "size": 8},
+            error_y={
+                "type": "data",
+                "symmetric": False,
+                "array": ends[:, 1] - values,
+                "arrayminus": values - ends[:, 0],
+                "thickness": 1.5,
+                "width": 0,
+            },
+        )
+    drawn.add_hline(y=target, line={"color": NOMINAL, "width": 1})
+    for bound in bounds:
+        drawn.add_hline(y=bound, line={"color": MEASURED, "dash": "dash", "width": 1})
+    drawn.update_xaxes(title="number of the parameter", tickangle=0)
+    drawn.update_yaxes(title=axis)
+    spans = "; ".join(
+        f"{model} model: {min(v for _, v, _ in r):.3f} to {max(v for _, v, _ in r):.3f}"
+        for model, r in rows.items()
+    )
+    return figure(name, caption, f"{axis}, by parameter. {spans}.", drawn)
+
+
+def error_boxes(model: str, numbers: tuple[int, ...], errors_mm: np.ndarray) -> Figure:
+    """Errors of all runs by parameter, (runs, p) [mm]: median, quartiles, whiskers and what lies beyond."""
+    drawn = go.Figure()
+    for k, number in enumerate(numbers):
+        drawn.add_box(
+            y=np.round(errors_mm[:, k], 4),
+            name=str(number),
+            marker={"color": ESTIMATE, "size": 3},
+            line={"width": 1},
+            showlegend=False,
+        )
+    drawn.add_hline(y=0, line={"color": RESIDUAL, "width": 1})
+    drawn.update_xaxes(title="number of the parameter")
+    drawn.update_yaxes(title="estimate minus truth, mm")
+    widest = int(np.argmax(errors_mm.std(axis=0)))
+    text = (
+        f"Errors of the {model} model over {len(errors_mm)} runs; the widest are those of parameter "
+        f"{numbers[widest]}, s.d. {errors_mm[:, widest].std(ddof=1):.1f} mm."
+    )
+    return figure(f"boxes-{model}", f"Errors of all runs, {model} model.", text, drawn)

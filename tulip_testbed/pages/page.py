@@ -1,0 +1,296 @@
+"""From a run folder to the page."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+from PIL import Image
+
+from experiments.montecarlo.calibration_verdict import BIAS, COVERAGE, RATIO
+from experiments.parameter_tables import models, paper_table
+from experiments.saved_run import SavedMonteCarlo, SavedRun, errors_mm
+from experiments.validate import correlations_at
+from identification.base_parameters import base_parameters, common_support, renumbered
+from identification.center_of_pressure import center_of_pressure
+from identification.feasibility import support_polygon
+from identification.nominal import nominal_robot
+from sim.dynamics.dynamic_run import boards_under
+from sim.errors import InputError
+from sim.files import write_bytes
+from sim.measurements import Measurements, PosturePlan
+from sim.plates import plate_geometry
+from sim.rig import preset_rig
+from sim.robot import Robot
+from sim.scene import load_scene
+from tulip_testbed.pages import figures as drawn
+from tulip_testbed.pages import words
+from tulip_testbed.pages.figures import Figure
+from tulip_testbed.pages.page_tables import (
+    Table,
+    calibration_table,
+    check_table,
+    parameter_table,
+    settings_table,
+)
+from tulip_testbed.rendering import rendered
+
+TEMPLATE = "page.html.j2"
+POLYGONS, PICTURES = 6, 4  # how many placements and postures are drawn
+SIZE = (360, 480)  # pixels, of a picture
+COLOURS = 128  # of a picture, which then takes a third of the space
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A drawn posture as a data address, with its words."""
+
+    address: str
+    caption: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page; what it has not got is left out.
+
+    Attributes:
+        folded: a heading and a text as it stands, which a click unfolds.
+    """
+
+    title: str
+    paragraphs: tuple[str, ...] = ()
+    tables: tuple[Table, ...] = ()
+    figures: tuple[Figure, ...] = ()
+    pictures: tuple[Picture, ...] = ()
+    folded: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class Page:
+    """The whole page.
+
+    Attributes:
+        verdict: "pass" or "fail", or a discovery's. sentence: what that means.
+        story: more sentences beside the verdict.
+        missing: what could not be drawn, one sentence each.
+    """
+
+    title: str
+    verdict: str
+    sentence: str
+    facts: tuple[tuple[str, str], ...]
+    sections: tuple[Section, ...]
+    missing: tuple[str, ...] = field(default=())
+    story: tuple[str, ...] = field(default=())
+
+
+def html(page: Page) -> str:
+    """The page as one file that asks the network for nothing."""
+    template = files("tulip_testbed.pages").joinpath(TEMPLATE).read_text(encoding="utf-8")
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    figures = [figure for section in page.sections for figure in section.figures]
+    return environment.from_string(template).render(
+        page=page,
+        figures=figures,
+        plotly=Markup(drawn.plotly_script()),
+        script=Markup,
+    )
+
+
+def validation_page(run: SavedRun) -> Page:
+    """A validation's page."""
+    report, robot, measured = run.report, run.robot, run.measurements
+    parameters = base_parameters(robot, support=common_support(measured.support))
+    paper = paper_table(robot)
+    shown = models(robot)
+    missing: list[str] = []
+    tables = [parameter_table(model, report[model], parameters, paper) for model in shown]
+    norms = {model: run.residual_mm[model] for model in shown}
+    means = {model: report[model]["residual_mm"]["mean"] for model in shown}
+    z = {model: _z(report[model]["parameters"]) for model in shown}
+    pairs = [
+        (renumbered(robot, parameters, entry["pair"]), entry["joint"])
+        for entry in robot.settings.get("correlated", [])
+    ]
+    matrix = correlations_at(parameters, measured.joint_angles)
+    sections = (
+        Section("What was checked", tables=(check_table(report["checks"]),)),
+        Section("Parameters", words.parameter_words(report), tuple(tables), (drawn.errors_over_se(z),)),
+        Section(
+            "Residuals",
+            figures=(drawn.residual_norms(measured.posture, measured.placement, norms, means),),
+        ),
+        Section("Correlations", figures=(drawn.correlation_map(matrix, pairs),)),
+        Section(
+            "Postures",
+            (words.dropped(report), words.POLYGON_WORDS),
+            figures=_polygons(robot, measured, run.truth),
+            pictures=_pictures(robot, measured.joint_angles, measured.plate_poses, _names(measured), missing),
+        ),
+        Section("How it was made", tables=(settings_table(run.document),)),
+    )
+    configuration = run.document["configuration"]
+    facts = (
+        ("sensors", str(configuration["preset"])),
+        ("seed", str(configuration["seed"])),
+        ("estimator", report["estimator"]),
+        ("postures used", f"{report['postures_used']} of {report['postures_planned']}"),
+        (
+            "total mass, kg",
+            f"{report['total_mass']['estimate']:.3f} ± {report['total_mass']['standard_error']:.3f}"
+            f" (truth {report['total_mass']['truth']:.3f})",
+        ),
+    )
+    title = f"{robot.settings.get('name', robot.model.stem)}: validation {run.folder.resolve().name}"
+    return Page(title, report["verdict"], words.validation_sentence(report), facts, sections, tuple(missing))
+
+
+def montecarlo_page(run: SavedMonteCarlo) -> Page:
+    """A Monte Carlo's page."""
+    report = run.report
+    missing: list[str] = []
+    rows = {"full": report["parameters"]}
+    if report["simplified"]["parameters"]:
+        rows["simplified"] = report["simplified"]["parameters"]
+    paths = {"full": "parameters", "simplified": "simplified.parameters"}
+    tables = tuple(calibration_table(model, of, paths[model]) for model, of in rows.items())
+    figures: tuple[Figure, ...] = ()
+    if report["identified"] > 1:
+        figures = (
+            *_calibration_figures(rows),
+            *(drawn.error_boxes(m, run.layout.models[m], errors_mm(run, m)) for m in rows),
+        )
+    size = len(run.plan)
+    chosen = np.unique(np.linspace(0, size - 1, PICTURES).astype(int))
+    sections = (
+        Section("What was checked", tables=(check_table(report["checks"]),)),
+        Section("Calibration and coverage", words.calibration_words(report), (), figures[:3]),
+        Section("Errors", figures=figures[3:]),
+        Section("Parameters", tables=tables),
+        Section("Postures", pictures=_planned_pictures(run.robot, run.plan, chosen, missing)),
+        Section("How it was made", tables=(settings_table(run.document),)),
+    )
+    configuration = run.document["configuration"]
+    facts = (
+        ("sensors", str(configuration["preset"])),
+        ("seed", str(run.settings.seed)),
+        ("estimator", report["estimator"]),
+        ("runs identified", f"{report['identified']} of {report['runs']}"),
+        ("postures planned", str(size)),
+    )
+    title = f"{run.robot.settings.get('name', run.robot.model.stem)}: Monte Carlo {run.folder.resolve().name}"
+    return Page(title, report["verdict"], words.montecarlo_sentence(report), facts, sections, tuple(missing))
+
+
+def _calibration_figures(rows: dict[str, list[dict[str, Any]]]) -> tuple[Figure, ...]:
+    def of(name: str) -> dict[str, list[tuple[int, float, list[float]]]]:
+        return {
+            model: [(row["number"], row[name], row[f"{name}_interval"]) for row in found]
+            for model, found in rows.items()
+        }
+
+    bias = {model: [(row["number"], *_relative_bias(row)) for row in found] for model, found in rows.items()}
+    return (
+        drawn.with_intervals(
+            "ratio",
+            "Standard error found over stated.",
+            "found over stated",
+            of("standard_error_ratio"),
+            1,
+            RATIO,
+        ),
+        drawn.with_intervals(
+            "coverage", "Coverage of 95 % intervals.", "coverage", of("coverage95"), 0.95, COVERAGE
+        ),
+        drawn.with_intervals("bias", "Bias over stated standard error.", "bias over s.e.", bias, 0, BIAS),
+    )
+
+
+def _relative_bias(row: dict[str, Any]) -> tuple[float, list[float]]:
+    middle = row["bias"] / row["standard_error"]
+    half = 1.96 * row["bias_mc_error"] / row["standard_error"]
+    return middle, [middle - half, middle + half]
+
+
+def _z(rows: list[dict[str, Any]]) -> tuple[list[int], np.ndarray]:
+    values = np.array([(row["estimate"] - row["truth"], row["standard_error"]) for row in rows])
+    return [row["number"] for row in rows], values[:, 0] / values[:, 1]
+
+
+def _names(measured: Measurements) -> list[str]:
+    return [f"Posture {p}, placement {k}" for p, k in zip(measured.posture, measured.placement, strict=True)]
+
+
+def _polygons(robot: Robot, measured: Measurements, truth: dict[str, Any]) -> tuple[Figure, ...]:
+    nominal = nominal_robot(robot)
+    soles, cop = nominal.soles_in_base(measured.joint_angles), center_of_pressure(measured)
+    com = np.array([attempt["com"] for attempt in truth["attempts"] if "com" in attempt])
+    placements = np.unique(measured.placement)
+    board = plate_geometry(load_scene(robot), "right").size
+    carrying = {"double": slice(0, 2), "right": slice(0, 1), "left": slice(1, 2)}
+    found = []
+    for placement in placements[np.unique(np.linspace(0, len(placements) - 1, POLYGONS).astype(int))]:
+        rows = np.flatnonzero(measured.placement == placement)
+        feet = soles[rows[0]][carrying[str(measured.support[rows[0]])]]
+        points = {"CoP": cop[rows], "CoM, truth": com[rows]}
+        plates = measured.plate_poses[rows[0]]
+        found.append(
+            drawn.support_polygon_figure(int(placement), plates, support_polygon(feet), points, board)
+        )
+    return tuple(found)
+
+
+def _pictures(
+    robot: Robot, joint_angles: np.ndarray, plates: np.ndarray, names: Sequence[str], missing: list[str]
+) -> tuple[Picture, ...]:
+    """Postures spread over the experiment; what keeps them from being drawn goes to `missing`."""
+    rows = np.unique(np.linspace(0, len(joint_angles) - 1, PICTURES).astype(int))
+    try:
+        drawings = rendered(robot, joint_angles[rows], plates[rows], *SIZE)
+    except InputError as error:
+        missing.append(f"Pictures of postures: {error}.")
+        return ()
+    return tuple(
+        Picture(
+            "data:image/png;base64," + base64.b64encode(_png(drawing)).decode(),
+            names[row],
+            f"The robot on its two plates: {names[row]}.",
+        )
+        for row, drawing in zip(rows, drawings, strict=True)
+    )
+
+
+def _png(image: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(image).quantize(COLOURS).save(file, "PNG", optimize=True)
+    return file.getvalue()
+
+
+def _planned_pictures(
+    robot: Robot, plan: PosturePlan, chosen: np.ndarray, missing: list[str]
+) -> tuple[Picture, ...]:
+    boards = boards_under(preset_rig("ideal", robot), plan.swing_pose[chosen])
+    names = [f"Posture {plan.posture[row]}, placement {plan.placement[row]}" for row in chosen]
+    return _pictures(robot, plan.joint_angles[chosen], boards, names, missing)
+
+
+def write_page(path: Path, page: Page) -> int:
+    """Write it, whole or not at all; returns its size [bytes].
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    content = html(page).encode()
+    write_bytes(path, content)
+    return len(content)

@@ -1,0 +1,227 @@
+"""A discovery: the gap before and after side by side, residuals over the experiment, the evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from experiments.saved_discovery import Curve, SavedDiscovery, residual_curves, time_order
+from identification.center_of_pressure import cell_positions
+from sim.robot import load_model
+from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, rgb
+from tulip_testbed.pages.words import CHANNEL_NAMES, VERDICTS, behind, candidate_label
+from tulip_testbed.viewer.balance_series import ABOVE_GROUND, factor_for, from_above, log_balance
+from tulip_testbed.viewer.layout import space_view
+from tulip_testbed.viewer.plates_view import log_loads, log_plates
+from tulip_testbed.viewer.robot_view import log_geometry, log_motion
+from tulip_testbed.viewer.subject import of_measurements
+
+COLOURS = {"before": MEASURED, "after": ESTIMATE}
+LAYERS = {"before": "as_measured", "after": "freed"}  # rerun draws in the order of names, the last on top
+PALE = (250, 250, 250)
+BAR, STEP = 100.0, 14.0  # pixels: the longest bar, from bar to bar
+
+
+@dataclass(frozen=True)
+class DiscoveryViews:
+    """What there is to see, before it is laid out: `space` and `plane` hold before, then after."""
+
+    space: Sequence[rrb.View]
+    plane: list[rrb.View]
+    channels: list[rrb.View]
+    evidence: list[rrb.View]
+    text: rrb.View
+
+
+def log_discovery(recording: rr.RecordingStream, run: SavedDiscovery, title: str) -> None:
+    """Everything, and the blueprint; the postures in the order of time."""
+    recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    subject = replace(of_measurements(run.measurements, run.robot, title), com={})
+    rank = np.empty(len(subject), int)
+    rank[time_order(run)] = np.arange(1, len(subject) + 1)
+    index = rr.TimeColumn("posture", sequence=rank)
+    log_geometry(recording, "world/robot", load_model(run.robot))
+    log_motion(recording, "world/robot", index, subject.nominal, subject.joint_angles)
+    log_plates(recording, "world/plates", index, subject)
+    positions = cell_positions(run.measurements)
+    log_loads(recording, "world/loads", index, positions, run.measurements.cell_forces, subject.weight)
+    log_balance(recording, index, subject)
+    assert subject.cop is not None
+    residual = {side: getattr(run, side)[:, :2] for side in sides(run)}
+    factor = factor_for(residual["before"])
+    reach = 1.1e3 * float(np.abs(residual["before"]).max())
+    curves = residual_curves(run)
+    for side, values in residual.items():
+        _log_residual(recording, side, index, subject.cop, factor * values)
+        _log_plane(recording, side, index, values, curves)
+    _log_channels(recording, curves, sides(run))
+    _log_evidence(recording, run)
+    recording.log(
+        "text", rr.TextDocument(discovery_text(run, factor), media_type=rr.MediaType.MARKDOWN), static=True
+    )
+    others = {"before": "after", "after": "before"}
+    space = [
+        space_view(
+            subject,
+            f"{side.capitalize()}: residual {factor} times",
+            ["$origin/**", f"- $origin/{others[side]}/**"],
+        )
+        for side in residual
+    ]
+    recording.send_blueprint(laid_out(_views(run, space, reach)))
+
+
+def sides(run: SavedDiscovery) -> tuple[str, ...]:
+    """What there is: nothing found, nothing after."""
+    return ("before", "after") if run.report["candidates"] else ("before",)
+
+
+def _log_residual(
+    recording: rr.RecordingStream, side: str, index: rr.TimeColumn, cop: np.ndarray, drawn: np.ndarray
+) -> None:
+    """CoP minus estimated CoM as a line from the CoP, on the ground."""
+    lines = np.stack([cop, cop + drawn], axis=1)
+    flat = np.concatenate([lines, np.full((*lines.shape[:2], 1), 3 * ABOVE_GROUND)], axis=2)
+    style = rr.LineStrips3D.from_fields(colors=rgb(COLOURS[side]), radii=0.005)
+    recording.log(f"world/{side}/residual", style, static=True)
+    recording.send_columns(f"world/{side}/residual", [index], rr.LineStrips3D.columns(strips=list(flat)))
+
+
+def _log_plane(
+    recording: rr.RecordingStream, side: str, index: rr.TimeColumn, residual: np.ndarray, curves: list[Curve]
+) -> None:
+    """Residuals of all postures from above, this posture's large, a circle that holds 95 % of the noise."""
+    path, colour = f"plane/{side}", rgb(COLOURS[side])
+    points = from_above(residual)
+    small = rr.Points2D(points, colors=colour, radii=rr.Radius.ui_points(2))
+    recording.log(f"{path}/all", small, static=True)
+    large = rr.Points2D.from_fields(colors=(0, 0, 0), radii=rr.Radius.ui_points(5))
+    recording.log(f"{path}/this", large, static=True)
+    recording.send_columns(f"{path}/this", [index], rr.Points2D.columns(positions=points))
+    sd = np.sqrt(np.mean([curve.sd**2 for curve in curves[:2]]))
+    turn = np.linspace(0, 2 * np.pi, 73)
+    ring = sd * np.sqrt(-2 * np.log(0.05)) * np.column_stack([np.cos(turn), np.sin(turn)])
+    grey = rr.LineStrips2D([ring], colors=rgb(NOMINAL), radii=rr.Radius.ui_points(1))
+    recording.log(f"{path}/noise", grey, static=True)
+
+
+def _log_channels(recording: rr.RecordingStream, curves: list[Curve], of: tuple[str, ...]) -> None:
+    """Every channel's residuals over their noise, as points; lines at -2 and 2."""
+    for k, curve in enumerate(curves):
+        there = np.isfinite(curve.sd)
+        index = rr.TimeColumn("posture", sequence=np.flatnonzero(there) + 1)
+        for side in of:
+            path = f"channels/{curve.channel}/{LAYERS[side]}/{k}"
+            style = rr.SeriesPoints(
+                colors=rgb(COLOURS[side]), markers="circle", marker_sizes=1.5, names=f"{curve.name}, {side}"
+            )
+            recording.log(path, style, static=True)
+            values = getattr(curve, side)[there] / curve.sd[there]
+            recording.send_columns(path, [index], rr.Scalars.columns(scalars=values))
+        ends = rr.TimeColumn("posture", sequence=[1, len(there)])
+        for level in (-2.0, 2.0):
+            path = f"channels/{curve.channel}/noise/{level:+g}"
+            recording.log(path, rr.SeriesLines(colors=rgb(NOMINAL), widths=1.0, names="noise"), static=True)
+            recording.send_columns(path, [ends], rr.Scalars.columns(scalars=[level, level]))
+
+
+def _log_evidence(recording: rr.RecordingStream, run: SavedDiscovery) -> None:
+    """ln of the Bayes factor of every explanation that is left, as bars."""
+    found = run.report["candidates"]
+    most = max((candidate["log_bayes_factor"] for candidate in found), default=1.0)
+    for k, (candidate, short) in enumerate(zip(found, behind(found), strict=True)):
+        factor = candidate["log_bayes_factor"]
+        length = max(BAR * factor / most, 0.5)
+        bar = rr.LineStrips2D(
+            [[[0.0, STEP * k], [length, STEP * k]]],
+            colors=rgb(ESTIMATE if short == 0 else MARGIN),
+            radii=0.15 * STEP,
+        )
+        recording.log(f"evidence/{k}/bar", bar, static=True)
+        # A label stands below its point, in the point's colour.
+        label = rr.Points2D(
+            [[BAR / 2, STEP * (k + 0.15)]],
+            colors=(40, 40, 40),
+            radii=rr.Radius.ui_points(0.0),
+            labels=f"{candidate_label(candidate)}: {factor:.1f}",
+            show_labels=True,
+        )
+        recording.log(f"evidence/{k}/label", label, static=True)
+
+
+def discovery_text(run: SavedDiscovery, factor: int) -> str:
+    """The story, the gap, the explanations as Markdown."""
+    report = run.report
+    lines = [f"## Verdict: {report['verdict']}", VERDICTS[report["verdict"]], ""]
+    lines += [f"{line}\n" for line in report["story"]]
+    lines += ["| residual over noise | before | after | by chance |", "|---|---:|---:|---:|"]
+    for channel, name in CHANNEL_NAMES.items():
+        if (entry := report["gap"].get(channel)) and entry["after"] is not None:
+            unit = ", mm" if channel == "heldout_rms_mm" else ""
+            figures = " | ".join(f"{entry[key]:.2f}" for key in ("before", "after", "floor"))
+            lines.append(f"| {name}{unit} | {figures} |")
+    if report["candidates"]:
+        lines += ["", "| explanation | ln BF | behind the best |", "|---|---:|---:|"]
+        lines += [
+            f"| {candidate_label(c)} | {c['log_bayes_factor']:.1f} | {short:.1f} |"
+            for c, short in zip(report["candidates"], behind(report["candidates"]), strict=True)
+        ]
+    lines += [
+        "",
+        f"Vermilion: as measured. Blue: freed of what was found. The robot stands as measured. Lines on the "
+        f"ground: CoP minus estimated CoM (eq. 12) from the CoP, {factor} times. Below, "
+        "x up, y left; circle: 95 % of the noise. Channels: residuals over their noise, lines at -2 and 2; "
+        "postures in the order of time.",
+    ]
+    return "\n".join(lines)
+
+
+def _views(run: SavedDiscovery, space: Sequence[rrb.View], reach: float) -> DiscoveryViews:
+    bounds = rrb.VisualBounds2D(x_range=[-reach, reach], y_range=[-reach, reach])
+    plane: list[rrb.View] = [
+        rrb.Spatial2DView(
+            origin=f"plane/{side}",
+            name=f"{side.capitalize()}: CoP minus CoM, +-{reach:.2g} mm",
+            background=PALE,
+            visual_bounds=bounds,
+        )
+        for side in sides(run)
+    ]
+    channels: list[rrb.View] = [
+        rrb.TimeSeriesView(
+            origin=f"channels/{channel}",
+            name=f"{CHANNEL_NAMES[channel]}, over noise",
+            plot_legend=rrb.PlotLegend(visible=False),
+        )
+        for channel in "AFTC"
+    ]
+    count = len(run.report["candidates"])
+    evidence: list[rrb.View] = [
+        rrb.Spatial2DView(
+            origin="evidence",
+            name="Evidence, ln of the Bayes factor",
+            background=PALE,
+            visual_bounds=rrb.VisualBounds2D(x_range=[-5, BAR + 5], y_range=[-STEP, STEP * count]),
+        )
+    ]
+    text = rrb.TextDocumentView(origin="text", name="Verdict")
+    return DiscoveryViews(space, plane, channels, evidence if count else [], text)
+
+
+def laid_out(views: DiscoveryViews) -> rrb.Blueprint:
+    """Before and after side by side, the channels below each other, the story beside them."""
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(rrb.Horizontal(*views.space), rrb.Horizontal(*views.plane), row_shares=[1.3, 1]),
+            rrb.Vertical(*views.channels),
+            rrb.Vertical(views.text, *views.evidence, row_shares=[3, 1][: 1 + len(views.evidence)]),
+            column_shares=[1.7, 1, 1.1],
+        ),
+        rrb.TimePanel(timeline="posture", state="collapsed", fps=2.0),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+    )

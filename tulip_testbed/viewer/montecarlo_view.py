@@ -1,0 +1,202 @@
+"""A Monte Carlo: where the CoP of each posture fell, and how the errors of each parameter are spread."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from experiments.montecarlo.laboratory_runs import laboratory, stream_of
+from experiments.montecarlo.montecarlo_folder import first_difference, run_document
+from experiments.montecarlo.settings import Settings
+from experiments.saved_run import SavedMonteCarlo, errors_mm
+from experiments.scenario import Scenario
+from identification.base_parameters import standard_parameters
+from identification.center_of_pressure import center_of_pressure
+from sim.rig import preset_rig
+from sim.robot import load_model
+from tulip_testbed.colours import ESTIMATE, MEASURED, SKELETON, rgb
+from tulip_testbed.viewer.balance_series import from_above, log_balance
+from tulip_testbed.viewer.layout import Views, above_view, laid_out, space_views
+from tulip_testbed.viewer.plates_view import log_plates
+from tulip_testbed.viewer.robot_view import log_geometry, log_masses, log_motion, log_skeleton
+from tulip_testbed.viewer.subject import Subject, planned
+
+CLOUD_RUNS, BINS = 100, 40
+MOST_Z = 5.0  # standard errors that the picture of all parameters reaches
+
+
+def log_montecarlo(recording: rr.RecordingStream, run: SavedMonteCarlo, title: str) -> None:
+    """Everything, and the blueprint."""
+    recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    subject = planned(run.plan, run.robot, title)
+    index = rr.TimeColumn("posture", sequence=np.arange(1, len(subject) + 1))
+    model = load_model(run.robot)
+    log_geometry(recording, "world/robot", model)
+    log_motion(recording, "world/robot", index, subject.nominal, subject.joint_angles)
+    masses = {"nominal model": standard_parameters(model)}
+    log_masses(recording, "world/masses", index, subject.nominal, subject.joint_angles, masses)
+    log_skeleton(recording, "world/masses/skeleton", index, subject.nominal, subject.joint_angles, SKELETON)
+    log_plates(recording, "world/plates", index, subject)
+    log_balance(recording, index, subject)
+    clouds, note = cop_clouds(run)
+    if clouds:
+        _log_clouds(recording, subject, clouds)
+    _log_errors(recording, run)
+    recording.log("text", rr.TextDocument(_text(run, note), media_type=rr.MediaType.MARKDOWN), static=True)
+    recording.send_blueprint(laid_out(montecarlo_views(run, subject, bool(clouds))))
+
+
+def cop_clouds(run: SavedMonteCarlo) -> tuple[dict[int, np.ndarray], str]:
+    """CoP of every posture over the first runs, made anew from their seeds, and a sentence about them.
+
+    The folder holds estimates, not measurements; the same seed gives the same measurements again.
+
+    Returns:
+        by posture number, (k, 2) [m]; empty where a run takes minutes.
+    """
+    settings = run.settings
+    if settings.dynamics:
+        return {}, "No CoP clouds: every run in the full dynamics would take a minute again."
+    inputs = run.document["configuration"]
+    rig = preset_rig(inputs["preset"], run.robot)
+    scenario = Scenario(rig, run.plan, inputs["seed"], inputs["preset"], statics=True)
+    asked = Settings(
+        settings.runs, settings.seed, settings.estimator, settings.random_robots, settings.dynamics
+    )
+    here = run_document(scenario, json.loads(json.dumps(asked.document())))
+    other = first_difference(run.document, here)
+    if other is not None and not other[0].startswith("software"):
+        return {}, f"No CoP clouds: {other[0]} is {other[1]!r} in the run and {other[2]!r} here."
+    count = min(CLOUD_RUNS, settings.runs)
+    simulate = laboratory(scenario, settings.random_robots, settings.dynamics)
+    points: dict[int, list[np.ndarray]] = {}
+    for outcome in simulate([stream_of(settings.seed, k) for k in range(count)]):
+        if not isinstance(outcome, str):
+            cop = center_of_pressure(outcome.measurements)
+            for posture, point in zip(outcome.measurements.posture, cop, strict=True):
+                points.setdefault(int(posture), []).append(point)
+    versions = f" {other[0]} is {other[1]} in the run and {other[2]} here." if other else ""
+    return (
+        {posture: np.array(cloud) for posture, cloud in points.items()},
+        f"CoP clouds: measured CoP of each posture in the first {count} runs.{versions}",
+    )
+
+
+def _log_clouds(recording: rr.RecordingStream, subject: Subject, clouds: dict[int, np.ndarray]) -> None:
+    rows = [k for k, posture in enumerate(subject.posture) if int(posture) in clouds]
+    index = rr.TimeColumn("posture", sequence=np.array(rows) + 1)
+    points = [clouds[int(subject.posture[k])] for k in rows]
+    lengths, flat = [len(cloud) for cloud in points], np.vstack(points)
+    colour = rgb(MEASURED)
+    ground = np.column_stack([flat, np.full(len(flat), 0.004)])
+    recording.log("world/cop_cloud", rr.Points3D.from_fields(colors=colour, radii=0.003), static=True)
+    recording.send_columns(
+        "world/cop_cloud", [index], rr.Points3D.columns(positions=ground).partition(lengths)
+    )
+    style = rr.Points2D.from_fields(colors=colour, radii=rr.Radius.ui_points(1.5))
+    for path, place in (
+        ("above/cop_cloud", flat),
+        ("cloud/cop", np.vstack([cloud - cloud.mean(axis=0) for cloud in points])),
+    ):
+        recording.log(path, style, static=True)
+        columns = rr.Points2D.columns(positions=from_above(place)).partition(lengths)
+        recording.send_columns(path, [index], columns)
+    ellipses = [from_above(_ellipse(cloud)) for cloud in points]
+    blue = rr.LineStrips2D.from_fields(colors=rgb(ESTIMATE), radii=rr.Radius.ui_points(1))
+    recording.log("cloud/two_sd", blue, static=True)
+    recording.send_columns("cloud/two_sd", [index], rr.LineStrips2D.columns(strips=ellipses))
+
+
+def _ellipse(cloud: np.ndarray) -> np.ndarray:
+    """Two s.d. of a cloud about its mean, (73, 2) [m]; a point where there are too few."""
+    if len(cloud) < 3:
+        return np.zeros((2, 2))
+    values, vectors = np.linalg.eigh(np.cov(cloud.T))
+    turn = np.linspace(0, 2 * np.pi, 73)
+    circle = np.column_stack([np.cos(turn), np.sin(turn)])
+    return 2 * circle * np.sqrt(np.maximum(values, 0)) @ vectors.T
+
+
+def _log_errors(recording: rr.RecordingStream, run: SavedMonteCarlo) -> None:
+    """All runs' errors as columns of points, and a histogram on the `parameter` line."""
+    for model, numbers in run.layout.models.items():
+        errors = errors_mm(run, model)
+        rng = np.random.default_rng(0)  # sideways only, so that points do not hide each other
+        for k, number in enumerate(numbers):
+            recording.set_time("parameter", sequence=int(number))
+            counts, edges = np.histogram(errors[:, k], bins=BINS)
+            bars = rr.BarChart(
+                counts, abscissa=(edges[1:] + edges[:-1]) / 2, widths=np.diff(edges), color=rgb(ESTIMATE)
+            )
+            recording.log(f"histogram/{model}", bars)
+        recording.reset_time()
+        rows = run.report["parameters"] if model == "full" else run.report[model]["parameters"]
+        stated = 1e3 * np.array([row["standard_error"] for row in rows])
+        place = np.arange(1, len(numbers) + 1)
+        side = place + rng.uniform(-0.3, 0.3, errors.shape)
+        flat = np.column_stack([side.ravel(), -(errors / stated).ravel()])
+        points = rr.Points2D(flat, colors=rgb(ESTIMATE), radii=rr.Radius.ui_points(1))
+        recording.log(f"errors/{model}/runs", points, static=True)
+        lines = [[[0, -z], [len(numbers) + 1, -z]] for z in (-2, 0, 2)]
+        scale = rr.LineStrips2D(lines, colors=rgb(MEASURED), radii=rr.Radius.ui_points(1))
+        recording.log(f"errors/{model}/two_standard_errors", scale, static=True)
+        labels = rr.Points2D(
+            np.column_stack([place, np.full(len(place), MOST_Z - 0.5)]),
+            labels=[str(number) for number in numbers],
+            colors=(20, 20, 20),
+            show_labels=True,
+        )
+        recording.log(f"errors/{model}/numbers", labels, static=True)
+
+
+def _text(run: SavedMonteCarlo, note: str) -> str:
+    report = run.report
+    lines = [
+        f"## Verdict: {report['verdict']}{'' if report['shown'] else ', not shown'}",
+        f"{report['identified']} of {report['runs']} runs identified, estimator {report['estimator']}.",
+        "",
+        "| check | result |",
+        "|---|---|",
+        *(f"| {check['name']} | {check['result']} |" for check in report["checks"]),
+        "",
+        note,
+        "",
+        "Errors: estimate minus truth over the standard error that the estimator states, a point a run, a "
+        "column a parameter, lines at -2, 0 and 2. Histograms, in mm: choose the `parameter` time line.",
+    ]
+    return "\n".join(lines)
+
+
+def montecarlo_views(run: SavedMonteCarlo, subject: Subject, clouds: bool) -> Views:
+    """The views of a Monte Carlo.
+
+    Args:
+        clouds: whether there are CoP clouds.
+    """
+    pale = {"background": (250, 250, 250)}
+    counts = {model: len(numbers) for model, numbers in run.layout.models.items()}
+    errors = [
+        rrb.Spatial2DView(
+            origin=f"errors/{model}",
+            name=f"Errors over s.e., {model} model (up: too large)",
+            visual_bounds=rrb.VisualBounds2D(x_range=[0, count + 1], y_range=[-MOST_Z, MOST_Z]),
+            **pale,
+        )
+        for model, count in counts.items()
+    ]
+    bars = [
+        rrb.BarChartView(
+            origin=f"histogram/{model}", name=f"{model.capitalize()} model, mm (time line: parameter)"
+        )
+        for model in counts
+    ]
+    ground: list[rrb.View] = [above_view(subject.plates, subject.board.size)]
+    if clouds:
+        name = "CoP around its mean, mm (x up, y left); ellipse: 2 s.d."
+        bounds = rrb.VisualBounds2D(x_range=[-20, 20], y_range=[-20, 20])
+        ground.append(rrb.Spatial2DView(origin="cloud", name=name, visual_bounds=bounds, **pale))
+    text = rrb.TextDocumentView(origin="text", name="Verdict")
+    return Views([*space_views(subject)], ground, [*errors, *bars], [text])

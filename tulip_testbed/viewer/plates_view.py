@@ -1,0 +1,61 @@
+"""Both plates where they lie, and what their cells carry."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+from scipy.spatial.transform import Rotation
+
+from sim.robot import PLATES
+from tulip_testbed.colours import CELL_COLOURS, rgb
+from tulip_testbed.viewer.subject import Subject
+
+CELL_RADIUS = 0.012  # m
+BOARD_COLOUR, THICKNESS = (158, 184, 204), 0.6  # share of the height that is board, not cell
+METRES_PER_WEIGHT = 1.0  # an arrow of this length carries the robot's whole weight
+
+
+def log_plates(recording: rr.RecordingStream, path: str, index: rr.TimeColumn, subject: Subject) -> None:
+    """Boards and cells by their recorded poses; the boards' top is z = 0."""
+    for k, plate in enumerate(PLATES):
+        poses, height = subject.plates[:, k], float(subject.top_height[k])
+        half = [*(subject.board.size / 2), THICKNESS * height / 2]
+        turn = Rotation.from_rotvec(poses[:, 2, None] * [0, 0, 1]).as_quat()
+        place = np.column_stack([poses[:, :2], np.zeros(len(poses))])
+        entity = f"{path}/{plate}"
+        recording.send_columns(entity, [index], rr.Transform3D.columns(translation=place, quaternion=turn))
+        board = rr.Boxes3D(
+            half_sizes=[half],
+            centers=[[0, 0, -half[2]]],
+            colors=[BOARD_COLOUR],
+            fill_mode=rr.components.FillMode.Solid,
+        )
+        recording.log(f"{entity}/board", board, static=True)
+        cells = np.column_stack([subject.cells[k], np.full(4, CELL_RADIUS - height)])
+        feet = rr.Points3D(cells, radii=CELL_RADIUS, colors=[rgb(colour) for colour in CELL_COLOURS])
+        recording.log(f"{entity}/cells", feet, static=True)
+
+
+def log_loads(
+    recording: rr.RecordingStream,
+    path: str,
+    index: rr.TimeColumn,
+    positions: np.ndarray,
+    forces: np.ndarray,
+    weight: float,
+) -> None:
+    """The load on every cell: an arrow down onto the board above it; a negative reading points up.
+
+    Args:
+        positions: of the cells in the base frame, (m, 8, 2) [m].
+        forces: (m, 8) [N].
+        weight: of the robot [N].
+    """
+    length = METRES_PER_WEIGHT * forces / weight
+    zero = np.zeros_like(length)
+    origins = np.dstack([positions, length]).reshape(-1, 3)
+    vectors = np.dstack([zero, zero, -length]).reshape(-1, 3)
+    colours = [rgb(colour) for colour in CELL_COLOURS] * 2
+    recording.log(path, rr.Arrows3D.from_fields(colors=colours, radii=0.006), static=True)
+    columns = rr.Arrows3D.columns(origins=origins, vectors=vectors).partition([8] * len(forces))
+    recording.send_columns(path, [index], columns)

@@ -1,0 +1,114 @@
+"""Curves over the postures and the panel with a posture's numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+
+from sim.robot import CELLS
+from tulip_testbed.colours import PALETTE, rgb
+from tulip_testbed.viewer.balance_series import magnification
+from tulip_testbed.viewer.plates_view import METRES_PER_WEIGHT
+from tulip_testbed.viewer.subject import Subject
+
+LEGEND = {
+    "measured": "CoP vermilion; CoM by estimate blue, by truth green, by nominal model grey",
+    "planned": "CoM by nominal model grey",
+}
+
+
+def log_curves(
+    recording: rr.RecordingStream, path: str, index: rr.TimeColumn, curves: dict[str, np.ndarray]
+) -> None:
+    """Named curves of one plot, (m,) each."""
+    for k, (name, values) in enumerate(curves.items()):
+        entity = f"{path}/{name}"
+        colour = rgb(PALETTE[k % len(PALETTE)])
+        recording.log(entity, rr.SeriesLines(colors=colour, names=name, widths=1.5), static=True)
+        recording.send_columns(entity, [index], rr.Scalars.columns(scalars=values))
+
+
+def curves(subject: Subject) -> dict[str, dict[str, np.ndarray]]:
+    """What is plotted over the postures, by plot; the names of the plots are those of `TITLES`."""
+    plots: dict[str, dict[str, np.ndarray]] = {}
+    if subject.cell_forces is not None:
+        plots["cells"] = dict(zip(CELLS, subject.cell_forces.T, strict=True))
+    joints = subject.nominal.parameters.tree.joints
+    if subject.command is not None:
+        errors = 1e3 * (subject.joint_angles - subject.command)
+        plots["tracking"] = dict(zip(joints, errors.T, strict=True))
+    plots["joints"] = dict(zip(joints, np.rad2deg(subject.joint_angles).T, strict=True))
+    if subject.cop is not None:
+        plots["cop"] = {"x": 1e3 * subject.cop[:, 0], "y": 1e3 * subject.cop[:, 1]}
+    if subject.residual is not None:
+        x, y = 1e3 * subject.residual.T
+        plots["residual"] = {"x": x, "y": y, "norm": np.hypot(x, y)}
+    plots["margin"] = {"d_e": 1e3 * subject.margin}
+    return plots
+
+
+TITLES = {
+    "cells": "Cells, N",
+    "tracking": "Tracking error, mrad",
+    "joints": "Joints, deg",
+    "cop": "CoP, mm",
+    "residual": "Residual, mm",
+    "margin": "Margin d_e, mm",
+}
+
+
+def log_text(recording: rr.RecordingStream, path: str, index: rr.TimeColumn, subject: Subject) -> None:
+    """A page of numbers for every row."""
+    texts = [posture_text(subject, row) for row in range(len(subject))]
+    recording.log(path, rr.TextDocument.from_fields(media_type=rr.MediaType.MARKDOWN), static=True)
+    recording.send_columns(path, [index], rr.TextDocument.columns(text=texts))
+
+
+def posture_text(subject: Subject, row: int) -> str:
+    """A posture's numbers as Markdown."""
+    lines = [
+        f"## Posture {subject.posture[row]}, placement {subject.placement[row]}",
+        f"Row {row + 1} of {len(subject)}, support {subject.support[row]}. {subject.verdict}",
+        "",
+        "| mm | x | y |",
+        "|---|---:|---:|",
+    ]
+    points = {} if subject.cop is None else {"CoP": subject.cop}
+    points |= {f"CoM, {name}": value for name, value in subject.com.items()}
+    if subject.residual is not None:
+        points["residual"] = subject.residual
+    lines += [f"| {name} | {1e3 * p[row, 0]:.2f} | {1e3 * p[row, 1]:.2f} |" for name, p in points.items()]
+    lines += ["", f"Margin of stability d_e: {1e3 * subject.margin[row]:.1f} mm" + _of_plan(subject)]
+    if subject.cell_forces is not None:
+        force = subject.cell_forces[row]
+        lines += [
+            "",
+            f"Right plate {force[:4].sum():.1f} N, left {force[4:].sum():.1f} N, together "
+            f"{force.sum():.1f} N; the nominal robot weighs {subject.weight:.1f} N.",
+        ]
+    if subject.command is not None:
+        error = 1e3 * (subject.joint_angles[row] - subject.command[row])
+        worst = int(np.argmax(np.abs(error)))
+        name = subject.nominal.parameters.tree.joints[worst]
+        lines += ["", f"Largest tracking error: {error[worst]:+.1f} mrad in {name}."]
+    return "\n".join([*lines, "", *_legend(subject)])
+
+
+def _of_plan(subject: Subject) -> str:
+    least = "" if not subject.least_margin else f"; planned with d_s = {1e3 * subject.least_margin:.0f} mm"
+    return f" (of {'the nominal CoM' if subject.cop is None else 'the CoP'}{least})."
+
+
+def _legend(subject: Subject) -> list[str]:
+    lines = ["**Legend.** " + LEGEND["planned" if subject.cop is None else "measured"] + "."]
+    lines += ["Support polygon orange, with the distance to its nearest edge; d_s inside of it light blue."]
+    if subject.residual is not None:
+        lines.append(f"Residual (CoP minus estimated CoM) pink, magnified {magnification(subject)} times.")
+    if subject.cell_forces is not None:
+        scale = 1e3 * METRES_PER_WEIGHT / subject.weight
+        lines.append(
+            f"Arrows: load on each cell, {scale:.1f} mm per N; front left dark blue, front right light "
+            "blue, rear right green, rear left orange. A cell that reads less than under the empty board "
+            "points up."
+        )
+    return ["\n\n".join([*lines, *subject.notes])]

@@ -1,0 +1,48 @@
+"""Log postures: a plan's, a measurement folder's or a validation's."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+
+from identification.base_parameters import standard_parameters
+from identification.center_of_pressure import cell_positions
+from sim.robot import load_model
+from tulip_testbed.colours import COMMAND, SKELETON
+from tulip_testbed.viewer.balance_series import log_balance, log_close_up
+from tulip_testbed.viewer.layout import laid_out, posture_views
+from tulip_testbed.viewer.plates_view import log_loads, log_plates
+from tulip_testbed.viewer.plots import curves, log_curves, log_text
+from tulip_testbed.viewer.robot_view import log_geometry, log_masses, log_motion, log_skeleton
+from tulip_testbed.viewer.subject import Subject
+from tulip_testbed.viewer.time_series import log_series
+
+
+def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
+    """Everything, and the blueprint."""
+    recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    model = load_model(subject.nominal.robot)
+    log_geometry(recording, "world/robot", model)
+    index = rr.TimeColumn("posture", sequence=np.arange(1, len(subject) + 1))
+    log_motion(recording, "world/robot", index, subject.nominal, subject.joint_angles)
+    masses = {"nominal model": standard_parameters(model)}
+    for name, standard in subject.true_masses.items():
+        if not np.allclose(standard, masses["nominal model"]):
+            masses[name] = standard
+    log_masses(recording, "world/masses", index, subject.nominal, subject.joint_angles, masses)
+    log_skeleton(recording, "world/masses/skeleton", index, subject.nominal, subject.joint_angles, SKELETON)
+    if subject.command is not None:
+        log_skeleton(recording, "world/commanded", index, subject.nominal, subject.command, COMMAND)
+    log_plates(recording, "world/plates", index, subject)
+    if subject.measurements is not None:
+        positions = cell_positions(subject.measurements)
+        forces = subject.measurements.cell_forces
+        log_loads(recording, "world/loads", index, positions, forces, subject.weight)
+    log_balance(recording, index, subject)
+    log_close_up(recording, index, subject)
+    for name, lines in curves(subject).items():
+        log_curves(recording, f"plots/{name}", index, lines)
+    log_text(recording, "text", index, subject)
+    if subject.series is not None:
+        log_series(recording, subject)
+    recording.send_blueprint(laid_out(posture_views(subject)))

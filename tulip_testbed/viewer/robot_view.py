@@ -1,0 +1,169 @@
+"""The robot from its MJCF's own geometry, posed by the nominal kinematics."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import rerun as rr
+from scipy.spatial.transform import Rotation
+
+from identification.kinematics import frame_positions, link_rotations
+from identification.nominal import Nominal
+from sim.robot import load_model
+from tulip_testbed.colours import NOMINAL, TRUTH, rgb
+
+SHOWN_GROUPS = (0, 1, 2)  # as MuJoCo's own viewer; collision geometry stands in the others
+MARKER = 0.025  # m, radius of the marker of 1 kg
+MASS_COLOURS = {"nominal model": NOMINAL, "truth": TRUTH}
+GEOM = mujoco.mjtGeom
+
+
+def log_geometry(recording: rr.RecordingStream, path: str, model: mujoco.MjModel) -> None:
+    """Every link's geoms, in the link's frame, once for all times.
+
+    A link whose geoms all stand in groups that are not shown is drawn with those.
+    """
+    for body in range(1, model.nbody):
+        of_body = np.flatnonzero(model.geom_bodyid == body)
+        shown = of_body[np.isin(model.geom_group[of_body], SHOWN_GROUPS)]
+        for geom in shown if len(shown) else of_body:
+            if (shape := _shape(model, int(geom))) is not None:
+                recording.log(f"{path}/{model.body(body).name}/geom{geom}", shape, static=True)
+
+
+def undrawn(model: mujoco.MjModel) -> list[str]:
+    """Links with a mass that no geom shows."""
+    return [
+        model.body(body).name
+        for body in range(1, model.nbody)
+        if model.body_mass[body] > 0
+        and not any(_shape(model, int(geom)) for geom in np.flatnonzero(model.geom_bodyid == body))
+    ]
+
+
+def log_motion(
+    recording: rr.RecordingStream, path: str, index: rr.TimeColumn, nominal: Nominal, joint_angles: np.ndarray
+) -> None:
+    """Every link's pose in the base frame at every time.
+
+    Args:
+        joint_angles: (m, n_joints) [rad].
+    """
+    rotations, positions = link_frames(nominal, joint_angles)
+    tree = nominal.parameters.tree
+    for link, frame in zip(tree.links, tree.frame_of_link, strict=True):
+        quaternion = Rotation.from_matrix(rotations[:, frame]).as_quat()
+        columns = rr.Transform3D.columns(translation=positions[:, frame], quaternion=quaternion)
+        recording.send_columns(f"{path}/{link}", [index], columns)
+
+
+def log_skeleton(
+    recording: rr.RecordingStream,
+    path: str,
+    index: rr.TimeColumn,
+    nominal: Nominal,
+    joint_angles: np.ndarray,
+    colour: str,
+) -> None:
+    """Lines from joint to joint at every time."""
+    _, positions = link_frames(nominal, joint_angles)
+    edges = nominal.parameters.tree.edges
+    ends = np.array([[edge.parent, edge.child] for edge in edges])
+    strips = positions[:, ends].reshape(-1, 2, 3)
+    recording.log(path, rr.LineStrips3D.from_fields(colors=rgb(colour), radii=0.004), static=True)
+    columns = rr.LineStrips3D.columns(strips=strips).partition([len(edges)] * len(joint_angles))
+    recording.send_columns(path, [index], columns)
+
+
+def log_masses(
+    recording: rr.RecordingStream,
+    path: str,
+    index: rr.TimeColumn,
+    nominal: Nominal,
+    joint_angles: np.ndarray,
+    masses: dict[str, np.ndarray],
+) -> None:
+    """Each link's centre of mass as a ball whose volume is its mass.
+
+    Args:
+        masses: standard parameters (eq. 5), (n_links, 4) [kg, kg m], by where they come from.
+    """
+    rotations, positions = link_frames(nominal, joint_angles)
+    frames = np.array(nominal.parameters.tree.frame_of_link)
+    for name, standard in masses.items():
+        heavy = standard[:, 0] > 0
+        mass, of = standard[heavy, 0], frames[heavy]
+        local = standard[heavy, 1:] / mass[:, None]
+        centres = positions[:, of] + (rotations[:, of] @ local[..., None])[..., 0]
+        links = np.array(nominal.parameters.tree.links)[heavy]
+        style = rr.Points3D.from_fields(
+            radii=MARKER * np.cbrt(mass),
+            colors=rgb(MASS_COLOURS[name]),
+            labels=[f"{link} {kg:.2f} kg" for link, kg in zip(links, mass, strict=True)],
+            show_labels=False,
+        )
+        entity = f"{path}/{name.replace(' ', '_')}"
+        recording.log(entity, style, static=True)
+        columns = rr.Points3D.columns(positions=centres.reshape(-1, 3)).partition(
+            [len(mass)] * len(joint_angles)
+        )
+        recording.send_columns(entity, [index], columns)
+
+
+def link_frames(nominal: Nominal, joint_angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotations and origins of all frames in the base frame, (m, n_frames, 3, 3) and (m, n_frames, 3) [m]."""
+    tree, base = nominal.parameters.tree, nominal.parameters.base
+    rotations = link_rotations(tree, base, joint_angles)
+    return rotations, frame_positions(tree, base, rotations, -nominal.points[0])
+
+
+def height_of(nominal: Nominal, joint_angles: np.ndarray) -> float:
+    """Of the robot's highest geom over the ground, the median of all postures [m]."""
+    model, tree = load_model(nominal.robot), nominal.parameters.tree
+    rotations, positions = link_frames(nominal, joint_angles)
+    frame = np.array(tree.frame_of_link)[model.geom_bodyid - 1]
+    # Rows of the rotations that give z; a geom's own sphere reaches as far upwards as in any direction.
+    middle = positions[:, frame, 2] + (rotations[:, frame, 2] * model.geom_pos).sum(axis=-1)
+    return float(np.median((middle + model.geom_rbound).max(axis=1)))
+
+
+def _shape(model: mujoco.MjModel, geom: int) -> rr.AsComponents | None:
+    """A geom as rerun draws it; None for what a robot's link is not made of (planes, height fields)."""
+    kind, size = GEOM(int(model.geom_type[geom])), model.geom_size[geom]
+    position, (w, x, y, z) = model.geom_pos[geom], model.geom_quat[geom]
+    material = int(model.geom_matid[geom])
+    rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
+    style = {
+        "quaternions": [rr.Quaternion(xyzw=[x, y, z, w])],
+        "colors": [rgba],
+    }
+    solid = rr.components.FillMode.Solid
+    if kind == GEOM.mjGEOM_BOX:
+        return rr.Boxes3D(half_sizes=[size], centers=[position], fill_mode=solid, **style)
+    if kind in (GEOM.mjGEOM_SPHERE, GEOM.mjGEOM_ELLIPSOID):
+        half = size if kind == GEOM.mjGEOM_ELLIPSOID else np.full(3, size[0])
+        return rr.Ellipsoids3D(half_sizes=[half], centers=[position], fill_mode=solid, **style)
+    if kind == GEOM.mjGEOM_CYLINDER:
+        length, radius = [2 * size[1]], [size[0]]
+        return rr.Cylinders3D(lengths=length, radii=radius, centers=[position], fill_mode=solid, **style)
+    if kind == GEOM.mjGEOM_CAPSULE:
+        # MuJoCo puts a capsule by its middle, rerun by the middle of one of its ends.
+        end = position - Rotation.from_quat([x, y, z, w]).apply([0, 0, size[1]])
+        length, radius = [2 * size[1]], [size[0]]
+        return rr.Capsules3D(lengths=length, radii=radius, translations=[end], fill_mode=solid, **style)
+    if kind == GEOM.mjGEOM_MESH:
+        return _mesh(model, geom, rgba)
+    return None
+
+
+def _mesh(model: mujoco.MjModel, geom: int, rgba: np.ndarray) -> rr.Mesh3D:
+    mesh = int(model.geom_dataid[geom])
+    vertex, face = int(model.mesh_vertadr[mesh]), int(model.mesh_faceadr[mesh])
+    vertices = model.mesh_vert[vertex : vertex + int(model.mesh_vertnum[mesh])]
+    w, x, y, z = model.geom_quat[geom]
+    placed = Rotation.from_quat([x, y, z, w]).apply(vertices) + model.geom_pos[geom]
+    return rr.Mesh3D(
+        vertex_positions=placed,
+        triangle_indices=model.mesh_face[face : face + int(model.mesh_facenum[mesh])],
+        albedo_factor=rgba,
+    )

@@ -1,0 +1,213 @@
+"""What there is to see of a folder's postures, as plain arrays: rerun comes later."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from experiments.saved_run import SavedRun
+from experiments.validate import identify
+from identification.center_of_pressure import center_of_pressure
+from identification.estimators import DEFAULT
+from identification.feasibility import stability_margin, support_polygon
+from identification.nominal import Nominal, nominal_robot
+from sim.dynamics.dynamic_run import boards_under
+from sim.errors import InputError
+from sim.measurements import (
+    Measurements,
+    PlateGeometry,
+    PosturePlan,
+    Series,
+    read_measurements,
+    read_series,
+)
+from sim.measurements.plan_folder import check_model
+from sim.plates import plate_geometry
+from sim.rig import preset_rig
+from sim.robot import Robot, load_model
+from sim.scene import load_scene
+
+
+@dataclass(frozen=True)
+class Subject:
+    """Postures with all that is known of them, one row each.
+
+    Attributes:
+        title: of the view. notes: what the reader has to know, one sentence each.
+        plates: recorded poses, (m, 2, 3) [m, m, rad]. board: what a plate looks like.
+        cells: in their plate's frame, (2, 4, 2) [m]. top_height: of the plates, (2,) [m].
+        com: projections of the centre of mass by where they come from ("truth", "estimate", "nominal
+            model"), (m, 2) [m] each.
+        command: (m, n_joints) [rad], None: unknown. cell_forces: (m, 8) [N], None: a plan.
+        cop: (m, 2) [m], None: a plan.
+        polygons: support polygon of every row, (k, 2) [m]. margin: d_e of the point that is judged (the CoP,
+            in a plan the nominal CoM), (m,) [m].
+        least_margin: d_s [m], None: the robot's description gives none.
+        true_masses: the true standard parameters (n_links, 4) under the key "truth", or nothing.
+        verdict: in a sentence, or "".
+    """
+
+    title: str
+    nominal: Nominal
+    joint_angles: np.ndarray
+    posture: np.ndarray
+    placement: np.ndarray
+    support: np.ndarray
+    plates: np.ndarray
+    board: PlateGeometry
+    cells: np.ndarray
+    top_height: np.ndarray
+    gravity: float
+    com: dict[str, np.ndarray]
+    polygons: list[np.ndarray]
+    margin: np.ndarray
+    least_margin: float | None
+    command: np.ndarray | None = None
+    cell_forces: np.ndarray | None = None
+    cop: np.ndarray | None = None
+    series: Series | None = None
+    measurements: Measurements | None = None
+    true_masses: dict[str, np.ndarray] = field(default_factory=dict)
+    verdict: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+    def __len__(self) -> int:
+        return len(self.posture)
+
+    @property
+    def weight(self) -> float:
+        """Of the nominal robot [N]."""
+        return self.nominal.mass * self.gravity
+
+    @property
+    def residual(self) -> np.ndarray | None:
+        """CoP minus the estimate's CoM (eq. 12), (m, 2) [m]."""
+        if self.cop is None or "estimate" not in self.com:
+            return None
+        return self.cop - self.com["estimate"]
+
+
+def planned(plan: PosturePlan, robot: Robot, title: str) -> Subject:
+    """A plan: the robot where it is to stand, by its nominal model."""
+    nominal = nominal_robot(robot)
+    rig = preset_rig("ideal", robot)
+    com = nominal.center_of_mass(plan.joint_angles)
+    polygons = support_polygons(nominal, plan.joint_angles, plan.support)
+    board = plate_geometry(load_scene(robot), "right")
+    return Subject(
+        title=title,
+        nominal=nominal,
+        joint_angles=plan.joint_angles,
+        posture=plan.posture,
+        placement=plan.placement,
+        support=plan.support,
+        plates=boards_under(rig, plan.swing_pose),
+        board=board,
+        cells=np.array([board.cells, board.cells]),
+        top_height=np.full(2, board.top_height),
+        gravity=float(-load_model(robot).opt.gravity[2]),
+        com={"nominal model": com},
+        polygons=polygons,
+        margin=_margins(com, polygons),
+        least_margin=robot.settings.get("planning", {}).get("stability_margin"),
+    )
+
+
+def measured(folder: Path, robot: Robot, title: str) -> Subject:
+    """A measurement folder: what was measured, and the estimate where it can be made.
+
+    Raises:
+        InputError: another robot's folder, or one that breaks the contract.
+    """
+    measurements = read_measurements(folder)
+    check_model(f"{folder}: manifest.json", measurements.robot["model"], measurements.robot["sha256"], robot)
+    subject = of_measurements(measurements, robot, title)
+    subject = replace(subject, series=read_series(folder))
+    try:
+        found = identify(measurements, robot, str(folder))
+    except InputError as error:
+        return replace(subject, notes=(f"No estimate: {error}.",))
+    com = found.parameters.regressor(measurements.joint_angles) @ found.full.value
+    note = f"Estimate: full model, {DEFAULT}."
+    return replace(subject, com=subject.com | {"estimate": com}, notes=(note,))
+
+
+def validated(run: SavedRun, title: str) -> Subject:
+    """A validation: measurements, the estimate that the run's report holds, and the truth.
+
+    Raises:
+        InputError: the truth does not belong to these measurements.
+    """
+    subject = of_measurements(run.measurements, run.robot, title)
+    held = [attempt for attempt in run.truth["attempts"] if "com" in attempt]
+    if [attempt["posture"] for attempt in held] != run.measurements.posture.tolist():
+        raise InputError(f"{run.folder / 'truth.json'}: found other postures than in the measurements")
+    value = np.array([row["estimate"] for row in run.report["full"]["parameters"]])
+    support = "right" if (run.measurements.support == "right").any() else "double"
+    parameters = nominal_robot(run.robot, support).parameters
+    com = {
+        "estimate": parameters.regressor(run.measurements.joint_angles) @ value,
+        "truth": np.array([attempt["com"] for attempt in held]),
+    }
+    report = run.report
+    failed = [check["name"] for check in report["checks"] if check["result"] == "fail"]
+    verdict = f"Verdict: {report['verdict']}" + (f" ({', '.join(failed)})" if failed else "")
+    return replace(
+        subject,
+        com=subject.com | com,
+        true_masses={"truth": np.array(run.truth["standard_parameters"])},
+        verdict=verdict + ".",
+        series=read_series(run.folder / "measurements"),
+        notes=(f"Estimate: full model, {report['estimator']}.",),
+    )
+
+
+def of_measurements(measurements: Measurements, robot: Robot, title: str) -> Subject:
+    """What was measured, without an estimate.
+
+    Raises:
+        InputError: measurements of other joints.
+    """
+    nominal = nominal_robot(robot)
+    polygons = support_polygons(nominal, measurements.joint_angles, measurements.support)
+    cop = center_of_pressure(measurements)
+    if measurements.joints != nominal.parameters.tree.joints:
+        raise InputError(f"{title}: found other joints than those of {robot.model.name}")
+    return Subject(
+        title=title,
+        nominal=nominal,
+        joint_angles=measurements.joint_angles,
+        posture=measurements.posture,
+        placement=measurements.placement,
+        support=measurements.support,
+        plates=measurements.plate_poses,
+        board=plate_geometry(load_scene(robot), "right"),
+        cells=measurements.cells,
+        top_height=measurements.top_height,
+        gravity=measurements.gravity,
+        com={"nominal model": nominal.center_of_mass(measurements.joint_angles)},
+        polygons=polygons,
+        margin=_margins(cop, polygons),
+        least_margin=robot.settings.get("planning", {}).get("stability_margin"),
+        command=measurements.command,
+        cell_forces=measurements.cell_forces,
+        cop=cop,
+        measurements=measurements,
+    )
+
+
+def support_polygons(nominal: Nominal, joint_angles: np.ndarray, support: np.ndarray) -> list[np.ndarray]:
+    """Convex hulls of the soles that carry the robot, counter-clockwise, (k, 2) [m] each.
+
+    Args:
+        support: "double", "right" or "left", (m,).
+    """
+    soles = nominal.soles_in_base(joint_angles)
+    carrying = {"double": slice(0, 2), "right": slice(0, 1), "left": slice(1, 2)}
+    return [support_polygon(feet[carrying[str(s)]]) for feet, s in zip(soles, support, strict=True)]
+
+
+def _margins(points: np.ndarray, polygons: list[np.ndarray]) -> np.ndarray:
+    return np.array([stability_margin(p, polygon) for p, polygon in zip(points, polygons, strict=True)])
