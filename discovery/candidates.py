@@ -7,11 +7,11 @@ from itertools import product
 
 import numpy as np
 
-from discovery.linear_model import Linear
-from effects.catalogue import catalogue
-from effects.effect import Effect, Values
-from identification.observation import Observation
-from identification.residual_channels import packed, residuals
+from tulip_testbed.discovery.linear_model import Linear
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.effect import Effect, Values
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_channels import packed, residuals
 
 STEP = 1e-2  # of the prior s.d., at which an effect's column is taken
 

@@ -8,27 +8,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from discovery.candidates import Candidate, columns
-from discovery.fit import Fit, Term, search
-from discovery.held_out import HeldOut, check_placements, held_out
-from discovery.linear_model import nuisances, weighing
-from discovery.patterns import Pattern, in_channels, patterns
-from discovery.pure_error import PureError, pure_error, widened
-from discovery.ranking import Rival
-from discovery.refit import measured_plan
-from discovery.rivals import alike, settle
-from discovery.selection import LEVEL, Explanation, explain
-from effects.effect import Effect
-from effects.instance import EffectInstance
-from experiments.scenario import Scenario
-from identification.nominal import nominal_robot
-from identification.observation import Observation, observe
-from identification.residual_channels import packed, unpacked
-from identification.residual_noise import Noise, noise_of
-from sim.errors import InputError
-from sim.measurements import Measurements
-from sim.rig import preset_rig
-from sim.robot import Robot
+from tulip_testbed.discovery.candidates import Candidate, columns
+from tulip_testbed.discovery.fit import Fit, Term, search
+from tulip_testbed.discovery.held_out import HeldOut, check_placements, held_out
+from tulip_testbed.discovery.linear_model import nuisances, weighing
+from tulip_testbed.discovery.patterns import Pattern, in_channels, patterns
+from tulip_testbed.discovery.pure_error import PureError, pure_error, widened
+from tulip_testbed.discovery.ranking import Rival
+from tulip_testbed.discovery.refit import measured_plan
+from tulip_testbed.discovery.rivals import alike, settle
+from tulip_testbed.discovery.selection import LEVEL, Explanation, explain
+from tulip_testbed.effects.effect import Effect
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.experiments.scenario import Scenario
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import Observation, observe
+from tulip_testbed.identification.residual_channels import packed, unpacked
+from tulip_testbed.identification.residual_noise import Noise, noise_of
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import Robot
 
 NAMED, AMBIGUOUS, UNKNOWN, NONE = "named", "ambiguous", "unknown", "none"
 CLOSED = 0.95  # part of a gap whose explanation is kept although a pattern is left of it

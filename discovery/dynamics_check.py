@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from discovery.discover import Discovery
-from discovery.refit import exact_rig, measured_plan
-from effects.instance import EffectInstance, injected, removed
-from identification.observation import observe
-from identification.residual_channels import SIZE, residuals
-from sim.dynamics.dynamic_run import run_experiment
-from sim.errors import InputError
+from tulip_testbed.discovery.discover import Discovery
+from tulip_testbed.discovery.refit import exact_rig, measured_plan
+from tulip_testbed.effects.instance import EffectInstance, injected, removed
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.residual_channels import SIZE, residuals
+from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.sim.errors import InputError
 
 PLACEMENTS = 8
 

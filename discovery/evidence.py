@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2, norm
 
-from discovery.candidates import Candidate, columns, whole_change
-from discovery.linear_model import Linear
+from tulip_testbed.discovery.candidates import Candidate, columns, whole_change
+from tulip_testbed.discovery.linear_model import Linear
 
 VISIBLE = 0.5  # least singular value times prior s.d. of what could be observed
 DRAWS = 400

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm
 
-from discovery.candidates import Candidate, columns
-from discovery.linear_model import Linear, linear_model
-from effects.effect import Values
-from effects.instance import EffectInstance
-from identification.observation import Observation
-from identification.residual_channels import packed, unpacked
-from identification.residual_noise import Noise
+from tulip_testbed.discovery.candidates import Candidate, columns
+from tulip_testbed.discovery.linear_model import Linear, linear_model
+from tulip_testbed.effects.effect import Values
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_channels import packed, unpacked
+from tulip_testbed.identification.residual_noise import Noise
 
 STEPS = 6
 ANGLE_STEP = 1e-5  # rad or m, of differences

@@ -7,14 +7,14 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from discovery.fit import Fit, Term, fit, removed, through_effects, with_constant
-from discovery.linear_model import linear_model, nuisances, weighing
-from effects.targets import PLACEMENTS
-from identification.observation import Observation
-from identification.residual_channels import ROWS, packed, residuals, unpacked
-from identification.residual_noise import Noise, whitening
-from sim.errors import InputError
-from sim.measurements import Measurements
+from tulip_testbed.discovery.fit import Fit, Term, fit, removed, through_effects, with_constant
+from tulip_testbed.discovery.linear_model import linear_model, nuisances, weighing
+from tulip_testbed.effects.targets import PLACEMENTS
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_channels import ROWS, packed, residuals, unpacked
+from tulip_testbed.identification.residual_noise import Noise, whitening
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements
 
 FOLDS = 4
 LEAST_PLACEMENTS = 4

@@ -11,9 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import qr
 
-from identification.observation import Observation
-from identification.residual_channels import ANCHORED, ROWS, SIZE, center, packed, residuals, unpacked
-from identification.residual_noise import Noise, White, whitening
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_channels import (
+    ANCHORED,
+    ROWS,
+    SIZE,
+    center,
+    packed,
+    residuals,
+    unpacked,
+)
+from tulip_testbed.identification.residual_noise import Noise, White, whitening
 
 RANK = 1e-9  # of the largest diagonal element of R
 LARGEST = 4.0  # s.d. of a reading's noise

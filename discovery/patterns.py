@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from discovery.linear_model import Linear
-from identification.residual_channels import SIZE, fields
-from sim.robot import CELLS
+from tulip_testbed.discovery.linear_model import Linear
+from tulip_testbed.identification.residual_channels import SIZE, fields
+from tulip_testbed.sim.robot import CELLS
 
 # Rows of the residuals with their channel and a word for a person.
 PARTS = (

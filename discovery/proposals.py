@@ -8,11 +8,11 @@ from itertools import permutations
 
 import numpy as np
 
-from discovery.candidates import Candidate, columns, whole_change
-from discovery.fit import Term
-from discovery.linear_model import Linear
-from effects.targets import CELL_NAMES
-from sim.robot import CELLS, CORNERS, PLATES
+from tulip_testbed.discovery.candidates import Candidate, columns, whole_change
+from tulip_testbed.discovery.fit import Term
+from tulip_testbed.discovery.linear_model import Linear
+from tulip_testbed.effects.targets import CELL_NAMES
+from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES
 
 WORTH = 0.5  # ln of the Bayes factor, from which an experiment is worth proposing
 # Effects of the room, not of the robot or the plates: observed from a robot that is turned, they turn.

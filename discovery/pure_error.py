@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from identification.observation import Observation
-from identification.residual_channels import CHANNELS, ROWS, residuals
-from identification.residual_noise import Noise, cell_by_twist, encoder_by_closure, whitening
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_channels import CHANNELS, ROWS, residuals
+from tulip_testbed.identification.residual_noise import Noise, cell_by_twist, encoder_by_closure, whitening
 
 CONTRADICTED = 1e-3  # level at which repeats overrule a data sheet
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm
 
-from discovery.candidates import Candidate, columns
-from discovery.evidence import Score, score
-from discovery.fit import TOLD, Fit, Term, fit, search
-from discovery.linear_model import Linear
-from identification.observation import Observation
-from identification.residual_noise import Noise
+from tulip_testbed.discovery.candidates import Candidate, columns
+from tulip_testbed.discovery.evidence import Score, score
+from tulip_testbed.discovery.fit import TOLD, Fit, Term, fit, search
+from tulip_testbed.discovery.linear_model import Linear
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_noise import Noise
 
 SHORTLIST = 12
 WITHIN = 15.0  # ln of the Bayes factor by linear columns, of what is looked at again without linearising

@@ -12,19 +12,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from discovery.fit import Fit, Term, fit
-from discovery.fit import removed as without_terms
-from effects.instance import injected, removed
-from identification.observation import Observation, observe
-from identification.residual_channels import ROWS, residuals, swing_pose
-from identification.residual_noise import Noise
-from sim.errors import InputError
-from sim.measurements import Measurements, PosturePlan
-from sim.rig import Rig, preset_rig
-from sim.sensors import PRESETS
-from sim.statics import mechanism
-from sim.statics.solved_plan import solve_plan
-from sim.statics.static_run import run_static
+from tulip_testbed.discovery.fit import Fit, Term, fit
+from tulip_testbed.discovery.fit import removed as without_terms
+from tulip_testbed.effects.instance import injected, removed
+from tulip_testbed.identification.observation import Observation, observe
+from tulip_testbed.identification.residual_channels import ROWS, residuals, swing_pose
+from tulip_testbed.identification.residual_noise import Noise
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.sensors import PRESETS
+from tulip_testbed.sim.statics import mechanism
+from tulip_testbed.sim.statics.solved_plan import solve_plan
+from tulip_testbed.sim.statics.static_run import run_static
 
 ROUNDS = 3
 LEAST_STEP = 1e-4  # prior s.d., from which a difference of what is missed is worth something

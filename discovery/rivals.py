@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from discovery.fit import Fit, Term, fit
-from discovery.ranking import Rival, worth
-from discovery.refit import refit
-from discovery.selection import DECISIVE
-from identification.observation import Observation
-from identification.residual_noise import Noise
+from tulip_testbed.discovery.fit import Fit, Term, fit
+from tulip_testbed.discovery.ranking import Rival, worth
+from tulip_testbed.discovery.refit import refit
+from tulip_testbed.discovery.selection import DECISIVE
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_noise import Noise
 
 NEAR = 10.0  # ln of the Bayes factor by formulas, within which others are fitted too
 ASKED = 4  # of one gap, through the laboratory, at most

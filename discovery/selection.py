@@ -9,15 +9,15 @@ from itertools import combinations
 import numpy as np
 from scipy.stats import chi2
 
-from discovery.candidates import Candidate, candidates
-from discovery.evidence import Field, Score, adjusted, family, field, scores
-from discovery.fit import Fit, fit, search
-from discovery.linear_model import linear_model
-from discovery.ranking import Rival, about_fit, again, best_of, price, worth
-from discovery.refit import refit
-from effects.effect import Effect
-from identification.observation import Observation
-from identification.residual_noise import Noise
+from tulip_testbed.discovery.candidates import Candidate, candidates
+from tulip_testbed.discovery.evidence import Field, Score, adjusted, family, field, scores
+from tulip_testbed.discovery.fit import Fit, fit, search
+from tulip_testbed.discovery.linear_model import linear_model
+from tulip_testbed.discovery.ranking import Rival, about_fit, again, best_of, price, worth
+from tulip_testbed.discovery.refit import refit
+from tulip_testbed.effects.effect import Effect
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_noise import Noise
 
 LEVEL = 0.005  # of the effects' family, and of the four channels together: 0.01 in all
 DECISIVE = 3.0  # ln of the Bayes factor below which two explanations are alike

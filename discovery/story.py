@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from discovery.discover import AMBIGUOUS, NAMED, NONE, Discovery, crowded, instance_of
-from discovery.proposals import Proposal
-from discovery.ranking import Rival
-from discovery.selection import LEVEL
-from effects.wording import spoken, told
+from tulip_testbed.discovery.discover import AMBIGUOUS, NAMED, NONE, Discovery, crowded, instance_of
+from tulip_testbed.discovery.proposals import Proposal
+from tulip_testbed.discovery.ranking import Rival
+from tulip_testbed.discovery.selection import LEVEL
+from tulip_testbed.effects.wording import spoken, told
 
 MANY = 2  # effects, that are often there at once
 LARGE = 5.0  # prior s.d.: beyond, predictions were not tested

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from effects.targets import WHOLE, Targets
-from identification.observation import Observation
-from sim.rig import Rig
+from tulip_testbed.effects.targets import WHOLE, Targets
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.rig import Rig
 
 Values = tuple[float, ...]
 

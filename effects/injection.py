@@ -8,10 +8,10 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from sim.measurements import Measurements
-from sim.rig import Rig, stages
-from sim.robot import compile_spec
-from sim.scene import laboratory_scene
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.rig import Rig, stages
+from tulip_testbed.sim.robot import compile_spec
+from tulip_testbed.sim.scene import laboratory_scene
 
 STARTS = tuple(k / 10 for k in range(1, 10))  # parts of the experiment's time that a search tries
 

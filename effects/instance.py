@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from effects.effect import Effect, Values
-from effects.targets import check_target
-from identification.observation import Observation
-from sim.errors import InputError
-from sim.rig import Rig
-from sim.robot import Robot
+from tulip_testbed.effects.effect import Effect, Values
+from tulip_testbed.effects.targets import check_target
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import Robot
 
 MOST_PRIORS = 100.0  # a size beyond this many of its prior's s.d. is a wrong unit
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from effects.effect import Values
-from effects.injection import misreading
-from identification.observation import Observation
-from sim.measurements import Measurements
-from sim.rig import Rig
+from tulip_testbed.effects.effect import Values
+from tulip_testbed.effects.injection import misreading
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.rig import Rig
 
 # True minus recorded poses, (2, 3) or (m, 2, 3) [m, m, rad], by every posture's placement, target and values.
 Shift = Callable[[np.ndarray, str, Values], np.ndarray]

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from effects.catalogue import catalogue
-from effects.effect import Effect, Parameter
-from effects.instance import EffectInstance, check_instance
-from effects.wording import spoken
-from sim.errors import InputError, listed, look_up, shortened
-from sim.robot import Robot
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.effect import Effect, Parameter
+from tulip_testbed.effects.instance import EffectInstance, check_instance
+from tulip_testbed.effects.wording import spoken
+from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
+from tulip_testbed.sim.robot import Robot
 
 RANDOM = "random"
 DOUBTFUL = 10.0  # prior s.d.

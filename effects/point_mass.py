@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from sim.robot import compile_spec
+from tulip_testbed.sim.robot import compile_spec
 
 
 def add_mass(spec: mujoco.MjSpec, link: str, mass: float, place: np.ndarray | None) -> None:

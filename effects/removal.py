@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from effects.instance import EffectInstance, removed
-from identification.nominal import Nominal
-from identification.observation import Observation, observe
-from identification.residual_channels import carried, center
-from sim.measurements import Measurements
+from tulip_testbed.effects.instance import EffectInstance, removed
+from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.identification.observation import Observation, observe
+from tulip_testbed.identification.residual_channels import carried, center
+from tulip_testbed.sim.measurements import Measurements
 
 
 def corrected(observed: Observation) -> Measurements:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.kinematics import Tree, moved_frames, tree_of
-from sim.errors import InputError, listed, look_up
-from sim.robot import CELLS, CORNERS, PLATES, Robot, joint_names, load_model
+from tulip_testbed.identification.kinematics import Tree, moved_frames, tree_of
+from tulip_testbed.sim.errors import InputError, listed, look_up
+from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, Robot, joint_names, load_model
 
 LEAST_LENGTH = 1e-4  # m
 

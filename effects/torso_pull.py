@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from identification.observation import Observation
-from sim.robot import Robot, load_model, sole_point
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.robot import Robot, load_model, sole_point
 
 FAR = 1000.0  # m, to where ropes are tied: over the torso's ways neither their pull nor direction changes
 UPRIGHT = "stand"

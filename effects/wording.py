@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from effects.effect import Parameter
-from effects.instance import EffectInstance
+from tulip_testbed.effects.effect import Parameter
+from tulip_testbed.effects.instance import EffectInstance
 
 SPOKEN = {
     "": (100.0, "%"),

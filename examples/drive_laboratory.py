@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.inverse_kinematics import InverseKinematics
-from sim.composer import laboratory_environment
-from sim.rig import preset_rig
-from sim.robot import load_model
+from tulip_testbed.identification.inverse_kinematics import InverseKinematics
+from tulip_testbed.sim.composer import laboratory_environment
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import load_model
 
 SWING_FOOT = np.array([0.0, 0.16, 0.0])  # m, m, rad, beside the stance foot
 FORWARD, HEIGHT = 0.02, 0.66  # m, of the centre of mass

@@ -11,20 +11,20 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from effects.removal import without
-from experiments.example import compact_json, example_manifest, example_row
-from experiments.preparation import adopted_effects
-from experiments.terminal import print_table
-from identification.nominal import Nominal, nominal_robot
-from identification.preflight import RESULTS, Finding, preflight, worst_of
-from identification.preflight.plate_checks import plate_poses
-from identification.regressor import check_robot
-from sim.errors import InputError, shortened
-from sim.measurements import Measurements, read_measurements, read_series
-from sim.measurements.folder_kind import check_kind
-from sim.measurements.measurement_folder import read_manifest
-from sim.measurements.survey import MAY_LACK, complaints
-from sim.robot import Robot
+from tulip_testbed.effects.removal import without
+from tulip_testbed.experiments.example import compact_json, example_manifest, example_row
+from tulip_testbed.experiments.preparation import adopted_effects
+from tulip_testbed.experiments.terminal import print_table
+from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.identification.preflight import RESULTS, Finding, preflight, worst_of
+from tulip_testbed.identification.preflight.plate_checks import plate_poses
+from tulip_testbed.identification.regressor import check_robot
+from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.sim.measurements import Measurements, read_measurements, read_series
+from tulip_testbed.sim.measurements.folder_kind import check_kind
+from tulip_testbed.sim.measurements.measurement_folder import read_manifest
+from tulip_testbed.sim.measurements.survey import MAY_LACK, complaints
+from tulip_testbed.sim.robot import Robot
 
 COLOURS = {"pass": "green", "warn": "yellow", "fail": "bold red", "not evaluated": "dim"}
 UNREADABLE = "could not read"

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.stats import f as f_distribution
 from scipy.stats import t as t_distribution
 
-from identification.estimators import Estimate
-from identification.statistics import standard_errors
+from tulip_testbed.identification.estimators import Estimate
+from tulip_testbed.identification.statistics import standard_errors
 
 LEVEL = 0.01  # of every statistical check
 IDEAL_ERROR = 1e-3  # m, noise-free data only

@@ -8,12 +8,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from experiments.saved_discovery import SavedDiscovery
-from experiments.saved_run import SavedMonteCarlo, SavedRun
-from experiments.terminal import print_table
-from sim.errors import InputError
+from tulip_testbed.experiments.saved_discovery import SavedDiscovery
+from tulip_testbed.experiments.saved_run import SavedMonteCarlo, SavedRun
+from tulip_testbed.experiments.terminal import print_table
 from tulip_testbed.pages.page_tables import flattened
 from tulip_testbed.pages.words import candidate_label
+from tulip_testbed.sim.errors import InputError
 
 Run = SavedRun | SavedMonteCarlo | SavedDiscovery
 KINDS = {SavedRun: "a validation", SavedMonteCarlo: "a Monte Carlo", SavedDiscovery: "a discovery"}

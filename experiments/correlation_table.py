@@ -9,9 +9,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from experiments.terminal import print_table
-from identification.base_parameters import BaseParameters
-from identification.kinematics import walk
+from tulip_testbed.experiments.terminal import print_table
+from tulip_testbed.identification.base_parameters import BaseParameters
+from tulip_testbed.identification.kinematics import walk
 
 MOST_JOINTS = 3  # to name as what tells two parameters apart
 

@@ -7,12 +7,12 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
 
-from experiments.parameter_tables import paper_table
-from identification.base_parameters import BaseParameters, base_parameters
-from identification.postures import planning_ranges
-from sim.errors import InputError, listed, validation_message
-from sim.robot import Robot, load_model, load_robot
-from sim.sensors import PRESETS
+from tulip_testbed.experiments.parameter_tables import paper_table
+from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
+from tulip_testbed.identification.postures import planning_ranges
+from tulip_testbed.sim.errors import InputError, listed, validation_message
+from tulip_testbed.sim.robot import Robot, load_model, load_robot
+from tulip_testbed.sim.sensors import PRESETS
 
 Number = Annotated[int, Strict(), Field(ge=1)]
 Text = Annotated[str, Strict()]

@@ -6,13 +6,13 @@ import csv
 from pathlib import Path
 from typing import Any
 
-from discovery.discover import Discovery
-from experiments.rig_folder import write_rig
-from identification.residual_channels import SIZE, residuals
-from sim.files import new_folder, write_text
-from sim.measurements import write_measurements
-from sim.measurements.table_files import software, write_json
-from sim.robot import Robot, sha256
+from tulip_testbed.discovery.discover import Discovery
+from tulip_testbed.experiments.rig_folder import write_rig
+from tulip_testbed.identification.residual_channels import SIZE, residuals
+from tulip_testbed.sim.files import new_folder, write_text
+from tulip_testbed.sim.measurements import write_measurements
+from tulip_testbed.sim.measurements.table_files import software, write_json
+from tulip_testbed.sim.robot import Robot, sha256
 
 PARTS = (
     *("cop_x_m", "cop_y_m", "force_N", "twist_right_N", "twist_left_N"),

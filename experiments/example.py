@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from identification.nominal import nominal_robot
-from sim.measurements import lay_boards
-from sim.measurements.survey import required_columns
-from sim.plates import plate_geometry
-from sim.robot import CELLS, CORNERS, PLATES, Robot
-from sim.scene import load_scene
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.sim.measurements import lay_boards
+from tulip_testbed.sim.measurements.survey import required_columns
+from tulip_testbed.sim.plates import plate_geometry
+from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, Robot
+from tulip_testbed.sim.scene import load_scene
 
 BOARD_GAP = 0.01  # m
 GRAVITY = 9.81  # m/s2

@@ -14,19 +14,19 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from experiments.checks import Check
-from experiments.correlation_table import meaning, print_correlations
-from experiments.terminal import print_table
-from experiments.validate import Validation
-from identification.base_parameters import BaseParameters
-from identification.estimators import Estimate, StandardEstimate
-from identification.rank import described, labels, weakly_known
-from identification.statistics import WELL_IDENTIFIED
-from sim.dynamics.dynamic_run import Experiment
-from sim.errors import InputError
-from sim.files import read_text
-from sim.robot import Robot
-from sim.statics.static_run import StaticRun
+from tulip_testbed.experiments.checks import Check
+from tulip_testbed.experiments.correlation_table import meaning, print_correlations
+from tulip_testbed.experiments.terminal import print_table
+from tulip_testbed.experiments.validate import Validation
+from tulip_testbed.identification.base_parameters import BaseParameters
+from tulip_testbed.identification.estimators import Estimate, StandardEstimate
+from tulip_testbed.identification.rank import described, labels, weakly_known
+from tulip_testbed.identification.statistics import WELL_IDENTIFIED
+from tulip_testbed.sim.dynamics.dynamic_run import Experiment
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.files import read_text
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.statics.static_run import StaticRun
 
 LEGEND = (
     "s.e.: by the estimator (least squares: eq. 14); clustered: errors common to a placement allowed for; "

@@ -10,30 +10,30 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from experiments.correlation_table import meaning, print_correlations
-from experiments.planning_run import joined
-from experiments.preparation import planned_parameters
-from experiments.terminal import print_table
-from identification.base_parameters import BaseParameters, standard_parameters
-from identification.feasibility import predicted_cell_loads, predicted_foot_loads
-from identification.planning.problem import Problem, planning_problem
-from identification.planning.single_support import single_support_margins
-from identification.planning.trial import HIGH_CORRELATION, smallest_margins
-from identification.reading_noise import ReadingNoise, cell_noise, placement_levers
-from identification.statistics import (
+from tulip_testbed.experiments.correlation_table import meaning, print_correlations
+from tulip_testbed.experiments.planning_run import joined
+from tulip_testbed.experiments.preparation import planned_parameters
+from tulip_testbed.experiments.terminal import print_table
+from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
+from tulip_testbed.identification.feasibility import predicted_cell_loads, predicted_foot_loads
+from tulip_testbed.identification.planning.problem import Problem, planning_problem
+from tulip_testbed.identification.planning.single_support import single_support_margins
+from tulip_testbed.identification.planning.trial import HIGH_CORRELATION, smallest_margins
+from tulip_testbed.identification.reading_noise import ReadingNoise, cell_noise, placement_levers
+from tulip_testbed.identification.statistics import (
     WELL_IDENTIFIED,
     high_correlations,
     relative_standard_errors,
     standard_errors,
 )
-from sim.dynamics.dynamic_run import boards_under
-from sim.errors import InputError
-from sim.measurements import Measurements, PosturePlan
-from sim.plates import plate_geometry
-from sim.procedure import constants
-from sim.rig import Rig, preset_rig
-from sim.robot import Robot, joint_names, load_model, sole_point
-from sim.scene import load_scene
+from tulip_testbed.sim.dynamics.dynamic_run import boards_under
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.plates import plate_geometry
+from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.robot import Robot, joint_names, load_model, sole_point
+from tulip_testbed.sim.scene import load_scene
 
 
 def described_plan(

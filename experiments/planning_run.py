@@ -12,26 +12,26 @@ from typing import Any
 
 import numpy as np
 
-from experiments.run_folder import check_new
-from identification.nominal import nominal_robot
-from identification.planning.interior_point import SOLVERS
-from identification.planning.objectives import Objective
-from identification.planning.problem import Problem
-from identification.planning.search import State, rounds
-from identification.planning.sequential import (
+from tulip_testbed.experiments.run_folder import check_new
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.planning.interior_point import SOLVERS
+from tulip_testbed.identification.planning.objectives import Objective
+from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.planning.search import State, rounds
+from tulip_testbed.identification.planning.sequential import (
     measured_information,
     next_plan,
     next_rounds,
     next_state,
     run_next,
 )
-from identification.planning.trial import first_state, plan_of, run_trial
-from sim.errors import InputError, listed
-from sim.files import present, read_text, write_text
-from sim.measurements import Measurements, PosturePlan, read_measurements, write_plan
-from sim.measurements.plan_folder import check_model
-from sim.measurements.table_files import read_json
-from sim.robot import Robot, sha256
+from tulip_testbed.identification.planning.trial import first_state, plan_of, run_trial
+from tulip_testbed.sim.errors import InputError, listed
+from tulip_testbed.sim.files import present, read_text, write_text
+from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_measurements, write_plan
+from tulip_testbed.sim.measurements.plan_folder import check_model
+from tulip_testbed.sim.measurements.table_files import read_json
+from tulip_testbed.sim.robot import Robot, sha256
 
 ARRAYS = ("design", "angles", "best_design", "best_angles")
 Show = Callable[[State], None]

@@ -7,26 +7,26 @@ from pathlib import Path
 
 import numpy as np
 
-from effects.injection import check_built
-from effects.instance import EffectInstance, check_instance, injected
-from effects.parsing import RANDOM, check_laboratory, read_effects
-from experiments.description import described_robot
-from experiments.rig_folder import RIG_FILE, read_rig
-from experiments.run_folder import check_new
-from experiments.scenario import DEFAULT_PLAN, Scenario
-from experiments.terminal import progress
-from identification.base_parameters import BaseParameters, base_parameters, common_support
-from identification.postures import random_postures
-from identification.rank import labels, require_identifiable
-from identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
-from sim.errors import InputError, shortened
-from sim.measurements import PosturePlan, read_plan
-from sim.plates import plate_geometry
-from sim.procedure import check_support
-from sim.rig import Rig, preset_rig
-from sim.robot import Robot, load_model, load_robot, sha256
-from sim.scene import load_scene
-from sim.scene_check import check_scene
+from tulip_testbed.effects.injection import check_built
+from tulip_testbed.effects.instance import EffectInstance, check_instance, injected
+from tulip_testbed.effects.parsing import RANDOM, check_laboratory, read_effects
+from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.rig_folder import RIG_FILE, read_rig
+from tulip_testbed.experiments.run_folder import check_new
+from tulip_testbed.experiments.scenario import DEFAULT_PLAN, Scenario
+from tulip_testbed.experiments.terminal import progress
+from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, common_support
+from tulip_testbed.identification.postures import random_postures
+from tulip_testbed.identification.rank import labels, require_identifiable
+from tulip_testbed.identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
+from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.sim.measurements import PosturePlan, read_plan
+from tulip_testbed.sim.plates import plate_geometry
+from tulip_testbed.sim.procedure import check_support
+from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.robot import Robot, load_model, load_robot, sha256
+from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.scene_check import check_scene
 
 
 def at_least(option: str, value: int, least: int) -> None:

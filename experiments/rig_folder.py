@@ -13,20 +13,20 @@ import mujoco
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
 
-from effects.catalogue import catalogue
-from effects.instance import EffectInstance, check_instance, injected
-from effects.targets import PLACEMENTS
-from effects.wording import told
-from identification.nominal import nominal_robot
-from sim.dynamics.dynamic_run import boards_under
-from sim.errors import InputError, listed, look_up, shortened, validation_message
-from sim.files import new_folder, present, write_text
-from sim.measurements.measurement_folder import Version
-from sim.measurements.plan_folder import check_model
-from sim.measurements.table_files import read_json, software, write_json
-from sim.rig import Rig, preset_rig
-from sim.robot import Robot, compile_spec, sha256
-from sim.scene import laboratory_scene
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.instance import EffectInstance, check_instance, injected
+from tulip_testbed.effects.targets import PLACEMENTS
+from tulip_testbed.effects.wording import told
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.sim.dynamics.dynamic_run import boards_under
+from tulip_testbed.sim.errors import InputError, listed, look_up, shortened, validation_message
+from tulip_testbed.sim.files import new_folder, present, write_text
+from tulip_testbed.sim.measurements.measurement_folder import Version
+from tulip_testbed.sim.measurements.plan_folder import check_model
+from tulip_testbed.sim.measurements.table_files import read_json, software, write_json
+from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.robot import Robot, compile_spec, sha256
+from tulip_testbed.sim.scene import laboratory_scene
 
 RIG_FILE = "rig.json"
 RIG = "rig"  # the rig folder within a discovery's

@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from experiments.scenario import Scenario, truth_document
-from experiments.validate import Validation, report_document
-from sim.dynamics.dynamic_run import Experiment
-from sim.errors import InputError
-from sim.files import new_folder, present
-from sim.measurements import write_measurements, write_plan
-from sim.measurements.table_files import software, write_json
-from sim.robot import sha256
-from sim.statics.static_run import StaticRun
+from tulip_testbed.experiments.scenario import Scenario, truth_document
+from tulip_testbed.experiments.validate import Validation, report_document
+from tulip_testbed.sim.dynamics.dynamic_run import Experiment
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.files import new_folder, present
+from tulip_testbed.sim.measurements import write_measurements, write_plan
+from tulip_testbed.sim.measurements.table_files import software, write_json
+from tulip_testbed.sim.robot import sha256
+from tulip_testbed.sim.statics.static_run import StaticRun
 
 
 def check_new(path: Path) -> None:

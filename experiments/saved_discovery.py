@@ -11,19 +11,19 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, Field, ValidationError
 
-from experiments.discovery_folder import PARTS
-from experiments.montecarlo.montecarlo_folder import RUN_FILE
-from experiments.saved_run import Hashed, check_outputs, check_robot, parsed
-from identification.base_parameters import common_support
-from identification.nominal import nominal_robot
-from identification.observation import Observation, observe
-from identification.residual_channels import ANCHORED, SIZE
-from identification.residual_noise import Noise, whitening
-from sim.errors import InputError, shortened, validation_message
-from sim.files import read_bytes
-from sim.measurements import Measurements, read_measurements
-from sim.measurements.table_files import read_json
-from sim.robot import Robot
+from tulip_testbed.experiments.discovery_folder import PARTS
+from tulip_testbed.experiments.montecarlo.montecarlo_folder import RUN_FILE
+from tulip_testbed.experiments.saved_run import Hashed, check_outputs, check_robot, parsed
+from tulip_testbed.identification.base_parameters import common_support
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import Observation, observe
+from tulip_testbed.identification.residual_channels import ANCHORED, SIZE
+from tulip_testbed.identification.residual_noise import Noise, whitening
+from tulip_testbed.sim.errors import InputError, shortened, validation_message
+from tulip_testbed.sim.files import read_bytes
+from tulip_testbed.sim.measurements import Measurements, read_measurements
+from tulip_testbed.sim.measurements.table_files import read_json
+from tulip_testbed.sim.robot import Robot
 
 NEEDED = ("discovery.json", "residuals.csv", "story.txt", "measurements/manifest.json")
 DIFF = "rig/diff.txt"

@@ -9,20 +9,20 @@ from typing import Annotated, Any, Literal, TypeVar
 import numpy as np
 from pydantic import BaseModel, Field, Strict, ValidationError
 
-from experiments.montecarlo.calibration_report import report
-from experiments.montecarlo.chunks import Chunks
-from experiments.montecarlo.montecarlo_folder import CHUNK_FOLDER, PLAN_FOLDER, RUN_FILE
-from experiments.montecarlo.run_columns import Layout, layout_of
-from experiments.montecarlo.settings import CHUNK
-from experiments.montecarlo.summary import summarise
-from experiments.preparation import planned_parameters
-from identification.base_parameters import BaseParameters
-from sim.errors import InputError, listed, shortened, validation_message
-from sim.files import present
-from sim.measurements import Measurements, PosturePlan, read_measurements, read_plan
-from sim.measurements.folder_kind import KINDS
-from sim.measurements.table_files import read_json
-from sim.robot import Robot, load_model, sha256
+from tulip_testbed.experiments.montecarlo.calibration_report import report
+from tulip_testbed.experiments.montecarlo.chunks import Chunks
+from tulip_testbed.experiments.montecarlo.montecarlo_folder import CHUNK_FOLDER, PLAN_FOLDER, RUN_FILE
+from tulip_testbed.experiments.montecarlo.run_columns import Layout, layout_of
+from tulip_testbed.experiments.montecarlo.settings import CHUNK
+from tulip_testbed.experiments.montecarlo.summary import summarise
+from tulip_testbed.experiments.preparation import planned_parameters
+from tulip_testbed.identification.base_parameters import BaseParameters
+from tulip_testbed.sim.errors import InputError, listed, shortened, validation_message
+from tulip_testbed.sim.files import present
+from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_measurements, read_plan
+from tulip_testbed.sim.measurements.folder_kind import KINDS
+from tulip_testbed.sim.measurements.table_files import read_json
+from tulip_testbed.sim.robot import Robot, load_model, sha256
 
 FORMATS = ("tulip-run", "tulip-montecarlo")
 RunKind = Literal["run", "montecarlo", "discovery"]

@@ -10,14 +10,14 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from effects.instance import EffectInstance
-from identification.base_parameters import base_parameters, common_support, standard_parameters
-from sim.dynamics.dynamic_run import Attempt, Experiment
-from sim.measurements import PosturePlan
-from sim.rig import Rig
-from sim.robot import CORNERS, PLATES, compile_spec
-from sim.scene import load_scene
-from sim.statics.static_run import StaticRun
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.identification.base_parameters import base_parameters, common_support, standard_parameters
+from tulip_testbed.sim.dynamics.dynamic_run import Attempt, Experiment
+from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import CORNERS, PLATES, compile_spec
+from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.statics.static_run import StaticRun
 
 DEFAULT_PLAN = Path(__file__).resolve().parent / "plans" / "random"
 DEFAULT_SEED = 1

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from effects.instance import EffectInstance
-from effects.removal import without
-from experiments.checks import (
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.removal import without
+from tulip_testbed.experiments.checks import (
     Check,
     below,
     correlation_checks,
@@ -24,29 +24,35 @@ from experiments.checks import (
     skipped,
     verdict,
 )
-from experiments.scenario import Scenario
-from identification.base_parameters import (
+from tulip_testbed.experiments.scenario import Scenario
+from tulip_testbed.identification.base_parameters import (
     BaseParameters,
     base_parameters,
     common_support,
     renumbered,
     simplified_numbers,
 )
-from identification.center_of_pressure import total_mass
-from identification.estimators import DEFAULT, Estimate, StandardEstimate, estimate_by, solve_least_squares
-from identification.nominal import nominal_robot
-from identification.regressor import check_robot, regression, stacked_regressor
-from identification.statistics import (
+from tulip_testbed.identification.center_of_pressure import total_mass
+from tulip_testbed.identification.estimators import (
+    DEFAULT,
+    Estimate,
+    StandardEstimate,
+    estimate_by,
+    solve_least_squares,
+)
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.regressor import check_robot, regression, stacked_regressor
+from tulip_testbed.identification.statistics import (
     correlations,
     high_correlations,
     relative_standard_errors,
     residual_norms,
     standard_errors,
 )
-from sim.dynamics.dynamic_run import Experiment, run_experiment
-from sim.measurements import Measurements
-from sim.robot import Robot
-from sim.sensors import Sensors
+from tulip_testbed.sim.dynamics.dynamic_run import Experiment, run_experiment
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.sensors import Sensors
 
 HIGH_CORRELATION = 0.85  # the paper's level
 NEGLIGIBLE = 1e-6  # m: a parameter that the simplified model may drop without bias

@@ -14,9 +14,16 @@ import mujoco
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from identification.kinematics import Tree, joint_axes, link_rotations, moved_frames, tree_of, walk
-from sim.errors import InputError
-from sim.robot import Robot, load_model, sole_point
+from tulip_testbed.identification.kinematics import (
+    Tree,
+    joint_axes,
+    link_rotations,
+    moved_frames,
+    tree_of,
+    walk,
+)
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.robot import Robot, load_model, sole_point
 
 AXES = "xyz"
 SUPPORTS = ("double", "right", "left")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from sim.measurements import PlateGeometry
+from tulip_testbed.sim.measurements import PlateGeometry
 
 
 def place_polygon(corners: np.ndarray, pose: np.ndarray) -> np.ndarray:

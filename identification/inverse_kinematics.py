@@ -6,7 +6,7 @@ import mink
 import mujoco
 import numpy as np
 
-from sim.robot import Robot, between_feet, joint_names, sole_point
+from tulip_testbed.sim.robot import Robot, between_feet, joint_names, sole_point
 
 TOLERANCE = 1e-9  # of every task's error [m, rad]
 ITERATIONS = 15

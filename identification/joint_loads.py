@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from identification.kinematics import Tree, joint_axes, moved_frames, walk
-from sim.control import Controller
-from sim.robot import joint_names
+from tulip_testbed.identification.kinematics import Tree, joint_axes, moved_frames, walk
+from tulip_testbed.sim.control import Controller
+from tulip_testbed.sim.robot import joint_names
 
 
 def mass_center(tree: Tree, rotations: np.ndarray, positions: np.ndarray, standard: np.ndarray) -> np.ndarray:

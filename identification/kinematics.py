@@ -11,8 +11,8 @@ from functools import cached_property
 import mujoco
 import numpy as np
 
-from sim.errors import InputError
-from sim.robot import look_up
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.robot import look_up
 
 
 @dataclass(frozen=True)

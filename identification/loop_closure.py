@@ -10,7 +10,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.kinematics import Tree, frame_positions, joint_axes, link_rotations, moved_frames, walk
+from tulip_testbed.identification.kinematics import (
+    Tree,
+    frame_positions,
+    joint_axes,
+    link_rotations,
+    moved_frames,
+    walk,
+)
 
 LEAST_FREEDOM = 20  # degrees of freedom that make a variance worth more than a data sheet's
 SINGULAR = 1e-9  # of the largest eigenvalue

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.base_parameters import BaseParameters, base_parameters, standard_parameters
-from identification.kinematics import frame_positions, link_rotations
-from sim.robot import Robot, load_model, sole_corners, sole_point
+from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
+from tulip_testbed.identification.kinematics import frame_positions, link_rotations
+from tulip_testbed.sim.robot import Robot, load_model, sole_corners, sole_point
 
 STEP = 1e-5  # rad, of central differences
 

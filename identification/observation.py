@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from identification.base_parameters import standard_parameters
-from identification.joint_loads import Loads, joint_loads, mass_center, torque_limits
-from identification.kinematics import Tree, frame_positions, link_rotations
-from identification.nominal import Nominal
-from sim.measurements import Measurements
-from sim.robot import PLATES, compile_spec, load_model
-from sim.scene import load_scene
+from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.identification.joint_loads import Loads, joint_loads, mass_center, torque_limits
+from tulip_testbed.identification.kinematics import Tree, frame_positions, link_rotations
+from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.robot import PLATES, compile_spec, load_model
+from tulip_testbed.sim.scene import load_scene
 
 LONG_GAP = 1.5  # of the median time between a placement's postures
 LEAST_LOAD = 0.5  # N

@@ -13,9 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from identification.regressor import Regression
-from identification.variance_components import fit_components
-from sim.measurements import SensorSheet
+from tulip_testbed.identification.regressor import Regression
+from tulip_testbed.identification.variance_components import fit_components
+from tulip_testbed.sim.measurements import SensorSheet
 
 
 def clustered_covariance(data: Regression, c: np.ndarray) -> tuple[np.ndarray, tuple[float, float]]:

@@ -11,7 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from identification.feasibility import (
+from tulip_testbed.identification.feasibility import (
     boards_fit,
     foot_clearance,
     place_polygon,
@@ -20,10 +20,18 @@ from identification.feasibility import (
     stability_margin,
     support_polygon,
 )
-from identification.inverse_kinematics import InverseKinematics
-from sim.errors import InputError, listed, look_up, shortened
-from sim.measurements import PlateGeometry, PosturePlan, lay_boards
-from sim.robot import Robot, between_feet, joint_names, joint_ranges, load_model, sha256, sole_corners
+from tulip_testbed.identification.inverse_kinematics import InverseKinematics
+from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
+from tulip_testbed.sim.measurements import PlateGeometry, PosturePlan, lay_boards
+from tulip_testbed.sim.robot import (
+    Robot,
+    between_feet,
+    joint_names,
+    joint_ranges,
+    load_model,
+    sha256,
+    sole_corners,
+)
 
 ATTEMPTS = 3000  # without a single feasible posture: the ranges are taken to be impossible
 ATTEMPTS_HERE = 200  # for the next posture of a placement that has some: the placement is given up

@@ -6,9 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.center_of_pressure import carrying, cell_positions, center_of_pressure, loads
-from identification.nominal import Nominal, jacobian
-from sim.measurements import Measurements
+from tulip_testbed.identification.center_of_pressure import (
+    carrying,
+    cell_positions,
+    center_of_pressure,
+    loads,
+)
+from tulip_testbed.identification.nominal import Nominal, jacobian
+from tulip_testbed.sim.measurements import Measurements
 
 
 def known(stated: float | None) -> float | None:

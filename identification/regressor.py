@@ -6,14 +6,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from identification.base_parameters import BaseParameters
-from identification.center_of_pressure import center_of_pressure, load_shares, total_mass
-from identification.loop_closure import encoder_sd_by_closure
-from identification.reading_noise import cell_noise, known, placement_levers
-from sim.errors import InputError, listed
-from sim.measurements import Measurements, SensorSheet
-from sim.measurements.plan_folder import check_model
-from sim.robot import Robot
+from tulip_testbed.identification.base_parameters import BaseParameters
+from tulip_testbed.identification.center_of_pressure import center_of_pressure, load_shares, total_mass
+from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
+from tulip_testbed.identification.reading_noise import cell_noise, known, placement_levers
+from tulip_testbed.sim.errors import InputError, listed
+from tulip_testbed.sim.measurements import Measurements, SensorSheet
+from tulip_testbed.sim.measurements.plan_folder import check_model
+from tulip_testbed.sim.robot import Robot
 
 ENCODER_SD = 5e-4  # rad, where no data sheet tells
 

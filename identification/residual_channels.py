@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.joint_loads import joint_pivots
-from identification.kinematics import frame_positions, joint_axes, link_rotations, moved_frames
-from identification.nominal import Nominal
-from identification.observation import Observation
+from tulip_testbed.identification.joint_loads import joint_pivots
+from tulip_testbed.identification.kinematics import frame_positions, joint_axes, link_rotations, moved_frames
+from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.identification.observation import Observation
 
 CHANNELS = ("A", "F", "T", "C")
 ROWS = {"A": slice(0, 2), "F": slice(2, 3), "T": slice(3, 5), "C": slice(5, 11)}

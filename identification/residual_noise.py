@@ -8,10 +8,10 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.stats import median_abs_deviation
 
-from identification.loop_closure import encoder_sd_by_closure
-from identification.observation import Observation
-from identification.residual_channels import ROWS, SIZE, TWIST, fields, sensitivity, standing
-from identification.variance_components import MARK_RATIO
+from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_channels import ROWS, SIZE, TWIST, fields, sensitivity, standing
+from tulip_testbed.identification.variance_components import MARK_RATIO
 
 # What the nominal laboratory itself leaves with exact sensors in full dynamics: contacts give way.
 FLOOR = np.array([1.5e-5] * 2 + [2e-3] + [2e-3] * 2 + [5e-6] + [1e-5] * 2 + [5e-6] * 2 + [1e-5])

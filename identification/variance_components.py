@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.reading_noise import known
-from identification.regressor import Regression
+from tulip_testbed.identification.reading_noise import known
+from tulip_testbed.identification.regressor import Regression
 
 SHEET_BELIEF = np.log(2.0)  # s.d. of ln s_k where a data sheet states s_k
 NO_BELIEF = np.log(100.0)  # where it does not: about the size of the residuals

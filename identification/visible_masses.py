@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.base_parameters import BaseParameters
-from identification.rank import reduced
+from tulip_testbed.identification.base_parameters import BaseParameters
+from tulip_testbed.identification.rank import reduced
 
 RELATIVE = 1e-9
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sim.robot import CORNERS, PLATES, Robot
+from tulip_testbed.sim.robot import CORNERS, PLATES, Robot
 
 # Springs are critically damped at this rate, which an inertia on the spring itself makes: slow enough
 # for the time step, fast against what settles. It carries no weight.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import mujoco
 
-from sim.errors import InputError
+from tulip_testbed.sim.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import mujoco
 
-from sim.control import torque_limit
-from sim.errors import InputError
+from tulip_testbed.sim.control import torque_limit
+from tulip_testbed.sim.errors import InputError
 
 SUFFIX = "_motor"
 # Damping over stiffness of the flexible element, so that the links do not ring [s], assumed. It acts on

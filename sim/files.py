@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from sim.errors import InputError
+from tulip_testbed.sim.errors import InputError
 
 MOST_BYTES = 64 * 2**20  # of any file that is read
 KINDS = {

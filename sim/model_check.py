@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from sim.errors import InputError, listed
+from tulip_testbed.sim.errors import InputError, listed
 
 MOST_BODIES = 100
 MOST_LENGTH = 20.0  # m, from a body to the next or to its centre of mass

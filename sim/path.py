@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from sim.robot import Robot, between_feet, joint_names, sole_point
+from tulip_testbed.sim.robot import Robot, between_feet, joint_names, sole_point
 
 NEWTON_STEPS = 12
 TOLERANCE = 1e-8  # of the feet's places [m, rad]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from sim.errors import InputError
-from sim.measurements.boards import PlateGeometry
-from sim.robot import CORNERS, PLATES
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements.boards import PlateGeometry
+from tulip_testbed.sim.robot import CORNERS, PLATES
 
 
 def plate_geometry(spec: mujoco.MjSpec, plate: str) -> PlateGeometry:

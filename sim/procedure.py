@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from sim.errors import InputError
-from sim.measurements import Measurements, PosturePlan, SensorSheet
-from sim.plates import plate_geometry
-from sim.rig import Rig
-from sim.robot import PLATES, load_model, sha256
-from sim.scene import load_scene
-from sim.sensors import averaged_sd
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements, PosturePlan, SensorSheet
+from tulip_testbed.sim.plates import plate_geometry
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import PLATES, load_model, sha256
+from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.sensors import averaged_sd
 
 
 def record_error(rig: Rig, rng: np.random.Generator, placements: int) -> np.ndarray:

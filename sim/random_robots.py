@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from scipy.stats import truncnorm
 
-from sim.errors import InputError
+from tulip_testbed.sim.errors import InputError
 
 
 def draw_robot(model: mujoco.MjModel, spread: float, rng: np.random.Generator) -> np.ndarray:

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field, fields, replace
 import mujoco
 import numpy as np
 
-from sim.compliance import Compliance
-from sim.control import Controller
-from sim.drives import Drives
-from sim.errors import InputError, look_up
-from sim.measurements import Measurements
-from sim.robot import Robot, load_robot
-from sim.sensors import PRESETS, Sensors
+from tulip_testbed.sim.compliance import Compliance
+from tulip_testbed.sim.control import Controller
+from tulip_testbed.sim.drives import Drives
+from tulip_testbed.sim.errors import InputError, look_up
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.robot import Robot, load_robot
+from tulip_testbed.sim.sensors import PRESETS, Sensors
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from sim.errors import InputError, listed, look_up, shortened
-from sim.files import present, read_bytes, read_text
-from sim.mjcf_files import mjcf_files
-from sim.model_check import check_model
-from sim.sandbox import try_to_compile
+from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
+from tulip_testbed.sim.files import present, read_bytes, read_text
+from tulip_testbed.sim.mjcf_files import mjcf_files
+from tulip_testbed.sim.model_check import check_model
+from tulip_testbed.sim.sandbox import try_to_compile
 
 ASSETS = Path(__file__).resolve().parent.parent / "assets"
 TULIP = ASSETS / "tulip_mjcf" / "tulip.toml"

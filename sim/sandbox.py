@@ -9,7 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from sim.errors import InputError, shortened
+from tulip_testbed.sim.errors import InputError, shortened
 
 MOST_SECONDS = 20  # of processor time
 MOST_MEMORY = 4 * 2**30  # bytes

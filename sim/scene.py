@@ -5,13 +5,13 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from sim.compliance import Compliance, add_compliance
-from sim.control import add_servos
-from sim.drives import Drives, add_drives
-from sim.errors import InputError, listed
-from sim.plates import place_plates, plate_geometry
-from sim.rig import Rig
-from sim.robot import CORNERS, PLATE, PLATES, Robot, load_model, load_spec
+from tulip_testbed.sim.compliance import Compliance, add_compliance
+from tulip_testbed.sim.control import add_servos
+from tulip_testbed.sim.drives import Drives, add_drives
+from tulip_testbed.sim.errors import InputError, listed
+from tulip_testbed.sim.plates import place_plates, plate_geometry
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import CORNERS, PLATE, PLATES, Robot, load_model, load_spec
 
 TIMESTEP = 0.001  # s
 # At MuJoCo's 1e-8 the solver stops so early that forces flicker and feet creep several times faster.

@@ -7,13 +7,13 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 
-from sim.drives import motor_joint
-from sim.errors import InputError, listed
-from sim.model_check import check_options
-from sim.plates import cell_names, plate_geometry
-from sim.rig import Rig
-from sim.robot import CORNERS, PLATES, compile_spec, joint_names, load_model
-from sim.scene import laboratory_scene
+from tulip_testbed.sim.drives import motor_joint
+from tulip_testbed.sim.errors import InputError, listed
+from tulip_testbed.sim.model_check import check_options
+from tulip_testbed.sim.plates import cell_names, plate_geometry
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import CORNERS, PLATES, compile_spec, joint_names, load_model
+from tulip_testbed.sim.scene import laboratory_scene
 
 
 def check_scene(rig: Rig) -> None:

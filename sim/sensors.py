@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim.robot import CELLS
+from tulip_testbed.sim.robot import CELLS
 
 Pose = tuple[float, float, float]
 Sampling = Callable[..., tuple[np.ndarray, np.ndarray]]

@@ -21,11 +21,11 @@ import pinocchio as pin
 from figaroh.tools.qrdecomposition import QRDecomposer
 from figaroh.tools.regressor import build_regressor_reduced, get_index_eliminate
 
-from identification.postures import random_postures
-from sim.plates import plate_geometry
-from sim.robot import TULIP, Robot, joint_names, load_model, load_robot, sole_point
-from sim.scene import load_scene
 from tests.foreign_robots import ROBOTS, write_robot
+from tulip_testbed.identification.postures import random_postures
+from tulip_testbed.sim.plates import plate_geometry
+from tulip_testbed.sim.robot import TULIP, Robot, joint_names, load_model, load_robot, sole_point
+from tulip_testbed.sim.scene import load_scene
 
 FOLDER = Path(__file__).resolve().parent.parent / "tests" / "data" / "oracle"
 SEED = 300

@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from experiments.scenario import DEFAULT_PLAN
-from sim.dynamics.dynamic_run import boards_under
-from sim.measurements import read_plan
-from sim.rig import preset_rig
-from sim.robot import load_model, load_robot
 from tests.looking import browse, headless_viewer
 from tulip_testbed.cli.main import main as tulip
+from tulip_testbed.experiments.scenario import DEFAULT_PLAN
 from tulip_testbed.rendering import rendered
+from tulip_testbed.sim.dynamics.dynamic_run import boards_under
+from tulip_testbed.sim.measurements import read_plan
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import load_model, load_robot
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 ROWS = (2, 26, 58, 121)

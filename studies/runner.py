@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from experiments.scenario import DEFAULT_PLAN
-from sim.measurements import Measurements, PosturePlan, read_plan
-from sim.robot import Robot, load_model
+from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_plan
+from tulip_testbed.sim.robot import Robot, load_model
 
 MEASURED_ROWS = (
     *("posture", "placement", "support", "time", "window", "samples", "joint_angles", "joint_angles_sd"),

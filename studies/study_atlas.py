@@ -11,16 +11,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from discovery.evidence import Field, field, scores
-from discovery.linear_model import Linear, linear_model
-from discovery.selection import DECISIVE
-from effects.targets import PLACEMENTS
-from experiments.atlas.detectability import noncentrality
-from experiments.atlas.effect_atlas import Atlas, atlas
-from experiments.atlas.planned_experiment import planned
-from experiments.preparation import plan_for
-from sim.robot import load_robot
 from studies.runner import header, row
+from tulip_testbed.discovery.evidence import Field, field, scores
+from tulip_testbed.discovery.linear_model import Linear, linear_model
+from tulip_testbed.discovery.selection import DECISIVE
+from tulip_testbed.effects.targets import PLACEMENTS
+from tulip_testbed.experiments.atlas.detectability import noncentrality
+from tulip_testbed.experiments.atlas.effect_atlas import Atlas, atlas
+from tulip_testbed.experiments.atlas.planned_experiment import planned
+from tulip_testbed.experiments.preparation import plan_for
+from tulip_testbed.sim.robot import load_robot
 
 EDGES = (0, 5, 10, 15, 20, 25, 30, 40, 90)  # deg
 PER_SEED = 6

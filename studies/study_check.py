@@ -13,12 +13,12 @@ from typing import Any
 import joblib
 import numpy as np
 
-from identification.nominal import Nominal, nominal_robot
-from identification.preflight import preflight
-from sim.dynamics.dynamic_run import Experiment, read_again, run_experiment
-from sim.measurements import Measurements, PosturePlan, SensorSheet
-from sim.rig import Rig, preset_rig
 from studies.runner import header, row, rows_of, shipped_plan
+from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.identification.preflight import preflight
+from tulip_testbed.sim.dynamics.dynamic_run import Experiment, read_again, run_experiment
+from tulip_testbed.sim.measurements import Measurements, PosturePlan, SensorSheet
+from tulip_testbed.sim.rig import Rig, preset_rig
 
 Fault = Callable[[Measurements, np.random.Generator], Measurements]
 PRESETS = ("wii", "force-plate")

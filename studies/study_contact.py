@@ -12,13 +12,13 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from identification.center_of_pressure import center_of_pressure
-from sim.compliance import Compliance
-from sim.drives import Drives
-from sim.dynamics.dynamic_run import run_experiment
-from sim.measurements import PosturePlan
-from sim.rig import Rig, preset_rig
 from studies.runner import header, row, shipped_plan
+from tulip_testbed.identification.center_of_pressure import center_of_pressure
+from tulip_testbed.sim.compliance import Compliance
+from tulip_testbed.sim.drives import Drives
+from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.rig import Rig, preset_rig
 
 Edit = Callable[[mujoco.MjSpec], None]
 

@@ -10,10 +10,10 @@ import os
 from datetime import UTC, datetime
 from pathlib import Path
 
-from experiments.benchmark.benchmark_run import benchmark
-from experiments.benchmark.benchmark_tables import files, report_text
-from experiments.benchmark.cases import Settings
-from sim.files import write_bytes
+from tulip_testbed.experiments.benchmark.benchmark_run import benchmark
+from tulip_testbed.experiments.benchmark.benchmark_tables import files, report_text
+from tulip_testbed.experiments.benchmark.cases import Settings
+from tulip_testbed.sim.files import write_bytes
 
 PRESETS = ("force-plate", "wii")
 

@@ -12,18 +12,18 @@ import mujoco
 import numpy as np
 from scipy.stats import ks_2samp
 
-from experiments.scenario import DEFAULT_PLAN
-from sim.compliance import Compliance
-from sim.drives import Drives
-from sim.dynamics.dynamic_run import Attempt, run_experiment
-from sim.measurements import PosturePlan, read_plan
-from sim.path import ClosedChain
-from sim.rig import Rig, preset_rig
-from sim.robot import load_model, load_robot
-from sim.statics import Load, State, cell_forces, reference, residual, soles
-from sim.statics.forces import sunk, turn
-from sim.statics.solved_plan import SolvedPlan, solve_plan, standing_feet
-from sim.statics.static_run import Tries, hold_static, run_static
+from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.sim.compliance import Compliance
+from tulip_testbed.sim.drives import Drives
+from tulip_testbed.sim.dynamics.dynamic_run import Attempt, run_experiment
+from tulip_testbed.sim.measurements import PosturePlan, read_plan
+from tulip_testbed.sim.path import ClosedChain
+from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.robot import load_model, load_robot
+from tulip_testbed.sim.statics import Load, State, cell_forces, reference, residual, soles
+from tulip_testbed.sim.statics.forces import sunk, turn
+from tulip_testbed.sim.statics.solved_plan import SolvedPlan, solve_plan, standing_feet
+from tulip_testbed.sim.statics.static_run import Tries, hold_static, run_static
 
 # A foot whose centre of pressure is nearer to its sole's edge may have begun to tip (up to 20 um of gap).
 EDGE = 2e-3  # m

@@ -15,16 +15,16 @@ from collections.abc import Callable
 import numpy as np
 from scipy.stats import t as t_distribution
 
-from experiments.scenario import DEFAULT_PLAN
-from identification.estimators import DEFAULT, ESTIMATORS, Estimate
-from identification.nominal import Nominal, nominal_robot
-from identification.regressor import regression
-from identification.statistics import standard_errors
-from sim.dynamics.dynamic_run import Experiment, run_experiment
-from sim.measurements import Measurements, SensorSheet, read_plan
-from sim.rig import Rig, preset_rig
-from sim.robot import load_model, load_robot
-from sim.sensors import Sensors, averaged_sd
+from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS, Estimate
+from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.identification.regressor import regression
+from tulip_testbed.identification.statistics import standard_errors
+from tulip_testbed.sim.dynamics.dynamic_run import Experiment, run_experiment
+from tulip_testbed.sim.measurements import Measurements, SensorSheet, read_plan
+from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.robot import load_model, load_robot
+from tulip_testbed.sim.sensors import Sensors, averaged_sd
 
 HOLD_SEED = 105
 RUNS = 1000

@@ -22,18 +22,18 @@ import pyarrow.parquet as pq
 from joblib import Parallel, delayed
 from pyarrow import csv
 
-from effects.instance import EffectInstance, injected
-from effects.parsing import draw_effect
-from experiments.montecarlo.intervals import share
-from sim.errors import InputError
-from sim.measurements import Measurements, SensorSheet, write_measurements
-from sim.rig import Rig, preset_rig
-from sim.robot import Robot, load_robot
-from sim.sensors import PRESETS
-from sim.statics.solved_plan import solve_plan
-from sim.statics.static_run import run_static
 from studies.runner import header, row, shipped_plan
 from tulip_testbed.cli.main import main as tulip
+from tulip_testbed.effects.instance import EffectInstance, injected
+from tulip_testbed.effects.parsing import draw_effect
+from tulip_testbed.experiments.montecarlo.intervals import share
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements, SensorSheet, write_measurements
+from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.robot import Robot, load_robot
+from tulip_testbed.sim.sensors import PRESETS
+from tulip_testbed.sim.statics.solved_plan import solve_plan
+from tulip_testbed.sim.statics.static_run import run_static
 
 PLACEMENTS = (12, 31)
 REPEATS = (0, 11)

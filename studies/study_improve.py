@@ -16,18 +16,18 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.scenario import DEFAULT_PLAN
-from identification.base_parameters import BaseParameters, base_parameters
-from identification.postures import random_postures
-from sim.measurements import PosturePlan, read_plan, write_plan
-from sim.plates import plate_geometry
-from sim.rig import preset_rig
-from sim.robot import Robot, load_model, load_robot
-from sim.scene import load_scene
 from studies.improve import accuracy, conditioning, postures, simplified, single_support
 from studies.improve.one_foot import one_foot_postures
 from studies.improve.output import Rows, show, write_csv
 from studies.runner import part_of, shipped_plan
+from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
+from tulip_testbed.identification.postures import random_postures
+from tulip_testbed.sim.measurements import PosturePlan, read_plan, write_plan
+from tulip_testbed.sim.plates import plate_geometry
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import Robot, load_model, load_robot
+from tulip_testbed.sim.scene import load_scene
 
 SEED = 500  # from 500 on: the sizes and margins were chosen on seeds below 100
 POOL = 6250  # the rule of thumb: 500 data points a parameter, two a posture

@@ -27,9 +27,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.measurements import read_measurements, read_plan, write_plan
-from sim.robot import load_model, load_robot
 from studies.runner import header, part_of, row
+from tulip_testbed.sim.measurements import read_measurements, read_plan, write_plan
+from tulip_testbed.sim.robot import load_model, load_robot
 
 TULIP = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"]
 AIMED = 0.6  # share of the kills that aim at the writing

@@ -18,21 +18,21 @@ import numpy as np
 import pyarrow.dataset
 from scipy.stats import ks_2samp
 
-from experiments.montecarlo.calibration_report import report
-from experiments.montecarlo.chunks import Chunks
-from experiments.montecarlo.collect import collect
-from experiments.montecarlo.engine import engine
-from experiments.montecarlo.laboratory_runs import Laboratory, Run, laboratory
-from experiments.montecarlo.run_columns import Job, Layout, layout_of
-from experiments.montecarlo.summary import summarise
-from experiments.scenario import Scenario
-from experiments.terminal import progress
-from identification.base_parameters import base_parameters
-from identification.estimators import DEFAULT
-from sim.rig import preset_rig
-from sim.robot import load_robot
 from studies.runner import header, row, shipped_plan
 from studies.study_estimators import scaled
+from tulip_testbed.experiments.montecarlo.calibration_report import report
+from tulip_testbed.experiments.montecarlo.chunks import Chunks
+from tulip_testbed.experiments.montecarlo.collect import collect
+from tulip_testbed.experiments.montecarlo.engine import engine
+from tulip_testbed.experiments.montecarlo.laboratory_runs import Laboratory, Run, laboratory
+from tulip_testbed.experiments.montecarlo.run_columns import Job, Layout, layout_of
+from tulip_testbed.experiments.montecarlo.summary import summarise
+from tulip_testbed.experiments.scenario import Scenario
+from tulip_testbed.experiments.terminal import progress
+from tulip_testbed.identification.base_parameters import base_parameters
+from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import load_robot
 
 SEED = 401
 LEVEL = 0.01  # of all comparisons of statics and dynamics together

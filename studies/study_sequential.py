@@ -9,18 +9,18 @@ import dataclasses
 
 import numpy as np
 
-from identification.planning.objectives import Objective, objectives
-from identification.planning.problem import Problem, planning_problem
-from identification.planning.sequential import measured_information, run_next
-from identification.postures import random_postures
-from sim.measurements import Measurements, PosturePlan
-from sim.plates import plate_geometry
-from sim.rig import Rig, preset_rig
-from sim.robot import load_robot
-from sim.scene import load_scene
-from sim.statics.solved_plan import solve_plan
-from sim.statics.static_run import run_static
 from studies.runner import header, row
+from tulip_testbed.identification.planning.objectives import Objective, objectives
+from tulip_testbed.identification.planning.problem import Problem, planning_problem
+from tulip_testbed.identification.planning.sequential import measured_information, run_next
+from tulip_testbed.identification.postures import random_postures
+from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.plates import plate_geometry
+from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.robot import load_robot
+from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.statics.solved_plan import solve_plan
+from tulip_testbed.sim.statics.static_run import run_static
 
 SEEDS = range(20)
 NAMES = ("condition", "d-optimal", "a-optimal", "worst-standard-error")

@@ -12,13 +12,13 @@ import dataclasses
 import joblib
 import numpy as np
 
-from experiments.checks import joint_check
-from experiments.scenario import Scenario
-from experiments.validate import evaluate, identify
-from sim.dynamics.dynamic_run import Experiment, read_again, run_experiment
-from sim.rig import Rig, preset_rig
-from sim.robot import CELLS
 from studies.runner import header, part_of, row, shipped_plan
+from tulip_testbed.experiments.checks import joint_check
+from tulip_testbed.experiments.scenario import Scenario
+from tulip_testbed.experiments.validate import evaluate, identify
+from tulip_testbed.sim.dynamics.dynamic_run import Experiment, read_again, run_experiment
+from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.robot import CELLS
 
 SEED = 3  # a development seed
 PRESETS = ("wii", "force-plate")

@@ -13,19 +13,19 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import pytest
 
-from experiments.scenario import DEFAULT_PLAN, Scenario
-from experiments.validate import Validation, validate
-from identification.base_parameters import BaseParameters, base_parameters
-from identification.nominal import Nominal, nominal_robot
-from sim.dynamics.dynamic_run import Experiment, read_again, run_experiment
-from sim.measurements import Measurements, PlateGeometry, PosturePlan, read_plan
-from sim.plates import plate_geometry
-from sim.rig import Rig, preset_rig
-from sim.robot import Robot, load_model, load_robot
-from sim.scene import load_scene
 from tests.effect_changes import SEED, first
 from tests.foreign_robots import ROBOTS, write_robot
 from tests.synthetic import Bench, synthetic_bench
+from tulip_testbed.experiments.scenario import DEFAULT_PLAN, Scenario
+from tulip_testbed.experiments.validate import Validation, validate
+from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
+from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.sim.dynamics.dynamic_run import Experiment, read_again, run_experiment
+from tulip_testbed.sim.measurements import Measurements, PlateGeometry, PosturePlan, read_plan
+from tulip_testbed.sim.plates import plate_geometry
+from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.robot import Robot, load_model, load_robot
+from tulip_testbed.sim.scene import load_scene
 
 
 @pytest.fixture(scope="session")

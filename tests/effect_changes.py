@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from effects.catalogue import catalogue
-from identification.observation import observe
-from identification.residual_channels import ANCHORED, ROWS, residuals
-from sim.measurements import Measurements
-from sim.rig import preset_rig
-from sim.statics.solved_plan import solve_plan
-from sim.statics.static_run import run_static
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.residual_channels import ANCHORED, ROWS, residuals
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.statics.solved_plan import solve_plan
+from tulip_testbed.sim.statics.static_run import run_static
 
 SEED = 103  # bounds were set on seed 1
 DISCOVERY_SEED = 7001  # no development seed

@@ -25,8 +25,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from sim.errors import InputError
-from sim.robot import CORNERS, compile_spec, load_spec
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.robot import CORNERS, compile_spec, load_spec
 
 CORNER_RADIUS = 0.002  # m
 # Per Nm of torque limit, as TULip's drives: rotor inertia, damping, dry friction.

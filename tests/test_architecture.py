@@ -1,55 +1,126 @@
-"""Data flows one way: sim <- identification <- experiments."""
+"""The house: which room may import which, no cycles, one name for one module."""
 
 import ast
+import re
+import tomllib
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parent.parent
+NAME = "tulip_testbed"
+FLOW = ("sim", "identification", "effects", "discovery", "experiments")  # each may import those before it
+DOOR = ("cli", "pages", "viewer")
+
+
+def modules() -> dict[str, Path]:
+    """Every module of the package by its import name."""
+    found = {}
+    for path in [*(p for room in FLOW for p in (ROOT / room).rglob("*.py")), *(ROOT / NAME).rglob("*.py")]:
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        parts = parts if parts[0] == NAME else (NAME, *parts)
+        if not (len(parts) > 2 and (ROOT / NAME / parts[1]).is_symlink() and path.is_relative_to(ROOT / NAME)):
+            found[".".join(parts).removesuffix(".__init__")] = path
+    return found
+
+
+MODULES = modules()
 
 
 def imported(path: Path) -> set[str]:
+    """Everything that a file imports, modules by their full names, wherever the import stands."""
     names = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            names.add(node.module or "")
+            assert node.level == 0, f"{path}: relative import"
+            for alias in node.names:
+                full = f"{node.module}.{alias.name}"
+                names.add(full if full in MODULES else str(node.module))
     return names
 
 
-def importers(package: str, wanted: str) -> list[str]:
-    paths = (ROOT / package).rglob("*.py")
-    return [str(p) for p in paths if any(n == wanted or n.startswith(wanted + ".") for n in imported(p))]
+def room(module: str) -> str:
+    """Of a module of the package; the door's own files are of the room NAME."""
+    parts = module.split(".")
+    return parts[1] if len(parts) > 1 and parts[1] in (*FLOW, *DOOR) else NAME
+
+
+@pytest.mark.parametrize("name", FLOW)
+def test_data_flows_one_way(name):
+    allowed = {*FLOW[: FLOW.index(name) + 1]}
+    for module, path in MODULES.items():
+        if room(module) == name:
+            wrong = {n for n in imported(path) if n.split(".")[0] == NAME and room(n) not in allowed}
+            assert not wrong, f"{module} imports {wrong}"
+
+
+def test_everybody_uses_the_one_name():
+    """`import sim` works in the repository's root and would load a second copy."""
+    files = [*MODULES.values(), *(p for f in ("tests", "examples", "studies") for p in (ROOT / f).rglob("*.py"))]
+    for path in files:
+        assert not {n.split(".")[0] for n in imported(path)} & {*FLOW, "assets"}, path
+
+
+def test_nothing_imports_the_studies():
+    for module, path in MODULES.items():
+        assert not any(n.split(".")[0] in ("studies", "tests", "examples") for n in imported(path)), module
+
+
+def test_there_is_no_import_cycle():
+    """Nor one that an import inside of a function or under TYPE_CHECKING hides."""
+    waiting = {m: {n for n in imported(p) if n in MODULES and n != m} for m, p in MODULES.items()}
+    faces = {m for m, p in MODULES.items() if p.name == "__init__.py"}
+    for module in waiting:  # importing a module runs the faces of its folders first, never the other way
+        waiting[module] -= {face for face in faces if module.startswith(face + ".")}
+    while free := [m for m, needs in waiting.items() if not needs & waiting.keys()]:
+        for module in free:
+            del waiting[module]
+    assert not waiting, f"cycle among {sorted(waiting)}"
+
+
+def test_nothing_hides_an_import_from_the_interpreter():
+    for path in MODULES.values():
+        assert "TYPE_CHECKING" not in path.read_text(encoding="utf-8"), path
+
+
+def test_two_modules_do_not_share_a_name():
+    names = [p.stem for p in MODULES.values() if p.stem != "__init__"]
+    folders = {p.parent.name for p in MODULES.values() if p.name == "__init__.py"}
+    twice = {n for n in names if names.count(n) > 1 and n not in folders}
+    assert not twice
+
+
+def test_no_subpackage_has_the_name_of_a_function_of_the_api():
+    import tulip_testbed as tt
+
+    functions = {name for name in tt.__all__ if callable(getattr(tt, name))}
+    packages = {p.parent.name for p in MODULES.values() if p.name == "__init__.py" and p.parent != ROOT / NAME}
+    packages |= {p.stem for p in (ROOT / NAME).glob("*.py")}
+    assert not functions & packages
+
+
+def test_the_wheel_holds_every_folder():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    faces = {name for name, path in MODULES.items() if path.name == "__init__.py"}
+    assert faces <= set(settings["packages"])
+    for package in set(settings["packages"]) - faces:
+        assert package in settings["package-data"], f"{package} holds neither code nor data"
 
 
 @pytest.mark.parametrize(
-    ("package", "forbidden"),
-    [("sim", "identification"), ("sim", "experiments"), ("identification", "experiments")],
+    ("library", "owners"),
+    [
+        ("mink", r"identification\.inverse_kinematics"),
+        ("plotly", r"pages\.\w*figures"),
+        ("rerun", r"viewer\.\w+"),
+        ("dm_control", r"sim\.composer\.\w+"),
+        ("dm_env", r"sim\.composer\.\w+"),
+        ("tyro", r"cli\.\w+"),
+    ],
 )
-def test_nothing_imports_against_the_flow(package, forbidden):
-    assert importers(package, forbidden) == []
-
-
-def test_identification_sees_of_sim_only_model_measurements_and_errors():
-    allowed = ("sim.robot", "sim.measurements", "sim.errors")
-    for path in (ROOT / "identification").rglob("*.py"):
-        for name in imported(path):
-            assert not name.startswith("sim") or name.startswith(allowed), f"{path.name} imports {name}"
-
-
-@pytest.mark.parametrize(("module", "owner"), [("mink", "inverse_kinematics.py"), ("plotly", "figures.py")])
-def test_a_library_has_one_importer(module, owner):
-    for package in ("sim", "identification", "experiments"):
-        assert all(path.endswith(owner) for path in importers(package, module))
-
-
-def test_rerun_is_for_the_view_alone():
-    for package in ("sim", "identification", "experiments"):
-        assert all(Path(path).parent.name == "view" for path in importers(package, "rerun"))
-
-
-@pytest.mark.parametrize("library", ["dm_control", "dm_env"])
-def test_dm_control_is_for_the_composer_laboratory_alone(library):
-    for package in ("sim", "identification", "experiments"):
-        assert all(Path(path).parent.name == "composer" for path in importers(package, library))
+def test_a_library_has_one_room(library, owners):
+    for module, path in MODULES.items():
+        if any(n.split(".")[0] == library for n in imported(path)):
+            assert re.fullmatch(rf"{NAME}\.{owners}", module), module

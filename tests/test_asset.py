@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from identification.base_parameters import standard_parameters
-from sim.robot import load_spec, sole_corners
+from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.sim.robot import load_spec, sole_corners
 
 # Table II, simplified column: relative standard error below 15 %.
 WELL_IDENTIFIED = (1, 10, 12, 17, 19, 20, 21, 23, 24)

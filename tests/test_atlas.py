@@ -6,24 +6,24 @@ import json
 import numpy as np
 import pytest
 
-from discovery.candidates import candidates
-from discovery.evidence import field, score
-from discovery.linear_model import linear_model
-from discovery.refit import without_noise
-from effects.catalogue import catalogue
-from experiments.atlas.bias import bias, weights
-from experiments.atlas.effect_atlas import atlas, document
-from experiments.atlas.isolability import ISOLABLE, angles, groups, order
-from experiments.atlas.planned_experiment import estimates, noisy, planned, streams
-from experiments.atlas.tolerance import CHECKED, Tolerance, erring, sources
-from identification.observation import observe
-from identification.residual_channels import CHANNELS, residuals
-from identification.residual_noise import noise_of
-from sim.measurements import write_plan
-from sim.robot import load_robot
-from sim.statics.solved_plan import solve_plan
 from studies.runner import part_of, shipped_plan
 from tulip_testbed.cli.main import main
+from tulip_testbed.discovery.candidates import candidates
+from tulip_testbed.discovery.evidence import field, score
+from tulip_testbed.discovery.linear_model import linear_model
+from tulip_testbed.discovery.refit import without_noise
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.experiments.atlas.bias import bias, weights
+from tulip_testbed.experiments.atlas.effect_atlas import atlas, document
+from tulip_testbed.experiments.atlas.isolability import ISOLABLE, angles, groups, order
+from tulip_testbed.experiments.atlas.planned_experiment import estimates, noisy, planned, streams
+from tulip_testbed.experiments.atlas.tolerance import CHECKED, Tolerance, erring, sources
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.residual_channels import CHANNELS, residuals
+from tulip_testbed.identification.residual_noise import noise_of
+from tulip_testbed.sim.measurements import write_plan
+from tulip_testbed.sim.robot import load_robot
+from tulip_testbed.sim.statics.solved_plan import solve_plan
 
 SEED = 112
 

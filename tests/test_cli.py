@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from experiments.scenario import DEFAULT_PLAN
-from sim.measurements import write_measurements
-from sim.robot import ASSETS
 from tulip_testbed.cli.main import COMMANDS, main
+from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.sim.measurements import write_measurements
+from tulip_testbed.sim.robot import ASSETS
 
 TULIP = ASSETS / "tulip_mjcf"
 

@@ -7,17 +7,17 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.compliance import Compliance
-from sim.control import Controller, add_servos
-from sim.drives import Drives, add_drives
-from sim.dynamics.hold import hold, put_down
-from sim.dynamics.stand import Stand
-from sim.errors import InputError
-from sim.measurements import lay_boards, read_measurements
-from sim.rig import preset_rig
-from sim.robot import CORNERS, load_robot, sole_corners, sole_point
-from sim.scene import load_scene
 from tulip_testbed.cli.main import main
+from tulip_testbed.sim.compliance import Compliance
+from tulip_testbed.sim.control import Controller, add_servos
+from tulip_testbed.sim.drives import Drives, add_drives
+from tulip_testbed.sim.dynamics.hold import hold, put_down
+from tulip_testbed.sim.dynamics.stand import Stand
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import lay_boards, read_measurements
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import CORNERS, load_robot, sole_corners, sole_point
+from tulip_testbed.sim.scene import load_scene
 
 PENDULUM = """
 <mujoco>

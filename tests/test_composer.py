@@ -6,14 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.compliance import Compliance
-from sim.composer import laboratory_environment
-from sim.drives import Drives
-from sim.dynamics.hold import hold, put_down
-from sim.dynamics.stand import Stand
-from sim.rig import preset_rig
-from sim.robot import load_robot
-from sim.sensors import PRESETS, Sensors, averaged_sd
+from tulip_testbed.sim.compliance import Compliance
+from tulip_testbed.sim.composer import laboratory_environment
+from tulip_testbed.sim.drives import Drives
+from tulip_testbed.sim.dynamics.hold import hold, put_down
+from tulip_testbed.sim.dynamics.stand import Stand
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import load_robot
+from tulip_testbed.sim.sensors import PRESETS, Sensors, averaged_sd
 
 POSES = np.array([[0.0301, -0.1552, 0.0113], [0.0322, 0.1553, -0.0207]])
 PERIOD = 20  # physics steps from action to action

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from dm_env import test_utils
 
-from sim.composer import laboratory_environment
-from sim.errors import InputError
-from sim.measurements import lay_boards
-from sim.rig import preset_rig
-from sim.robot import sole_corners
 from tests.test_composer import PERIOD, cells
+from tulip_testbed.sim.composer import laboratory_environment
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import lay_boards
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import sole_corners
 
 ROOT = Path(__file__).parent.parent
 

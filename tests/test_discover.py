@@ -7,25 +7,25 @@ import dataclasses
 import numpy as np
 import pytest
 
-from discovery.candidates import candidates
-from discovery.discover import _verdict, discover
-from discovery.evidence import field, scores
-from discovery.fit import Term, fit
-from discovery.linear_model import linear_model
-from discovery.patterns import patterns
-from discovery.story import story
-from effects.catalogue import catalogue
-from experiments.discovery_document import next_experiments
-from identification.nominal import nominal_robot
-from identification.observation import observe
-from identification.residual_channels import fields, packed, residuals, sensitivity, unpacked
-from identification.residual_noise import cell_by_twist, noise_of
-from sim.rig import preset_rig
-from sim.statics.solved_plan import solve_plan
-from sim.statics.static_run import run_static
 from studies.runner import rows_of
 from tests.effect_changes import DISCOVERY_SEED as SEED
 from tests.effect_changes import measured
+from tulip_testbed.discovery.candidates import candidates
+from tulip_testbed.discovery.discover import _verdict, discover
+from tulip_testbed.discovery.evidence import field, scores
+from tulip_testbed.discovery.fit import Term, fit
+from tulip_testbed.discovery.linear_model import linear_model
+from tulip_testbed.discovery.patterns import patterns
+from tulip_testbed.discovery.story import story
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.experiments.discovery_document import next_experiments
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.residual_channels import fields, packed, residuals, sensitivity, unpacked
+from tulip_testbed.identification.residual_noise import cell_by_twist, noise_of
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.statics.solved_plan import solve_plan
+from tulip_testbed.sim.statics.static_run import run_static
 
 
 @pytest.fixture(scope="module")

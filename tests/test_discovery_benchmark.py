@@ -7,21 +7,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from effects.catalogue import catalogue
-from experiments.atlas.detectability import noncentrality
-from experiments.atlas.isolability import ISOLABLE
-from experiments.benchmark import benchmark_run as run
-from experiments.benchmark import cases as arms
-from experiments.benchmark.benchmark_tables import files
-from experiments.benchmark.cases import Case, Settings, cases
-from experiments.benchmark.draw import MOST_PRIORS, draw_absorbed, draw_visible
-from experiments.benchmark.outcome import Bias, Found, Outcome, outcome
-from experiments.benchmark.outside_faults import OUTSIDE
-from experiments.benchmark.score import figures
-from experiments.benchmark.scoreboard import board
-from sim.measurements import write_plan
 from studies.runner import part_of
 from tulip_testbed.cli.main import main
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.experiments.atlas.detectability import noncentrality
+from tulip_testbed.experiments.atlas.isolability import ISOLABLE
+from tulip_testbed.experiments.benchmark import benchmark_run as run
+from tulip_testbed.experiments.benchmark import cases as arms
+from tulip_testbed.experiments.benchmark.benchmark_tables import files
+from tulip_testbed.experiments.benchmark.cases import Case, Settings, cases
+from tulip_testbed.experiments.benchmark.draw import MOST_PRIORS, draw_absorbed, draw_visible
+from tulip_testbed.experiments.benchmark.outcome import Bias, Found, Outcome, outcome
+from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
+from tulip_testbed.experiments.benchmark.score import figures
+from tulip_testbed.experiments.benchmark.scoreboard import board
+from tulip_testbed.sim.measurements import write_plan
 
 SETTINGS = Settings("force-plate", 7, 0.01)
 FEW = [

@@ -9,17 +9,17 @@ from html import unescape
 import numpy as np
 import pytest
 
-from experiments.saved_discovery import read_discovery, residual_curves
-from experiments.saved_run import kind_of
-from sim.errors import InputError
-from sim.robot import sha256
 from tests.looking import browse
 from tests.test_report import needs_chromium
 from tests.test_view import cpu_seconds, look, needs_vulkan, not_blank, refused
 from tulip_testbed.cli.main import main
+from tulip_testbed.experiments.saved_discovery import read_discovery, residual_curves
+from tulip_testbed.experiments.saved_run import kind_of
 from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.page import html
 from tulip_testbed.pages.page_tables import flattened
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.robot import sha256
 from tulip_testbed.viewer import window
 from tulip_testbed.viewer.discovery_view import discovery_text, log_discovery
 

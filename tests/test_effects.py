@@ -10,14 +10,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from effects.catalogue import catalogue
-from effects.targets import check_target, leg_links
-from identification.observation import observe
-from identification.residual_channels import ANCHORED, ROWS, residuals
-from sim.dynamics.dynamic_run import run_experiment
-from sim.measurements import Measurements
-from sim.robot import CORNERS
 from tests.effect_changes import SEED, UNIT, agreement, changes, statically
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.targets import check_target, leg_links
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.residual_channels import ANCHORED, ROWS, residuals
+from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.robot import CORNERS
 
 SENSORS = {  # of readings alone: predict undoes inject to rounding
     "encoder-offset:right_knee": (0.01,),

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from effects.catalogue import catalogue
-from effects.instance import check_instance
-from effects.parsing import draw_effect, read_effect
-from effects.wording import told
-from experiments.rig_folder import write_rig
-from sim.errors import InputError
-from sim.measurements import read_measurements
 from tests.test_cli import refused
 from tulip_testbed.cli.main import main
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.instance import check_instance
+from tulip_testbed.effects.parsing import draw_effect, read_effect
+from tulip_testbed.effects.wording import told
+from tulip_testbed.experiments.rig_folder import write_rig
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import read_measurements
 
 OFFSET = "encoder-offset:right_knee=0.01"
 
@@ -191,7 +191,7 @@ def test_check_with_a_rig(tmp_path, robot, capsys):
 
 
 def test_choices_are_given_by_name(robot):
-    pytest.importorskip("effects.catalogue.swapped_cells")
+    pytest.importorskip("tulip_testbed.effects.catalogue.swapped_cells")
     found = read_effect("swapped-cells:left=front_left,rear_right", robot, [1])
     assert found.values == (0.0, 2.0)
     assert told(found) == "The front left and rear right cells of the left plate are swapped."

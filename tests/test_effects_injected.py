@@ -6,19 +6,19 @@ import mujoco
 import numpy as np
 import pytest
 
-from discovery.refit import exact_rig, measured_plan, simulated
-from effects.catalogue import catalogue
-from effects.instance import EffectInstance, injected, removed
-from experiments.scenario import DEFAULT_PLAN, Scenario
-from identification.observation import observe, time_fraction
-from identification.residual_channels import residuals
-from sim.errors import InputError
-from sim.measurements import read_plan
-from sim.rig import preset_rig, stages
-from sim.scene import load_scene
-from sim.statics.solved_plan import solve_plan
-from sim.statics.static_run import run_static
 from tests.effect_changes import SEED, first, statically
+from tulip_testbed.discovery.refit import exact_rig, measured_plan, simulated
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.instance import EffectInstance, injected, removed
+from tulip_testbed.experiments.scenario import DEFAULT_PLAN, Scenario
+from tulip_testbed.identification.observation import observe, time_fraction
+from tulip_testbed.identification.residual_channels import residuals
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import read_plan
+from tulip_testbed.sim.rig import preset_rig, stages
+from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.statics.solved_plan import solve_plan
+from tulip_testbed.sim.statics.static_run import run_static
 
 
 def test_loads_in_the_joints_are_what_the_servos_bear(moved, model, nominal):

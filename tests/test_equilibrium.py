@@ -11,18 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import ks_2samp
 
-from identification.nominal import nominal_robot
-from sim.dynamics.dynamic_run import run_experiment
-from sim.errors import InputError
-from sim.path import ClosedChain
-from sim.rig import preset_rig
-from sim.robot import load_model
-from sim.scene import laboratory_scene
-from sim.sensors import PRESETS, averaged_sd, sample, sample_mean
-from sim.statics import Load, State, faults, mechanism, reference, residual
-from sim.statics.forces import turn
-from sim.statics.solved_plan import solve_plan
-from sim.statics.static_run import run_static
 from studies.runner import part_of
 from studies.study_equilibrium import (
     EDGE,
@@ -33,6 +21,18 @@ from studies.study_equilibrium import (
     laboratories,
     pulled,
 )
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.path import ClosedChain
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import load_model
+from tulip_testbed.sim.scene import laboratory_scene
+from tulip_testbed.sim.sensors import PRESETS, averaged_sd, sample, sample_mean
+from tulip_testbed.sim.statics import Load, State, faults, mechanism, reference, residual
+from tulip_testbed.sim.statics.forces import turn
+from tulip_testbed.sim.statics.solved_plan import solve_plan
+from tulip_testbed.sim.statics.static_run import run_static
 
 # Backlash is in docs/equilibrium.md: where a load turns within the play there is more than one equilibrium.
 LABORATORIES = [
@@ -86,9 +86,9 @@ def test_with_dry_friction_sag_and_load_share_are_distributed_alike(solved_plan,
 
 
 def test_that_test_sees_friction_that_always_stands_at_its_limit(solved_plan, ideal, monkeypatch):
-    monkeypatch.setattr("sim.statics.approach.SHORT_WAY", 1e-6)
-    monkeypatch.setattr("sim.statics.approach.SCATTER", 0.0)
-    monkeypatch.setattr("sim.statics.approach.PUT_DOWN_SCATTER", 1e6)
+    monkeypatch.setattr("tulip_testbed.sim.statics.approach.SHORT_WAY", 1e-6)
+    monkeypatch.setattr("tulip_testbed.sim.statics.approach.SCATTER", 0.0)
+    monkeypatch.setattr("tulip_testbed.sim.statics.approach.PUT_DOWN_SCATTER", 1e6)
     held = [a for a in ideal.experiment.attempts if a.held is not None]
     actual, predicted = excess_sag(solved_plan, held, np.random.default_rng(301))
     chances = [ks_2samp(a, p).pvalue for a, p in zip(actual.T, predicted.T, strict=True)]

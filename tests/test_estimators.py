@@ -8,16 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from identification.estimators import least_squares, solve_least_squares
-from identification.regressor import Regression
-from identification.statistics import (
+from tulip_testbed.identification.estimators import least_squares, solve_least_squares
+from tulip_testbed.identification.regressor import Regression
+from tulip_testbed.identification.statistics import (
     correlations,
     high_correlations,
     relative_standard_errors,
     residual_norms,
     standard_errors,
 )
-from sim.errors import InputError
+from tulip_testbed.sim.errors import InputError
 
 # NIST StRD Longley: estimate and standard deviation of b0 to b6, residual s.d.
 LONGLEY = [

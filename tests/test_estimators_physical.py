@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from identification.base_parameters import base_parameters, standard_parameters
-from identification.estimators import DEFAULT, estimate_by
-from identification.estimators.consistent import corner_parameters
-from identification.estimators.errors_in_variables import bounded_excess
-from identification.estimators.prior import CENTER_SD, MASS_SD
-from identification.link_boxes import link_boxes
-from identification.loop_closure import encoder_sd_by_closure
-from identification.statistics import standard_errors
-from identification.visible_masses import visible_masses
-from sim.errors import InputError
 from tests.synthetic import WII
+from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.identification.estimators import DEFAULT, estimate_by
+from tulip_testbed.identification.estimators.consistent import corner_parameters
+from tulip_testbed.identification.estimators.errors_in_variables import bounded_excess
+from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD
+from tulip_testbed.identification.link_boxes import link_boxes
+from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
+from tulip_testbed.identification.statistics import standard_errors
+from tulip_testbed.identification.visible_masses import visible_masses
+from tulip_testbed.sim.errors import InputError
 
 
 @pytest.mark.parametrize("name", ["tulip", "humanoid", "humanoid_CMU"])

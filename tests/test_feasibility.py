@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from identification.feasibility import (
+from tulip_testbed.identification.feasibility import (
     boards_fit,
     foot_clearance,
     place_polygon,
@@ -14,7 +14,7 @@ from identification.feasibility import (
     stability_margin,
     support_polygon,
 )
-from sim.measurements import lay_boards
+from tulip_testbed.sim.measurements import lay_boards
 
 SOLE = np.array([[0.13, 0.05], [0.13, -0.05], [-0.07, -0.05], [-0.07, 0.05]])
 

@@ -9,13 +9,13 @@ import sys
 
 import pytest
 
-from sim.errors import InputError
-from sim.files import new_folder, present, read_bytes, read_text, write_text
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.files import new_folder, present, read_bytes, read_text, write_text
 
 # Forks once per file operation; the child kills itself right before its n-th one.
 KILLED_AT_EVERY_STEP = """
 import json, os, pathlib, signal, sys
-from sim.files import new_folder, write_text
+from tulip_testbed.sim.files import new_folder, write_text
 
 def fill():
     with new_folder("folder") as working:

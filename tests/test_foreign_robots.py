@@ -8,16 +8,16 @@ import mujoco
 import numpy as np
 import pytest
 
-from identification.base_parameters import base_parameters, standard_parameters
-from identification.postures import free_joint_ranges, planning_ranges, random_postures
-from identification.regressor import stacked_regressor
-from sim.errors import InputError
-from sim.path import ClosedChain
-from sim.plates import plate_geometry
-from sim.robot import between_feet, joint_names, load_model, load_robot, sole_corners
-from sim.scene import load_scene
 from tests.foreign_robots import ROBOTS, original_model, write_robot
 from tulip_testbed.cli.main import main
+from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.identification.postures import free_joint_ranges, planning_ranges, random_postures
+from tulip_testbed.identification.regressor import stacked_regressor
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.path import ClosedChain
+from tulip_testbed.sim.plates import plate_geometry
+from tulip_testbed.sim.robot import between_feet, joint_names, load_model, load_robot, sole_corners
+from tulip_testbed.sim.scene import load_scene
 
 NAMES = sorted(ROBOTS)
 

@@ -11,15 +11,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from experiments.terminal import printable
-from sim.errors import InputError
-from sim.measurements import write_measurements
-from sim.measurements.table_files import MOST_DEPTH, Table, read_json
-from sim.robot import ASSETS, load_model, load_robot, load_spec
 from studies.runner import part_of
 from studies.study_fuzz import cases_of
 from tests.fuzz.runner import Bases, run_cases
 from tulip_testbed.cli.main import main
+from tulip_testbed.experiments.terminal import printable
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import write_measurements
+from tulip_testbed.sim.measurements.table_files import MOST_DEPTH, Table, read_json
+from tulip_testbed.sim.robot import ASSETS, load_model, load_robot, load_spec
 
 HEAVY = ("rows_that_take_no_space", "a_table_that_unpacks_hugely", "models_without_end")
 ONLY_ON_PLATES = (  # `tulip model`, the one call of the brief study, does not see these
@@ -38,7 +38,7 @@ quick = settings(
 
 @pytest.fixture(scope="module")
 def bases(wii, plan, tmp_path_factory):
-    from sim.measurements import write_plan
+    from tulip_testbed.sim.measurements import write_plan
 
     place = tmp_path_factory.mktemp("bases")
     write_measurements(place / "data", wii.experiment.measurements)
@@ -177,7 +177,7 @@ def test_what_would_crash_mujoco_is_one_message(robot_folder, capsys):
 
 
 def test_a_crash_and_an_endless_compilation_are_survived(robot_folder, monkeypatch):
-    from sim import sandbox as trial
+    from tulip_testbed.sim import sandbox as trial
 
     path = robot_folder / "tulip.xml"
     monkeypatch.setattr(trial, "CHILD", "import os; os.abort()")

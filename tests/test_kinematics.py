@@ -4,9 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from identification.base_parameters import base_parameters, standard_parameters
-from identification.kinematics import frame_positions, link_rotations
-from sim.robot import sole_point
+from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.identification.kinematics import frame_positions, link_rotations
+from tulip_testbed.sim.robot import sole_point
 
 
 def random_angles(tree, count, seed):

@@ -6,23 +6,23 @@ import mujoco
 import numpy as np
 import pytest
 
-from identification.center_of_pressure import center_of_pressure
-from identification.kinematics import link_rotations
-from sim.compliance import Compliance
-from sim.drives import Drives
-from sim.dynamics import dynamic_run as laboratory
-from sim.dynamics.balance import balance_of
-from sim.dynamics.dynamic_run import run_experiment, run_placement
-from sim.dynamics.hold import hold, move, put_down
-from sim.dynamics.stand import Stand
-from sim.measurements import lay_boards
-from sim.path import ClosedChain
-from sim.plates import tare
-from sim.rig import preset_rig
-from sim.robot import sole_corners
-from sim.scene import load_scene
-from sim.sensors import PRESETS, averaged_sd, sample
 from studies.runner import part_of
+from tulip_testbed.identification.center_of_pressure import center_of_pressure
+from tulip_testbed.identification.kinematics import link_rotations
+from tulip_testbed.sim.compliance import Compliance
+from tulip_testbed.sim.drives import Drives
+from tulip_testbed.sim.dynamics import dynamic_run as laboratory
+from tulip_testbed.sim.dynamics.balance import balance_of
+from tulip_testbed.sim.dynamics.dynamic_run import run_experiment, run_placement
+from tulip_testbed.sim.dynamics.hold import hold, move, put_down
+from tulip_testbed.sim.dynamics.stand import Stand
+from tulip_testbed.sim.measurements import lay_boards
+from tulip_testbed.sim.path import ClosedChain
+from tulip_testbed.sim.plates import tare
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import sole_corners
+from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.sensors import PRESETS, averaged_sd, sample
 
 
 def test_centre_of_pressure_is_the_com_within_0_05_mm(ideal):

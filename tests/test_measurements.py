@@ -9,10 +9,10 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
-from experiments.validate import identify
-from sim.errors import InputError
-from sim.measurements import read_measurements, read_plan, write_measurements, write_plan
-from sim.robot import sha256
+from tulip_testbed.experiments.validate import identify
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import read_measurements, read_plan, write_measurements, write_plan
+from tulip_testbed.sim.robot import sha256
 
 
 @pytest.fixture

@@ -13,11 +13,11 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 
-from experiments.montecarlo.chunks import Chunks
-from experiments.montecarlo.collect import collect
-from experiments.montecarlo.engine import engine
-from sim.errors import InputError
 from tests.montecarlo_work import Regressions, bytes_of, run_regressions
+from tulip_testbed.experiments.montecarlo.chunks import Chunks
+from tulip_testbed.experiments.montecarlo.collect import collect
+from tulip_testbed.experiments.montecarlo.engine import engine
+from tulip_testbed.sim.errors import InputError
 
 ROOT = Path(__file__).parent.parent
 RUNS, SIZE = 23, 5
@@ -46,7 +46,7 @@ def test_a_dask_cluster_writes_the_same_bytes(undisturbed, tmp_path):
 @pytest.mark.filterwarnings("default")
 def test_nobody_at_the_address(monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("experiments.montecarlo.engine.PATIENCE", 1)
+    monkeypatch.setattr("tulip_testbed.experiments.montecarlo.engine.PATIENCE", 1)
     began = time.perf_counter()
     with pytest.raises(InputError, match="no Dask scheduler within 1 s"), engine(1, "tcp://127.0.0.1:9"):
         pass

@@ -12,16 +12,16 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from experiments.montecarlo.laboratory_runs import Run, laboratory, stream_of
-from experiments.scenario import Scenario
-from identification.base_parameters import standard_parameters
-from identification.estimators import DEFAULT
-from sim.errors import InputError
-from sim.measurements import write_plan
-from sim.rig import preset_rig
-from sim.statics.static_run import run_static
 from studies.runner import part_of
 from tests.test_cli import refused
+from tulip_testbed.experiments.montecarlo.laboratory_runs import Run, laboratory, stream_of
+from tulip_testbed.experiments.scenario import Scenario
+from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import write_plan
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.statics.static_run import run_static
 
 TULIP = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"]
 RUNS = 60
@@ -126,7 +126,7 @@ def test_bad_options_are_refused_before_the_work(tmp_path, capsys):
 @pytest.mark.filterwarnings("default")  # distributed's own
 def test_an_unreachable_cluster_leaves_nothing(small, tmp_path, capsys, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("experiments.montecarlo.engine.PATIENCE", 1)
+    monkeypatch.setattr("tulip_testbed.experiments.montecarlo.engine.PATIENCE", 1)
     options = ("--out", tmp_path / "run", "--runs", 5, "--engine", "dask", "--address", "tcp://127.0.0.1:9")
     assert "no Dask scheduler within 1 s" in refused(capsys, "montecarlo", small, *options)
     assert not (tmp_path / "run").exists()
@@ -182,6 +182,6 @@ def test_a_run_without_a_posture_does_not_take_others_with_it(robot, plan, monke
             raise InputError("none of 6 postures could be measured: tipped")
         return run_static(solved_plan, streams, standard)
 
-    monkeypatch.setattr("experiments.montecarlo.laboratory_runs.run_static", fail)
+    monkeypatch.setattr("tulip_testbed.experiments.montecarlo.laboratory_runs.run_static", fail)
     outcomes = static([stream_of(107, run) for run in range(4)])
     assert [isinstance(outcome, str) for outcome in outcomes] == [False, False, True, False]

@@ -5,12 +5,17 @@ import json
 
 import pytest
 
-from experiments.montecarlo.montecarlo_folder import check_folder, first_difference, open_folder, run_document
-from experiments.montecarlo.settings import Settings
-from experiments.scenario import Scenario
-from sim.errors import InputError
-from sim.rig import preset_rig
 from studies.runner import part_of
+from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
+    check_folder,
+    first_difference,
+    open_folder,
+    run_document,
+)
+from tulip_testbed.experiments.montecarlo.settings import Settings
+from tulip_testbed.experiments.scenario import Scenario
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.rig import preset_rig
 
 SETTINGS = Settings(runs=100, seed=5, estimator="mixed-model", spread=None, dynamics=False)
 

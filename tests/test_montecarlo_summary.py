@@ -7,10 +7,10 @@ import pytest
 from scipy.stats import f, t
 from statsmodels.stats.proportion import proportion_confint
 
-from experiments.montecarlo.intervals import relative_bias, share, standard_error_ratio
-from experiments.montecarlo.moments import BINS, histogram, moments, quantiles
-from experiments.montecarlo.summary import Calibration, summarise
 from tests.montecarlo_work import LAYOUT, TRUTH, Regressions, run_regressions
+from tulip_testbed.experiments.montecarlo.intervals import relative_bias, share, standard_error_ratio
+from tulip_testbed.experiments.montecarlo.moments import BINS, histogram, moments, quantiles
+from tulip_testbed.experiments.montecarlo.summary import Calibration, summarise
 
 RUNS, FAILING = 200, (3, 77)
 

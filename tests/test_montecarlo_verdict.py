@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from experiments.montecarlo.calibration_report import report
-from experiments.montecarlo.calibration_verdict import (
+from tests.montecarlo_work import LAYOUT, Regressions, run_regressions
+from tulip_testbed.experiments.montecarlo.calibration_report import report
+from tulip_testbed.experiments.montecarlo.calibration_verdict import (
     LEVEL,
     CalibrationCheck,
     checks,
@@ -13,9 +14,8 @@ from experiments.montecarlo.calibration_verdict import (
     verdict,
     whole_bounds,
 )
-from experiments.montecarlo.chunks import Chunks
-from experiments.montecarlo.summary import Calibration, Spread, Summary, summarise
-from tests.montecarlo_work import LAYOUT, Regressions, run_regressions
+from tulip_testbed.experiments.montecarlo.chunks import Chunks
+from tulip_testbed.experiments.montecarlo.summary import Calibration, Spread, Summary, summarise
 
 RUNS = 5000
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.linalg import subspace_angles
 
-from identification.base_parameters import base_parameters, standard_parameters
-from identification.kinematics import frame_positions, link_rotations
-from sim.robot import joint_names, load_model, sole_point
+from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.identification.kinematics import frame_positions, link_rotations
+from tulip_testbed.sim.robot import joint_names, load_model, sole_point
 
 FOLDER = Path(__file__).parent / "data" / "oracle"
 SUPPORTS = ("right", "double")

@@ -7,32 +7,32 @@ import dataclasses
 import numpy as np
 import pytest
 
-from experiments.atlas.planned_experiment import usable
-from experiments.plan_description import described_plan, regressor_by_mujoco
-from experiments.planning_run import as_plan, joined
-from experiments.validate import identify
-from identification.base_parameters import base_parameters
-from identification.planning.closed_chain import chain_at
-from identification.planning.objectives import objectives
-from identification.planning.problem import planning_problem
-from identification.planning.repeats import with_repeats
-from identification.planning.sequential import measured_information, run_next, search_next
-from identification.planning.single_support import (
+from studies.improve.one_foot import holding_torques
+from tulip_testbed.experiments.atlas.planned_experiment import usable
+from tulip_testbed.experiments.plan_description import described_plan, regressor_by_mujoco
+from tulip_testbed.experiments.planning_run import as_plan, joined
+from tulip_testbed.experiments.validate import identify
+from tulip_testbed.identification.base_parameters import base_parameters
+from tulip_testbed.identification.planning.closed_chain import chain_at
+from tulip_testbed.identification.planning.objectives import objectives
+from tulip_testbed.identification.planning.problem import planning_problem
+from tulip_testbed.identification.planning.repeats import with_repeats
+from tulip_testbed.identification.planning.sequential import measured_information, run_next, search_next
+from tulip_testbed.identification.planning.single_support import (
     open_chain_torques,
     single_support_margins,
     single_support_plan,
 )
-from identification.planning.trial import smallest_margins
-from identification.postures import planning_ranges, random_postures
-from identification.preflight import preflight
-from identification.regressor import stacked_regressor
-from identification.statistics import standard_errors
-from sim.errors import InputError
-from sim.measurements import read_plan, write_plan
-from sim.rig import preset_rig
-from sim.statics.solved_plan import solve_plan
-from sim.statics.static_run import run_static
-from studies.improve.one_foot import holding_torques
+from tulip_testbed.identification.planning.trial import smallest_margins
+from tulip_testbed.identification.postures import planning_ranges, random_postures
+from tulip_testbed.identification.preflight import preflight
+from tulip_testbed.identification.regressor import stacked_regressor
+from tulip_testbed.identification.statistics import standard_errors
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import read_plan, write_plan
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.statics.solved_plan import solve_plan
+from tulip_testbed.sim.statics.static_run import run_static
 
 SIGMA = 4.16e-3
 SEED = 311

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from experiments import planning_run as planning
-from experiments.scenario import DEFAULT_PLAN
-from sim.measurements import read_plan, write_measurements
-from sim.rig import preset_rig
-from sim.robot import load_model
-from sim.statics.solved_plan import solve_plan
-from sim.statics.static_run import run_static
 from tests.test_cli import refused
 from tests.test_view import needs_opengl
 from tulip_testbed import rendering
 from tulip_testbed.cli.main import main
 from tulip_testbed.drawings import contact_sheet, support_polygons
+from tulip_testbed.experiments import planning_run as planning
+from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.sim.measurements import read_plan, write_measurements
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import load_model
+from tulip_testbed.sim.statics.solved_plan import solve_plan
+from tulip_testbed.sim.statics.static_run import run_static
 
 SMALL = ("--placements", "5", "--postures-per-placement", "3", "--hops", "1", "--seed", "311")
 

@@ -10,27 +10,27 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiments.scenario import DEFAULT_PLAN
-from identification.feasibility import place_polygon, stability_margin, support_polygon
-from identification.planning.blocks import information, information_slope
-from identification.planning.constraints import evaluate, slot_names
-from identification.planning.footing import footing
-from identification.planning.interior_point import interior_point
-from identification.planning.legs import holding_torques
-from identification.planning.linear_steps import whole
-from identification.planning.objectives import OBJECTIVES, condition_number, objectives
-from identification.planning.problem import planning_problem
-from identification.planning.search import begin, design_of, search
-from identification.planning.trial import run_trial, smallest_margins
-from identification.postures import planning_ranges
-from identification.regressor import stacked_regressor
-from sim.dynamics.dynamic_run import run_experiment
-from sim.errors import InputError
-from sim.measurements import read_plan, write_plan
-from sim.rig import preset_rig
-from sim.robot import sole_corners
-from sim.statics.solved_plan import solve_plan
 from studies.runner import part_of
+from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
+from tulip_testbed.identification.planning.blocks import information, information_slope
+from tulip_testbed.identification.planning.constraints import evaluate, slot_names
+from tulip_testbed.identification.planning.footing import footing
+from tulip_testbed.identification.planning.interior_point import interior_point
+from tulip_testbed.identification.planning.legs import holding_torques
+from tulip_testbed.identification.planning.linear_steps import whole
+from tulip_testbed.identification.planning.objectives import OBJECTIVES, condition_number, objectives
+from tulip_testbed.identification.planning.problem import planning_problem
+from tulip_testbed.identification.planning.search import begin, design_of, search
+from tulip_testbed.identification.planning.trial import run_trial, smallest_margins
+from tulip_testbed.identification.postures import planning_ranges
+from tulip_testbed.identification.regressor import stacked_regressor
+from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import read_plan, write_plan
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import sole_corners
+from tulip_testbed.sim.statics.solved_plan import solve_plan
 
 STEP = 1e-6
 SIGMA = 4.16e-3
@@ -197,8 +197,8 @@ def test_no_margin_is_negative(problem, small):
 
 def test_chance_margin_covers_robots_that_differ(problem, plan):
     """The linear s.d. of the CoM against robots drawn around the nominal one."""
-    from sim.random_robots import draw_robot
-    from sim.robot import load_model
+    from tulip_testbed.sim.random_robots import draw_robot
+    from tulip_testbed.sim.robot import load_model
 
     model, rng = load_model(problem.robot), np.random.default_rng(212)
     rows = problem.parameters.regressor(plan.joint_angles[:5])

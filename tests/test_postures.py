@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from identification.feasibility import place_polygon, stability_margin, support_polygon
-from identification.postures import planning_ranges, random_postures
-from identification.regressor import stacked_regressor
-from sim.errors import InputError
-from sim.robot import sole_corners
+from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
+from tulip_testbed.identification.postures import planning_ranges, random_postures
+from tulip_testbed.identification.regressor import stacked_regressor
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.robot import sole_corners
 
 
 def test_shipped_plan_keeps_every_constraint(robot, model, plan):

@@ -8,17 +8,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from identification.center_of_pressure import center_of_pressure
-from identification.estimators import least_squares
-from identification.preflight import preflight
-from identification.preflight.agreement import fit
-from identification.preflight.excitation import predicted_standard_errors
-from identification.preflight.readings import decimal_step, longest_run, rounding_sd
-from identification.reading_noise import placement_levers, reading_noise
-from identification.regressor import regression, stacked_regressor
-from identification.statistics import standard_errors
-from sim.measurements import SensorSheet
 from studies.study_check import rows_of
+from tulip_testbed.identification.center_of_pressure import center_of_pressure
+from tulip_testbed.identification.estimators import least_squares
+from tulip_testbed.identification.preflight import preflight
+from tulip_testbed.identification.preflight.agreement import fit
+from tulip_testbed.identification.preflight.excitation import predicted_standard_errors
+from tulip_testbed.identification.preflight.readings import decimal_step, longest_run, rounding_sd
+from tulip_testbed.identification.reading_noise import placement_levers, reading_noise
+from tulip_testbed.identification.regressor import regression, stacked_regressor
+from tulip_testbed.identification.statistics import standard_errors
+from tulip_testbed.sim.measurements import SensorSheet
 
 
 def test_swing_sole_is_where_mujoco_has_it(nominal, model, precise):

@@ -7,13 +7,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from experiments.validate import NEGLIGIBLE
-from identification.base_parameters import standard_parameters
-from sim.errors import InputError
-from sim.random_robots import draw_robot, edit_of, half_edges
-from sim.rig import preset_rig
-from sim.robot import compile_spec
-from sim.scene import laboratory_scene
+from tulip_testbed.experiments.validate import NEGLIGIBLE
+from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.random_robots import draw_robot, edit_of, half_edges
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import compile_spec
+from tulip_testbed.sim.scene import laboratory_scene
 
 SPREAD = 0.2
 

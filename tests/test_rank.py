@@ -7,10 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiments.validate import identify
-from identification.rank import described, reduced, require_identifiable, undetermined, weakly_known
-from identification.regressor import encoder_blur, stacked_regressor
-from sim.errors import InputError
+from tulip_testbed.experiments.validate import identify
+from tulip_testbed.identification.rank import (
+    described,
+    reduced,
+    require_identifiable,
+    undetermined,
+    weakly_known,
+)
+from tulip_testbed.identification.regressor import encoder_blur, stacked_regressor
+from tulip_testbed.sim.errors import InputError
 
 ENCODER = 4e-4  # rad
 

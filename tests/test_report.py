@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from experiments.run_folder import write_run
-from experiments.saved_run import read_run
 from tests.looking import browse, browser
 from tests.test_view import calibration, cpu_seconds, needs_opengl, not_blank, refused, run  # noqa: F401
 from tulip_testbed import rendering
 from tulip_testbed.cli.main import main
+from tulip_testbed.experiments.run_folder import write_run
+from tulip_testbed.experiments.saved_run import read_run
 from tulip_testbed.pages import page as pages
 from tulip_testbed.pages.page_tables import flattened
 

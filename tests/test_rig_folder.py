@@ -7,20 +7,20 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from effects.instance import EffectInstance, injected
-from effects.parsing import read_effect, read_effects
-from effects.wording import told
-from experiments.preparation import adopted_effects
-from experiments.rig_folder import CHANGED, DIFF, NOMINAL, RIG_FILE, read_rig, write_rig
-from experiments.validate import identify
-from sim.errors import InputError
-from sim.measurements import read_measurements
-from sim.rig import preset_rig
-from sim.robot import load_spec
-from sim.statics.solved_plan import solve_plan
-from sim.statics.static_run import run_static
 from tests.test_cli import edit, refused
 from tulip_testbed.cli.main import main
+from tulip_testbed.effects.instance import EffectInstance, injected
+from tulip_testbed.effects.parsing import read_effect, read_effects
+from tulip_testbed.effects.wording import told
+from tulip_testbed.experiments.preparation import adopted_effects
+from tulip_testbed.experiments.rig_folder import CHANGED, DIFF, NOMINAL, RIG_FILE, read_rig, write_rig
+from tulip_testbed.experiments.validate import identify
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import read_measurements
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import load_spec
+from tulip_testbed.sim.statics.solved_plan import solve_plan
+from tulip_testbed.sim.statics.static_run import run_static
 
 SEED = 231
 TEXTS = ("encoder-offset:right_knee=0.01", "joint-compliance:left_ankle_roll=0.0005")
@@ -188,7 +188,7 @@ def test_nothing_half_written(found, robot, tmp_path, monkeypatch):
     write_rig(tmp_path / "taken", robot, found[:1])
     with pytest.raises(InputError, match="exists already"):
         write_rig(tmp_path / "taken", robot, found)
-    monkeypatch.setattr("experiments.rig_folder.software", lambda: 1 / 0)
+    monkeypatch.setattr("tulip_testbed.experiments.rig_folder.software", lambda: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         write_rig(tmp_path / "rig", robot, found)
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]
@@ -205,7 +205,7 @@ def test_commands_refuse_a_broken_rig_before_the_work(rig, tmp_path, capsys):
 
 
 def test_a_rig_of_a_placement_that_is_not_there(robot, tmp_path):
-    pytest.importorskip("effects.catalogue.placement_blunder")
+    pytest.importorskip("tulip_testbed.effects.catalogue.placement_blunder")
     blunder = read_effect("placement-blunder:7=0.01,0.0", robot, [7])
     write_rig(tmp_path / "rig", robot, [blunder])
     assert adopted_effects(tmp_path / "rig", robot, [1, 7]) == (blunder,)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from experiments.saved_run import kind_of, read_montecarlo, read_run, run_kind
-from sim.errors import InputError
 from tests.test_view import calibration, run  # noqa: F401
+from tulip_testbed.experiments.saved_run import kind_of, read_montecarlo, read_run, run_kind
 from tulip_testbed.pages.page_tables import settings_table
+from tulip_testbed.sim.errors import InputError
 
 GONE = object()
 VALUES = (GONE, None, -1, 1e300, "\x1b[2J", [], {}, [None], {"": None})

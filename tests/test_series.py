@@ -8,11 +8,11 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 
-from identification.preflight.settling import series_agrees, settling, steady_windows
-from sim.errors import InputError
-from sim.measurements import Series, read_measurements, read_series, write_measurements
-from sim.robot import CELLS, sha256
 from studies.study_check import rows_of
+from tulip_testbed.identification.preflight.settling import series_agrees, settling, steady_windows
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Series, read_measurements, read_series, write_measurements
+from tulip_testbed.sim.robot import CELLS, sha256
 
 SAMPLES = 600  # of a window of 30 s
 

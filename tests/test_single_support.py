@@ -8,20 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.scenario import Scenario
-from experiments.validate import identify, validate
-from identification.base_parameters import base_parameters, common_support, standard_parameters
-from identification.center_of_pressure import center_of_pressure, load_shares
-from identification.nominal import nominal_robot
-from identification.preflight import preflight
-from sim.dynamics.dynamic_run import run_experiment
-from sim.errors import InputError
-from sim.measurements import PosturePlan, read_measurements, write_measurements
-from sim.rig import preset_rig
-from sim.statics.solved_plan import solve_plan
-from sim.statics.static_run import run_static
 from studies.runner import part_of
 from studies.study_equilibrium import compare, without_friction
+from tulip_testbed.experiments.scenario import Scenario
+from tulip_testbed.experiments.validate import identify, validate
+from tulip_testbed.identification.base_parameters import base_parameters, common_support, standard_parameters
+from tulip_testbed.identification.center_of_pressure import center_of_pressure, load_shares
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.preflight import preflight
+from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import PosturePlan, read_measurements, write_measurements
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.statics.solved_plan import solve_plan
+from tulip_testbed.sim.statics.static_run import run_static
 
 # Leaning over the stance hip, so that its roll drive holds the rest of the robot; the other leg lifted.
 STANCE = np.array([0.0, -0.35, -0.3, 0.5, -0.2, 0.05, 0.0, 0.1, -0.6, 1.0, -0.3, 0.0])

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.dynamics.stiction import BREAKAWAY, Stiction
+from tulip_testbed.sim.dynamics.stiction import BREAKAWAY, Stiction
 
 ARM = """
 <mujoco>

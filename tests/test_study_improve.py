@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from identification.base_parameters import BaseParameters, base_parameters, standard_parameters
-from sim.measurements import PosturePlan
-from sim.rig import Rig, preset_rig
-from sim.robot import Robot, load_model, load_robot
-from sim.sensors import PRESETS
 from studies.improve import accuracy, conditioning, designs, postures, simplified, single_support
 from studies.improve.one_foot import MARGIN, holding_torques, one_foot_postures
 from studies.improve.output import write_csv
 from studies.improve.repeat import monte_carlo_error, rms
 from studies.runner import shipped_plan
+from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
+from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.robot import Robot, load_model, load_robot
+from tulip_testbed.sim.sensors import PRESETS
 
 pytest.importorskip("matplotlib")
 SEED = 81

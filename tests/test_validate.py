@@ -6,17 +6,17 @@ import json
 import numpy as np
 import pytest
 
-from experiments.checks import within
-from experiments.run_folder import write_run
-from experiments.scenario import Scenario
-from experiments.validate import evaluate, identify, report_document
-from identification.base_parameters import standard_parameters
-from identification.center_of_pressure import center_of_pressure
-from sim.dynamics.dynamic_run import run_experiment
-from sim.errors import InputError
-from sim.measurements import read_measurements
-from sim.rig import preset_rig
 from studies.runner import part_of
+from tulip_testbed.experiments.checks import within
+from tulip_testbed.experiments.run_folder import write_run
+from tulip_testbed.experiments.scenario import Scenario
+from tulip_testbed.experiments.validate import evaluate, identify, report_document
+from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.identification.center_of_pressure import center_of_pressure
+from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import read_measurements
+from tulip_testbed.sim.rig import preset_rig
 
 # facts: standard errors that the paper reached, full model, numbers 1 to 25 [mm]
 PAPER_MM = [1.42, 5.75, 8.24, 11.9, 17.4, 6.66, 8.31, 7.99, 15.5, 1.45, 5.91, 46.2, 46.5, 5.05, 28.7, 29.2]

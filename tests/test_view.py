@@ -16,16 +16,16 @@ import rerun as rr
 import rerun.blueprint as rrb
 from PIL import Image
 
-from experiments.run_folder import write_run
-from experiments.saved_run import read_montecarlo, read_run
-from experiments.scenario import DEFAULT_PLAN
-from identification.feasibility import stability_margin
-from sim.measurements import write_measurements
 from studies.study_check import rows_of
 from tests.looking import headless_viewer
 from tests.test_series import raw_series, write_series
 from tulip_testbed.cli.main import main
+from tulip_testbed.experiments.run_folder import write_run
+from tulip_testbed.experiments.saved_run import read_montecarlo, read_run
+from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.identification.feasibility import stability_margin
 from tulip_testbed.polygons import inset, nearest_on
+from tulip_testbed.sim.measurements import write_measurements
 from tulip_testbed.viewer import balance_series as balance
 from tulip_testbed.viewer import layout, window
 from tulip_testbed.viewer import montecarlo_view as montecarlo

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.errors import InputError
-from sim.measurements import read_measurements, write_measurements
-from sim.robot import sha256
 from tulip_testbed.cli.main import main
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import read_measurements, write_measurements
+from tulip_testbed.sim.robot import sha256
 
 ROOT = Path(__file__).parent.parent
 GUIDE = (ROOT / "docs" / "your-data.md").read_text()

@@ -10,17 +10,17 @@ import io
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from identification.base_parameters import base_parameters, standard_parameters
-from identification.feasibility import place_polygon, stability_margin, support_polygon
-from identification.postures import planning_ranges
-from sim.dynamics.dynamic_run import boards_under
-from sim.measurements import PosturePlan
-from sim.plates import plate_geometry
-from sim.rig import preset_rig
-from sim.robot import Robot, load_model, sole_corners
-from sim.scene import load_scene
+from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
+from tulip_testbed.identification.postures import planning_ranges
 from tulip_testbed.polygons import inset, nearest_on
 from tulip_testbed.rendering import rendered
+from tulip_testbed.sim.dynamics.dynamic_run import boards_under
+from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.plates import plate_geometry
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import Robot, load_model, sole_corners
+from tulip_testbed.sim.scene import load_scene
 
 SCALE = 400.0  # pixels a metre
 MOST_COLUMNS = 4

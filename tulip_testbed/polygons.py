@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import HalfspaceIntersection, QhullError
 
-from identification.feasibility import support_polygon
+from tulip_testbed.identification.feasibility import support_polygon
 
 
 def inset(polygon: np.ndarray, distance: float) -> np.ndarray | None:

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from sim.errors import InputError, shortened
-from sim.robot import Robot
+from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.sim.robot import Robot
 
 PLATFORMS = ("egl", "osmesa")
 MOST_WAIT = 600  # s
@@ -74,8 +74,8 @@ def draw(
     """As `rendered`, in this process, whose MUJOCO_GL says how."""
     import mujoco
 
-    from sim.dynamics.stand import Stand
-    from sim.rig import preset_rig
+    from tulip_testbed.sim.dynamics.stand import Stand
+    from tulip_testbed.sim.rig import preset_rig
 
     rig = replace(preset_rig("ideal", robot), edit=_lit)
     images = np.empty((len(joint_angles), height, width, 3), dtype=np.uint8)
@@ -127,7 +127,7 @@ def _lit(spec: Any) -> None:
 
 def main() -> None:
     """The child: a request on stdin, images on stdout."""
-    from sim.robot import load_robot
+    from tulip_testbed.sim.robot import load_robot
 
     request = json.load(sys.stdin)
     images = draw(

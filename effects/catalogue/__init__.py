@@ -9,7 +9,7 @@ from importlib import import_module
 from inspect import cleandoc
 from types import ModuleType
 
-from effects.effect import Effect
+from tulip_testbed.effects.effect import Effect
 
 
 @cache

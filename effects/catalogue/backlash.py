@@ -10,11 +10,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from effects.effect import Effect, Parameter, Values
-from effects.injection import edited
-from effects.targets import JOINTS
-from identification.observation import Observation
-from sim.rig import Rig
+from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.injection import edited
+from tulip_testbed.effects.targets import JOINTS
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.rig import Rig
 
 SUFFIX = "_play"
 STIFFNESS = 1e5  # Nm/rad beyond the play, assumed: 0.006 deg under 10 Nm

@@ -11,12 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from effects.effect import Effect, Parameter, Values
-from effects.injection import misreading
-from identification.observation import Observation
-from sim.measurements import Measurements
-from sim.procedure import new_set_up
-from sim.rig import Rig
+from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.injection import misreading
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.procedure import new_set_up
+from tulip_testbed.sim.rig import Rig
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:

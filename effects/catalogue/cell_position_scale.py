@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import mujoco
 
-from effects.effect import Effect, Parameter, Values
-from effects.injection import edited
-from identification.observation import Observation
-from sim.plates import cell_names
-from sim.rig import Rig
+from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.injection import edited
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.plates import cell_names
+from tulip_testbed.sim.rig import Rig
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from effects.effect import Effect, Parameter, Values
-from effects.injection import column, misreading
-from effects.targets import CELL_NAMES
-from identification.observation import Observation
-from sim.measurements import Measurements
-from sim.rig import Rig
-from sim.robot import CELLS
+from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.injection import column, misreading
+from tulip_testbed.effects.targets import CELL_NAMES
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import CELLS
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from effects.effect import Effect, Parameter, Values
-from effects.injection import column, misreading
-from effects.targets import JOINTS
-from identification.observation import Observation
-from sim.measurements import Measurements
-from sim.rig import Rig
+from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.injection import column, misreading
+from tulip_testbed.effects.targets import JOINTS
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.rig import Rig
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:

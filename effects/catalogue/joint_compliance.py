@@ -5,11 +5,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from effects.effect import Effect, Parameter, Values
-from effects.injection import column, edited
-from effects.targets import JOINTS
-from identification.observation import Observation
-from sim.rig import Rig
+from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.injection import column, edited
+from tulip_testbed.effects.targets import JOINTS
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.rig import Rig
 
 SUFFIX = "_yield"
 LOSS_TIME = 0.005  # s, damping over stiffness of the spring, assumed; at rest it makes no difference

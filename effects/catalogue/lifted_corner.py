@@ -13,12 +13,12 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from effects.effect import Effect, Parameter, Values
-from effects.injection import always, edited
-from effects.targets import FOOT_CORNERS
-from identification.observation import Observation
-from sim.rig import Rig
-from sim.robot import CORNERS
+from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.injection import always, edited
+from tulip_testbed.effects.targets import FOOT_CORNERS
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import CORNERS
 
 ROCKING = 0.002  # m, width about the diagonal in which a foot is taken to rock: what noise leaves of it
 

@@ -11,13 +11,13 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from effects.effect import Effect, Parameter, Values
-from effects.injection import edited
-from effects.targets import LEG_LINKS, next_joint
-from identification.kinematics import tree_of
-from identification.observation import Observation
-from sim.rig import Rig
-from sim.robot import load_model
+from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.injection import edited
+from tulip_testbed.effects.targets import LEG_LINKS, next_joint
+from tulip_testbed.identification.kinematics import tree_of
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import load_model
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:

@@ -9,12 +9,12 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from effects.effect import Effect, Parameter, Values
-from effects.injection import edited
-from effects.point_mass import add_mass
-from effects.targets import LINKS
-from identification.observation import Observation
-from sim.rig import Rig
+from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.injection import edited
+from tulip_testbed.effects.point_mass import add_mass
+from tulip_testbed.effects.targets import LINKS
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.rig import Rig
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:

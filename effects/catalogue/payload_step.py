@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import mujoco
 
-from effects.effect import Effect, Parameter, Values
-from effects.injection import STARTS, edited, from_then_on
-from effects.point_mass import add_mass
-from effects.targets import LINKS
-from identification.observation import Observation
-from sim.rig import Rig
+from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.injection import STARTS, edited, from_then_on
+from tulip_testbed.effects.point_mass import add_mass
+from tulip_testbed.effects.targets import LINKS
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.rig import Rig
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from effects.effect import Effect, Parameter, Values
-from effects.misrecorded_plates import misrecorded, put_right
-from effects.targets import PLACEMENTS
-from sim.robot import PLATES
+from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.misrecorded_plates import misrecorded, put_right
+from tulip_testbed.effects.targets import PLACEMENTS
+from tulip_testbed.sim.robot import PLATES
 
 
 def _shift(placement: np.ndarray, target: str, values: Values) -> np.ndarray:

@@ -10,13 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from effects.effect import Effect, Parameter, Values
-from effects.injection import misreading
-from effects.targets import PLATE_NAMES
-from identification.observation import Observation
-from sim.measurements import Measurements
-from sim.rig import Rig
-from sim.robot import CORNERS, PLATES
+from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.injection import misreading
+from tulip_testbed.effects.targets import PLATE_NAMES
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import CORNERS, PLATES
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:

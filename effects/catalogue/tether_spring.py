@@ -9,11 +9,11 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from effects.effect import Effect, Parameter, Values
-from effects.injection import edited
-from effects.torso_pull import FAR, hook, pulled, tie, torso_place
-from identification.observation import Observation
-from sim.rig import Rig
+from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.injection import edited
+from tulip_testbed.effects.torso_pull import FAR, hook, pulled, tie, torso_place
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.rig import Rig
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from effects.effect import Effect, Parameter, Values
-from effects.injection import misreading
-from identification.observation import Observation, time_fraction
-from sim.measurements import Measurements
-from sim.rig import Rig
+from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.injection import misreading
+from tulip_testbed.identification.observation import Observation, time_fraction
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.rig import Rig
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:

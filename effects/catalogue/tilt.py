@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from effects.effect import Effect, Parameter, Values
-from effects.injection import edited
-from identification.observation import Observation
-from sim.rig import Rig
+from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.injection import edited
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.rig import Rig
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:

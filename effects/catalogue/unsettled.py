@@ -14,11 +14,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from effects.effect import Effect, Parameter, Values
-from effects.injection import always
-from identification.observation import Observation
-from sim.dynamics.hold import CONTROL_PERIOD
-from sim.rig import Rig
+from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.injection import always
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.dynamics.hold import CONTROL_PERIOD
+from tulip_testbed.sim.rig import Rig
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from discovery.candidates import Candidate, columns, whole_change
-from discovery.linear_model import Linear, linear_model
-from experiments.atlas.planned_experiment import Planned
-from experiments.scenario import Scenario
-from identification.residual_channels import ROWS, SIZE
-from sim.rig import Rig
+from tulip_testbed.discovery.candidates import Candidate, columns, whole_change
+from tulip_testbed.discovery.linear_model import Linear, linear_model
+from tulip_testbed.experiments.atlas.planned_experiment import Planned
+from tulip_testbed.experiments.scenario import Scenario
+from tulip_testbed.identification.residual_channels import ROWS, SIZE
+from tulip_testbed.sim.rig import Rig
 
 
 @dataclass(frozen=True)

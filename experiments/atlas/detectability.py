@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
-from discovery.candidates import Candidate
+from tulip_testbed.discovery.candidates import Candidate
 
 POWER = 0.9
 

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2, norm
 
-from discovery.candidates import Candidate, candidates
-from discovery.evidence import VISIBLE, Field, family, field
-from discovery.linear_model import linear_model
-from discovery.selection import LEVEL
-from effects.effect import Parameter
-from effects.instance import MOST_PRIORS
-from experiments.atlas.bias import bias, weights
-from experiments.atlas.detectability import POWER, detectable_size, single_level
-from experiments.atlas.isolability import ISOLABLE, angles, groups
-from experiments.atlas.planned_experiment import Planned
-from identification.residual_channels import CHANNELS
+from tulip_testbed.discovery.candidates import Candidate, candidates
+from tulip_testbed.discovery.evidence import VISIBLE, Field, family, field
+from tulip_testbed.discovery.linear_model import linear_model
+from tulip_testbed.discovery.selection import LEVEL
+from tulip_testbed.effects.effect import Parameter
+from tulip_testbed.effects.instance import MOST_PRIORS
+from tulip_testbed.experiments.atlas.bias import bias, weights
+from tulip_testbed.experiments.atlas.detectability import POWER, detectable_size, single_level
+from tulip_testbed.experiments.atlas.isolability import ISOLABLE, angles, groups
+from tulip_testbed.experiments.atlas.planned_experiment import Planned
+from tulip_testbed.identification.residual_channels import CHANNELS
 
 SAME = 1e-9  # of the largest column: a choice that changes nothing
 

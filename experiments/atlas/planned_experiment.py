@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from discovery.refit import without_noise
-from identification.base_parameters import common_support
-from identification.estimators import DEFAULT, estimate_by
-from identification.nominal import Nominal, nominal_robot
-from identification.observation import Observation, observe
-from identification.regressor import regression
-from identification.residual_noise import Noise, noise_of
-from sim.measurements import Measurements, PosturePlan
-from sim.procedure import constants
-from sim.rig import Rig, preset_rig
-from sim.robot import Robot
-from sim.statics.solved_plan import SolvedPlan, solve_plan
-from sim.statics.static_run import run_static
+from tulip_testbed.discovery.refit import without_noise
+from tulip_testbed.identification.base_parameters import common_support
+from tulip_testbed.identification.estimators import DEFAULT, estimate_by
+from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.identification.observation import Observation, observe
+from tulip_testbed.identification.regressor import regression
+from tulip_testbed.identification.residual_noise import Noise, noise_of
+from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.statics.solved_plan import SolvedPlan, solve_plan
+from tulip_testbed.sim.statics.static_run import run_static
 
 RUNS = 20  # over which the estimator's variances are averaged
 

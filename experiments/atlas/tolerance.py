@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from discovery.candidates import Candidate, candidates
-from effects.catalogue import catalogue
-from experiments.atlas.bias import Weights, weights
-from experiments.atlas.planned_experiment import Planned, estimates, noisy, streams
-from sim.measurements import Measurements
-from sim.statics.solved_plan import solve_plan
+from tulip_testbed.discovery.candidates import Candidate, candidates
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.experiments.atlas.bias import Weights, weights
+from tulip_testbed.experiments.atlas.planned_experiment import Planned, estimates, noisy, streams
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.statics.solved_plan import solve_plan
 
 # Effect, and the amount that a laboratory thinks in.
 UNITS = {

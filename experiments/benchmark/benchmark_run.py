@@ -10,16 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from experiments.benchmark.case_run import carry_out
-from experiments.benchmark.cases import Case, Settings, cases
-from experiments.benchmark.outcome import Outcome, outcome
-from experiments.benchmark.scoreboard import board
-from experiments.montecarlo.chunks import Chunks
-from experiments.montecarlo.engine import engine
-from experiments.montecarlo.montecarlo_folder import CHUNK_FOLDER, check_folder, open_folder, run_document
-from experiments.montecarlo.montecarlo_run import collect_missing
-from experiments.scenario import DEFAULT_PLAN, Scenario
-from sim.measurements.table_files import Columns
+from tulip_testbed.experiments.benchmark.case_run import carry_out
+from tulip_testbed.experiments.benchmark.cases import Case, Settings, cases
+from tulip_testbed.experiments.benchmark.outcome import Outcome, outcome
+from tulip_testbed.experiments.benchmark.scoreboard import board
+from tulip_testbed.experiments.montecarlo.chunks import Chunks
+from tulip_testbed.experiments.montecarlo.engine import engine
+from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
+    CHUNK_FOLDER,
+    check_folder,
+    open_folder,
+    run_document,
+)
+from tulip_testbed.experiments.montecarlo.montecarlo_run import collect_missing
+from tulip_testbed.experiments.scenario import DEFAULT_PLAN, Scenario
+from tulip_testbed.sim.measurements.table_files import Columns
 
 CHUNK = 1  # a case takes seconds
 

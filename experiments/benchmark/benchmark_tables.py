@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from experiments.benchmark import cases as arms
-from experiments.benchmark.outcome import Outcome
-from experiments.benchmark.score import Figure, figures, in_set, of, rate, right, wrong
+from tulip_testbed.experiments.benchmark import cases as arms
+from tulip_testbed.experiments.benchmark.outcome import Outcome
+from tulip_testbed.experiments.benchmark.score import Figure, figures, in_set, of, rate, right, wrong
 
 Rows = list[tuple[str, ...]]
 

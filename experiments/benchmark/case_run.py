@@ -9,28 +9,28 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2, ncx2
 
-from discovery.discover import AMBIGUOUS, NAMED, Discovery, discover, instance_of
-from discovery.refit import without_noise
-from effects.catalogue import catalogue
-from effects.instance import EffectInstance, injected
-from experiments.atlas.detectability import noncentrality
-from experiments.benchmark import cases as arms
-from experiments.benchmark.cases import Case
-from experiments.benchmark.draw import Hidden, draw_absorbed, draw_visible
-from experiments.benchmark.outcome import Bias, Found, Outcome
-from experiments.benchmark.outside_faults import OUTSIDE
-from experiments.benchmark.scoreboard import Board
-from experiments.scenario import Scenario
-from experiments.validate import identify
-from sim.dynamics.dynamic_run import run_experiment
-from sim.errors import InputError
-from sim.measurements import Measurements
-from sim.procedure import constants
-from sim.random_robots import draw_robot
-from sim.rig import Rig
-from sim.robot import load_model
-from sim.statics.solved_plan import SolvedPlan, solve_plan
-from sim.statics.static_run import run_static
+from tulip_testbed.discovery.discover import AMBIGUOUS, NAMED, Discovery, discover, instance_of
+from tulip_testbed.discovery.refit import without_noise
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.instance import EffectInstance, injected
+from tulip_testbed.experiments.atlas.detectability import noncentrality
+from tulip_testbed.experiments.benchmark import cases as arms
+from tulip_testbed.experiments.benchmark.cases import Case
+from tulip_testbed.experiments.benchmark.draw import Hidden, draw_absorbed, draw_visible
+from tulip_testbed.experiments.benchmark.outcome import Bias, Found, Outcome
+from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
+from tulip_testbed.experiments.benchmark.scoreboard import Board
+from tulip_testbed.experiments.scenario import Scenario
+from tulip_testbed.experiments.validate import identify
+from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.random_robots import draw_robot
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import load_model
+from tulip_testbed.sim.statics.solved_plan import SolvedPlan, solve_plan
+from tulip_testbed.sim.statics.static_run import run_static
 
 LEAST_STANDING = 0.75  # of a plan's postures: a laboratory in which more fall would not go on
 SPREAD = 0.1  # of random true robots, see `sim.random_robots`

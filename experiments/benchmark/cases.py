@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from effects.catalogue import catalogue
-from experiments.benchmark.draw import absorbed, testable
-from experiments.benchmark.outside_faults import OUTSIDE
-from experiments.benchmark.scoreboard import Board
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.experiments.benchmark.draw import absorbed, testable
+from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
+from tulip_testbed.experiments.benchmark.scoreboard import Board
 
 MULTIPLES = (0.5, 1.0, 2.0, 3.0, 4.0)  # of the minimum detectable size
 CLEAR = (2.0, 3.0, 4.0)

@@ -12,12 +12,12 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from effects.injection import edited, misreading
-from effects.torso_pull import FAR, hook, tie
-from identification.observation import time_fraction
-from sim.measurements import Measurements
-from sim.rig import Rig
-from sim.robot import joint_names, load_model
+from tulip_testbed.effects.injection import edited, misreading
+from tulip_testbed.effects.torso_pull import FAR, hook, tie
+from tulip_testbed.identification.observation import time_fraction
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import joint_names, load_model
 
 LOSS_TIME = 0.005  # s, damping over stiffness
 CREEP = 200.0  # s, of a cell that yields

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binom
 
-from effects.catalogue import catalogue
-from experiments.benchmark import cases as arms
-from experiments.benchmark.outcome import Outcome
-from experiments.benchmark.outside_faults import OUTSIDE
-from experiments.montecarlo.intervals import share
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.experiments.benchmark import cases as arms
+from tulip_testbed.experiments.benchmark.outcome import Outcome
+from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
+from tulip_testbed.experiments.montecarlo.intervals import share
 
 CONFIDENCE = 0.95
 HELD_OUT = 1.1  # times the noise

@@ -12,23 +12,23 @@ from pathlib import Path
 
 import numpy as np
 
-from discovery.candidates import Candidate, candidates
-from discovery.evidence import VISIBLE, family, field
-from discovery.linear_model import Linear, linear_model
-from discovery.refit import exact_rig, measured_plan, simulated, without_noise
-from discovery.selection import LEVEL
-from experiments.atlas.detectability import noncentrality, single_level
-from experiments.atlas.isolability import ISOLABLE
-from experiments.scenario import DEFAULT_PLAN
-from identification.nominal import nominal_robot
-from identification.observation import observe
-from identification.residual_channels import residuals
-from identification.residual_noise import noise_of
-from sim.measurements import PosturePlan, read_plan
-from sim.rig import Rig, preset_rig
-from sim.robot import load_model, load_robot
-from sim.statics.solved_plan import SolvedPlan, solve_plan
-from sim.statics.static_run import run_static
+from tulip_testbed.discovery.candidates import Candidate, candidates
+from tulip_testbed.discovery.evidence import VISIBLE, family, field
+from tulip_testbed.discovery.linear_model import Linear, linear_model
+from tulip_testbed.discovery.refit import exact_rig, measured_plan, simulated, without_noise
+from tulip_testbed.discovery.selection import LEVEL
+from tulip_testbed.experiments.atlas.detectability import noncentrality, single_level
+from tulip_testbed.experiments.atlas.isolability import ISOLABLE
+from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.residual_channels import residuals
+from tulip_testbed.identification.residual_noise import noise_of
+from tulip_testbed.sim.measurements import PosturePlan, read_plan
+from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.robot import load_model, load_robot
+from tulip_testbed.sim.statics.solved_plan import SolvedPlan, solve_plan
+from tulip_testbed.sim.statics.static_run import run_static
 
 REFERENCE = 999  # stream of the one nominal experiment at which columns are taken
 

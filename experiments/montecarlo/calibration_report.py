@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from experiments.montecarlo.calibration_verdict import checks, shown, verdict
-from experiments.montecarlo.intervals import mc_error, share, standard_error_ratio
-from experiments.montecarlo.run_columns import Layout
-from experiments.montecarlo.summary import LEVELS, QUANTILES, Calibration, Spread, Summary
+from tulip_testbed.experiments.montecarlo.calibration_verdict import checks, shown, verdict
+from tulip_testbed.experiments.montecarlo.intervals import mc_error, share, standard_error_ratio
+from tulip_testbed.experiments.montecarlo.run_columns import Layout
+from tulip_testbed.experiments.montecarlo.summary import LEVELS, QUANTILES, Calibration, Spread, Summary
 
 CONFIDENCE = 0.95  # of the intervals beside every single figure; the verdict's are wider
 

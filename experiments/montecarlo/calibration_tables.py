@@ -8,9 +8,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from experiments.montecarlo.calibration_verdict import BIAS, COVERAGE, LEVEL, RATIO
-from experiments.parameter_tables import COLOURS
-from experiments.terminal import print_table
+from tulip_testbed.experiments.montecarlo.calibration_verdict import BIAS, COVERAGE, LEVEL, RATIO
+from tulip_testbed.experiments.parameter_tables import COLOURS
+from tulip_testbed.experiments.terminal import print_table
 
 LEGEND = (
     "bias: mean error, with its Monte Carlo error; ratio: s.d. of the errors over the reported s.e., with "

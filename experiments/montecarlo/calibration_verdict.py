@@ -20,9 +20,14 @@ from functools import partial
 import numpy as np
 from scipy.stats import f as f_distribution
 
-from experiments.montecarlo.intervals import Estimates, relative_bias, share, standard_error_ratio
-from experiments.montecarlo.summary import LEVELS, WHOLE_LEVEL, Calibration, Summary
-from experiments.validate import NEGLIGIBLE
+from tulip_testbed.experiments.montecarlo.intervals import (
+    Estimates,
+    relative_bias,
+    share,
+    standard_error_ratio,
+)
+from tulip_testbed.experiments.montecarlo.summary import LEVELS, WHOLE_LEVEL, Calibration, Summary
+from tulip_testbed.experiments.validate import NEGLIGIBLE
 
 LEVEL = 0.01
 BIAS = (-0.1, 0.1)  # of the standard error

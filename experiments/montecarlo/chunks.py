@@ -10,9 +10,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
-from sim.errors import InputError
-from sim.files import present, write_bytes
-from sim.measurements.table_files import Columns
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.files import present, write_bytes
+from tulip_testbed.sim.measurements.table_files import Columns
 
 
 @dataclass(frozen=True)

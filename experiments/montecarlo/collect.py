@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from experiments.montecarlo.chunks import Chunks
-from experiments.montecarlo.engine import Work, compute
+from tulip_testbed.experiments.montecarlo.chunks import Chunks
+from tulip_testbed.experiments.montecarlo.engine import Work, compute
 
 
 def collect(chunks: Chunks, work: Work, advance: Callable[[int], None]) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import joblib
 
-from sim.errors import InputError
+from tulip_testbed.sim.errors import InputError
 
 ENGINES = ("loky", "dask")
 PATIENCE = 10  # s, for a scheduler that does not answer and for its first worker

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import beta, chi2
 from scipy.stats import t as t_distribution
 
-from experiments.montecarlo.summary import Calibration
+from tulip_testbed.experiments.montecarlo.summary import Calibration
 
 
 @dataclass(frozen=True)

@@ -9,17 +9,17 @@ from functools import partial
 import mujoco
 import numpy as np
 
-from effects.injection import edited
-from experiments.scenario import Scenario
-from identification.base_parameters import standard_parameters
-from sim.dynamics.dynamic_run import run_experiment
-from sim.errors import InputError
-from sim.measurements import Measurements, PosturePlan
-from sim.random_robots import draw_robot, edit_of
-from sim.rig import Rig
-from sim.robot import load_model
-from sim.statics.solved_plan import SolvedPlan, solve_plan
-from sim.statics.static_run import run_static
+from tulip_testbed.effects.injection import edited
+from tulip_testbed.experiments.scenario import Scenario
+from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.random_robots import draw_robot, edit_of
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import load_model
+from tulip_testbed.sim.statics.solved_plan import SolvedPlan, solve_plan
+from tulip_testbed.sim.statics.static_run import run_static
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from effects.instance import EffectInstance
-from experiments.validate import identify
-from identification.base_parameters import BaseParameters
-from identification.estimators import Estimate
-from sim.measurements import Measurements
-from sim.robot import Robot
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.experiments.validate import identify
+from tulip_testbed.identification.base_parameters import BaseParameters
+from tulip_testbed.identification.estimators import Estimate
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.robot import Robot
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from experiments.run_folder import check_new
-from experiments.scenario import Scenario
-from sim.errors import InputError, shortened
-from sim.files import new_folder, present
-from sim.measurements import PosturePlan, write_plan
-from sim.measurements.table_files import read_json, software, write_json
-from sim.robot import sha256
+from tulip_testbed.experiments.run_folder import check_new
+from tulip_testbed.experiments.scenario import Scenario
+from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.sim.files import new_folder, present
+from tulip_testbed.sim.measurements import PosturePlan, write_plan
+from tulip_testbed.sim.measurements.table_files import read_json, software, write_json
+from tulip_testbed.sim.robot import sha256
 
 RUN_FILE, CHUNK_FOLDER, REPORT_FILE, PLAN_FOLDER = "run.json", "runs", "report.json", "plan"
 

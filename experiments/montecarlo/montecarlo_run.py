@@ -6,26 +6,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from experiments.montecarlo.calibration_report import report
-from experiments.montecarlo.chunks import Chunks
-from experiments.montecarlo.collect import collect
-from experiments.montecarlo.engine import Work, engine
-from experiments.montecarlo.laboratory_runs import laboratory
-from experiments.montecarlo.montecarlo_folder import (
+from tulip_testbed.experiments.montecarlo.calibration_report import report
+from tulip_testbed.experiments.montecarlo.chunks import Chunks
+from tulip_testbed.experiments.montecarlo.collect import collect
+from tulip_testbed.experiments.montecarlo.engine import Work, engine
+from tulip_testbed.experiments.montecarlo.laboratory_runs import laboratory
+from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
     CHUNK_FOLDER,
     REPORT_FILE,
     check_folder,
     open_folder,
     run_document,
 )
-from experiments.montecarlo.run_columns import Job, layout_of
-from experiments.montecarlo.settings import Settings
-from experiments.montecarlo.summary import summarise
-from experiments.preparation import true_parameters
-from experiments.scenario import Scenario
-from experiments.terminal import progress
-from sim.errors import InputError
-from sim.measurements.table_files import write_json
+from tulip_testbed.experiments.montecarlo.run_columns import Job, layout_of
+from tulip_testbed.experiments.montecarlo.settings import Settings
+from tulip_testbed.experiments.montecarlo.summary import summarise
+from tulip_testbed.experiments.preparation import true_parameters
+from tulip_testbed.experiments.scenario import Scenario
+from tulip_testbed.experiments.terminal import progress
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements.table_files import write_json
 
 
 class Interrupted(KeyboardInterrupt):

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from effects.instance import EffectInstance
-from experiments.montecarlo.laboratory_runs import Laboratory, Run, stream_of
-from experiments.montecarlo.model_fits import Fit, Fits, fit
-from identification.base_parameters import BaseParameters, renumbered, simplified_numbers
-from identification.statistics import correlations, residual_norms, standard_errors
-from sim.errors import InputError
-from sim.measurements.table_files import Columns
-from sim.robot import Robot
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.experiments.montecarlo.laboratory_runs import Laboratory, Run, stream_of
+from tulip_testbed.experiments.montecarlo.model_fits import Fit, Fits, fit
+from tulip_testbed.identification.base_parameters import BaseParameters, renumbered, simplified_numbers
+from tulip_testbed.identification.statistics import correlations, residual_norms, standard_errors
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements.table_files import Columns
+from tulip_testbed.sim.robot import Robot
 
 SCALARS = (
     *("sigma", "condition_number", "residual_mean", "residual_sd", "residual_max"),

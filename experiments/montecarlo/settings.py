@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from experiments.montecarlo.engine import ENGINES
-from experiments.preparation import at_least
-from identification.estimators import ESTIMATORS
-from sim.errors import InputError, look_up
+from tulip_testbed.experiments.montecarlo.engine import ENGINES
+from tulip_testbed.experiments.preparation import at_least
+from tulip_testbed.identification.estimators import ESTIMATORS
+from tulip_testbed.sim.errors import InputError, look_up
 
 CHUNK = 25  # runs a file: some seconds of work
 DYNAMIC_CHUNK = 1  # a run takes about a minute, and a kill should cost no more

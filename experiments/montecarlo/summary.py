@@ -9,10 +9,10 @@ import numpy as np
 from scipy.stats import f as f_distribution
 from scipy.stats import t as t_distribution
 
-from experiments.montecarlo.chunks import Chunks
-from experiments.montecarlo.moments import histogram, moments, quantiles
-from experiments.montecarlo.run_columns import SCALARS, Layout
-from sim.measurements.table_files import Columns
+from tulip_testbed.experiments.montecarlo.chunks import Chunks
+from tulip_testbed.experiments.montecarlo.moments import histogram, moments, quantiles
+from tulip_testbed.experiments.montecarlo.run_columns import SCALARS, Layout
+from tulip_testbed.sim.measurements.table_files import Columns
 
 LEVELS = (0.5, 0.9, 0.95)  # of the intervals whose coverage is counted
 QUANTILES = (0.05, 0.5, 0.95)

@@ -3,15 +3,15 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from identification.estimators.consistent import physically_consistent
-from identification.estimators.errors_in_variables import corrected_least_squares
-from identification.estimators.estimate import Estimate, StandardEstimate
-from identification.estimators.mixed import mixed_model, placement_effects
-from identification.estimators.ordinary import least_squares, solve_least_squares
-from identification.estimators.prior import with_prior
-from identification.estimators.robust import huber
-from identification.regressor import Regression
-from sim.errors import look_up
+from tulip_testbed.identification.estimators.consistent import physically_consistent
+from tulip_testbed.identification.estimators.errors_in_variables import corrected_least_squares
+from tulip_testbed.identification.estimators.estimate import Estimate, StandardEstimate
+from tulip_testbed.identification.estimators.mixed import mixed_model, placement_effects
+from tulip_testbed.identification.estimators.ordinary import least_squares, solve_least_squares
+from tulip_testbed.identification.estimators.prior import with_prior
+from tulip_testbed.identification.estimators.robust import huber
+from tulip_testbed.identification.regressor import Regression
+from tulip_testbed.sim.errors import look_up
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import nnls
 
-from identification.estimators.estimate import Estimate
-from identification.estimators.mixed import mixed_model
-from identification.estimators.ordinary import residual_sigma
-from identification.link_boxes import SIDES, link_boxes
-from identification.regressor import Regression
-from sim.errors import InputError
-from sim.robot import load_model
+from tulip_testbed.identification.estimators.estimate import Estimate
+from tulip_testbed.identification.estimators.mixed import mixed_model
+from tulip_testbed.identification.estimators.ordinary import residual_sigma
+from tulip_testbed.identification.link_boxes import SIDES, link_boxes
+from tulip_testbed.identification.regressor import Regression
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.robot import load_model
 
 EQUALITY = 1e4  # weight of "mass fractions sum to one" over the largest other
 

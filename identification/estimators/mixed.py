@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.estimators.errors_in_variables import bounded_excess
-from identification.estimators.estimate import Estimate
-from identification.estimators.ordinary import residual_sigma, solve
-from identification.regressor import Regression
-from identification.variance_components import Components, fit_components
+from tulip_testbed.identification.estimators.errors_in_variables import bounded_excess
+from tulip_testbed.identification.estimators.estimate import Estimate
+from tulip_testbed.identification.estimators.ordinary import residual_sigma, solve
+from tulip_testbed.identification.regressor import Regression
+from tulip_testbed.identification.variance_components import Components, fit_components
 
 
 def placement_effects(data: Regression) -> Estimate:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from identification.estimators.estimate import Estimate
-from identification.placement_effects import clustered_covariance
-from identification.rank import labels, require_identifiable
-from identification.regressor import Regression
+from tulip_testbed.identification.estimators.estimate import Estimate
+from tulip_testbed.identification.placement_effects import clustered_covariance
+from tulip_testbed.identification.rank import labels, require_identifiable
+from tulip_testbed.identification.regressor import Regression
 
 
 def solve_least_squares(matrix: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from identification.base_parameters import standard_parameters
-from identification.estimators.estimate import Estimate, StandardEstimate
-from identification.estimators.mixed import mixed_model
-from identification.estimators.ordinary import residual_sigma
-from identification.regressor import Regression
-from identification.visible_masses import visible_masses
-from sim.errors import InputError
-from sim.robot import load_model
+from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.identification.estimators.estimate import Estimate, StandardEstimate
+from tulip_testbed.identification.estimators.mixed import mixed_model
+from tulip_testbed.identification.estimators.ordinary import residual_sigma
+from tulip_testbed.identification.regressor import Regression
+from tulip_testbed.identification.visible_masses import visible_masses
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.robot import load_model
 
 MASS_SD = 0.2  # of each link's mass, relative: what a CAD model leaves out (cables, screws, shells)
 CENTER_SD = 0.02  # m, of each link's centre of mass, per axis

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from identification.estimators.estimate import Estimate
-from identification.estimators.ordinary import least_squares, residual_sigma, solve
-from identification.regressor import Regression
+from tulip_testbed.identification.estimators.estimate import Estimate
+from tulip_testbed.identification.estimators.ordinary import least_squares, residual_sigma, solve
+from tulip_testbed.identification.regressor import Regression
 
 EXACT = 1e-12  # residuals over the output's size: nothing to weigh
 

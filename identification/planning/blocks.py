@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
-from identification.planning.constraints import Evaluation, evaluate
-from identification.planning.objectives import Smooth
-from identification.planning.problem import Problem
+from tulip_testbed.identification.planning.constraints import Evaluation, evaluate
+from tulip_testbed.identification.planning.objectives import Smooth
+from tulip_testbed.identification.planning.problem import Problem
 
 SCALE = np.array([0.05, 0.05, 0.05, 0.3, 0.3, 0.3, 0.05, 0.05, 0.3])  # of the design variables [m, rad]
 OWN, SHARED = slice(0, 6), slice(6, 9)

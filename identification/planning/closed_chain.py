@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.kinematics import frame_positions, joint_axes, link_rotations, walk
-from identification.planning.problem import Problem
+from tulip_testbed.identification.kinematics import frame_positions, joint_axes, link_rotations, walk
+from tulip_testbed.identification.planning.problem import Problem
 
 TOLERANCE = 1e-11  # of every equation [m, rad]
 ITERATIONS = 25

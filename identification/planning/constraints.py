@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.planning.closed_chain import (
+from tulip_testbed.identification.planning.closed_chain import (
     DESIGN,
     Chain,
     point_jacobian,
     solve_chain,
 )
-from identification.planning.footing import PLAN, ROOMS, footing_slopes
-from identification.planning.legs import holding_torques, leg_stretch, limb_distances
-from identification.planning.problem import Problem
+from tulip_testbed.identification.planning.footing import PLAN, ROOMS, footing_slopes
+from tulip_testbed.identification.planning.legs import holding_torques, leg_stretch, limb_distances
+from tulip_testbed.identification.planning.problem import Problem
 
 # A slot of one is this much.
 LENGTH, ANGLE, FORCE, TORQUE = 0.01, 0.1, 10.0, 0.1  # m, rad, N, share of the limit

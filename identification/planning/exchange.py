@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.planning.blocks import SCALE, Block
-from identification.planning.constraints import evaluate
-from identification.planning.footing import PLAN, footing
-from identification.planning.objectives import Smooth
-from identification.planning.problem import Problem
+from tulip_testbed.identification.planning.blocks import SCALE, Block
+from tulip_testbed.identification.planning.constraints import evaluate
+from tulip_testbed.identification.planning.footing import PLAN, footing
+from tulip_testbed.identification.planning.objectives import Smooth
+from tulip_testbed.identification.planning.problem import Problem
 
 DRAWS = 1000  # of which some hundredth is feasible
 PASSES = 3  # through a placement's postures

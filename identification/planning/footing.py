@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.planning.problem import Problem
+from tulip_testbed.identification.planning.problem import Problem
 
 STEP = 1e-30
 COLLINEAR = 1e-12  # m2

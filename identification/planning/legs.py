@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.planning.closed_chain import Chain, cross, point_jacobian
-from identification.planning.problem import Problem
+from tulip_testbed.identification.planning.closed_chain import Chain, cross, point_jacobian
+from tulip_testbed.identification.planning.problem import Problem
 
 
 def holding_torques(

@@ -14,10 +14,10 @@ import numpy as np
 from scipy.optimize import linprog
 from scipy.sparse import coo_array
 
-from identification.planning.blocks import SCALE, information, information_slope
-from identification.planning.constraints import Evaluation, evaluate
-from identification.planning.objectives import Smooth
-from identification.planning.problem import Problem
+from tulip_testbed.identification.planning.blocks import SCALE, information, information_slope
+from tulip_testbed.identification.planning.constraints import Evaluation, evaluate
+from tulip_testbed.identification.planning.objectives import Smooth
+from tulip_testbed.identification.planning.problem import Problem
 
 PENALTY = 0.1  # of a posture's worst slot below zero, against the objective
 GROW, SHRINK = 1.5, 0.4

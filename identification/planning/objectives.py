@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.statistics import WELL_IDENTIFIED
+from tulip_testbed.identification.statistics import WELL_IDENTIFIED
 
 Smooth = Callable[[np.ndarray], tuple[float, np.ndarray]]
 Value = Callable[[np.ndarray], float]

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from identification.base_parameters import BaseParameters, base_parameters, standard_parameters
-from identification.kinematics import frame_positions, link_rotations, moved_frames, walk
-from identification.link_boxes import link_boxes
-from identification.postures import PlanningRanges, planning_ranges
-from sim.errors import InputError
-from sim.measurements import PlateGeometry
-from sim.robot import Robot, between_feet, joint_names, load_model, sole_corners, sole_point
+from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
+from tulip_testbed.identification.kinematics import frame_positions, link_rotations, moved_frames, walk
+from tulip_testbed.identification.link_boxes import link_boxes
+from tulip_testbed.identification.postures import PlanningRanges, planning_ranges
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import PlateGeometry
+from tulip_testbed.sim.robot import Robot, between_feet, joint_names, load_model, sole_corners, sole_point
 
 CLOSING = 12  # joints between the feet: as many as the equations that two feet, torso and CoM give
 Limb = tuple[int, int, float]

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from sim.measurements import PosturePlan
+from tulip_testbed.sim.measurements import PosturePlan
 
 
 def with_repeats(plan: PosturePlan, count: int, seed: int) -> PosturePlan:

@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from identification.planning.blocks import FEASIBLE, Block, improve, information, repair
-from identification.planning.closed_chain import chain_at
-from identification.planning.constraints import evaluate, slot_names
-from identification.planning.exchange import candidates, exchange
-from identification.planning.interior_point import SOLVERS, interior_point
-from identification.planning.linear_steps import Whole, descend, merit, whole
-from identification.planning.objectives import Objective, Smooth, condition_number
-from identification.planning.problem import Problem
-from sim.errors import InputError
+from tulip_testbed.identification.planning.blocks import FEASIBLE, Block, improve, information, repair
+from tulip_testbed.identification.planning.closed_chain import chain_at
+from tulip_testbed.identification.planning.constraints import evaluate, slot_names
+from tulip_testbed.identification.planning.exchange import candidates, exchange
+from tulip_testbed.identification.planning.interior_point import SOLVERS, interior_point
+from tulip_testbed.identification.planning.linear_steps import Whole, descend, merit, whole
+from tulip_testbed.identification.planning.objectives import Objective, Smooth, condition_number
+from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.sim.errors import InputError
 
 WARM = 15  # linear steps for each of the smooth objectives at the start
 HOPS = 60  # rounds that exchange one placement's postures each, by default

@@ -13,15 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identification.feasibility import place_polygon, predicted_cell_loads, support_polygon
-from identification.planning.blocks import Block
-from identification.planning.closed_chain import Chain, chain_at, com_jacobian
-from identification.planning.exchange import exchange
-from identification.planning.legs import leg_stretch, limb_distances
-from identification.planning.objectives import Objective
-from identification.planning.problem import Problem
-from sim.errors import InputError
-from sim.measurements import PosturePlan, lay_boards
+from tulip_testbed.identification.feasibility import place_polygon, predicted_cell_loads, support_polygon
+from tulip_testbed.identification.planning.blocks import Block
+from tulip_testbed.identification.planning.closed_chain import Chain, chain_at, com_jacobian
+from tulip_testbed.identification.planning.exchange import exchange
+from tulip_testbed.identification.planning.legs import leg_stretch, limb_distances
+from tulip_testbed.identification.planning.objectives import Objective
+from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import PosturePlan, lay_boards
 
 LIFTED = 0.02  # m, of the swing sole's lowest corner over the plates
 DRAWS = 5000  # at once

@@ -8,14 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from identification.planning.constraints import ANGLE, FORCE, LENGTH, TORQUE, evaluate, slot_names
-from identification.planning.interior_point import SOLVERS
-from identification.planning.objectives import OBJECTIVES, Objective, objectives
-from identification.planning.problem import Problem
-from identification.planning.search import HOPS, State, begin, design_of, rounds, search
-from identification.postures import random_postures
-from sim.errors import InputError, look_up
-from sim.measurements import PosturePlan
+from tulip_testbed.identification.planning.constraints import (
+    ANGLE,
+    FORCE,
+    LENGTH,
+    TORQUE,
+    evaluate,
+    slot_names,
+)
+from tulip_testbed.identification.planning.interior_point import SOLVERS
+from tulip_testbed.identification.planning.objectives import OBJECTIVES, Objective, objectives
+from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.planning.search import HOPS, State, begin, design_of, rounds, search
+from tulip_testbed.identification.postures import random_postures
+from tulip_testbed.sim.errors import InputError, look_up
+from tulip_testbed.sim.measurements import PosturePlan
 
 SPARE = 2  # random placements drawn for each that is wanted: some cannot be repaired
 HIGH_CORRELATION = 0.85

@@ -1,6 +1,6 @@
 """The preflight: checks of a measurement folder before anybody trusts it."""
 
-from identification.preflight.all_checks import preflight
-from identification.preflight.finding import FAIL_LEVEL, RESULTS, WARN_LEVEL, Finding, worst_of
+from tulip_testbed.identification.preflight.all_checks import preflight
+from tulip_testbed.identification.preflight.finding import FAIL_LEVEL, RESULTS, WARN_LEVEL, Finding, worst_of
 
 __all__ = ["FAIL_LEVEL", "RESULTS", "WARN_LEVEL", "Finding", "preflight", "worst_of"]

@@ -14,13 +14,13 @@ import numpy as np
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
-from identification.center_of_pressure import center_of_pressure
-from identification.nominal import Nominal
-from identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
-from identification.reading_noise import ReadingNoise, known, placement_levers, placement_sd
-from identification.regressor import Regression
-from sim.measurements import Measurements
-from sim.robot import PLATES
+from tulip_testbed.identification.center_of_pressure import center_of_pressure
+from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
+from tulip_testbed.identification.reading_noise import ReadingNoise, known, placement_levers, placement_sd
+from tulip_testbed.identification.regressor import Regression
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.robot import PLATES
 
 STANDS_OUT = 4.0  # standard errors, about what the smallest of a hundred p-values needs to fail
 MOST_UNSEEN = 0.05  # m: a check that misses plates this far off has seen nothing

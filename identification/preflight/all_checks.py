@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from identification.nominal import Nominal, nominal_robot
-from identification.preflight.agreement import fit, repeats, scatter, single_placements, single_postures
-from identification.preflight.excitation import identifiable
-from identification.preflight.finding import Finding, row_name, skipped
-from identification.preflight.leg_closure import legs
-from identification.preflight.plate_checks import feet_on_plates, load_in_soles, plate_poses
-from identification.preflight.readings import cell_loads, resolution, stuck
-from identification.preflight.settling import series_agrees, settling, steady_windows
-from identification.preflight.units import joint_limits, same_robot, units
-from identification.preflight.weight import constant_weight, drift, weight_balance
-from identification.reading_noise import ReadingNoise, reading_noise
-from identification.regressor import regression
-from sim.errors import InputError
-from sim.measurements import Measurements, Series
+from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.identification.preflight.agreement import (
+    fit,
+    repeats,
+    scatter,
+    single_placements,
+    single_postures,
+)
+from tulip_testbed.identification.preflight.excitation import identifiable
+from tulip_testbed.identification.preflight.finding import Finding, row_name, skipped
+from tulip_testbed.identification.preflight.leg_closure import legs
+from tulip_testbed.identification.preflight.plate_checks import feet_on_plates, load_in_soles, plate_poses
+from tulip_testbed.identification.preflight.readings import cell_loads, resolution, stuck
+from tulip_testbed.identification.preflight.settling import series_agrees, settling, steady_windows
+from tulip_testbed.identification.preflight.units import joint_limits, same_robot, units
+from tulip_testbed.identification.preflight.weight import constant_weight, drift, weight_balance
+from tulip_testbed.identification.reading_noise import ReadingNoise, reading_noise
+from tulip_testbed.identification.regressor import regression
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements, Series
 
 FORCES = ("load inside soles", "repeats", "single postures", "single placements", "scatter about the model")
 LEGS = ("feet on plates", "legs close", "feet stay")

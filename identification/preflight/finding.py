@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.measurements import Measurements
+from tulip_testbed.sim.measurements import Measurements
 
 # A healthy folder should fail in at most 1 % of cases and warn in at most 5 %, whatever number of its
 # statistical checks is evaluated: Bonferroni over all that there are.

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2, norm
 
-from identification.nominal import Nominal, jacobian
-from identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
-from identification.reading_noise import known
-from sim.measurements import Measurements
+from tulip_testbed.identification.nominal import Nominal, jacobian
+from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
+from tulip_testbed.identification.reading_noise import known
+from tulip_testbed.sim.measurements import Measurements
 
 CLOSED = [2, 3, 4]  # of x, y, z, roll, pitch, yaw: what both soles flat on level tops fix
 PLANAR = [0, 1, 5]

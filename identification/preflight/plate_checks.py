@@ -5,13 +5,20 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import norm
 
-from identification.center_of_pressure import cell_positions
-from identification.feasibility import foot_clearance
-from identification.nominal import Nominal
-from identification.preflight.finding import Finding, bonferroni, few, result_of, row_name, skipped
-from identification.reading_noise import known, placement_levers, placement_sd
-from sim.measurements import Measurements
-from sim.robot import PLATES
+from tulip_testbed.identification.center_of_pressure import cell_positions
+from tulip_testbed.identification.feasibility import foot_clearance
+from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.identification.preflight.finding import (
+    Finding,
+    bonferroni,
+    few,
+    result_of,
+    row_name,
+    skipped,
+)
+from tulip_testbed.identification.reading_noise import known, placement_levers, placement_sd
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.robot import PLATES
 
 SAME_POSE = 1e-9  # m, rad: a placement has one record
 BOARD_EDGE = 0.05  # m that a board reaches beyond its cells, at most

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.preflight.finding import Finding, bonferroni, few, result_of, row_name, worst_of
-from identification.reading_noise import known
-from sim.measurements import Measurements
-from sim.robot import CELLS
+from tulip_testbed.identification.preflight.finding import (
+    Finding,
+    bonferroni,
+    few,
+    result_of,
+    row_name,
+    worst_of,
+)
+from tulip_testbed.identification.reading_noise import known
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.robot import CELLS
 
 LEAST_TIES, TIED_SHARE = 3, 0.05  # rows at exactly the same extreme that are no coincidence
 STANDING = 0.5  # of the weight, that the cells carry in every posture

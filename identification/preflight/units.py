@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.nominal import Nominal
-from identification.preflight.finding import Finding, few, row_name
-from sim.measurements import Measurements
-from sim.robot import CORNERS, PLATES, sha256
+from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.identification.preflight.finding import Finding, few, row_name
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.robot import CORNERS, PLATES, sha256
 
 # Beyond a limit: drives sag under gravity by up to 0.02 rad in the simulated laboratory.
 LIMIT_WARN, LIMIT_FAIL = 0.03, 0.1  # rad

@@ -6,10 +6,10 @@ import numpy as np
 from scipy.stats import chi2, norm
 from scipy.stats import t as t_distribution
 
-from identification.nominal import Nominal
-from identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
-from identification.reading_noise import known
-from sim.measurements import Measurements
+from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
+from tulip_testbed.identification.reading_noise import known
+from tulip_testbed.sim.measurements import Measurements
 
 NEGLIGIBLE = 1e-3  # of the weight: an error below does no harm where no cell_sd says what is usual
 CELL_ADVICE = (

@@ -7,6 +7,6 @@ import os
 
 os.environ.setdefault("MUJOCO_GL", "disable")
 
-from sim.composer.environment import laboratory_environment
+from tulip_testbed.sim.composer.environment import laboratory_environment
 
 __all__ = ["laboratory_environment"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.sensors import corrupted
+from tulip_testbed.sim.sensors import corrupted
 
 
 class Channel:

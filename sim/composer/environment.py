@@ -9,15 +9,15 @@ import mujoco
 import numpy as np
 from dm_control import composer, mjcf
 
-from sim.composer.task import LaboratoryTask
-from sim.control import remove_servos
-from sim.errors import InputError, listed, look_up, shortened
-from sim.measurements import lay_boards
-from sim.path import ClosedChain
-from sim.plates import plate_geometry
-from sim.rig import Rig
-from sim.robot import PLATES, joint_names, joint_ranges, load_model, sole_corners
-from sim.scene import laboratory_scene, load_scene
+from tulip_testbed.sim.composer.task import LaboratoryTask
+from tulip_testbed.sim.control import remove_servos
+from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
+from tulip_testbed.sim.measurements import lay_boards
+from tulip_testbed.sim.path import ClosedChain
+from tulip_testbed.sim.plates import plate_geometry
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import PLATES, joint_names, joint_ranges, load_model, sole_corners
+from tulip_testbed.sim.scene import laboratory_scene, load_scene
 
 ACTUATIONS = ("angles", "torques")
 OPTIONS = ("enabled", "buffer_size", "aggregator", "delay", "update_interval", "corruptor")

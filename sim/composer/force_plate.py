@@ -6,8 +6,8 @@ import numpy as np
 from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 
-from sim.composer.channel import Channel
-from sim.composer.parts import Part
+from tulip_testbed.sim.composer.channel import Channel
+from tulip_testbed.sim.composer.parts import Part
 
 
 class ForcePlate(composer.Entity):

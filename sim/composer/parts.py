@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from dm_control import mjcf
 
-from sim.composer.scene_xml import scene_xml
+from tulip_testbed.sim.composer.scene_xml import scene_xml
 
 # What refers to bodies, in an order in which every name is known before it is referred to.
 SECTIONS = ("tendon", "actuator", "equality", "contact", "sensor")

@@ -7,10 +7,10 @@ import numpy as np
 from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 
-from sim.composer.channel import Channel
-from sim.composer.parts import Part
-from sim.robot import CORNERS, Robot, joint_names
-from sim.sensors import Sensors
+from tulip_testbed.sim.composer.channel import Channel
+from tulip_testbed.sim.composer.parts import Part
+from tulip_testbed.sim.robot import CORNERS, Robot, joint_names
+from tulip_testbed.sim.sensors import Sensors
 
 
 class RobotEntity(composer.Entity):

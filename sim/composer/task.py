@@ -9,18 +9,18 @@ import numpy as np
 from dm_control import composer, mjcf
 from dm_env import specs
 
-from sim.composer.channel import Channel
-from sim.composer.force_plate import ForcePlate
-from sim.composer.parts import SceneParts, join, split_scene
-from sim.composer.robot_entity import RobotEntity
-from sim.control import torque_limit
-from sim.dynamics.stand import hoist_damping
-from sim.errors import InputError, shortened
-from sim.path import ClosedChain, tipped
-from sim.plates import cell_names, tare
-from sim.rig import Rig
-from sim.robot import PLATES, Robot, compile_spec, joint_names, joint_ranges, load_spec
-from sim.sensors import cell_gains
+from tulip_testbed.sim.composer.channel import Channel
+from tulip_testbed.sim.composer.force_plate import ForcePlate
+from tulip_testbed.sim.composer.parts import SceneParts, join, split_scene
+from tulip_testbed.sim.composer.robot_entity import RobotEntity
+from tulip_testbed.sim.control import torque_limit
+from tulip_testbed.sim.dynamics.stand import hoist_damping
+from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.sim.path import ClosedChain, tipped
+from tulip_testbed.sim.plates import cell_names, tare
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import PLATES, Robot, compile_spec, joint_names, joint_ranges, load_spec
+from tulip_testbed.sim.sensors import cell_gains
 
 TURN = 2 * np.pi
 

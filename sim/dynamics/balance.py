@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from sim.dynamics.stand import Stand
-from sim.dynamics.stiction import friction_rows
-from sim.plates import cell_names
-from sim.robot import PLATES
+from tulip_testbed.sim.dynamics.stand import Stand
+from tulip_testbed.sim.dynamics.stiction import friction_rows
+from tulip_testbed.sim.plates import cell_names
+from tulip_testbed.sim.robot import PLATES
 
 
 @dataclass(frozen=True)

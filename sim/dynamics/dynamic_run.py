@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import joblib
 import numpy as np
 
-from sim.dynamics.hold import Held, hold, move, put_down
-from sim.dynamics.stand import Stand
-from sim.errors import InputError
-from sim.measurements import Measurements, PosturePlan, lay_boards
-from sim.plates import plate_geometry
-from sim.procedure import (
+from tulip_testbed.sim.dynamics.hold import Held, hold, move, put_down
+from tulip_testbed.sim.dynamics.stand import Stand
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements, PosturePlan, lay_boards
+from tulip_testbed.sim.plates import plate_geometry
+from tulip_testbed.sim.procedure import (
     check_support,
     choose_repeats,
     constants,
@@ -26,10 +26,10 @@ from sim.procedure import (
     support_of,
     weigh,
 )
-from sim.rig import Rig, stages
-from sim.robot import load_model, sole_corners
-from sim.scene import load_scene
-from sim.sensors import read_cells, read_encoders
+from tulip_testbed.sim.rig import Rig, stages
+from tulip_testbed.sim.robot import load_model, sole_corners
+from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.sensors import read_cells, read_encoders
 
 
 @dataclass(frozen=True)

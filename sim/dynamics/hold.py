@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from sim.dynamics.balance import Balance, balance_of, mechanical_energy
-from sim.dynamics.stand import Stand
-from sim.path import straight_path
+from tulip_testbed.sim.dynamics.balance import Balance, balance_of, mechanical_energy
+from tulip_testbed.sim.dynamics.stand import Stand
+from tulip_testbed.sim.path import straight_path
 
 CONTROL_PERIOD = 0.02  # s, at which a hold looks at its gate
 LANDING_TIME = 0.1  # s

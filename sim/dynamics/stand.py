@@ -5,14 +5,14 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from sim.compliance import Compliance
-from sim.drives import motor_joint
-from sim.dynamics.stiction import Stiction
-from sim.path import ClosedChain, tipped
-from sim.plates import cell_addresses, cell_names, tare
-from sim.rig import Rig
-from sim.robot import CELLS, CORNERS, PLATES, compile_spec, joint_names, load_model, sole_point
-from sim.scene import laboratory_scene
+from tulip_testbed.sim.compliance import Compliance
+from tulip_testbed.sim.drives import motor_joint
+from tulip_testbed.sim.dynamics.stiction import Stiction
+from tulip_testbed.sim.path import ClosedChain, tipped
+from tulip_testbed.sim.plates import cell_addresses, cell_names, tare
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, compile_spec, joint_names, load_model, sole_point
+from tulip_testbed.sim.scene import laboratory_scene
 
 HOIST_DAMPING = (200.0, 2.0)  # N s/m, N m s
 

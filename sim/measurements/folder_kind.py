@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sim.errors import InputError
-from sim.files import present
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.files import present
 
 KINDS = {"measurement": "manifest.json", "plan": "plan.json", "run": "run.json", "rig": "rig.json"}
 INSIDE = {"measurement": "measurements", "plan": "plan"}  # of a run folder

@@ -10,13 +10,20 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError
 
-from sim.errors import InputError, validation_message
-from sim.files import new_folder
-from sim.measurements.data import Measurements, SensorSheet
-from sim.measurements.folder_kind import check_kind
-from sim.measurements.table_files import Columns, Table, read_json, software, write_json, write_table
-from sim.measurements.twins import checked_table
-from sim.robot import CELLS, CORNERS, PLATES, sha256
+from tulip_testbed.sim.errors import InputError, validation_message
+from tulip_testbed.sim.files import new_folder
+from tulip_testbed.sim.measurements.data import Measurements, SensorSheet
+from tulip_testbed.sim.measurements.folder_kind import check_kind
+from tulip_testbed.sim.measurements.table_files import (
+    Columns,
+    Table,
+    read_json,
+    software,
+    write_json,
+    write_table,
+)
+from tulip_testbed.sim.measurements.twins import checked_table
+from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, sha256
 
 SUPPORTS = ("double", "right", "left")
 

@@ -9,14 +9,14 @@ import mujoco
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from sim.errors import InputError, shortened, validation_message
-from sim.files import new_folder
-from sim.measurements.data import PosturePlan
-from sim.measurements.folder_kind import check_kind
-from sim.measurements.measurement_folder import MOST_ANGLE, MOST_LENGTH, SUPPORTS, Version
-from sim.measurements.table_files import Table, read_json, software, write_json, write_table
-from sim.measurements.twins import checked_table
-from sim.robot import Robot, joint_names, sha256
+from tulip_testbed.sim.errors import InputError, shortened, validation_message
+from tulip_testbed.sim.files import new_folder
+from tulip_testbed.sim.measurements.data import PosturePlan
+from tulip_testbed.sim.measurements.folder_kind import check_kind
+from tulip_testbed.sim.measurements.measurement_folder import MOST_ANGLE, MOST_LENGTH, SUPPORTS, Version
+from tulip_testbed.sim.measurements.table_files import Table, read_json, software, write_json, write_table
+from tulip_testbed.sim.measurements.twins import checked_table
+from tulip_testbed.sim.robot import Robot, joint_names, sha256
 
 MOST_TORQUE = 1e5  # N m, of a drive
 

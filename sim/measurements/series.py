@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.files import present
-from sim.measurements.data import Measurements
-from sim.measurements.measurement_folder import read_manifest
-from sim.measurements.twins import checked_table
-from sim.robot import CELLS
+from tulip_testbed.sim.files import present
+from tulip_testbed.sim.measurements.data import Measurements
+from tulip_testbed.sim.measurements.measurement_folder import read_manifest
+from tulip_testbed.sim.measurements.twins import checked_table
+from tulip_testbed.sim.robot import CELLS
 
 MOST_SAMPLES = 5_000_000
 

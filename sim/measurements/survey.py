@@ -8,12 +8,12 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from sim.errors import InputError, listed
-from sim.files import present
-from sim.measurements.measurement_folder import SUPPORTS, Manifest
-from sim.measurements.table_files import Table, read_json
-from sim.measurements.twins import checked_table
-from sim.robot import CELLS, PLATES
+from tulip_testbed.sim.errors import InputError, listed
+from tulip_testbed.sim.files import present
+from tulip_testbed.sim.measurements.measurement_folder import SUPPORTS, Manifest
+from tulip_testbed.sim.measurements.table_files import Table, read_json
+from tulip_testbed.sim.measurements.twins import checked_table
+from tulip_testbed.sim.robot import CELLS, PLATES
 
 WHOLE = ("posture", "placement")
 MAY_LACK = ("support", "time", "window", "samples", "q_std", "q_command", "motor", "cell_std")

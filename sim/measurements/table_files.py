@@ -14,9 +14,9 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from sim.errors import InputError, shortened
-from sim.files import read_text, write_text
-from sim.measurements.spreadsheet import plain_csv
+from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.sim.files import read_text, write_text
+from tulip_testbed.sim.measurements.spreadsheet import plain_csv
 
 Columns = dict[str, np.ndarray]
 

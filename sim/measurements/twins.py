@@ -6,9 +6,9 @@ import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 
-from sim.errors import InputError, shortened
-from sim.files import present, read_bytes
-from sim.measurements.table_files import MOST_ROWS, Table
+from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.sim.files import present, read_bytes
+from tulip_testbed.sim.measurements.table_files import MOST_ROWS, Table
 
 
 def checked_table(

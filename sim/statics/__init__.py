@@ -1,10 +1,10 @@
 """The static equilibrium of robot, servos, feet and plates, solved directly and in batches."""
 
-from sim.statics.approach import left_friction, swaying, ways
-from sim.statics.forces import Load, State, residual, soles, torques
-from sim.statics.mechanism import Mechanism, mechanism
-from sim.statics.reading import cell_forces, faults
-from sim.statics.solve import Reference, reference, solve
+from tulip_testbed.sim.statics.approach import left_friction, swaying, ways
+from tulip_testbed.sim.statics.forces import Load, State, residual, soles, torques
+from tulip_testbed.sim.statics.mechanism import Mechanism, mechanism
+from tulip_testbed.sim.statics.reading import cell_forces, faults
+from tulip_testbed.sim.statics.solve import Reference, reference, solve
 
 __all__ = [
     "Load",

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.statics.forces import skew
-from sim.statics.solve import Reference
+from tulip_testbed.sim.statics.forces import skew
+from tulip_testbed.sim.statics.solve import Reference
 
 # Fitted to a development plan in full dynamics (seed 11); held against the shipped one by a test.
 SHORT_WAY = 0.09  # rad, at which 0.7 of the friction is left, for moves of REFERENCE_TIME

@@ -7,14 +7,22 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from sim.drives import motor_joint
-from sim.dynamics.stiction import BREAKAWAY, sliding_friction
-from sim.errors import InputError, listed
-from sim.plates import plate_geometry
-from sim.rig import Rig
-from sim.robot import CORNERS, PLATES, compile_spec, joint_names, load_model, sole_corners, sole_point
-from sim.scene import laboratory_scene
-from sim.statics.softness import Stops, board_give, contact_give, stops_of
+from tulip_testbed.sim.drives import motor_joint
+from tulip_testbed.sim.dynamics.stiction import BREAKAWAY, sliding_friction
+from tulip_testbed.sim.errors import InputError, listed
+from tulip_testbed.sim.plates import plate_geometry
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import (
+    CORNERS,
+    PLATES,
+    compile_spec,
+    joint_names,
+    load_model,
+    sole_corners,
+    sole_point,
+)
+from tulip_testbed.sim.scene import laboratory_scene
+from tulip_testbed.sim.statics.softness import Stops, board_give, contact_give, stops_of
 
 LEVEL = 1e-6  # m, by which a sole's corners may differ in height
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.robot import CELLS, CORNERS
-from sim.statics.forces import Load, State, board_wrench
-from sim.statics.mechanism import Mechanism
+from tulip_testbed.sim.robot import CELLS, CORNERS
+from tulip_testbed.sim.statics.forces import Load, State, board_wrench
+from tulip_testbed.sim.statics.mechanism import Mechanism
 
 LEAST_LOAD = 1e-6  # N
 TWIST = np.array([1.0, -1.0, 1.0, -1.0])

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.statics.forces import Load, State, residual
-from sim.statics.mechanism import Mechanism
+from tulip_testbed.sim.statics.forces import Load, State, residual
+from tulip_testbed.sim.statics.mechanism import Mechanism
 
 STEP = 1e-6  # rad or m, of differences
 NEWTON_STEPS = 25

@@ -8,13 +8,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from sim.dynamics.dynamic_run import boards_under
-from sim.measurements import PosturePlan
-from sim.path import ClosedChain
-from sim.procedure import check_support, constants
-from sim.rig import Rig, stages
-from sim.robot import load_model
-from sim.statics import Load, Mechanism, Reference, State, mechanism, reference
+from tulip_testbed.sim.dynamics.dynamic_run import boards_under
+from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.path import ClosedChain
+from tulip_testbed.sim.procedure import check_support, constants
+from tulip_testbed.sim.rig import Rig, stages
+from tulip_testbed.sim.robot import load_model
+from tulip_testbed.sim.statics import Load, Mechanism, Reference, State, mechanism, reference
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.errors import InputError
-from sim.measurements import Measurements
-from sim.procedure import (
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.procedure import (
     choose_repeats,
     new_set_up,
     order_of_tries,
@@ -23,9 +23,19 @@ from sim.procedure import (
     start_times,
     weigh,
 )
-from sim.sensors import read_cells, read_encoders, sample_mean
-from sim.statics import Load, State, cell_forces, faults, left_friction, soles, solve, swaying, ways
-from sim.statics.solved_plan import SolvedPlan, nominal, standing_feet
+from tulip_testbed.sim.sensors import read_cells, read_encoders, sample_mean
+from tulip_testbed.sim.statics import (
+    Load,
+    State,
+    cell_forces,
+    faults,
+    left_friction,
+    soles,
+    solve,
+    swaying,
+    ways,
+)
+from tulip_testbed.sim.statics.solved_plan import SolvedPlan, nominal, standing_feet
 
 NO_EQUILIBRIUM = "tipped"
 

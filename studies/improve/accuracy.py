@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from identification.base_parameters import BaseParameters
-from sim.measurements import PosturePlan
-from sim.rig import Rig
-from sim.sensors import PRESETS, Sensors
 from studies.improve.output import BLACK, BLUE, ORANGE, Rows, panels, save
 from studies.improve.repeat import Model, monte_carlo_error, repeat, rms
+from tulip_testbed.identification.base_parameters import BaseParameters
+from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.sensors import PRESETS, Sensors
 
 NON_ZERO = 13  # of the nominal robot's base parameters; they are the simplified model's
 # What makes a centre of pressure or its model uncertain.

@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import bootstrap, rankdata
 
-from experiments.montecarlo.laboratory_runs import stream_of
-from identification.base_parameters import BaseParameters
-from identification.regressor import stacked_regressor
-from sim.measurements import PosturePlan
-from sim.rig import Rig
-from sim.statics.solved_plan import solve_plan
-from sim.statics.static_run import run_static
 from studies.improve.designs import CRITERIA, exchanged, placement_blocks, plan_of, random_choices
 from studies.improve.output import BLACK, BLUE, GREEN, ORANGE, RED, SKY, Rows, panels, save
 from studies.improve.prediction import predicted_covariance
 from studies.improve.repeat import monte_carlo_error, repeat, rms
+from tulip_testbed.experiments.montecarlo.laboratory_runs import stream_of
+from tulip_testbed.identification.base_parameters import BaseParameters
+from tulip_testbed.identification.regressor import stacked_regressor
+from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.statics.solved_plan import solve_plan
+from tulip_testbed.sim.statics.static_run import run_static
 
 TICKS = {
     "condition_number": [500, 1000, 2000, 4000, 8000],

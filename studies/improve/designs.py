@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from identification.base_parameters import BaseParameters
-from identification.regressor import stacked_regressor
-from sim.measurements import PosturePlan
 from studies.runner import part_of
+from tulip_testbed.identification.base_parameters import BaseParameters
+from tulip_testbed.identification.regressor import stacked_regressor
+from tulip_testbed.sim.measurements import PosturePlan
 
 Criterion = Callable[[np.ndarray], float]
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from identification.base_parameters import base_parameters, standard_parameters
-from identification.kinematics import frame_positions, link_rotations
-from identification.nominal import Nominal, nominal_robot
-from identification.postures import planning_ranges
-from sim.errors import InputError
-from sim.path import ClosedChain
-from sim.robot import Robot, joint_names, joint_ranges, load_model
+from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.identification.kinematics import frame_positions, link_rotations
+from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.identification.postures import planning_ranges
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.path import ClosedChain
+from tulip_testbed.sim.robot import Robot, joint_names, joint_ranges, load_model
 
 AT_ONCE = 50_000
 MOST_ROUNDS = 400

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from identification.base_parameters import BaseParameters
-from identification.statistics import WELL_IDENTIFIED
-from sim.measurements import PosturePlan
-from sim.rig import Rig
 from studies.improve.output import BLACK, BLUE, GREEN, ORANGE, Rows, panels, save
 from studies.improve.repeat import Repeated, monte_carlo_error, repeat, rms
 from studies.runner import part_of
+from tulip_testbed.identification.base_parameters import BaseParameters
+from tulip_testbed.identification.statistics import WELL_IDENTIFIED
+from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.rig import Rig
 
 PER_PLACEMENT = 5
 LEAST = 13.0  # postures for 25 unknowns

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from identification.base_parameters import BaseParameters
-from identification.reading_noise import cell_noise, placement_levers
-from sim.measurements import Measurements
-from sim.rig import Rig
-from sim.sensors import averaged_sd
+from tulip_testbed.identification.base_parameters import BaseParameters
+from tulip_testbed.identification.reading_noise import cell_noise, placement_levers
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.sensors import averaged_sd
 
 
 def predicted_covariance(

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiments.montecarlo.laboratory_runs import Run, laboratory, stream_of
-from experiments.scenario import Scenario
-from experiments.validate import identify
-from identification.base_parameters import BaseParameters
-from identification.estimators import DEFAULT, Estimate
-from identification.statistics import WELL_IDENTIFIED, relative_standard_errors, standard_errors
-from sim.errors import InputError
-from sim.measurements import PosturePlan
-from sim.rig import Rig
+from tulip_testbed.experiments.montecarlo.laboratory_runs import Run, laboratory, stream_of
+from tulip_testbed.experiments.scenario import Scenario
+from tulip_testbed.experiments.validate import identify
+from tulip_testbed.identification.base_parameters import BaseParameters
+from tulip_testbed.identification.estimators import DEFAULT, Estimate
+from tulip_testbed.identification.statistics import WELL_IDENTIFIED, relative_standard_errors, standard_errors
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.rig import Rig
 
 POSTURES_AT_ONCE = 3000  # solved in one batch
 RESAMPLES = 200

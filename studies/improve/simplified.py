@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from identification.base_parameters import BaseParameters
-from identification.regressor import stacked_regressor
-from sim.measurements import PosturePlan
-from sim.rig import Rig
 from studies.improve.output import BLUE, GREEN, ORANGE, RED, Rows, panels, save
 from studies.improve.repeat import Model, Repeated, monte_carlo_error, repeat, rms
+from tulip_testbed.identification.base_parameters import BaseParameters
+from tulip_testbed.identification.regressor import stacked_regressor
+from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.rig import Rig
 
 COLOURS = (BLUE, ORANGE, GREEN, RED)
 TICKS = (0.2, 0.3, 0.5, 1, 2)

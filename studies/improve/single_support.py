@@ -7,20 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.montecarlo.laboratory_runs import stream_of
-from identification.base_parameters import base_parameters, standard_parameters
-from identification.regressor import stacked_regressor
-from identification.statistics import WELL_IDENTIFIED, correlations, standard_errors
-from sim.measurements import PosturePlan
-from sim.rig import Rig
-from sim.robot import load_model
-from sim.statics.solved_plan import solve_plan
-from sim.statics.static_run import run_static
 from studies.improve.output import BLUE, GREEN, ORANGE, Rows, panels, save
 from studies.improve.postures import PER_PLACEMENT
 from studies.improve.prediction import predicted_covariance
 from studies.improve.repeat import monte_carlo_error, repeat, rms
 from studies.runner import part_of
+from tulip_testbed.experiments.montecarlo.laboratory_runs import stream_of
+from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.identification.regressor import stacked_regressor
+from tulip_testbed.identification.statistics import WELL_IDENTIFIED, correlations, standard_errors
+from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import load_model
+from tulip_testbed.sim.statics.solved_plan import solve_plan
+from tulip_testbed.sim.statics.static_run import run_static
 
 PAIRS = ((12, 13), (15, 16))
 

@@ -5,17 +5,17 @@ import dataclasses
 import numpy as np
 import pytest
 
-from identification.estimators import least_squares, solve_least_squares
-from identification.planning.constraints import evaluate
-from identification.planning.linear_steps import Whole, linear_step
-from identification.planning.objectives import objectives
-from identification.planning.problem import planning_problem
-from identification.planning.search import design_of
-from identification.postures import random_postures
-from identification.regressor import Regression, stacked_regressor
-from sim.dynamics.dynamic_run import run_experiment
-from sim.rig import preset_rig
 from studies.runner import part_of
+from tulip_testbed.identification.estimators import least_squares, solve_least_squares
+from tulip_testbed.identification.planning.constraints import evaluate
+from tulip_testbed.identification.planning.linear_steps import Whole, linear_step
+from tulip_testbed.identification.planning.objectives import objectives
+from tulip_testbed.identification.planning.problem import planning_problem
+from tulip_testbed.identification.planning.search import design_of
+from tulip_testbed.identification.postures import random_postures
+from tulip_testbed.identification.regressor import Regression, stacked_regressor
+from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.sim.rig import preset_rig
 
 
 def tell_rate(benchmark, postures):

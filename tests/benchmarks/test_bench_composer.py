@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from mujoco import rollout
 
-from sim.composer import laboratory_environment
-from sim.rig import preset_rig
+from tulip_testbed.sim.composer import laboratory_environment
+from tulip_testbed.sim.rig import preset_rig
 
 STEPS = 5000  # physics steps of 1 ms
 

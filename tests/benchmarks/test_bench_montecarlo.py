@@ -11,8 +11,8 @@ ROOT = Path(__file__).parent.parent.parent
 PEAK = """
 import resource, sys
 from pathlib import Path
-from experiments.montecarlo.calibration_report import report
-from experiments.montecarlo.summary import summarise
+from tulip_testbed.experiments.montecarlo.calibration_report import report
+from tulip_testbed.experiments.montecarlo.summary import summarise
 from tests.montecarlo_work import LAYOUT, Regressions, run_regressions
 chunks = run_regressions(Path(sys.argv[1]), int(sys.argv[2]), 25, Regressions(), int(sys.argv[3]))
 report(summarise(chunks, LAYOUT), LAYOUT, "stand-in")

@@ -7,12 +7,12 @@ import time
 
 import numpy as np
 
-from sim.dynamics.dynamic_run import boards_under
-from sim.dynamics.hold import hold, put_down
-from sim.dynamics.stand import Stand
-from sim.rig import preset_rig
-from sim.statics.solved_plan import solve_plan
-from sim.statics.static_run import run_static
+from tulip_testbed.sim.dynamics.dynamic_run import boards_under
+from tulip_testbed.sim.dynamics.hold import hold, put_down
+from tulip_testbed.sim.dynamics.stand import Stand
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.statics.solved_plan import solve_plan
+from tulip_testbed.sim.statics.static_run import run_static
 
 RUNS = 50
 

@@ -6,8 +6,8 @@ import warnings
 import numpy as np
 import pytest
 
-from identification.base_parameters import base_parameters
-from sim.robot import joint_names, load_model
+from tulip_testbed.identification.base_parameters import base_parameters
+from tulip_testbed.sim.robot import joint_names, load_model
 
 MOST_SECONDS, MOST_RATIO = 1.0, 0.2
 # FIGAROH's own examples draw 100 or 1000 random postures for a base parameter set.

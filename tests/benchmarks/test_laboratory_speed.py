@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from mujoco import rollout
 
-from sim.dynamics.dynamic_run import run_placement
-from sim.dynamics.hold import CLAMP_IMPEDANCE, hold, move, put_down
-from sim.dynamics.stand import Stand
-from sim.rig import preset_rig
+from tulip_testbed.sim.dynamics.dynamic_run import run_placement
+from tulip_testbed.sim.dynamics.hold import CLAMP_IMPEDANCE, hold, move, put_down
+from tulip_testbed.sim.dynamics.stand import Stand
+from tulip_testbed.sim.rig import preset_rig
 
 INPUTS = mujoco.mjtState.mjSTATE_USER
 START = mujoco.mjtState.mjSTATE_FULLPHYSICS

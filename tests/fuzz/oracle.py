@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet
 
-from identification.base_parameters import base_parameters
-from identification.regressor import stacked_regressor
-from sim.robot import CORNERS, load_robot
+from tulip_testbed.identification.base_parameters import base_parameters
+from tulip_testbed.identification.regressor import stacked_regressor
+from tulip_testbed.sim.robot import CORNERS, load_robot
 
 TOLERANCE = 1e-6
 

@@ -269,7 +269,7 @@ def _commands(target: str, folder: Path, home: Path, bases: Bases) -> Iterator[l
 
 def _plan_for(folder: Path, made: Path, bases: Bases) -> Path:
     """The small plan with the mutated model's hash."""
-    from sim.robot import load_robot, sha256
+    from tulip_testbed.sim.robot import load_robot, sha256
 
     plan = made / "small"
     shutil.copytree(bases.small_plan, plan)

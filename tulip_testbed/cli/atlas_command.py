@@ -12,21 +12,21 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from effects.targets import PLACEMENTS
-from effects.wording import SPOKEN
-from experiments.atlas.effect_atlas import Atlas, Row, atlas, document
-from experiments.atlas.isolability import ISOLABLE, order
-from experiments.atlas.planned_experiment import planned
-from experiments.description import described_robot
-from experiments.preparation import at_least, check_plan
-from experiments.run_folder import check_new
-from experiments.scenario import DEFAULT_SEED
-from experiments.terminal import ERR, console, finite, print_json, print_table
-from identification.residual_channels import CHANNELS
-from sim.files import new_folder, write_text
-from sim.measurements.table_files import write_json
-from sim.robot import TULIP
 from tulip_testbed.cli.options import Json, Plan, Preset, RobotFile, Seed
+from tulip_testbed.effects.targets import PLACEMENTS
+from tulip_testbed.effects.wording import SPOKEN
+from tulip_testbed.experiments.atlas.effect_atlas import Atlas, Row, atlas, document
+from tulip_testbed.experiments.atlas.isolability import ISOLABLE, order
+from tulip_testbed.experiments.atlas.planned_experiment import planned
+from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.preparation import at_least, check_plan
+from tulip_testbed.experiments.run_folder import check_new
+from tulip_testbed.experiments.scenario import DEFAULT_SEED
+from tulip_testbed.experiments.terminal import ERR, console, finite, print_json, print_table
+from tulip_testbed.identification.residual_channels import CHANNELS
+from tulip_testbed.sim.files import new_folder, write_text
+from tulip_testbed.sim.measurements.table_files import write_json
+from tulip_testbed.sim.robot import TULIP
 
 LEGEND = (
     "found: least size that is found with 90 % probability, by all channels, and by one alone (A centre of "

@@ -10,15 +10,15 @@ from typing import Annotated, Literal
 import tyro
 from rich.table import Table
 
-from experiments.benchmark.benchmark_run import benchmark, so_far
-from experiments.benchmark.benchmark_tables import files, report_document, sections
-from experiments.benchmark.cases import Settings
-from experiments.montecarlo.montecarlo_run import Interrupted
-from experiments.preparation import at_least
-from experiments.terminal import ERR, console, print_json, print_table, printable
-from sim.errors import InputError
-from sim.files import write_bytes
 from tulip_testbed.cli.options import CORES, Json, Seed, Workers
+from tulip_testbed.experiments.benchmark.benchmark_run import benchmark, so_far
+from tulip_testbed.experiments.benchmark.benchmark_tables import files, report_document, sections
+from tulip_testbed.experiments.benchmark.cases import Settings
+from tulip_testbed.experiments.montecarlo.montecarlo_run import Interrupted
+from tulip_testbed.experiments.preparation import at_least
+from tulip_testbed.experiments.terminal import ERR, console, print_json, print_table, printable
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.files import write_bytes
 
 Size = Annotated[
     float,

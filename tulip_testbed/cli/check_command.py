@@ -7,11 +7,11 @@ from typing import Annotated
 
 import tyro
 
-from experiments.check_folder import UNREADABLE, check_folder, print_report
-from experiments.description import described_robot
-from experiments.terminal import console, print_json
-from sim.robot import TULIP
 from tulip_testbed.cli.options import Json, RigFolder, RobotFile
+from tulip_testbed.experiments.check_folder import UNREADABLE, check_folder, print_report
+from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.terminal import console, print_json
+from tulip_testbed.sim.robot import TULIP
 
 
 def check_command(

@@ -7,13 +7,13 @@ from typing import Annotated
 
 import tyro
 
-from experiments.comparison import compare, print_comparison
-from experiments.description import described_robot
-from experiments.saved_discovery import read_discovery
-from experiments.saved_run import read_montecarlo, read_run, run_kind
-from experiments.terminal import console, print_json
-from sim.robot import TULIP
 from tulip_testbed.cli.options import Json, RobotFile
+from tulip_testbed.experiments.comparison import compare, print_comparison
+from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.saved_discovery import read_discovery
+from tulip_testbed.experiments.saved_run import read_montecarlo, read_run, run_kind
+from tulip_testbed.experiments.terminal import console, print_json
+from tulip_testbed.sim.robot import TULIP
 
 Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(help="run folder")]
 

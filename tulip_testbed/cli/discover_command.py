@@ -9,22 +9,22 @@ from typing import Annotated
 import tyro
 from rich.table import Table
 
-from discovery.discover import Discovery, discover
-from discovery.dynamics_check import PLACEMENTS, check_in_dynamics
-from discovery.story import story
-from experiments.description import described_robot
-from experiments.discovery_document import discovery_document, next_experiments
-from experiments.discovery_folder import write_discovery
-from experiments.preparation import at_least
-from experiments.run_folder import check_new
-from experiments.terminal import ERR, console, finite, print_json, print_table, progress
-from experiments.validate import identify
-from identification.nominal import nominal_robot
-from identification.preflight.units import units
-from sim.errors import InputError
-from sim.measurements import Measurements, read_measurements
-from sim.robot import TULIP, Robot
 from tulip_testbed.cli.options import CORES, Json, RobotFile, Workers
+from tulip_testbed.discovery.discover import Discovery, discover
+from tulip_testbed.discovery.dynamics_check import PLACEMENTS, check_in_dynamics
+from tulip_testbed.discovery.story import story
+from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.discovery_document import discovery_document, next_experiments
+from tulip_testbed.experiments.discovery_folder import write_discovery
+from tulip_testbed.experiments.preparation import at_least
+from tulip_testbed.experiments.run_folder import check_new
+from tulip_testbed.experiments.terminal import ERR, console, finite, print_json, print_table, progress
+from tulip_testbed.experiments.validate import identify
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.preflight.units import units
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements, read_measurements
+from tulip_testbed.sim.robot import TULIP, Robot
 
 STAGES = 4
 NEW = Annotated[Path | None, tyro.conf.arg(help="run folder to write; runs/discover-DATE-TIME if not given")]

@@ -8,16 +8,16 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from effects.catalogue import catalogue, explanation
-from effects.effect import Effect, Parameter
-from effects.parsing import usage
-from effects.targets import PLACEMENTS
-from effects.wording import spoken
-from experiments.description import described_robot
-from experiments.terminal import console, print_json, print_table
-from sim.errors import listed, look_up
-from sim.robot import TULIP, Robot
 from tulip_testbed.cli.options import Json, RobotFile
+from tulip_testbed.effects.catalogue import catalogue, explanation
+from tulip_testbed.effects.effect import Effect, Parameter
+from tulip_testbed.effects.parsing import usage
+from tulip_testbed.effects.targets import PLACEMENTS
+from tulip_testbed.effects.wording import spoken
+from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.terminal import console, print_json, print_table
+from tulip_testbed.sim.errors import listed, look_up
+from tulip_testbed.sim.robot import TULIP, Robot
 
 
 def effects_command(

@@ -8,10 +8,11 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from effects.wording import told
-from experiments.correlation_table import print_correlations
-from experiments.description import described_robot
-from experiments.parameter_tables import (
+from tulip_testbed.cli.options import EstimatorName, Json, RigFolder, RobotFile
+from tulip_testbed.effects.wording import told
+from tulip_testbed.experiments.correlation_table import print_correlations
+from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.parameter_tables import (
     LEGEND,
     models,
     parameter_table,
@@ -20,14 +21,13 @@ from experiments.parameter_tables import (
     standard_table,
     weak_directions,
 )
-from experiments.preparation import adopted_effects
-from experiments.terminal import console, print_json, print_table
-from experiments.validate import identify, model_document
-from identification.estimators import DEFAULT, ESTIMATORS
-from sim.errors import look_up
-from sim.measurements import read_measurements
-from sim.robot import TULIP
-from tulip_testbed.cli.options import EstimatorName, Json, RigFolder, RobotFile
+from tulip_testbed.experiments.preparation import adopted_effects
+from tulip_testbed.experiments.terminal import console, print_json, print_table
+from tulip_testbed.experiments.validate import identify, model_document
+from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS
+from tulip_testbed.sim.errors import look_up
+from tulip_testbed.sim.measurements import read_measurements
+from tulip_testbed.sim.robot import TULIP
 
 
 def identify_command(

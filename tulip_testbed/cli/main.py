@@ -10,9 +10,6 @@ from collections.abc import Callable
 
 import tyro
 
-from experiments.terminal import ERR, printable
-from sim.errors import InputError, listed, shortened
-from sim.measurements.table_files import software
 from tulip_testbed.cli.atlas_command import atlas_command
 from tulip_testbed.cli.benchmark_command import benchmark_command
 from tulip_testbed.cli.check_command import check_command
@@ -29,6 +26,9 @@ from tulip_testbed.cli.simulate_command import simulate_command
 from tulip_testbed.cli.tolerance_command import tolerance_command
 from tulip_testbed.cli.validate_command import validate_command
 from tulip_testbed.cli.view_command import view_command
+from tulip_testbed.experiments.terminal import ERR, printable
+from tulip_testbed.sim.errors import InputError, listed, shortened
+from tulip_testbed.sim.measurements.table_files import software
 
 COMMANDS: dict[str, Callable[..., int]] = {
     "validate": validate_command,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Literal
 
-from experiments.description import described_robot
-from experiments.terminal import console, print_json
-from identification.base_parameters import base_parameters, standard_parameters
-from sim.robot import TULIP, load_model
 from tulip_testbed.cli.options import Json, RobotFile
+from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.terminal import console, print_json
+from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.sim.robot import TULIP, load_model
 
 
 def model_command(

@@ -8,16 +8,6 @@ from typing import Annotated
 
 import tyro
 
-from experiments.montecarlo.calibration_tables import print_report
-from experiments.montecarlo.engine import ENGINES
-from experiments.montecarlo.montecarlo_run import Interrupted, Place, montecarlo
-from experiments.montecarlo.settings import Settings, check_settings
-from experiments.preparation import identifiable_regressor, planned_parameters, read_scenario
-from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
-from experiments.terminal import ERR, console, print_json, printable
-from identification.estimators import DEFAULT
-from sim.errors import InputError
-from sim.robot import TULIP
 from tulip_testbed.cli.options import (
     CORES,
     EstimatorName,
@@ -29,6 +19,16 @@ from tulip_testbed.cli.options import (
     Seed,
     Workers,
 )
+from tulip_testbed.experiments.montecarlo.calibration_tables import print_report
+from tulip_testbed.experiments.montecarlo.engine import ENGINES
+from tulip_testbed.experiments.montecarlo.montecarlo_run import Interrupted, Place, montecarlo
+from tulip_testbed.experiments.montecarlo.settings import Settings, check_settings
+from tulip_testbed.experiments.preparation import identifiable_regressor, planned_parameters, read_scenario
+from tulip_testbed.experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
+from tulip_testbed.experiments.terminal import ERR, console, print_json, printable
+from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.robot import TULIP
 
 EngineName = Annotated[
     str, tyro.conf.arg(metavar="{" + ",".join(ENGINES) + "}", help="where the runs are computed")

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from identification.estimators import ESTIMATORS
+from tulip_testbed.identification.estimators import ESTIMATORS
 
 Preset = Literal["wii", "force-plate", "ideal"]
 NoisyPreset = Annotated[

@@ -14,9 +14,10 @@ import tyro
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from experiments.description import described_robot
-from experiments.plan_description import described_plan, print_plan
-from experiments.planning_run import (
+from tulip_testbed.cli.options import Json, NoisyPreset, RobotFile, Seed
+from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.plan_description import described_plan, print_plan
+from tulip_testbed.experiments.planning_run import (
     Job,
     as_plan,
     carry_out,
@@ -29,26 +30,25 @@ from experiments.planning_run import (
     state_file,
     trial_job,
 )
-from experiments.preparation import at_least, enough, planned_parameters
-from experiments.scenario import DEFAULT_SEED
-from experiments.terminal import ERR, console, finite, print_json, print_table
-from identification.base_parameters import common_support
-from identification.planning.interior_point import SOLVERS, casadi_module
-from identification.planning.objectives import Objective
-from identification.planning.problem import Problem, planning_problem
-from identification.planning.repeats import with_repeats
-from identification.planning.search import HOPS, State
-from identification.planning.sequential import measured_information
-from identification.planning.single_support import single_support_plan
-from identification.planning.trial import objective_named
-from sim.errors import InputError, look_up
-from sim.measurements import Measurements, PosturePlan, read_plan
-from sim.plates import plate_geometry
-from sim.rig import preset_rig
-from sim.robot import TULIP, Robot, load_model
-from sim.scene import load_scene
-from sim.scene_check import check_scene
-from tulip_testbed.cli.options import Json, NoisyPreset, RobotFile, Seed
+from tulip_testbed.experiments.preparation import at_least, enough, planned_parameters
+from tulip_testbed.experiments.scenario import DEFAULT_SEED
+from tulip_testbed.experiments.terminal import ERR, console, finite, print_json, print_table
+from tulip_testbed.identification.base_parameters import common_support
+from tulip_testbed.identification.planning.interior_point import SOLVERS, casadi_module
+from tulip_testbed.identification.planning.objectives import Objective
+from tulip_testbed.identification.planning.problem import Problem, planning_problem
+from tulip_testbed.identification.planning.repeats import with_repeats
+from tulip_testbed.identification.planning.search import HOPS, State
+from tulip_testbed.identification.planning.sequential import measured_information
+from tulip_testbed.identification.planning.single_support import single_support_plan
+from tulip_testbed.identification.planning.trial import objective_named
+from tulip_testbed.sim.errors import InputError, look_up
+from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_plan
+from tulip_testbed.sim.plates import plate_geometry
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import TULIP, Robot, load_model
+from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.scene_check import check_scene
 
 SIGMA_MM = 4.16  # the paper's residual per axis (eq. 14)
 TABLE1 = ((647.4, 337.5), (732.1, 405.1), (925.8, 352.6), (714.1, 314.7), (733.6, 406.9), (689.1, 394.4))

@@ -8,19 +8,24 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from experiments.description import described_robot
-from experiments.plan_description import described_plan, print_plan
-from experiments.planning_run import as_plan, joined, measured_for
-from experiments.preparation import draw_plan, identifiable_regressor, plan_for, planned_parameters
-from experiments.run_folder import check_new
-from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
-from experiments.terminal import ERR, console, print_json
-from identification.base_parameters import base_parameters
-from sim.errors import InputError
-from sim.files import new_folder, write_bytes, write_text
-from sim.measurements import PosturePlan, write_plan
-from sim.robot import TULIP, Robot
 from tulip_testbed.cli.options import Json, NoisyPreset, Plan, RobotFile
+from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.plan_description import described_plan, print_plan
+from tulip_testbed.experiments.planning_run import as_plan, joined, measured_for
+from tulip_testbed.experiments.preparation import (
+    draw_plan,
+    identifiable_regressor,
+    plan_for,
+    planned_parameters,
+)
+from tulip_testbed.experiments.run_folder import check_new
+from tulip_testbed.experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
+from tulip_testbed.experiments.terminal import ERR, console, print_json
+from tulip_testbed.identification.base_parameters import base_parameters
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.files import new_folder, write_bytes, write_text
+from tulip_testbed.sim.measurements import PosturePlan, write_plan
+from tulip_testbed.sim.robot import TULIP, Robot
 
 
 def postures_command(

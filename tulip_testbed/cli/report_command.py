@@ -7,13 +7,13 @@ from typing import Annotated
 
 import tyro
 
-from experiments.description import described_robot
-from experiments.run_folder import check_new
-from experiments.saved_discovery import read_discovery
-from experiments.saved_run import read_montecarlo, read_run, run_kind
-from experiments.terminal import ERR, print_json
-from sim.robot import TULIP
 from tulip_testbed.cli.options import Json, RobotFile
+from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.run_folder import check_new
+from tulip_testbed.experiments.saved_discovery import read_discovery
+from tulip_testbed.experiments.saved_run import read_montecarlo, read_run, run_kind
+from tulip_testbed.experiments.terminal import ERR, print_json
+from tulip_testbed.sim.robot import TULIP
 
 
 def report_command(

@@ -8,18 +8,18 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from effects.parsing import RANDOM, doubts
-from experiments.parameter_tables import print_experiment
-from experiments.preparation import read_scenario, tries
-from experiments.run_folder import check_new, write_experiment
-from experiments.scenario import DEFAULT_SEED, Scenario
-from experiments.terminal import ERR, console, print_json, progress
-from sim.dynamics.dynamic_run import Experiment, run_experiment
-from sim.errors import InputError
-from sim.robot import TULIP
-from sim.statics.solved_plan import solve_plan
-from sim.statics.static_run import StaticRun, run_static
 from tulip_testbed.cli.options import CORES, Json, Plan, Preset, RigFolder, RobotFile, Seed, Workers
+from tulip_testbed.effects.parsing import RANDOM, doubts
+from tulip_testbed.experiments.parameter_tables import print_experiment
+from tulip_testbed.experiments.preparation import read_scenario, tries
+from tulip_testbed.experiments.run_folder import check_new, write_experiment
+from tulip_testbed.experiments.scenario import DEFAULT_SEED, Scenario
+from tulip_testbed.experiments.terminal import ERR, console, print_json, progress
+from tulip_testbed.sim.dynamics.dynamic_run import Experiment, run_experiment
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.robot import TULIP
+from tulip_testbed.sim.statics.solved_plan import solve_plan
+from tulip_testbed.sim.statics.static_run import StaticRun, run_static
 
 Effects = Annotated[
     tuple[str, ...],

@@ -6,14 +6,22 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from experiments.atlas.planned_experiment import planned
-from experiments.atlas.tolerance import ALLOWED, CHECKED, UNITS, Tolerance, document, sources, tolerance
-from experiments.description import described_robot
-from experiments.preparation import at_least, check_plan
-from experiments.scenario import DEFAULT_SEED
-from experiments.terminal import ERR, console, print_json, print_table, progress
-from sim.robot import TULIP
 from tulip_testbed.cli.options import Json, Plan, Preset, RobotFile, Seed
+from tulip_testbed.experiments.atlas.planned_experiment import planned
+from tulip_testbed.experiments.atlas.tolerance import (
+    ALLOWED,
+    CHECKED,
+    UNITS,
+    Tolerance,
+    document,
+    sources,
+    tolerance,
+)
+from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.preparation import at_least, check_plan
+from tulip_testbed.experiments.scenario import DEFAULT_SEED
+from tulip_testbed.experiments.terminal import ERR, console, print_json, print_table, progress
+from tulip_testbed.sim.robot import TULIP
 
 LARGE = 1000.0  # units: more than anybody would call a tolerance
 

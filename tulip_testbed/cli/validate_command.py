@@ -4,17 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from experiments.parameter_tables import (
-    print_validation,
-)
-from experiments.preparation import identifiable_regressor, planned_parameters, read_scenario, tries
-from experiments.run_folder import check_new, write_run
-from experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
-from experiments.terminal import ERR, console, print_json, progress
-from experiments.validate import report_document, validate
-from identification.estimators import DEFAULT, ESTIMATORS
-from sim.errors import look_up
-from sim.robot import TULIP
 from tulip_testbed.cli.options import (
     CORES,
     EstimatorName,
@@ -26,6 +15,22 @@ from tulip_testbed.cli.options import (
     Seed,
     Workers,
 )
+from tulip_testbed.experiments.parameter_tables import (
+    print_validation,
+)
+from tulip_testbed.experiments.preparation import (
+    identifiable_regressor,
+    planned_parameters,
+    read_scenario,
+    tries,
+)
+from tulip_testbed.experiments.run_folder import check_new, write_run
+from tulip_testbed.experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
+from tulip_testbed.experiments.terminal import ERR, console, print_json, progress
+from tulip_testbed.experiments.validate import report_document, validate
+from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS
+from tulip_testbed.sim.errors import look_up
+from tulip_testbed.sim.robot import TULIP
 
 
 def validate_command(

@@ -9,14 +9,14 @@ from typing import Annotated
 
 import tyro
 
-from experiments.description import described_robot
-from experiments.saved_discovery import read_discovery
-from experiments.saved_run import kind_of, read_montecarlo, read_run
-from experiments.terminal import ERR, print_json
-from sim.errors import InputError, listed
-from sim.measurements import read_plan
-from sim.robot import TULIP, Robot, load_model
 from tulip_testbed.cli.options import Json, RobotFile
+from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.saved_discovery import read_discovery
+from tulip_testbed.experiments.saved_run import kind_of, read_montecarlo, read_run
+from tulip_testbed.experiments.terminal import ERR, print_json
+from tulip_testbed.sim.errors import InputError, listed
+from tulip_testbed.sim.measurements import read_plan
+from tulip_testbed.sim.robot import TULIP, Robot, load_model
 
 Save = Annotated[Path | None, tyro.conf.arg(metavar="FILE.rrd", help="write the view instead of showing it")]
 Serve = Annotated[bool, tyro.conf.arg(help="serve it to a browser of this machine (127.0.0.1) alone")]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from experiments.saved_discovery import Curve
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL
+from tulip_testbed.experiments.saved_discovery import Curve
 from tulip_testbed.pages.figures import Figure, figure
 from tulip_testbed.pages.words import behind
 

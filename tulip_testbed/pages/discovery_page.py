@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.saved_discovery import Curve, SavedDiscovery, residual_curves, time_order
+from tulip_testbed.experiments.saved_discovery import Curve, SavedDiscovery, residual_curves, time_order
 from tulip_testbed.pages import discovery_figures as drawn
 from tulip_testbed.pages.figures import Figure
 from tulip_testbed.pages.page import Page, Section

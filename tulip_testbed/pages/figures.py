@@ -8,8 +8,8 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
-from identification.feasibility import place_polygon
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, POLYGON, RESIDUAL, TRUTH
+from tulip_testbed.identification.feasibility import place_polygon
 
 MODEL_COLOURS = {"full": ESTIMATE, "simplified": POLYGON}
 SYMBOLS = {"full": "circle", "simplified": "diamond"}

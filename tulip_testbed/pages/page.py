@@ -15,22 +15,14 @@ import numpy as np
 from markupsafe import Markup
 from PIL import Image
 
-from experiments.montecarlo.calibration_verdict import BIAS, COVERAGE, RATIO
-from experiments.parameter_tables import models, paper_table
-from experiments.saved_run import SavedMonteCarlo, SavedRun, errors_mm
-from experiments.validate import correlations_at
-from identification.base_parameters import base_parameters, common_support, renumbered
-from identification.center_of_pressure import center_of_pressure
-from identification.feasibility import support_polygon
-from identification.nominal import nominal_robot
-from sim.dynamics.dynamic_run import boards_under
-from sim.errors import InputError
-from sim.files import write_bytes
-from sim.measurements import Measurements, PosturePlan
-from sim.plates import plate_geometry
-from sim.rig import preset_rig
-from sim.robot import Robot
-from sim.scene import load_scene
+from tulip_testbed.experiments.montecarlo.calibration_verdict import BIAS, COVERAGE, RATIO
+from tulip_testbed.experiments.parameter_tables import models, paper_table
+from tulip_testbed.experiments.saved_run import SavedMonteCarlo, SavedRun, errors_mm
+from tulip_testbed.experiments.validate import correlations_at
+from tulip_testbed.identification.base_parameters import base_parameters, common_support, renumbered
+from tulip_testbed.identification.center_of_pressure import center_of_pressure
+from tulip_testbed.identification.feasibility import support_polygon
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.pages import figures as drawn
 from tulip_testbed.pages import words
 from tulip_testbed.pages.figures import Figure
@@ -42,6 +34,14 @@ from tulip_testbed.pages.page_tables import (
     settings_table,
 )
 from tulip_testbed.rendering import rendered
+from tulip_testbed.sim.dynamics.dynamic_run import boards_under
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.files import write_bytes
+from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.plates import plate_geometry
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.scene import load_scene
 
 TEMPLATE = "page.html.j2"
 POLYGONS, PICTURES = 6, 4  # how many placements and postures are drawn

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from experiments.correlation_table import meaning
-from identification.base_parameters import BaseParameters
-from identification.statistics import WELL_IDENTIFIED
+from tulip_testbed.experiments.correlation_table import meaning
+from tulip_testbed.identification.base_parameters import BaseParameters
+from tulip_testbed.identification.statistics import WELL_IDENTIFIED
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import rerun as rr
 
-from identification.feasibility import place_polygon
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, POLYGON, RESIDUAL, TRUTH, rgb
+from tulip_testbed.identification.feasibility import place_polygon
 from tulip_testbed.polygons import inset, nearest_on
 from tulip_testbed.viewer.subject import Subject
 

@@ -9,11 +9,11 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from experiments.saved_discovery import Curve, SavedDiscovery, residual_curves, time_order
-from identification.center_of_pressure import cell_positions
-from sim.robot import load_model
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, rgb
+from tulip_testbed.experiments.saved_discovery import Curve, SavedDiscovery, residual_curves, time_order
+from tulip_testbed.identification.center_of_pressure import cell_positions
 from tulip_testbed.pages.words import CHANNEL_NAMES, VERDICTS, behind, candidate_label
+from tulip_testbed.sim.robot import load_model
 from tulip_testbed.viewer.balance_series import ABOVE_GROUND, factor_for, from_above, log_balance
 from tulip_testbed.viewer.layout import space_view
 from tulip_testbed.viewer.plates_view import log_loads, log_plates

@@ -8,16 +8,16 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from experiments.montecarlo.laboratory_runs import laboratory, stream_of
-from experiments.montecarlo.montecarlo_folder import first_difference, run_document
-from experiments.montecarlo.settings import Settings
-from experiments.saved_run import SavedMonteCarlo, errors_mm
-from experiments.scenario import Scenario
-from identification.base_parameters import standard_parameters
-from identification.center_of_pressure import center_of_pressure
-from sim.rig import preset_rig
-from sim.robot import load_model
 from tulip_testbed.colours import ESTIMATE, MEASURED, SKELETON, rgb
+from tulip_testbed.experiments.montecarlo.laboratory_runs import laboratory, stream_of
+from tulip_testbed.experiments.montecarlo.montecarlo_folder import first_difference, run_document
+from tulip_testbed.experiments.montecarlo.settings import Settings
+from tulip_testbed.experiments.saved_run import SavedMonteCarlo, errors_mm
+from tulip_testbed.experiments.scenario import Scenario
+from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.identification.center_of_pressure import center_of_pressure
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import load_model
 from tulip_testbed.viewer.balance_series import from_above, log_balance
 from tulip_testbed.viewer.layout import Views, above_view, laid_out, space_views
 from tulip_testbed.viewer.plates_view import log_plates

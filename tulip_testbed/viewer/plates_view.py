@@ -6,8 +6,8 @@ import numpy as np
 import rerun as rr
 from scipy.spatial.transform import Rotation
 
-from sim.robot import PLATES
 from tulip_testbed.colours import CELL_COLOURS, rgb
+from tulip_testbed.sim.robot import PLATES
 from tulip_testbed.viewer.subject import Subject
 
 CELL_RADIUS = 0.012  # m

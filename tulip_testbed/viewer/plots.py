@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import rerun as rr
 
-from sim.robot import CELLS
 from tulip_testbed.colours import PALETTE, rgb
+from tulip_testbed.sim.robot import CELLS
 from tulip_testbed.viewer.balance_series import magnification
 from tulip_testbed.viewer.plates_view import METRES_PER_WEIGHT
 from tulip_testbed.viewer.subject import Subject

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import rerun as rr
 
-from identification.base_parameters import standard_parameters
-from identification.center_of_pressure import cell_positions
-from sim.robot import load_model
 from tulip_testbed.colours import COMMAND, SKELETON
+from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.identification.center_of_pressure import cell_positions
+from tulip_testbed.sim.robot import load_model
 from tulip_testbed.viewer.balance_series import log_balance, log_close_up
 from tulip_testbed.viewer.layout import laid_out, posture_views
 from tulip_testbed.viewer.plates_view import log_loads, log_plates

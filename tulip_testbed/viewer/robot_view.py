@@ -7,10 +7,10 @@ import numpy as np
 import rerun as rr
 from scipy.spatial.transform import Rotation
 
-from identification.kinematics import frame_positions, link_rotations
-from identification.nominal import Nominal
-from sim.robot import load_model
 from tulip_testbed.colours import NOMINAL, TRUTH, rgb
+from tulip_testbed.identification.kinematics import frame_positions, link_rotations
+from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.sim.robot import load_model
 
 SHOWN_GROUPS = (0, 1, 2)  # as MuJoCo's own viewer; collision geometry stands in the others
 MARKER = 0.025  # m, radius of the marker of 1 kg

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.saved_run import SavedRun
-from experiments.validate import identify
-from identification.center_of_pressure import center_of_pressure
-from identification.estimators import DEFAULT
-from identification.feasibility import stability_margin, support_polygon
-from identification.nominal import Nominal, nominal_robot
-from sim.dynamics.dynamic_run import boards_under
-from sim.errors import InputError
-from sim.measurements import (
+from tulip_testbed.experiments.saved_run import SavedRun
+from tulip_testbed.experiments.validate import identify
+from tulip_testbed.identification.center_of_pressure import center_of_pressure
+from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.identification.feasibility import stability_margin, support_polygon
+from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.sim.dynamics.dynamic_run import boards_under
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import (
     Measurements,
     PlateGeometry,
     PosturePlan,
@@ -23,11 +23,11 @@ from sim.measurements import (
     read_measurements,
     read_series,
 )
-from sim.measurements.plan_folder import check_model
-from sim.plates import plate_geometry
-from sim.rig import preset_rig
-from sim.robot import Robot, load_model
-from sim.scene import load_scene
+from tulip_testbed.sim.measurements.plan_folder import check_model
+from tulip_testbed.sim.plates import plate_geometry
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import Robot, load_model
+from tulip_testbed.sim.scene import load_scene
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import rerun as rr
 
-from identification.center_of_pressure import cell_positions, center_of_pressure
 from tulip_testbed.colours import COMMAND
+from tulip_testbed.identification.center_of_pressure import cell_positions, center_of_pressure
 from tulip_testbed.viewer.balance_series import log_balance, log_close_up
 from tulip_testbed.viewer.plates_view import log_loads, log_plates
 from tulip_testbed.viewer.plots import curves, log_curves, log_text
