@@ -117,7 +117,7 @@ def _seen_in(found: Discovery) -> list[str]:
             ratio = f"{gap.chi_square / gap.freedom:.2g}{closed}"
             parts.append(f"{PLACES[gap.channel]} (chi2 per degree of freedom {ratio})")
     if parts:
-        return [f"Observation in {', '.join(parts)}."]
+        return [f"Seen in {', '.join(parts)}."]
     return [
         f"No channel alone shows it; along its direction it stands out (p = {found.explanation.alarm:.2g} "
         "over the catalogue)."

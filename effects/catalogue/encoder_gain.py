@@ -1,6 +1,6 @@
 """A joint's encoder reads a multiple of the joint's angle: wrong counts per turn, an eccentric disc.
 
-The angle counts from the joint's zero; near it the effect cannot be observed.
+The angle counts from the joint's zero; near it the effect cannot be seen.
 """
 
 from __future__ import annotations

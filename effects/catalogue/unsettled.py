@@ -4,7 +4,7 @@ The laboratory reads a full window from this time after the robot is released on
 first holds the load if that is later, at rest or not. A robot that creeps stands in equilibrium at every
 moment, and angles and cells are averaged over one window, so no channel shows the creeping; what is left is
 swaying, whose mean is the change of the centre of mass's speed over the window, times its height over
-gravity. `predict` therefore changes nothing: the effect cannot be observed here, only in the s.d. of the
+gravity. `predict` therefore changes nothing: the effect cannot be seen here, only in the s.d. of the
 readings within a window.
 """
 
