@@ -9,7 +9,7 @@ import numpy as np
 
 from tulip_testbed.identification.kinematics import Tree, moved_frames, tree_of
 from tulip_testbed.sim.errors import InputError, listed, look_up
-from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, Robot, joint_names, load_model
+from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, Robot, joint_names
 
 LEAST_LENGTH = 1e-4  # m
 
@@ -29,13 +29,13 @@ class Targets:
 
 def links(robot: Robot) -> tuple[str, ...]:
     """Bodies of the robot in MJCF order."""
-    model = load_model(robot)
+    model = robot.model
     return tuple(model.body(k).name for k in range(1, model.nbody))
 
 
 def leg_links(robot: Robot) -> tuple[str, ...]:
     """Links between the feet whose joint is followed by exactly one other, at a distance."""
-    tree = tree_of(load_model(robot))
+    tree = tree_of(robot.model)
     moved = moved_frames(tree, tree.frame(robot.stance_foot))[:, tree.frame(robot.swing_foot)]
     return tuple(
         link
@@ -57,7 +57,7 @@ def next_joint(tree: Tree, link: str) -> tuple[int, np.ndarray]:
 
 
 WHOLE = Targets("", lambda robot, placements: ("",))
-JOINTS = Targets("JOINT", lambda robot, placements: joint_names(load_model(robot)))
+JOINTS = Targets("JOINT", lambda robot, placements: joint_names(robot.model))
 PLATE_NAMES = Targets("PLATE", lambda robot, placements: PLATES)
 CELL_NAMES = Targets("PLATE.CORNER", lambda robot, placements: CELLS)
 LINKS = Targets("LINK", lambda robot, placements: links(robot))

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.sim.robot import Robot, load_model, sole_point
+from tulip_testbed.sim.robot import Robot, sole_point
 
 FAR = 1000.0  # m, to where ropes are tied: over the torso's ways neither their pull nor direction changes
 UPRIGHT = "stand"
@@ -31,7 +31,7 @@ class Hook:
 
 def hook(robot: Robot) -> Hook:
     """Of a robot's files."""
-    model = load_model(robot)
+    model = robot.model
     data = mujoco.MjData(model)
     key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, UPRIGHT)
     if key >= 0:

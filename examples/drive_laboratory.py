@@ -11,7 +11,6 @@ import numpy as np
 from tulip_testbed.identification.inverse_kinematics import InverseKinematics
 from tulip_testbed.sim.composer import laboratory_environment
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import load_model
 
 SWING_FOOT = np.array([0.0, 0.16, 0.0])  # m, m, rad, beside the stance foot
 FORWARD, HEIGHT = 0.02, 0.66  # m, of the centre of mass
@@ -24,7 +23,7 @@ DURATION = 10.0  # s
 
 def main() -> None:
     rig = preset_rig("force-plate")
-    model = load_model(rig.robot)
+    model = rig.robot.model
     kinematics = InverseKinematics(rig.robot, model)
     guess = model.key("stand").qpos.copy()
 

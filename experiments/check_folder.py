@@ -77,10 +77,10 @@ def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:
     except InputError:
         return  # the complaints say more
     robot, joints = nominal.robot, nominal.parameters.tree.joints
-    if manifest.robot.model != robot.model.name and set(manifest.joints) != set(joints):
+    if manifest.robot.model != robot.model_file.name and set(manifest.joints) != set(joints):
         raise InputError(
             f"{folder / 'manifest.json'}: found robot '{shortened(manifest.robot.model)}' with other joints, "
-            f"expected {robot.model.name}; give the robot that was measured as --robot FILE"
+            f"expected {robot.model_file.name}; give the robot that was measured as --robot FILE"
         )
 
 
@@ -90,7 +90,7 @@ def findings_document(
     results = [finding.result for finding in findings]
     return {
         "verdict": worst_of([result for result in results if result != "not evaluated"]),
-        "robot": nominal.robot.model.name,
+        "robot": nominal.robot.model_file.name,
         "postures": len(np.unique(measurements.posture)),
         "rows": len(measurements),
         "placements": len(np.unique(measurements.placement)),

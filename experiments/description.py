@@ -11,7 +11,7 @@ from tulip_testbed.experiments.parameter_tables import paper_table
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
 from tulip_testbed.identification.postures import planning_ranges
 from tulip_testbed.sim.errors import InputError, listed, validation_message
-from tulip_testbed.sim.robot import Robot, load_model, load_robot
+from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.sensors import PRESETS
 
 Number = Annotated[int, Strict(), Field(ge=1)]
@@ -62,11 +62,11 @@ def described_robot(path: Path) -> Robot:
         raise InputError(f"{path}: key 'swing_foot': found '{robot.swing_foot}', which is the stance foot")
     if tables.planning is not None:
         planning_ranges(robot)
-    model = load_model(robot)
+    model = robot.model
     try:
         parameters = base_parameters(robot, model)
     except InputError as error:
-        raise InputError(f"{robot.model}: {error}") from None
+        raise InputError(f"{robot.model_file}: {error}") from None
     _check_names(path, tables, parameters)
     paper_table(robot)
     return robot

@@ -46,7 +46,7 @@ def write_discovery(
                 "command": "discover",
                 "configuration": configuration,
                 "software": software(),
-                "inputs": {path.name: sha256(path) for path in robot.files},
+                "inputs": robot.hashes,
                 "outputs": {str(path.relative_to(working)): sha256(path) for path in outputs},
             },
         )

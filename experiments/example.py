@@ -12,7 +12,7 @@ from tulip_testbed.sim.measurements import lay_boards
 from tulip_testbed.sim.measurements.survey import required_columns
 from tulip_testbed.sim.plates import plate_geometry
 from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, Robot
-from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.scene import load_scene, nominal_plates
 
 BOARD_GAP = 0.01  # m
 GRAVITY = 9.81  # m/s2
@@ -30,7 +30,7 @@ def example_manifest(robot: Robot) -> dict[str, Any]:
         "format": "tulip-measurements",
         "version": 1,
         "robot": {
-            "model": robot.model.name,
+            "model": robot.model_file.name,
             "sha256": None,
             "stance_foot": robot.stance_foot,
             "swing_foot": robot.swing_foot,
@@ -54,7 +54,7 @@ def example_row(robot: Robot) -> dict[str, float]:
     nominal = nominal_robot(robot)
     joints = nominal.parameters.tree.joints
     angles = np.zeros((1, len(joints)))
-    size = plate_geometry(load_scene(robot), PLATES[0]).size
+    size = nominal_plates(robot)[0].size
     boards = lay_boards(nominal.soles_in_base(angles)[0], size, BOARD_GAP)
     share = round(nominal.mass * GRAVITY / len(CELLS), 2)
     values = [1, 1, *angles[0], *[share] * len(CELLS), *np.round(boards.ravel(), 4)]

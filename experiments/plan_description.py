@@ -29,11 +29,10 @@ from tulip_testbed.identification.statistics import (
 from tulip_testbed.sim.dynamics.dynamic_run import boards_under
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
-from tulip_testbed.sim.plates import plate_geometry
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import Robot, joint_names, load_model, sole_point
-from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.robot import Robot, joint_names, sole_point
+from tulip_testbed.sim.scene import nominal_plates
 
 
 def described_plan(
@@ -52,7 +51,7 @@ def described_plan(
     new = plan
     plan = plan if taken is None else joined([taken, plan])
     rig, parameters = preset_rig(preset, robot), planned_parameters(robot, plan)
-    model = load_model(robot)
+    model = robot.model
     nominal = parameters.values(standard_parameters(model))
     matrix = regressor_by_mujoco(robot, plan.joint_angles, parameters)
     rows = matrix.reshape(-1, len(nominal))
@@ -79,7 +78,7 @@ def regressor_by_mujoco(robot: Robot, joint_angles: np.ndarray, parameters: Base
     The CoM is W(q) phi / M with the standard parameters phi, W = [p_l, R_l] a link, and H theta with
     theta = B phi / M; so W = H B, and H = W B^+.
     """
-    model = load_model(robot)
+    model = robot.model
     data = mujoco.MjData(model)
     joints = [model.joint(name).qposadr[0] for name in joint_names(model)]
     point = sole_point(model, robot.stance_foot)
@@ -102,8 +101,8 @@ def planned_readings(rig: Rig, plan: PosturePlan, com: np.ndarray) -> Measuremen
     Args:
         com: nominal centre of mass in the plan view, (m, 2) [m].
     """
-    robot, model = rig.robot, load_model(rig.robot)
-    plate = dataclasses.replace(plate_geometry(load_scene(robot), "right"), mass=0.0)  # tared
+    robot, model = rig.robot, rig.robot.model
+    plate = dataclasses.replace(nominal_plates(robot)[0], mass=0.0)  # tared
     weight = float(model.body_subtreemass[0] * -model.opt.gravity[2])
     boards = boards_under(rig, plan.swing_pose)
     cells = []
@@ -153,7 +152,7 @@ def margins_of(robot: Robot, plan: PosturePlan) -> dict[str, dict[str, Any]] | N
     a random one's.
     """
     try:
-        problem = planning_problem(robot, plate_geometry(load_scene(robot), "right"))
+        problem = planning_problem(robot, nominal_plates(robot)[0])
     except InputError:
         return None
     both, one = plan.support == "double", plan.support == "right"

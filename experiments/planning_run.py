@@ -181,7 +181,7 @@ def as_plan(robot: Robot, measured: Measurements) -> PosturePlan:
         placement=measured.placement,
         support=measured.support,
         swing_pose=pose,
-        robot={"model": robot.model.name, "sha256": sha256(robot.model)},
+        robot={"model": robot.model_file.name, "sha256": robot.model_hash},
     )
 
 
@@ -227,7 +227,7 @@ def _write_state(path: Path, key: list[Any], state: State) -> None:
 
 
 def _key(problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int) -> list[Any]:
-    return [goal.name, *size, seed, sha256(problem.robot.model), sha256(problem.robot.path)]
+    return [goal.name, *size, seed, problem.robot.model_hash, sha256(problem.robot.path)]
 
 
 def _interrupted(out: Path) -> bool:

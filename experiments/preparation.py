@@ -21,11 +21,10 @@ from tulip_testbed.identification.rank import labels, require_identifiable
 from tulip_testbed.identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
 from tulip_testbed.sim.errors import InputError, shortened
 from tulip_testbed.sim.measurements import PosturePlan, read_plan
-from tulip_testbed.sim.plates import plate_geometry
 from tulip_testbed.sim.procedure import check_support
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import Robot, load_model, load_robot, sha256
-from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.robot import Robot, load_robot, sha256
+from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.scene_check import check_scene
 
 
@@ -106,12 +105,12 @@ def plan_for(robot: Robot, plan: Path | None) -> PosturePlan:
     Raises:
         InputError: no such plan, or one for another model.
     """
-    if plan is None and sha256(robot.model) != sha256(load_robot().model):
+    if plan is None and robot.model_hash != sha256(load_robot().model):
         raise InputError(
             f"{robot.path}: found no plan for this robot: the shipped one is TULip's. Make one with "
             f"`tulip postures --random --robot {robot.path} --out PLAN` and give its name"
         )
-    return read_plan(plan or DEFAULT_PLAN, robot, load_model(robot))
+    return read_plan(plan or DEFAULT_PLAN, robot)
 
 
 def check_plan(robot: Robot, plan: Path | None) -> PosturePlan:
@@ -186,6 +185,6 @@ def draw_plan(
     enough("--placements, --per-placement", placements * per, parameters)
     check_new(out)
     check_scene(preset_rig("ideal", robot))
-    geometry = plate_geometry(load_scene(robot), "right")
+    geometry = nominal_plates(robot)[0]
     with progress("drawing postures", placements * per) as advance:
         return random_postures(robot, geometry, placements, per, seed, progress=advance)

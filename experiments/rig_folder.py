@@ -101,8 +101,8 @@ def write_rig(
                 "format": "tulip-rig",
                 "version": 1,
                 "robot": {
-                    "model": robot.model.name,
-                    "sha256": sha256(robot.model),
+                    "model": robot.model_file.name,
+                    "sha256": robot.model_hash,
                     "files": {path.name: sha256(path) for path in robot.files[1:]},
                 },
                 "preset": preset,

@@ -22,7 +22,7 @@ from tulip_testbed.sim.files import present
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_measurements, read_plan
 from tulip_testbed.sim.measurements.folder_kind import KINDS
 from tulip_testbed.sim.measurements.table_files import read_json
-from tulip_testbed.sim.robot import Robot, load_model, sha256
+from tulip_testbed.sim.robot import Robot, sha256
 
 FORMATS = ("tulip-run", "tulip-montecarlo")
 RunKind = Literal["run", "montecarlo", "discovery"]
@@ -160,7 +160,7 @@ def read_run(folder: Path, robot: Robot) -> SavedRun:
         document,
         read_json(folder / "report.json"),
         read_json(folder / "truth.json"),
-        read_plan(folder / "plan", robot, load_model(robot)),
+        read_plan(folder / "plan", robot),
         read_measurements(folder / "measurements"),
         {model: np.atleast_1d(rows[f"{model}_mm"]) for model in ("full", "simplified")},
         robot,
@@ -177,7 +177,7 @@ def read_montecarlo(folder: Path, robot: Robot) -> SavedMonteCarlo:
     document = read_json(folder / RUN_FILE)
     settings = parsed(MonteCarloFile, folder, document).settings
     check_robot(folder, document["inputs"], robot)
-    plan = read_plan(folder / PLAN_FOLDER, robot, load_model(robot))
+    plan = read_plan(folder / PLAN_FOLDER, robot)
     parameters = planned_parameters(robot, plan)
     layout = layout_of(robot, parameters)
     chunks = Chunks(folder / CHUNK_FOLDER, settings.runs, settings.chunk)
@@ -252,9 +252,9 @@ def check_outputs(folder: Path, outputs: dict[str, str], needed: tuple[str, ...]
 
 def check_robot(folder: Path, inputs: dict[str, str], robot: Robot) -> None:
     """Refuse to draw or judge one robot's run by another robot's files."""
-    name = robot.model.name
-    if inputs.get(name) != sha256(robot.model):
+    name = robot.model_file.name
+    if inputs.get(name) != robot.model_hash:
         raise InputError(
-            f"{folder / RUN_FILE}: key 'inputs': found no {name} with the hash of {robot.model}; "
+            f"{folder / RUN_FILE}: key 'inputs': found no {name} with the hash of {robot.model_file}; "
             "--robot names the robot that the run was made with"
         )

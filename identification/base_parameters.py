@@ -9,6 +9,7 @@ them; and what stays vertical has no column in x and y. The rest is independent.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -23,7 +24,7 @@ from tulip_testbed.identification.kinematics import (
     walk,
 )
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.robot import Robot, load_model, sole_point
+from tulip_testbed.sim.robot import Robot, sole_point
 
 AXES = "xyz"
 SUPPORTS = ("double", "right", "left")
@@ -166,7 +167,7 @@ def base_parameters(
     """Derive the base parameters structurally; no joint angle is looked at.
 
     Args:
-        model: the robot alone; the robot's own file if None. Lengths come from it.
+        model: the robot alone; the nominal one if None. Lengths come from it.
         support: which feet carry the robot: "double", "right" or "left" (one stance foot).
 
     Raises:
@@ -174,13 +175,19 @@ def base_parameters(
     """
     if support not in SUPPORTS:
         raise InputError(f"support '{support}': expected one of {', '.join(SUPPORTS)}")
-    model = load_model(robot) if model is None else model
+    if model is None:
+        return _nominal_base_parameters(robot, support)
     stance, swing = robot.feet if support != "left" else robot.feet[::-1]
     flat = [stance] if support != "double" else [stance, swing]
     tree = tree_of(model)
     base_point = {foot: sole_point(model, foot) for foot in flat}
     z_down = tuple(robot.settings.get("z_down", ()))
     return _derive(tree, stance, flat, base_point[stance], z_down, support)
+
+
+@lru_cache(maxsize=32)
+def _nominal_base_parameters(robot: Robot, support: str) -> BaseParameters:
+    return base_parameters(robot, robot.model, support)
 
 
 def _derive(

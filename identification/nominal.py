@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations
-from tulip_testbed.sim.robot import Robot, load_model, sole_corners, sole_point
+from tulip_testbed.sim.robot import Robot, sole_corners, sole_point
 
 STEP = 1e-5  # rad, of central differences
 
@@ -61,6 +62,7 @@ class Nominal:
         return np.stack([stance, swing], axis=1)
 
 
+@lru_cache(maxsize=32)
 def nominal_robot(robot: Robot, support: str = "double") -> Nominal:
     """Read it from the robot's files.
 
@@ -70,8 +72,8 @@ def nominal_robot(robot: Robot, support: str = "double") -> Nominal:
     Raises:
         InputError: a broken model, or one whose feet or joints do not fit.
     """
-    model = load_model(robot)
-    parameters = base_parameters(robot, model, support)
+    model = robot.model
+    parameters = base_parameters(robot, support=support)
     standard = standard_parameters(model)
     return Nominal(
         robot=robot,

@@ -17,8 +17,7 @@ from tulip_testbed.identification.joint_loads import Loads, joint_loads, mass_ce
 from tulip_testbed.identification.kinematics import Tree, frame_positions, link_rotations
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.robot import PLATES, compile_spec, load_model
-from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.scene import plate_masses
 
 LONG_GAP = 1.5  # of the median time between a placement's postures
 LEAST_LOAD = 0.5  # N
@@ -178,9 +177,8 @@ class Observation:
 def observe(measurements: Measurements, nominal: Nominal) -> Observation:
     """An experiment as its readings say, in the nominal laboratory."""
     m = len(measurements)
-    scene = compile_spec(load_scene(nominal.robot), str(nominal.robot.path))
     forces = np.where(np.isfinite(measurements.cell_forces), measurements.cell_forces, 0.0)
-    share = np.array([scene.body(f"{plate}_plate").mass[0] * measurements.gravity / 4 for plate in PLATES])
+    share = np.array(plate_masses(nominal.robot)) * measurements.gravity / 4
     margin = max(LEAST_LOAD, 4 * (measurements.sensors.cell_sd or 0.0))
     return Observation(
         nominal=nominal,
@@ -195,9 +193,9 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
         swing_rise=np.zeros(m),
         shift=np.zeros((m, 2)),
         lift=np.zeros(m),
-        standard=standard_parameters(load_model(nominal.robot)),
+        standard=standard_parameters(nominal.robot.model),
         board_share=share,
-        torque_limits=torque_limits(load_model(nominal.robot)),
+        torque_limits=torque_limits(nominal.robot.model),
         part=time_fraction(measurements.time),
         on_four_cells=forces.reshape(-1, 2, 4).min(axis=2) > margin - share,
     )

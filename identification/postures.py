@@ -28,8 +28,6 @@ from tulip_testbed.sim.robot import (
     between_feet,
     joint_names,
     joint_ranges,
-    load_model,
-    sha256,
     sole_corners,
 )
 
@@ -162,7 +160,7 @@ def random_postures(
     Raises:
         InputError: the ranges admit nothing; says which constraints blocked, and how often.
     """
-    model = load_model(robot)
+    model = robot.model
     search = _Search(robot, model, plate, ranges or planning_ranges(robot), np.random.default_rng(seed))
     angles, poses = [], []
     while len(angles) < placements * per_placement:
@@ -178,7 +176,7 @@ def random_postures(
         placement=np.repeat(np.arange(1, placements + 1), per_placement),
         support=np.full(count, "double"),
         swing_pose=np.array(poses),
-        robot={"model": robot.model.name, "sha256": sha256(robot.model)},
+        robot={"model": robot.model_file.name, "sha256": robot.model_hash},
         made={
             "objective": "random",
             "seed": seed,

@@ -8,10 +8,8 @@ import numpy as np
 
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, SensorSheet
-from tulip_testbed.sim.plates import plate_geometry
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import PLATES, load_model, sha256
-from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.sensors import averaged_sd
 
 
@@ -100,12 +98,12 @@ def weigh(rig: Rig, mass: float, rng: np.random.Generator) -> tuple[float, float
 def constants(rig: Rig) -> dict[str, Any]:
     """The fields of `Measurements` that no posture changes."""
     s = rig.sensors
-    plates = [plate_geometry(load_scene(rig.robot), plate) for plate in PLATES]
+    plates = nominal_plates(rig.robot)
     samples = round(rig.protocol.window * s.sample_rate)
     return {
         "cells": np.array([plate.cells for plate in plates]),
         "top_height": np.array([plate.top_height for plate in plates]),
-        "gravity": float(-load_model(rig.robot).opt.gravity[2]),
+        "gravity": float(-rig.robot.model.opt.gravity[2]),
         "sensors": SensorSheet(
             encoder_sd=averaged_sd(s.encoder_repeatability, s.encoder_noise, s.encoder_resolution, samples),
             encoder_resolution=s.encoder_resolution,
@@ -114,8 +112,8 @@ def constants(rig: Rig) -> dict[str, Any]:
             placement_sd=s.placement_sd,
         ),
         "robot": {
-            "model": rig.robot.model.name,
-            "sha256": sha256(rig.robot.model),
+            "model": rig.robot.model_file.name,
+            "sha256": rig.robot.model_hash,
             "stance_foot": rig.robot.stance_foot,
             "swing_foot": rig.robot.swing_foot,
         },

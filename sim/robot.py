@@ -1,11 +1,12 @@
-"""Load a robot: its description (TOML) and its MJCF models, edited by name through MjSpec."""
+"""A robot, loaded once: its description (TOML) and its MJCF, edited by name through MjSpec."""
 
 from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ BROKEN = (
     mujoco.FatalError,
     mujoco.UnexpectedError,
 )  # what MuJoCo's compiler raises
+DESCRIBED = ("scene_file", "plate_file", "stance_foot", "swing_foot", "settings")  # all but what is compiled
 CORNERS = ("front_left", "front_right", "rear_right", "rear_left")
 PLATES = ("right", "left")
 CELLS = tuple(f"{plate}.{corner}" for plate in PLATES for corner in CORNERS)
@@ -42,31 +44,45 @@ CELLS = tuple(f"{plate}.{corner}" for plate in PLATES for corner in CORNERS)
 mujoco.set_mju_user_warning(lambda message: None)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Robot:
-    """A robot's files and the few facts that MJCF cannot say.
+    """A robot, loaded once and passed on: its description, its compiled model, the hashes of its files.
+
+    A robot travels to another process by its description's path; there it is loaded once, and refused if
+    a file changed meanwhile.
 
     Attributes:
         path: the description (TOML).
-        model: MJCF of the robot alone.
-        scene: MJCF of the robot on two plates; None: built from `model` and `plate`.
+        model_file: MJCF of the robot alone.
+        scene_file: MJCF of the robot on two plates; None: built from the robot and `plate_file`.
+        plate_file: MJCF of one plate.
         stance_foot, swing_foot: body names; the plate under the stance foot is the right one.
         settings: the whole description.
-        plate: MJCF of one plate.
+        spec: of the robot alone, without the meshes that only a viewer needs; copy it before an edit.
+        model: the same compiled.
+        meshes: whether `spec` and `model` hold those meshes after all, to be drawn.
     """
 
     path: Path
-    model: Path
-    scene: Path | None
+    model_file: Path
+    scene_file: Path | None
+    plate_file: Path
     stance_foot: str
     swing_foot: str
     settings: dict[str, Any] = field(repr=False)
-    plate: Path = PLATE
+    spec: mujoco.MjSpec = field(repr=False)
+    model: mujoco.MjModel = field(repr=False)
+    meshes: bool = False
 
     @property
     def folder(self) -> Path:
         """Where its files lie."""
         return self.path.resolve().parent
+
+    @property
+    def name(self) -> str:
+        """As its description calls it, or its model's file."""
+        return self.settings.get("name", self.model_file.stem)
 
     @property
     def feet(self) -> tuple[str, str]:
@@ -76,16 +92,88 @@ class Robot:
     @property
     def files(self) -> list[Path]:
         """The description and the MJCF files that it names."""
-        return [self.path, self.model, self.scene or self.plate]
+        return [self.path, self.model_file, self.scene_file or self.plate_file]
+
+    @cached_property
+    def hashes(self) -> dict[str, str]:
+        """SHA-256 of each of `files` by its name."""
+        return {path.name: sha256(path) for path in self.files}
+
+    @property
+    def model_hash(self) -> str:
+        """SHA-256 of the MJCF of the robot alone."""
+        return self.hashes[self.model_file.name]
+
+    @cached_property
+    def visual_model(self) -> mujoco.MjModel:
+        """The robot alone with all its geometry."""
+        whole = mujoco.MjSpec.from_file(str(self.model_file))
+        return self.model if not whole.meshes else compile_spec(whole, str(self.model_file))
+
+    def __reduce__(self) -> tuple[Callable[..., Robot], tuple[Any, ...]]:
+        described = {name: getattr(self, name) for name in DESCRIBED}
+        return _elsewhere, (self.path, tuple(self.hashes.items()), described)
 
 
-def load_robot(path: Path = TULIP) -> Robot:
-    """Read a robot description.
+def load_robot(path: Path = TULIP, meshes: bool = False) -> Robot:
+    """Load a robot: read its description, compile its model, check its feet.
+
+    Args:
+        meshes: keep the meshes that touch nothing, to draw them.
 
     Raises:
-        InputError: the file is missing, is not TOML, or lacks a key.
+        InputError: the description is missing, is not TOML, or lacks a key; broken MJCF, an unknown foot,
+            a foot without its four sole corners.
     """
-    path = Path(path)
+    return _load(Path(path), load_spec, meshes)
+
+
+def _elsewhere(path: Path, hashes: tuple[tuple[str, str], ...], described: dict[str, Any]) -> Robot:
+    """Restore a robot in another process, where its files are read once."""
+    robot = _reloaded(path, hashes)
+    same = all(getattr(robot, name) == value for name, value in described.items())
+    return robot if same else replace(robot, **described)
+
+
+@lru_cache(maxsize=8)
+def _reloaded(path: Path, hashes: tuple[tuple[str, str], ...]) -> Robot:
+    robot = _load(path, _read_spec, meshes=False)  # another process has compiled it without harm
+    if tuple(robot.hashes.items()) != hashes:
+        raise InputError(f"{path}: a file of the robot was changed while it was in use")
+    return robot
+
+
+def _load(path: Path, read_spec: Callable[[Path, Path], mujoco.MjSpec], meshes: bool) -> Robot:
+    settings = _description(path)
+    folder = path.resolve().parent
+    model_file, feet = folder / settings["model"], (settings["stance_foot"], settings["swing_foot"])
+    spec = read_spec(model_file, folder)
+    spec = spec if meshes else without_meshes(spec, str(model_file))
+    model = compile_spec(spec.copy(), str(model_file))
+    check_model(model, str(model_file))
+    bodies = [model.body(i).name for i in range(1, model.nbody)]
+    for foot in feet:
+        look_up("foot", foot, bodies, str(model_file))
+        try:
+            sole_corners(model, foot)
+        except InputError as error:
+            raise InputError(f"{model_file}: {error}") from None
+    return Robot(
+        path=path,
+        model_file=model_file,
+        scene_file=folder / settings["scene"] if "scene" in settings else None,
+        plate_file=folder / settings.get("plate", PLATE),
+        stance_foot=feet[0],
+        swing_foot=feet[1],
+        settings=settings,
+        spec=spec,
+        model=model,
+        meshes=meshes,
+    )
+
+
+def _description(path: Path) -> dict[str, Any]:
+    """The content of a robot's description, its most important keys checked."""
     try:
         settings = tomllib.loads(read_text(path, MOST_TOML))
     except tomllib.TOMLDecodeError as error:
@@ -103,20 +191,11 @@ def load_robot(path: Path = TULIP) -> Robot:
         raise InputError(
             f"{path}: found keys 'scene' and 'plate', expected one: a scene holds its own plates"
         )
-    folder = path.resolve().parent
-    return Robot(
-        path,
-        folder / settings["model"],
-        folder / settings["scene"] if "scene" in settings else None,
-        settings["stance_foot"],
-        settings["swing_foot"],
-        settings,
-        folder / settings.get("plate", PLATE),
-    )
+    return settings
 
 
 def load_spec(path: Path, folder: Path | None = None) -> mujoco.MjSpec:
-    """Parse an MJCF file.
+    """Parse an MJCF file, after a process of its own has compiled it without harm.
 
     Args:
         folder: of the robot, which it may read files from; its own if None.
@@ -128,10 +207,48 @@ def load_spec(path: Path, folder: Path | None = None) -> mujoco.MjSpec:
     if not present(path):
         raise InputError(f"{path}: no such MJCF file")
     try_to_compile(path, mjcf_files(path, folder or path.parent))
+    return _read_spec(path)
+
+
+def _read_spec(path: Path, folder: Path | None = None) -> mujoco.MjSpec:
     try:
         return mujoco.MjSpec.from_file(str(path))
     except BROKEN as error:
         raise InputError(f"{path}: broken MJCF: {shortened(error, 300)}") from None
+
+
+def without_meshes(spec: mujoco.MjSpec, where: str) -> mujoco.MjSpec:
+    """Remove the meshes that touch nothing; inertias that followed from them become explicit.
+
+    Compiling a published humanoid with its meshes takes a hundred times as long as without.
+
+    Raises:
+        InputError: the compiler's complaint.
+    """
+    touching = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
+    unused = [
+        geom
+        for geom in spec.geoms
+        if geom.type == mujoco.mjtGeom.mjGEOM_MESH
+        and not (geom.contype or geom.conaffinity or geom.name in touching)
+    ]
+    if not unused:
+        return spec
+    inferred = [body for body in spec.bodies[1:] if not body.explicitinertial]
+    if inferred:
+        model = compile_spec(spec.copy(), where)
+        for body in inferred:
+            k = model.body(body.name).id
+            body.mass, body.ipos = model.body_mass[k], model.body_ipos[k]
+            body.iquat, body.inertia = model.body_iquat[k], model.body_inertia[k]
+            body.fullinertia, body.explicitinertial = np.full(6, np.nan), True
+    for geom in unused:
+        spec.delete(geom)
+    still = {geom.meshname for geom in spec.geoms}
+    for mesh in list(spec.meshes):
+        if mesh.name not in still:
+            spec.delete(mesh)
+    return spec
 
 
 def compile_spec(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
@@ -140,24 +257,6 @@ def compile_spec(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
         return spec.compile()
     except BROKEN as error:
         raise InputError(f"{where}: broken MJCF: {shortened(error, 300)}") from None
-
-
-def load_model(robot: Robot) -> mujoco.MjModel:
-    """Compile the robot alone and check that it names the two feet.
-
-    Raises:
-        InputError: broken MJCF, an unknown foot, a foot without its four sole corners.
-    """
-    model = compile_spec(load_spec(robot.model, robot.folder), str(robot.model))
-    check_model(model, str(robot.model))
-    bodies = [model.body(i).name for i in range(1, model.nbody)]
-    for foot in robot.feet:
-        look_up("foot", foot, bodies, str(robot.model))
-        try:
-            sole_corners(model, foot)
-        except InputError as error:
-            raise InputError(f"{robot.model}: {error}") from None
-    return model
 
 
 def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import mujoco
 import numpy as np
 
@@ -9,9 +11,10 @@ from tulip_testbed.sim.compliance import Compliance, add_compliance
 from tulip_testbed.sim.control import add_servos
 from tulip_testbed.sim.drives import Drives, add_drives
 from tulip_testbed.sim.errors import InputError, listed
+from tulip_testbed.sim.measurements.boards import PlateGeometry
 from tulip_testbed.sim.plates import place_plates, plate_geometry
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import CORNERS, PLATE, PLATES, Robot, load_model, load_spec
+from tulip_testbed.sim.robot import CORNERS, PLATE, PLATES, Robot, compile_spec, load_spec, without_meshes
 
 TIMESTEP = 0.001  # s
 # At MuJoCo's 1e-8 the solver stops so early that forces flicker and feet creep several times faster.
@@ -33,7 +36,38 @@ def load_scene(robot: Robot) -> mujoco.MjSpec:
     Raises:
         InputError: a file is missing, is no MJCF, or does not hold what it should.
     """
-    return build_scene(robot) if robot.scene is None else load_spec(robot.scene, robot.folder)
+    return _nominal_scene(robot).copy()
+
+
+@lru_cache(maxsize=8)
+def _nominal_scene(robot: Robot) -> mujoco.MjSpec:
+    if robot.scene_file is None:
+        return build_scene(robot)
+    spec = load_spec(robot.scene_file, robot.folder)
+    return spec if robot.meshes else without_meshes(spec, str(robot.scene_file))
+
+
+@lru_cache(maxsize=8)
+def nominal_plates(robot: Robot) -> tuple[PlateGeometry, PlateGeometry]:
+    """Read the geometry of the right and the left plate of the nominal scene.
+
+    Raises:
+        InputError: see `load_scene` and `plate_geometry`.
+    """
+    scene = _nominal_scene(robot)
+    return plate_geometry(scene, PLATES[0]), plate_geometry(scene, PLATES[1])
+
+
+@lru_cache(maxsize=8)
+def plate_masses(robot: Robot) -> tuple[float, float]:
+    """Masses of the right and the left board with its cells [kg].
+
+    Raises:
+        InputError: see `load_scene`; broken MJCF.
+    """
+    scene = compile_spec(load_scene(robot), str(robot.path))
+    right, left = (float(scene.body(f"{plate}_plate").mass[0]) for plate in PLATES)
+    return right, left
 
 
 def build_scene(robot: Robot) -> mujoco.MjSpec:
@@ -45,11 +79,10 @@ def build_scene(robot: Robot) -> mujoco.MjSpec:
     Raises:
         InputError: a file is missing, is no MJCF, or does not hold what it should.
     """
-    load_model(robot)  # checks the feet
-    spec = load_spec(robot.model, robot.folder)
+    spec = robot.spec.copy()
     if spec.worldbody.geoms:
         names = listed(f"'{geom.name}'" for geom in spec.worldbody.geoms)
-        raise InputError(f"{robot.model}: found geoms {names} in the world, expected the robot alone")
+        raise InputError(f"{robot.model_file}: found geoms {names} in the world, expected the robot alone")
     spec.option.timestep = TIMESTEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -77,7 +110,7 @@ def build_scene(robot: Robot) -> mujoco.MjSpec:
 
 def _load_plate(robot: Robot) -> mujoco.MjsBody:
     """The body of a plate's MJCF, checked for the names that the laboratory looks up."""
-    path = robot.plate
+    path = robot.plate_file
     spec = load_spec(path, path.parent if path == PLATE else robot.folder)
     wanted = {"body": ["plate"], "geom": ["plate_top"]}
     wanted |= {kind: [f"plate_{corner}" for corner in CORNERS] for kind in ("site", "sensor")}

@@ -12,7 +12,7 @@ from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.model_check import check_options
 from tulip_testbed.sim.plates import cell_names, plate_geometry
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import CORNERS, PLATES, compile_spec, joint_names, load_model
+from tulip_testbed.sim.robot import CORNERS, PLATES, compile_spec, joint_names
 from tulip_testbed.sim.scene import laboratory_scene
 
 
@@ -22,8 +22,8 @@ def check_scene(rig: Rig) -> None:
     Raises:
         InputError: broken MJCF, a missing name, or a joint without a drive of its own.
     """
-    where = str(rig.robot.scene or rig.robot.model)
-    nominal = load_model(rig.robot)
+    where = str(rig.robot.scene_file or rig.robot.model_file)
+    nominal = rig.robot.model
     try:
         spec = laboratory_scene(rig, np.zeros((2, 3)))
         for plate in PLATES:

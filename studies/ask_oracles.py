@@ -23,9 +23,8 @@ from figaroh.tools.regressor import build_regressor_reduced, get_index_eliminate
 
 from tests.foreign_robots import ROBOTS, write_robot
 from tulip_testbed.identification.postures import random_postures
-from tulip_testbed.sim.plates import plate_geometry
-from tulip_testbed.sim.robot import TULIP, Robot, joint_names, load_model, load_robot, sole_point
-from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.robot import TULIP, Robot, joint_names, load_robot, sole_point
+from tulip_testbed.sim.scene import nominal_plates
 
 FOLDER = Path(__file__).resolve().parent.parent / "tests" / "data" / "oracle"
 SEED = 300
@@ -38,11 +37,13 @@ class Oracle:
     """One robot in Pinocchio, read from its MJCF file."""
 
     def __init__(self, robot: Robot, model: mujoco.MjModel):
-        self.pin = pin.buildModelFromMJCF(str(robot.model))
+        self.pin = pin.buildModelFromMJCF(str(robot.model_file))
         self.data = self.pin.createData()
         self.mass = sum(inertia.mass for inertia in self.pin.inertias)
         if abs(self.mass - model.body_mass.sum()) > 1e-9:
-            raise SystemExit(f"{robot.model}: Pinocchio read {self.mass} kg of {model.body_mass.sum()} kg")
+            raise SystemExit(
+                f"{robot.model_file}: Pinocchio read {self.mass} kg of {model.body_mass.sum()} kg"
+            )
         self.links = [model.body(i).name for i in range(1, model.nbody)]
         self.frames = [self.pin.getFrameId(link, pin.FrameType.BODY) for link in self.links]
         self.columns = self._columns(model)
@@ -111,10 +112,10 @@ class Oracle:
 
 def answers(robot: Robot) -> dict[str, Any]:
     """Everything that the tests compare with, for one robot."""
-    model = load_model(robot)
+    model = robot.model
     oracle = Oracle(robot, model)
     low, high = np.array([model.joint(name).range for name in joint_names(model)]).T
-    plan = random_postures(robot, plate_geometry(load_scene(robot), "right"), POSTURES // 5, 5, SEED)
+    plan = random_postures(robot, nominal_plates(robot)[0], POSTURES // 5, 5, SEED)
     postures = {
         "right": np.random.default_rng(SEED).uniform(low, high, (POSTURES, len(low))),
         "double": np.array([oracle.level(angles) for angles in plan.joint_angles]),

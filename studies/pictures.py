@@ -21,7 +21,7 @@ from tulip_testbed.rendering import rendered
 from tulip_testbed.sim.dynamics.dynamic_run import boards_under
 from tulip_testbed.sim.measurements import read_plan
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import load_model, load_robot
+from tulip_testbed.sim.robot import load_robot
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 ROWS = (2, 26, 58, 121)
@@ -47,7 +47,7 @@ def main() -> None:
 
 def _postures() -> Image.Image:
     robot = load_robot()
-    plan = read_plan(DEFAULT_PLAN, robot, load_model(robot))
+    plan = read_plan(DEFAULT_PLAN, robot)
     rows = list(ROWS)
     boards = boards_under(preset_rig("ideal", robot), plan.swing_pose[rows])
     return Image.fromarray(np.hstack([*rendered(robot, plan.joint_angles[rows], boards, *FRAME)]))

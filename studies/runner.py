@@ -9,7 +9,7 @@ import numpy as np
 
 from tulip_testbed.experiments.scenario import DEFAULT_PLAN
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_plan
-from tulip_testbed.sim.robot import Robot, load_model
+from tulip_testbed.sim.robot import Robot
 
 MEASURED_ROWS = (
     *("posture", "placement", "support", "time", "window", "samples", "joint_angles", "joint_angles_sd"),
@@ -19,7 +19,7 @@ MEASURED_ROWS = (
 
 def shipped_plan(robot: Robot, placements: int | None = None) -> PosturePlan:
     """The shipped plan, or its first placements."""
-    plan = read_plan(DEFAULT_PLAN, robot, load_model(robot))
+    plan = read_plan(DEFAULT_PLAN, robot)
     return plan if placements is None else part_of(plan, plan.placement <= placements)
 
 

@@ -19,7 +19,7 @@ from tulip_testbed.sim.dynamics.dynamic_run import Attempt, run_experiment
 from tulip_testbed.sim.measurements import PosturePlan, read_plan
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import load_model, load_robot
+from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.statics import Load, State, cell_forces, reference, residual, soles
 from tulip_testbed.sim.statics.forces import sunk, turn
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, solve_plan, standing_feet
@@ -168,7 +168,7 @@ def centers_at(solved_plan: SolvedPlan, held: list[Attempt]) -> np.ndarray:
     up to 0.01 mm.
     """
     m = solved_plan.mechanism
-    chain = ClosedChain(load_model(solved_plan.rig.robot), solved_plan.rig.robot)
+    chain = ClosedChain(solved_plan.rig.robot.model, solved_plan.rig.robot)
     angles = np.array([a.held.joint_angles for a in held if a.held])
     forces = np.array([a.held.cell_forces for a in held if a.held])
     plates = np.array([a.true_plates for a in held])
@@ -272,7 +272,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=joblib.cpu_count())
     workers = parser.parse_args().workers
     robot = load_robot()
-    plan: PosturePlan = read_plan(DEFAULT_PLAN, robot, load_model(robot))
+    plan: PosturePlan = read_plan(DEFAULT_PLAN, robot)
     print("| without dry friction | held | angles (urad) | cells (N) | CoP (mm) |\n|---|---|---|---|---|")
     for name, rig in laboratories(preset_rig("ideal", robot)).items():
         part = plan if name == "as it is" else first(plan, 6)

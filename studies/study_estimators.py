@@ -23,7 +23,7 @@ from tulip_testbed.identification.statistics import standard_errors
 from tulip_testbed.sim.dynamics.dynamic_run import Experiment, run_experiment
 from tulip_testbed.sim.measurements import Measurements, SensorSheet, read_plan
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import load_model, load_robot
+from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.sensors import Sensors, averaged_sd
 
 HOLD_SEED = 105
@@ -192,7 +192,7 @@ def row(
 def main() -> None:
     runs, presets = int(sys.argv[1]) if len(sys.argv) > 1 else RUNS, sys.argv[2:] or PRESETS
     robot = load_robot()
-    nominal, plan = nominal_robot(robot), read_plan(DEFAULT_PLAN, robot, load_model(robot))
+    nominal, plan = nominal_robot(robot), read_plan(DEFAULT_PLAN, robot)
     experiment = run_experiment(preset_rig("wii", robot), plan, HOLD_SEED, workers=2)
     print(
         "| preset | data sheet | estimator | model | runs | bias / s.d. | s.d. / s.e. | 95 % coverage | mean "

@@ -24,10 +24,9 @@ from tulip_testbed.experiments.scenario import DEFAULT_PLAN
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.sim.measurements import PosturePlan, read_plan, write_plan
-from tulip_testbed.sim.plates import plate_geometry
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import Robot, load_model, load_robot
-from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.robot import Robot, load_robot
+from tulip_testbed.sim.scene import nominal_plates
 
 SEED = 500  # from 500 on: the sizes and margins were chosen on seeds below 100
 POOL = 6250  # the rule of thumb: 500 data points a parameter, two a posture
@@ -60,10 +59,10 @@ class Work:
         """Random postures, five a placement; drawn once."""
         folder = self.folder / f"pool-{self.seed}"
         if not folder.exists():
-            geometry = plate_geometry(load_scene(self.robot), "right")
+            geometry = nominal_plates(self.robot)[0]
             folder.parent.mkdir(parents=True, exist_ok=True)
             write_plan(folder, random_postures(self.robot, geometry, POOL // 5, 5, self.seed))
-        return read_plan(folder, self.robot, load_model(self.robot))
+        return read_plan(folder, self.robot)
 
     def table(self, name: str, rows: Rows) -> None:
         write_csv(self.docs / f"improve-{name}.csv", rows)
@@ -94,7 +93,7 @@ def study_conditioning(work: Work) -> None:
     plans = conditioning.choose(work.pool, work.parameters, conditioning.Size(), rng)
     optimal = DEFAULT_PLAN.parent / "optimal"
     for folder in [*([optimal] if optimal.exists() else []), *work.plans]:
-        plans.append((folder.name, read_plan(folder, work.robot, load_model(work.robot))))
+        plans.append((folder.name, read_plan(folder, work.robot)))
     rows = conditioning.study(preset_rig("wii", work.robot), plans, work.parameters, 120, work.seed + 100)
     work.table("conditioning", rows)
     work.table("conditioning-predictions", conditioning.predictions(rows, work.seed))

@@ -29,7 +29,7 @@ import numpy as np
 
 from studies.runner import header, part_of, row
 from tulip_testbed.sim.measurements import read_measurements, read_plan, write_plan
-from tulip_testbed.sim.robot import load_model, load_robot
+from tulip_testbed.sim.robot import load_robot
 
 TULIP = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"]
 AIMED = 0.6  # share of the kills that aim at the writing
@@ -89,7 +89,7 @@ def is_measurement(out: Path) -> None:
 
 def is_plan(out: Path) -> None:
     robot = load_robot()
-    assert len(read_plan(out, robot, load_model(robot))) > 0
+    assert len(read_plan(out, robot)) > 0
 
 
 def is_run(out: Path) -> None:
@@ -158,7 +158,7 @@ def jobs(place: Path) -> list[Job]:
     plan = place / "plan"
     subprocess.run([*TULIP, *draw, "--out", str(plan), "--json"], check=True, stdout=subprocess.DEVNULL)
     robot = load_robot()
-    whole = read_plan(plan, robot, load_model(robot))
+    whole = read_plan(plan, robot)
     write_plan(place / "first", part_of(whole, np.arange(5)))
     simulate = ["simulate", str(place / "first"), "--out", "out", "--truth", "truth.json"]
     return [

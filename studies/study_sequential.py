@@ -15,10 +15,9 @@ from tulip_testbed.identification.planning.problem import Problem, planning_prob
 from tulip_testbed.identification.planning.sequential import measured_information, run_next
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
-from tulip_testbed.sim.plates import plate_geometry
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import load_robot
-from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_static
 
@@ -47,7 +46,7 @@ def chosen(problem: Problem, goal: Objective, taken: Measurements, seed: int) ->
 
 def main() -> None:
     robot = load_robot()
-    plate = plate_geometry(load_scene(robot), "right")
+    plate = nominal_plates(robot)[0]
     problem, rig = planning_problem(robot, plate), preset_rig("wii", robot)
     goals = objectives(problem.nominal, SIGMA)
     ratios: dict[str, list[list[float]]] = {name: [] for name in NAMES}

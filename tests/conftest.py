@@ -22,10 +22,9 @@ from tulip_testbed.identification.base_parameters import BaseParameters, base_pa
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.sim.dynamics.dynamic_run import Experiment, read_again, run_experiment
 from tulip_testbed.sim.measurements import Measurements, PlateGeometry, PosturePlan, read_plan
-from tulip_testbed.sim.plates import plate_geometry
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import Robot, load_model, load_robot
-from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.robot import Robot, load_robot
+from tulip_testbed.sim.scene import nominal_plates
 
 
 @pytest.fixture(scope="session")
@@ -35,7 +34,7 @@ def robot() -> Robot:
 
 @pytest.fixture(scope="session")
 def model(robot):
-    return load_model(robot)
+    return robot.model
 
 
 @pytest.fixture(scope="session")
@@ -45,12 +44,12 @@ def parameters(robot) -> BaseParameters:
 
 @pytest.fixture(scope="session")
 def plate(robot) -> PlateGeometry:
-    return plate_geometry(load_scene(robot), "right")
+    return nominal_plates(robot)[0]
 
 
 @pytest.fixture(scope="session")
 def plan(robot, model) -> PosturePlan:
-    return read_plan(DEFAULT_PLAN, robot, model)
+    return read_plan(DEFAULT_PLAN, robot)
 
 
 @pytest.fixture(scope="session")

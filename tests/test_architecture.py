@@ -19,7 +19,9 @@ def modules() -> dict[str, Path]:
     for path in [*(p for room in FLOW for p in (ROOT / room).rglob("*.py")), *(ROOT / NAME).rglob("*.py")]:
         parts = path.relative_to(ROOT).with_suffix("").parts
         parts = parts if parts[0] == NAME else (NAME, *parts)
-        if not (len(parts) > 2 and (ROOT / NAME / parts[1]).is_symlink() and path.is_relative_to(ROOT / NAME)):
+        if not (
+            len(parts) > 2 and (ROOT / NAME / parts[1]).is_symlink() and path.is_relative_to(ROOT / NAME)
+        ):
             found[".".join(parts).removesuffix(".__init__")] = path
     return found
 
@@ -58,7 +60,10 @@ def test_data_flows_one_way(name):
 
 def test_everybody_uses_the_one_name():
     """`import sim` works in the repository's root and would load a second copy."""
-    files = [*MODULES.values(), *(p for f in ("tests", "examples", "studies") for p in (ROOT / f).rglob("*.py"))]
+    files = [
+        *MODULES.values(),
+        *(p for f in ("tests", "examples", "studies") for p in (ROOT / f).rglob("*.py")),
+    ]
     for path in files:
         assert not {n.split(".")[0] for n in imported(path)} & {*FLOW, "assets"}, path
 
@@ -96,7 +101,9 @@ def test_no_subpackage_has_the_name_of_a_function_of_the_api():
     import tulip_testbed as tt
 
     functions = {name for name in tt.__all__ if callable(getattr(tt, name))}
-    packages = {p.parent.name for p in MODULES.values() if p.name == "__init__.py" and p.parent != ROOT / NAME}
+    packages = {
+        p.parent.name for p in MODULES.values() if p.name == "__init__.py" and p.parent != ROOT / NAME
+    }
     packages |= {p.stem for p in (ROOT / NAME).glob("*.py")}
     assert not functions & packages
 

@@ -96,7 +96,7 @@ def test_motor_limits_follow_from_power_and_ratio(model):
 
 
 def test_every_body_has_an_explicit_inertial(robot):
-    for body in load_spec(robot.model).bodies:
+    for body in load_spec(robot.model_file).bodies:
         assert body.name == "world" or body.explicitinertial
 
 
@@ -125,7 +125,7 @@ def test_dm_control_and_mujoco_fit_together(robot):
     """dm-control fails beside a too new MuJoCo, and only when a model is loaded."""
     try:
         mjcf = importlib.import_module("dm_control.mjcf")
-        tree = mjcf.from_path(str(robot.model))
+        tree = mjcf.from_path(str(robot.model_file))
         physics = mjcf.Physics.from_mjcf_model(tree)
         physics.step()
         mass = physics.bind(tree.find_all("body")).mass.sum()

@@ -1,6 +1,6 @@
 """Structural derivation of the base parameters: counts, names, ranks, invariance."""
 
-import dataclasses
+import shutil
 from pathlib import Path
 
 import mujoco
@@ -13,7 +13,7 @@ from tulip_testbed.identification.base_parameters import _frame_matrix, base_par
 from tulip_testbed.identification.kinematics import link_rotations
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.robot import CORNERS, Robot, sole_point
+from tulip_testbed.sim.robot import CORNERS, Robot, load_robot, sole_point
 
 # facts: number -> links that the parameter unites, and its axis
 PAPER = {
@@ -100,9 +100,13 @@ def test_swapping_left_and_right_mirrors_the_parameters(robot, model):
         assert value == pytest.approx(-other if name.endswith("y") else other, abs=1e-12)
 
 
-def test_unknown_foot_and_support_are_refused(robot):
+def test_unknown_foot_and_support_are_refused(robot, tmp_path):
+    for path in robot.files:
+        shutil.copy(path, tmp_path)
+    description = tmp_path / robot.path.name
+    description.write_text(description.read_text().replace('"right_foot"\n', '"third_foot"\n'))
     with pytest.raises(InputError, match=r"unknown foot 'third_foot'; valid: torso, .*left_foot"):
-        base_parameters(dataclasses.replace(robot, stance_foot="third_foot"))
+        load_robot(description)
     with pytest.raises(InputError, match="expected one of double, right, left"):
         base_parameters(robot, support="both")
 
@@ -139,7 +143,14 @@ def random_tree(seed: int, bodies: int) -> tuple[mujoco.MjModel, Robot]:
                 size=[0.001, 0, 0],
                 pos=[0.1 if "front" in corner else -0.1, 0.05 if "left" in corner else -0.05, -0.05],
             )
-    return spec.compile(), Robot(Path("x.toml"), Path("x.xml"), Path("x.xml"), feet[0], feet[1], {})
+    model = spec.compile()
+    files = {
+        "path": Path("x.toml"),
+        "model_file": Path("x.xml"),
+        "scene_file": None,
+        "plate_file": Path("x.xml"),
+    }
+    return model, Robot(**files, stance_foot=feet[0], swing_foot=feet[1], settings={}, spec=spec, model=model)
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)

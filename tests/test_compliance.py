@@ -148,7 +148,7 @@ def test_motor_encoders_differ_by_the_load_on_flexible_drives(robot, model, plan
 
 @pytest.mark.slow
 def test_a_robot_file_with_drives_goes_through_the_command_line(tmp_path, robot):
-    for file in (*robot.files, robot.plate):
+    for file in (*robot.files, robot.plate_file):
         shutil.copy(file, tmp_path)
     with (tmp_path / "tulip.toml").open("a", encoding="utf-8") as file:
         file.write("\n[drives]\nwind_up = 0.0175\nbacklash = 0.00175\n")

@@ -50,7 +50,7 @@ def test_a_tilt_turns_about_x_then_about_y(noiseless):
 @pytest.mark.parametrize("name", ["random", "optimal"])
 def test_the_nominal_laboratory_asked_again_shows_what_was_measured(name, robot, model, nominal):
     """Also where the plan has feed-forward, which the commands hold."""
-    plan = first(read_plan(DEFAULT_PLAN.parent / name, robot, model), 8)
+    plan = first(read_plan(DEFAULT_PLAN.parent / name, robot), 8)
     run = run_static(solve_plan(preset_rig("wii", robot), plan), np.random.SeedSequence(SEED).spawn(1))[0]
     observed = observe(run.measurements, nominal)
     again = simulated(exact_rig(observed), measured_plan(observed))

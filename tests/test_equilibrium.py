@@ -26,7 +26,6 @@ from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import load_model
 from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.sensors import PRESETS, averaged_sd, sample, sample_mean
 from tulip_testbed.sim.statics import Load, State, faults, mechanism, reference, residual
@@ -133,7 +132,7 @@ def test_the_feet_bear_the_weight_under_the_center_of_mass(solved_plan, robot):
     feet = np.stack([np.zeros_like(solved_plan.plan.swing_pose), solved_plan.plan.swing_pose], axis=1)
     moment = (twist[..., :2] + np.stack([feet[..., 1], -feet[..., 0]], axis=-1) * push[..., 2:]).sum(axis=1)
     pressure = np.column_stack([-moment[:, 1], moment[:, 0]]) / push[..., 2].sum(axis=1)[:, None]
-    model = load_model(robot)
+    model = robot.model
     data = mujoco.MjData(model)
     for k in range(0, 150, 10):
         data.qpos[:3] = state.position[k]
@@ -241,7 +240,7 @@ def test_newton_ends_where_it_began_if_that_is_the_solution(solved_plan):
 
 
 def test_the_chain_starts_from_the_same_torso(solved_plan, robot, plan):
-    chain = ClosedChain(load_model(robot), robot)
+    chain = ClosedChain(robot.model, robot)
     lifted = [chain.base_pose(angles)[2] for angles in plan.joint_angles]
     assert np.abs(solved_plan.near.state.position[:, 2] - lifted).max() < 0.03  # sag
 

@@ -15,9 +15,8 @@ from tulip_testbed.identification.postures import free_joint_ranges, planning_ra
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.path import ClosedChain
-from tulip_testbed.sim.plates import plate_geometry
-from tulip_testbed.sim.robot import between_feet, joint_names, load_model, load_robot, sole_corners
-from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.robot import between_feet, joint_names, load_robot, sole_corners
+from tulip_testbed.sim.scene import nominal_plates
 
 NAMES = sorted(ROBOTS)
 
@@ -26,8 +25,7 @@ NAMES = sorted(ROBOTS)
 def plans(foreign):
     """Ten placements of five postures each."""
     return {
-        name: random_postures(robot, plate_geometry(load_scene(robot), "right"), 10, 5, 110)
-        for name, robot in foreign.items()
+        name: random_postures(robot, nominal_plates(robot)[0], 10, 5, 110) for name, robot in foreign.items()
     }
 
 
@@ -50,7 +48,7 @@ def feet_and_com(model, robot, angles):
 def test_bodies_masses_and_joints_are_the_originals(name, foreign):
     """At random angles every body and the CoM lie where dm_control's own model puts them."""
     original = original_model(name)
-    model, rng = load_model(foreign[name]), np.random.default_rng(111)
+    model, rng = foreign[name].model, np.random.default_rng(111)
     joints = joint_names(model)
     assert joints == joint_names(original)
     assert len(joints) == {"humanoid": 21, "humanoid_CMU": 56}[name]
@@ -74,7 +72,7 @@ def test_bodies_masses_and_joints_are_the_originals(name, foreign):
 @pytest.mark.parametrize("name", NAMES)
 def test_planned_postures_stand_on_both_soles_and_move_every_joint(name, foreign, plans):
     robot, plan = foreign[name], plans[name]
-    model, ranges = load_model(robot), planning_ranges(robot)
+    model, ranges = robot.model, planning_ranges(robot)
     for angles, pose in zip(plan.joint_angles, plan.swing_pose, strict=True):
         (stance, swing), com = feet_and_com(model, robot, angles)
         relative = np.linalg.inv(stance) @ swing
@@ -102,7 +100,7 @@ def test_planned_postures_stand_on_both_soles_and_move_every_joint(name, foreign
 @pytest.mark.parametrize("name", NAMES)
 def test_paths_keep_the_feet_and_do_not_jump(name, foreign, plans):
     robot, plan = foreign[name], plans[name]
-    model = load_model(robot)
+    model = robot.model
     start, end = plan.joint_angles[:2]
     path = ClosedChain(model, robot).path(start, end, 50)
     ways = []
@@ -127,7 +125,7 @@ def test_the_main_job_on_a_foreign_robot(foreign, tmp_path, capsys):
     assert "Table II" not in out
     report = json.loads((run / "report.json").read_text())
     estimate = np.array([row["estimate"] for row in report["full"]["parameters"]])
-    truth = base_parameters(robot).values(standard_parameters(load_model(robot)))
+    truth = base_parameters(robot).values(standard_parameters(robot.model))
     assert len(estimate) == 34
     assert np.abs(estimate - truth).max() < 1e-3
     assert report["total_mass"]["estimate"] == pytest.approx(40.844, abs=1e-3)
@@ -135,7 +133,7 @@ def test_the_main_job_on_a_foreign_robot(foreign, tmp_path, capsys):
 
 def edited(robot, folder, **texts):
     """A copy of the robot with other texts in its files; texts by the file's ending, (old, new)."""
-    for path in (robot.path, robot.model):
+    for path in (robot.path, robot.model_file):
         text = path.read_text()
         old, new = texts.get(path.suffix[1:], ("", ""))
         assert old in text
@@ -172,7 +170,7 @@ def edited(robot, folder, **texts):
 def test_bad_joint_ranges_are_refused(foreign, tmp_path, old, new, message):
     robot = edited(foreign["humanoid"], tmp_path, toml=(old, new))
     with pytest.raises(InputError, match=message):
-        free_joint_ranges(robot, load_model(robot), planning_ranges(robot))
+        free_joint_ranges(robot, robot.model, planning_ranges(robot))
 
 
 def test_a_joint_without_any_range_is_refused(foreign, tmp_path):
@@ -181,7 +179,7 @@ def test_a_joint_without_any_range_is_refused(foreign, tmp_path):
     with pytest.raises(
         InputError, match=r"found no range for joint 'left_elbow', and the model gives it none"
     ):
-        free_joint_ranges(robot, load_model(robot), planning_ranges(robot))
+        free_joint_ranges(robot, robot.model, planning_ranges(robot))
 
 
 def test_the_example_in_the_documentation_is_this_robots(foreign):

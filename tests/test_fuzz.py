@@ -19,7 +19,7 @@ from tulip_testbed.experiments.terminal import printable
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import write_measurements
 from tulip_testbed.sim.measurements.table_files import MOST_DEPTH, Table, read_json
-from tulip_testbed.sim.robot import ASSETS, load_model, load_robot, load_spec
+from tulip_testbed.sim.robot import ASSETS, load_robot, load_spec
 
 HEAVY = ("rows_that_take_no_space", "a_table_that_unpacks_hugely", "models_without_end")
 ONLY_ON_PLATES = (  # `tulip model`, the one call of the brief study, does not see these
@@ -161,12 +161,12 @@ def test_an_mjcf_may_lie_beside_the_folder_of_its_meshes_but_not_outside_the_rob
     replace(path, "<compiler ", '<compiler meshdir="../meshes" ')
     replace(path, "<asset>", '<asset><mesh name="a" file="a.obj"/>')
     replace(robot_folder / "tulip.toml", '"tulip.xml"', '"mjcf/tulip.xml"')
-    assert load_model(load_robot(robot_folder / "tulip.toml")).nmesh == 1
+    assert load_robot(robot_folder / "tulip.toml").visual_model.nmesh == 1
     with pytest.raises(InputError, match=r"attribute 'meshdir': found '../meshes', expected a path inside"):
         load_spec(path)
     replace(path, "../meshes", "../../meshes")
     with pytest.raises(InputError, match=r"line \d+, <compiler>, attribute 'meshdir'"):
-        load_model(load_robot(robot_folder / "tulip.toml"))
+        load_robot(robot_folder / "tulip.toml")
 
 
 def test_what_would_crash_mujoco_is_one_message(robot_folder, capsys):

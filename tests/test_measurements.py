@@ -166,12 +166,12 @@ def test_truncated_parquet_and_missing_folder(folder, tmp_path):
 
 def test_plan_round_trip_and_limits(plan, robot, model, tmp_path):
     write_plan(tmp_path / "plan", plan)
-    assert read_plan(tmp_path / "plan", robot, model).joint_angles.tobytes() == plan.joint_angles.tobytes()
+    assert read_plan(tmp_path / "plan", robot).joint_angles.tobytes() == plan.joint_angles.tobytes()
     rewrite(tmp_path / "plan", lambda t: replace_column(t, "q.left_knee", [-0.2] * len(t)))
     with pytest.raises(
         InputError, match=r"column 'q.left_knee', row 1: found -0.2000 rad, expected within \[0.0000"
     ):
-        read_plan(tmp_path / "plan", robot, model)
+        read_plan(tmp_path / "plan", robot)
 
 
 def test_a_failed_write_leaves_nothing(plan, tmp_path):

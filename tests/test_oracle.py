@@ -10,7 +10,7 @@ from scipy.linalg import subspace_angles
 
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations
-from tulip_testbed.sim.robot import joint_names, load_model, sole_point
+from tulip_testbed.sim.robot import joint_names, sole_point
 
 FOLDER = Path(__file__).parent / "data" / "oracle"
 SUPPORTS = ("right", "double")
@@ -20,7 +20,7 @@ SUPPORTS = ("right", "double")
 def case(request, robot, foreign):
     """A robot, what we make of it, and what the oracles said."""
     described = ({"tulip": robot} | foreign)[request.param]
-    model = load_model(described)
+    model = described.model
     with np.load(FOLDER / f"{request.param}.npz") as answers:
         return SimpleNamespace(
             robot=described,

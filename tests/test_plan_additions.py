@@ -96,7 +96,7 @@ def test_repeats_stand_in_the_plan_and_in_the_measurements(robot, model, optimal
         np.testing.assert_array_equal(plan.joint_angles[first], plan.joint_angles[second])
         assert (plan.placement[first] == plan.placement[second]) == (number in within)
     write_plan(tmp_path / "plan", plan)
-    again = read_plan(tmp_path / "plan", robot, model)
+    again = read_plan(tmp_path / "plan", robot)
     held = measured(robot, again, "ideal")
     assert len(held) <= len(plan)  # the laboratory adds none of its own
     assert set(held.posture.tolist()) <= set(plan.posture.tolist())
@@ -109,7 +109,7 @@ def test_one_number_for_two_postures_is_refused(robot, model, optimal, tmp_path)
     number[7] = number[2]
     write_plan(tmp_path / "plan", dataclasses.replace(optimal, posture=number))
     with pytest.raises(InputError, match=r"column 'posture', row 8: found number 3 again, but not .* row 3"):
-        read_plan(tmp_path / "plan", robot, model)
+        read_plan(tmp_path / "plan", robot)
 
 
 def test_torques_on_one_foot_are_mujocos(robot, model, one_foot, with_one_foot):
@@ -138,7 +138,7 @@ def test_torques_go_with_their_postures(robot, model, with_one_foot, tmp_path):
     plan = with_repeats(with_one_foot, 7, SEED)
     plan = plan.take(np.arange(len(plan))[::-1])
     write_plan(tmp_path / "plan", plan)
-    again = read_plan(tmp_path / "plan", robot, model)
+    again = read_plan(tmp_path / "plan", robot)
     np.testing.assert_array_equal(again.feed_forward, [torques[number] for number in again.posture.tolist()])
     one = usable(with_one_foot, with_one_foot.posture[-6:])
     np.testing.assert_array_equal(one.feed_forward, with_one_foot.feed_forward[-6:])

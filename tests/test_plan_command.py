@@ -19,7 +19,6 @@ from tulip_testbed.experiments import planning_run as planning
 from tulip_testbed.experiments.scenario import DEFAULT_PLAN
 from tulip_testbed.sim.measurements import read_plan, write_measurements
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import load_model
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_static
 
@@ -49,14 +48,14 @@ def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monke
         patched.setattr(planning, "_write_state", interrupt)
         assert main(["plan", "--out", str(out), *SMALL]) == 130
     assert "best plan so far" in " ".join(capsys.readouterr().err.split())
-    first = read_plan(out, robot, load_model(robot))
+    first = read_plan(out, robot)
     assert first.made["interrupted"]
     assert first.made["rounds"] == 3
     assert "left by another run" in refused(capsys, "plan", "--out", out, *SMALL[:-1], 5)
     assert "left by another run" in refused(capsys, "plan", "--out", out, *SMALL, "--solver", "ipopt")
     assert main(["plan", "--out", str(out), *SMALL]) == 0
     assert main(["plan", "--out", str(tmp_path / "whole"), *SMALL]) == 0
-    again, whole = (read_plan(tmp_path / name, robot, load_model(robot)) for name in ("plan", "whole"))
+    again, whole = (read_plan(tmp_path / name, robot) for name in ("plan", "whole"))
     assert again.joint_angles.tobytes() == whole.joint_angles.tobytes()
     assert again.made == whole.made
     assert sorted(path.name for path in tmp_path.iterdir()) == ["plan", "whole"]

@@ -158,7 +158,7 @@ def test_small_plan_improves_and_keeps_every_constraint(problem, small, model, r
 
 def test_objective_is_recomputed_from_the_plan_file(tmp_path, robot, model, parameters, small):
     write_plan(tmp_path / "plan", small)
-    again = read_plan(tmp_path / "plan", robot, model)
+    again = read_plan(tmp_path / "plan", robot)
     found = np.linalg.cond(stacked_regressor(parameters, again.joint_angles))
     assert found == pytest.approx(small.made["final_objective"], rel=1e-8)
     assert again.feed_forward.tobytes() == small.feed_forward.tobytes()
@@ -182,7 +182,7 @@ def test_feed_forward_shares_the_load_as_planned(problem, small, robot):
 
 
 def test_optimal_postures_stand_in_the_full_dynamics(robot, model):
-    plan = read_plan(OPTIMAL, robot, model)
+    plan = read_plan(OPTIMAL, robot)
     rig = preset_rig("wii", robot)
     rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
     done = run_experiment(rig, part_of(plan, np.isin(plan.placement, (2, 12, 22))), 214)
@@ -198,9 +198,8 @@ def test_no_margin_is_negative(problem, small):
 def test_chance_margin_covers_robots_that_differ(problem, plan):
     """The linear s.d. of the CoM against robots drawn around the nominal one."""
     from tulip_testbed.sim.random_robots import draw_robot
-    from tulip_testbed.sim.robot import load_model
 
-    model, rng = load_model(problem.robot), np.random.default_rng(212)
+    model, rng = problem.robot.model, np.random.default_rng(212)
     rows = problem.parameters.regressor(plan.joint_angles[:5])
     drawn = np.array([rows @ problem.parameters.values(draw_robot(model, 0.1, rng)) for _ in range(400)])
     predicted = np.sqrt(np.einsum("mip,pq,miq->mi", rows, problem.spread, rows))

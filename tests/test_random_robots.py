@@ -77,7 +77,7 @@ def test_the_edit_of_the_nominal_robot_changes_nothing(robot, model):
 
 def test_robots_that_nobody_here_wrote(foreign):
     for robot in foreign.values():
-        model = mujoco.MjSpec.from_file(str(robot.model)).compile()
+        model = mujoco.MjSpec.from_file(str(robot.model_file)).compile()
         standard = draw_robot(model, SPREAD, np.random.default_rng(124))
         scene = scene_of(preset_rig("ideal", robot), model, standard)
         links = [scene.body(model.body(k).name).id for k in range(1, model.nbody)]

@@ -38,7 +38,7 @@ def edit(path: Path, old: str, new: str) -> None:
 @pytest.fixture(scope="module")
 def models(robot):
     """Shipped and built, compiled as the laboratory compiles them."""
-    robots = (robot, dataclasses.replace(robot, scene=None))
+    robots = (robot, dataclasses.replace(robot, scene_file=None))
     return [laboratory_scene(preset_rig("ideal", r), POSES).compile() for r in robots]
 
 
@@ -170,4 +170,4 @@ def test_a_drive_that_pushes_one_way_only_is_refused(motor, limit, found):
 
 
 def test_default_plate_is_the_shipped_one(foreign):
-    assert all(robot.plate == PLATE for robot in foreign.values())
+    assert all(robot.plate_file == PLATE for robot in foreign.values())

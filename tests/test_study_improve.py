@@ -16,7 +16,7 @@ from studies.runner import shipped_plan
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
 from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import Robot, load_model, load_robot
+from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.sensors import PRESETS
 
 pytest.importorskip("matplotlib")
@@ -134,7 +134,7 @@ def test_crossing() -> None:
 
 def test_one_foot_postures_stand_and_the_torques_balance(robot: Robot) -> None:
     angles = one_foot_postures(robot, 3, np.random.default_rng(SEED))
-    parameters, model = base_parameters(robot, support="right"), load_model(robot)
+    parameters, model = base_parameters(robot, support="right"), robot.model
     com = parameters.regressor(angles) @ parameters.values(standard_parameters(model))
     assert (com > np.array([-0.07, -0.05]) + MARGIN).all()
     assert (com < np.array([0.13, 0.05]) - MARGIN).all()

@@ -239,7 +239,7 @@ def test_too_few_postures_are_shown_without_an_estimate(wii, robot, tmp_path):
 
 def test_a_robot_of_meshes_and_one_of_two_hinges_a_body_are_drawn(foreign, tmp_path):
     for name, robot in foreign.items():
-        nominal = postures.load_model(robot)
+        nominal = robot.visual_model
         recording = rr.RecordingStream("test")
         recording.save(tmp_path / f"{name}.rrd")
         postures.log_geometry(recording, "robot", nominal)

@@ -17,10 +17,9 @@ from tulip_testbed.polygons import inset, nearest_on
 from tulip_testbed.rendering import rendered
 from tulip_testbed.sim.dynamics.dynamic_run import boards_under
 from tulip_testbed.sim.measurements import PosturePlan
-from tulip_testbed.sim.plates import plate_geometry
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import Robot, load_model, sole_corners
-from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.robot import Robot, sole_corners
+from tulip_testbed.sim.scene import nominal_plates
 
 SCALE = 400.0  # pixels a metre
 MOST_COLUMNS = 4
@@ -36,11 +35,11 @@ def support_polygons(robot: Robot, plan: PosturePlan) -> str:
     Boards, soles, the polygon of the soles that carry the robot, inside it the line that d_s leaves, and
     every posture's nominal centre of mass with the shortest way to the polygon's edge, d_e.
     """
-    model = load_model(robot)
+    model = robot.model
     parameters = base_parameters(robot, model, "right")
     com = parameters.regressor(plan.joint_angles) @ parameters.values(standard_parameters(model))
     inner = planning_ranges(robot).stability_margin if "planning" in robot.settings else None
-    size = plate_geometry(load_scene(robot), "right").size
+    size = nominal_plates(robot)[0].size
     corners = [sole_corners(model, foot)[:, :2] for foot in robot.feet]
     placements = list(dict.fromkeys(plan.placement.tolist()))
     first = [int(np.flatnonzero(plan.placement == number)[0]) for number in placements]

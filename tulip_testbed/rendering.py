@@ -131,7 +131,7 @@ def main() -> None:
 
     request = json.load(sys.stdin)
     images = draw(
-        load_robot(Path(request["robot"])),
+        load_robot(Path(request["robot"]), meshes=True),
         np.array(request["angles"]),
         np.array(request["plates"]),
         *request["size"],

@@ -17,11 +17,10 @@ from tulip_testbed.effects.targets import LEG_LINKS, next_joint
 from tulip_testbed.identification.kinematics import tree_of
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import load_model
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:
-    tree = tree_of(load_model(rig.robot))
+    tree = tree_of(rig.robot.model)
     number, way = next_joint(tree, target)
     joint = tree.joints[tree.edges[number].joint]
 

@@ -28,7 +28,6 @@ from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.random_robots import draw_robot
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import load_model
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, solve_plan
 from tulip_testbed.sim.statics.static_run import run_static
 
@@ -97,7 +96,7 @@ def carry_out(case: Case, run: int, seed: int, board: Board) -> Outcome:
 
 def _trial(case: Case, rng: np.random.Generator, board: Board) -> Trial:
     if case.arm == arms.ROBOTS:
-        robot = draw_robot(load_model(board.rig.robot), SPREAD, rng)
+        robot = draw_robot(board.rig.robot.model, SPREAD, rng)
         return Trial(board.rig, (), "", (), 0.0, standard=robot[None])
     if case.arm == arms.OUTSIDE_ARM:
         return _outside(case, rng, board)

@@ -17,7 +17,7 @@ from tulip_testbed.effects.torso_pull import FAR, hook, tie
 from tulip_testbed.identification.observation import time_fraction
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import joint_names, load_model
+from tulip_testbed.sim.robot import joint_names
 
 LOSS_TIME = 0.005  # s, damping over stiffness
 CREEP = 200.0  # s, of a cell that yields
@@ -110,7 +110,7 @@ def _bent(rig: Rig, number: int, amplitude: float) -> Rig:
 
 
 def _skewed(rig: Rig, number: int, amplitude: float) -> Rig:
-    names = joint_names(load_model(rig.robot))
+    names = joint_names(rig.robot.model)
 
     def edit(spec: mujoco.MjSpec) -> None:
         joint = spec.joint(names[number % len(names)])
@@ -131,7 +131,7 @@ def _slack(rig: Rig, number: int, amplitude: float) -> Rig:
 
 
 def _sideways(rig: Rig, number: int, amplitude: float) -> Rig:
-    names = joint_names(load_model(rig.robot))
+    names = joint_names(rig.robot.model)
     name = names[number % len(names)]
 
     def edit(spec: mujoco.MjSpec) -> None:

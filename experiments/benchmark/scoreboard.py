@@ -26,7 +26,7 @@ from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.identification.residual_noise import noise_of
 from tulip_testbed.sim.measurements import PosturePlan, read_plan
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import load_model, load_robot
+from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, solve_plan
 from tulip_testbed.sim.statics.static_run import run_static
 
@@ -108,7 +108,7 @@ def board(preset: str, folder: Path = DEFAULT_PLAN) -> Board:
         InputError: a plan that does not fit.
     """
     robot = load_robot()
-    plan, rig = read_plan(folder, robot, load_model(robot)), preset_rig(preset, robot)
+    plan, rig = read_plan(folder, robot), preset_rig(preset, robot)
     solved_plan = solve_plan(rig, plan)
     measured = run_static(solved_plan, [np.random.SeedSequence(REFERENCE)])[0].measurements
     observed = observe(measured, nominal_robot(robot))

@@ -17,7 +17,6 @@ from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import load_model
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, solve_plan
 from tulip_testbed.sim.statics.static_run import run_static
 
@@ -58,7 +57,7 @@ def laboratory(scenario: Scenario, spread: float | None, dynamics: bool) -> Labo
         InputError: a plan or a scene that this laboratory cannot stand on.
     """
     rig, plan = scenario.rig, scenario.plan
-    model = scenario.true_model() if scenario.adopted else load_model(rig.robot)
+    model = scenario.true_model() if scenario.adopted else rig.robot.model
     if dynamics:
         return partial(_hold, rig, plan, model, spread)
     return partial(_solve, solve_plan(rig, plan), model, spread)

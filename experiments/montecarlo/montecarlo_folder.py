@@ -17,7 +17,6 @@ from tulip_testbed.sim.errors import InputError, shortened
 from tulip_testbed.sim.files import new_folder, present
 from tulip_testbed.sim.measurements import PosturePlan, write_plan
 from tulip_testbed.sim.measurements.table_files import read_json, software, write_json
-from tulip_testbed.sim.robot import sha256
 
 RUN_FILE, CHUNK_FOLDER, REPORT_FILE, PLAN_FOLDER = "run.json", "runs", "report.json", "plan"
 
@@ -34,8 +33,7 @@ def run_document(scenario: Scenario, settings: dict[str, Any]) -> dict[str, Any]
         "command": "montecarlo",
         "settings": settings,
         "configuration": scenario.configuration(),
-        "inputs": {path.name: sha256(path) for path in scenario.rig.robot.files}
-        | {"plan": plan_hash(scenario.plan)},
+        "inputs": scenario.rig.robot.hashes | {"plan": plan_hash(scenario.plan)},
         "software": software(),
     }
     return json.loads(json.dumps(document))  # as it will be read again

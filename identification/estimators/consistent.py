@@ -13,7 +13,6 @@ from tulip_testbed.identification.estimators.ordinary import residual_sigma
 from tulip_testbed.identification.link_boxes import SIDES, link_boxes
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.robot import load_model
 
 EQUALITY = 1e4  # weight of "mass fractions sum to one" over the largest other
 
@@ -52,7 +51,7 @@ def corner_parameters(data: Regression) -> np.ndarray:
     """
     if data.robot is None or data.parameters is None:
         raise InputError(f"{data.source}: found no robot, expected one: its links' boxes are the bounds")
-    boxes = link_boxes(load_model(data.robot))
+    boxes = link_boxes(data.robot.visual_model)
     corners = np.where(SIDES[None] < 0, boxes[:, None, 0], boxes[:, None, 1])  # (n, 8, 3)
     count = len(boxes)
     standard = np.zeros((count, 4, count, 8))

@@ -13,7 +13,6 @@ from tulip_testbed.identification.estimators.ordinary import residual_sigma
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.identification.visible_masses import visible_masses
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.robot import load_model
 
 MASS_SD = 0.2  # of each link's mass, relative: what a CAD model leaves out (cables, screws, shells)
 CENTER_SD = 0.02  # m, of each link's centre of mass, per axis
@@ -34,7 +33,7 @@ def with_prior(data: Regression) -> Estimate:
     if data.robot is None or data.parameters is None or data.mass is None:
         raise InputError(f"{data.source}: found no robot, expected one: its own model is the prior")
     links = data.parameters.tree.links
-    standard = standard_parameters(load_model(data.robot))
+    standard = standard_parameters(data.robot.model)
     mass = standard[:, 0]
     center = np.divide(standard[:, 1:], mass[:, None], out=np.zeros((len(mass), 3)), where=mass[:, None] > 0)
     start = np.column_stack([mass, center])

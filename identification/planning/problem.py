@@ -13,7 +13,7 @@ from tulip_testbed.identification.link_boxes import link_boxes
 from tulip_testbed.identification.postures import PlanningRanges, planning_ranges
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PlateGeometry
-from tulip_testbed.sim.robot import Robot, between_feet, joint_names, load_model, sole_corners, sole_point
+from tulip_testbed.sim.robot import Robot, between_feet, joint_names, sole_corners, sole_point
 
 CLOSING = 12  # joints between the feet: as many as the equations that two feet, torso and CoM give
 Limb = tuple[int, int, float]
@@ -125,13 +125,13 @@ def planning_problem(
     Raises:
         InputError: broken files, or other than six joints a leg.
     """
-    model, margins = load_model(robot), margins or Margins()
+    model, margins = robot.model, margins or Margins()
     parameters = base_parameters(robot, model, support)
     tree, base = parameters.tree, parameters.base
     between = np.flatnonzero(between_feet(model, robot))
     if len(between) != CLOSING:
         raise InputError(
-            f"{robot.model}: found {len(between)} joints between the feet, expected {CLOSING} "
+            f"{robot.model_file}: found {len(between)} joints between the feet, expected {CLOSING} "
             "(six a leg) to optimise postures"
         )
     frames, standard = np.array(tree.frame_of_link), standard_parameters(model)

@@ -7,7 +7,7 @@ import numpy as np
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, few, row_name
 from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.robot import CORNERS, PLATES, sha256
+from tulip_testbed.sim.robot import CORNERS, PLATES
 
 # Beyond a limit: drives sag under gravity by up to 0.02 rad in the simulated laboratory.
 LIMIT_WARN, LIMIT_FAIL = 0.03, 0.1  # rad
@@ -21,9 +21,9 @@ MOST_PLACEMENT_SD = 0.2  # m
 def same_robot(measurements: Measurements, nominal: Nominal) -> Finding:
     """Model file, feet and joint order against the nominal robot."""
     name, robot, wrong = "robot", nominal.robot, []
-    seen = f"{robot.model.name}, as the manifest says"
-    found, file_hash = measurements.robot, sha256(robot.model)
-    if found["sha256"] is None and found["model"] != robot.model.name:
+    seen = f"{robot.model_file.name}, as the manifest says"
+    found, file_hash = measurements.robot, robot.model_hash
+    if found["sha256"] is None and found["model"] != robot.model_file.name:
         wrong.append(f"model '{found['model']}'")
     elif found["sha256"] is None:
         seen += "; by its name only, no sha256 given"
@@ -35,9 +35,8 @@ def same_robot(measurements: Measurements, nominal: Nominal) -> Finding:
     joints = nominal.parameters.tree.joints
     if measurements.joints != joints:
         wrong.append(f"joints {', '.join(measurements.joints)}")
-    expected = (
-        f"{robot.model.name} with sha256 {file_hash[:12]}..., on {robot.stance_foot} and {robot.swing_foot}"
-    )
+    feet = f"{robot.stance_foot} and {robot.swing_foot}"
+    expected = f"{robot.model_file.name} with sha256 {file_hash[:12]}..., on {feet}"
     if measurements.joints != joints:
         expected += f", joints {', '.join(joints)}"
     if wrong:

@@ -14,10 +14,9 @@ from tulip_testbed.sim.control import remove_servos
 from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
 from tulip_testbed.sim.measurements import lay_boards
 from tulip_testbed.sim.path import ClosedChain
-from tulip_testbed.sim.plates import plate_geometry
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import PLATES, joint_names, joint_ranges, load_model, sole_corners
-from tulip_testbed.sim.scene import laboratory_scene, load_scene
+from tulip_testbed.sim.robot import joint_names, joint_ranges, sole_corners
+from tulip_testbed.sim.scene import laboratory_scene, nominal_plates
 
 ACTUATIONS = ("angles", "torques")
 OPTIONS = ("enabled", "buffer_size", "aggregator", "delay", "update_interval", "corruptor")
@@ -59,13 +58,13 @@ def laboratory_environment(
         InputError: an argument that does not fit, or a broken scene.
     """
     look_up("actuation", actuation, ACTUATIONS, "actuation")
-    nominal = load_model(rig.robot)
+    nominal = rig.robot.model
     _check_times(control_timestep=control_timestep, time_limit=time_limit)
     angles = _checked(joint_angles, (len(joint_names(nominal)),), "joint_angles")
     _check_ranges(nominal, angles)
     soles = _soles(nominal, rig, angles)
     if plate_poses is None:
-        size = plate_geometry(load_scene(rig.robot), PLATES[0]).size
+        size = nominal_plates(rig.robot)[0].size
         plate_poses = lay_boards(soles, size, rig.protocol.plate_gap)
     spec = laboratory_scene(rig, _checked(plate_poses, (2, 3), "plate_poses"))
     if actuation == "torques":

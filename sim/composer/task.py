@@ -150,7 +150,7 @@ def _bounds(robot: Robot, nominal: mujoco.MjModel, actuation: str) -> tuple[np.n
     if actuation == "angles":
         low, high = joint_ranges(nominal).clip(-np.pi, np.pi).T
         return low, high
-    spec = load_spec(robot.model)
+    spec = load_spec(robot.model_file)
     limits = {actuator.target: torque_limit(spec, actuator) for actuator in spec.actuators}
     high = np.array([limits[name] for name in joint_names(nominal)])
     return -high, high

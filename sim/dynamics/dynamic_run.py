@@ -13,7 +13,6 @@ from tulip_testbed.sim.dynamics.hold import Held, hold, move, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, lay_boards
-from tulip_testbed.sim.plates import plate_geometry
 from tulip_testbed.sim.procedure import (
     check_support,
     choose_repeats,
@@ -27,8 +26,8 @@ from tulip_testbed.sim.procedure import (
     weigh,
 )
 from tulip_testbed.sim.rig import Rig, stages
-from tulip_testbed.sim.robot import load_model, sole_corners
-from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.robot import sole_corners
+from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.sensors import read_cells, read_encoders
 
 
@@ -233,8 +232,8 @@ def _measurements(
 
 def boards_under(rig: Rig, swing_poses: np.ndarray) -> np.ndarray:
     """Where the two boards are to lie for poses of the swing foot, (k, 3) -> (k, 2, 3) [m, m, rad]."""
-    size = plate_geometry(load_scene(rig.robot), "right").size
-    model = load_model(rig.robot)
+    size = nominal_plates(rig.robot)[0].size
+    model = rig.robot.model
     right, left = (sole_corners(model, foot)[:, :2] for foot in rig.robot.feet)
     boards = []
     for x, y, yaw in swing_poses:

@@ -11,7 +11,7 @@ from tulip_testbed.sim.dynamics.stiction import Stiction
 from tulip_testbed.sim.path import ClosedChain, tipped
 from tulip_testbed.sim.plates import cell_addresses, cell_names, tare
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, compile_spec, joint_names, load_model, sole_point
+from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, compile_spec, joint_names, sole_point
 from tulip_testbed.sim.scene import laboratory_scene
 
 HOIST_DAMPING = (200.0, 2.0)  # N s/m, N m s
@@ -29,7 +29,7 @@ class Stand:
 
     def __init__(self, rig: Rig, plate_poses: np.ndarray):
         self.rig, self.robot, self.protocol = rig, rig.robot, rig.protocol
-        nominal = load_model(rig.robot)
+        nominal = rig.robot.model
         self.chain = ClosedChain(nominal, rig.robot)
         joints = joint_names(nominal)
         spec = laboratory_scene(rig, plate_poses)

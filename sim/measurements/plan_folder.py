@@ -63,7 +63,7 @@ def write_plan(folder: Path, plan: PosturePlan) -> None:
         )
 
 
-def read_plan(folder: Path, robot: Robot, model: mujoco.MjModel) -> PosturePlan:
+def read_plan(folder: Path, robot: Robot) -> PosturePlan:
     """Read and check a plan folder for a robot.
 
     Raises:
@@ -79,7 +79,7 @@ def read_plan(folder: Path, robot: Robot, model: mujoco.MjModel) -> PosturePlan:
         raise InputError(f"{where}: {validation_message(error)}") from None
     check_model(where, manifest.robot.model, manifest.robot.sha256, robot)
     table = checked_table(folder, "postures", manifest.tables)
-    joints = joint_names(model)
+    joints = joint_names(robot.model)
     swing = [table.numbers(f"swing.{axis}", False, -MOST_LENGTH, MOST_LENGTH) for axis in ("x", "y")]
     swing.append(table.numbers("swing.yaw", False, -MOST_ANGLE, MOST_ANGLE))
     plan = PosturePlan(
@@ -93,7 +93,7 @@ def read_plan(folder: Path, robot: Robot, model: mujoco.MjModel) -> PosturePlan:
         made=manifest.made,
         torques=_torques(table, joints),
     )
-    check_limits(table.path, plan, model)
+    check_limits(table.path, plan, robot.model)
     check_repeats(table.path, plan)
     return plan
 
@@ -112,10 +112,11 @@ def check_model(where: Path | str, made_with: str | None, expected: str | None, 
     Raises:
         InputError: hash mismatch.
     """
-    if expected is not None and (found := sha256(robot.model)) != expected:
+    if expected is not None and (found := robot.model_hash) != expected:
         raise InputError(
-            f"{where}: hash mismatch of the robot's model: {robot.model.name} has sha256 {found[:12]}..., "
-            f"expected {shortened(expected[:12])}... ({shortened(made_with)}); --robot names another robot"
+            f"{where}: hash mismatch of the robot's model: {robot.model_file.name} has sha256 "
+            f"{found[:12]}..., expected {shortened(expected[:12])}... ({shortened(made_with)}); it was made "
+            "for another robot"
         )
 
 

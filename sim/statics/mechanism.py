@@ -17,7 +17,6 @@ from tulip_testbed.sim.robot import (
     PLATES,
     compile_spec,
     joint_names,
-    load_model,
     sole_corners,
     sole_point,
 )
@@ -133,7 +132,7 @@ def mechanism(rig: Rig) -> Mechanism:
     """
     if not np.isfinite(rig.protocol.speed_gate):
         raise InputError("static equilibrium: found a robot read before it is at rest (speed_gate inf)")
-    nominal = load_model(rig.robot)
+    nominal = rig.robot.model
     spec = laboratory_scene(rig, np.zeros((2, 3)))
     model = compile_spec(spec, str(rig.robot.path))
     for foot in rig.robot.feet:

@@ -13,7 +13,6 @@ from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.procedure import check_support, constants
 from tulip_testbed.sim.rig import Rig, stages
-from tulip_testbed.sim.robot import load_model
 from tulip_testbed.sim.statics import Load, Mechanism, Reference, State, mechanism, reference
 
 
@@ -54,7 +53,7 @@ def solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
 
 def _solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
     check_support(plan)
-    m, model = mechanism(rig), load_model(rig.robot)
+    m, model = mechanism(rig), rig.robot.model
     placements, placement = np.unique(plan.placement, return_inverse=True)
     first = [int(np.flatnonzero(plan.placement == number)[0]) for number in placements]
     boards = boards_under(rig, plan.swing_pose[first])
@@ -88,7 +87,7 @@ def nominal(solved_plan: SolvedPlan) -> np.ndarray:
 
 def _start(rig: Rig, m: Mechanism, plan: PosturePlan) -> State:
     """The planned postures, the weight on both feet alike."""
-    chain = ClosedChain(load_model(rig.robot), rig.robot)
+    chain = ClosedChain(rig.robot.model, rig.robot)
     pose = np.array([chain.base_pose(angles) for angles in plan.joint_angles])
     rotation = np.zeros((len(pose), 9))
     for matrix, quaternion in zip(rotation, pose[:, 3:], strict=True):

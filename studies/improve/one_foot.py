@@ -11,7 +11,7 @@ from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.postures import planning_ranges
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.path import ClosedChain
-from tulip_testbed.sim.robot import Robot, joint_names, joint_ranges, load_model
+from tulip_testbed.sim.robot import Robot, joint_names, joint_ranges
 
 AT_ONCE = 50_000
 MOST_ROUNDS = 400
@@ -30,7 +30,7 @@ def one_foot_postures(robot: Robot, count: int, rng: np.random.Generator) -> np.
     Raises:
         InputError: hardly any draw is feasible.
     """
-    model, nominal = load_model(robot), nominal_robot(robot)
+    model, nominal = robot.model, nominal_robot(robot)
     value = base_parameters(robot, support="right").values(standard_parameters(model))
     regressor = base_parameters(robot, support="right").regressor
     low, high = joint_ranges(model).T

@@ -18,7 +18,6 @@ from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED, correlations, standard_errors
 from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import load_model
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_static
 
@@ -59,7 +58,7 @@ def study(
     for double, single in arms:
         plan = mixed_plan(pool, double, one_foot[:single])
         parameters = base_parameters(rig.robot, support="right" if single else "double")
-        value = parameters.values(standard_parameters(load_model(rig.robot)))
+        value = parameters.values(standard_parameters(rig.robot.model))
         measured = run_static(solve_plan(rig, plan), [stream_of(seed, 0)])[0].measurements
         stated = 1e3 * standard_errors(predicted_covariance(rig, measured, parameters, value))
         found = repeat(rig, plan, parameters, runs, seed)

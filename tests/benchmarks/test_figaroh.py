@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tulip_testbed.identification.base_parameters import base_parameters
-from tulip_testbed.sim.robot import joint_names, load_model
+from tulip_testbed.sim.robot import joint_names
 
 MOST_SECONDS, MOST_RATIO = 1.0, 0.2
 # FIGAROH's own examples draw 100 or 1000 random postures for a base parameter set.
@@ -53,7 +53,7 @@ def least_time(function, rounds):
 
 def test_base_parameters_against_figaroh(benchmark, foreign):
     robot = foreign["humanoid_CMU"]
-    model, theirs = load_model(robot), pin.buildModelFromMJCF(str(robot.model))
+    model, theirs = robot.model, pin.buildModelFromMJCF(str(robot.model_file))
     low, high = np.array([model.joint(name).range for name in joint_names(model)]).T
     count = figaroh_base_parameters(theirs, 100, low, high).rank
     assert len(base_parameters(robot, model, "right").names) == count

@@ -8,7 +8,7 @@ from tulip_testbed.cli.options import Json, RobotFile
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.terminal import console, print_json
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
-from tulip_testbed.sim.robot import TULIP, load_model
+from tulip_testbed.sim.robot import TULIP
 
 
 def model_command(
@@ -22,7 +22,7 @@ def model_command(
     Example: tulip model --support double
     """
     described = described_robot(robot)
-    model = load_model(described)
+    model = described.model
     parameters = base_parameters(described, model, support)
     standard = standard_parameters(model)
     values = parameters.values(standard)
@@ -33,7 +33,7 @@ def model_command(
         "base": len(parameters.names),
     }
     document = {
-        "model": described.model.name,
+        "model": described.model_file.name,
         "support": support,
         "total_mass": float(standard[:, 0].sum()),
         "counts": counts,
@@ -59,8 +59,8 @@ def model_command(
         return 0
     screen = console()
     screen.print(
-        f"{described.model.name}: {counts['standard']} standard parameters -> {counts['columns']} columns -> "
-        f"{counts['joined']} -> {counts['base']} base parameters in {support} support"
+        f"{described.model_file.name}: {counts['standard']} standard parameters -> {counts['columns']} "
+        f"columns -> {counts['joined']} -> {counts['base']} base parameters in {support} support"
     )
     screen.print("Standard parameters m, m c_x, m c_y, m c_z (kg, kg m):")
     for row in document["standard"]:

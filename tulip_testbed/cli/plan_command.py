@@ -44,10 +44,9 @@ from tulip_testbed.identification.planning.single_support import single_support_
 from tulip_testbed.identification.planning.trial import objective_named
 from tulip_testbed.sim.errors import InputError, look_up
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_plan
-from tulip_testbed.sim.plates import plate_geometry
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import TULIP, Robot, load_model
-from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.robot import TULIP, Robot
+from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.scene_check import check_scene
 
 SIGMA_MM = 4.16  # the paper's residual per axis (eq. 14)
@@ -111,7 +110,7 @@ def plan_command(
         casadi_module()
     own = described_robot(robot)
     check_scene(preset_rig("ideal", own))
-    plate = plate_geometry(load_scene(own), "right")
+    plate = nominal_plates(own)[0]
     problem = planning_problem(own, plate)
     measured = None
     if after is not None:
@@ -172,7 +171,7 @@ def _written(
     taken = None if measured is None else as_plan(robot, measured)
     promised = described_plan(robot, plan, preset, taken)
     keep_plan(out, replace(plan, made=plan.made | {"described": finite(promised)}))
-    again = read_plan(out, robot, load_model(robot))
+    again = read_plan(out, robot)
     return {
         "plan": str(out),
         "placements": len(np.unique(plan.placement)),
@@ -255,7 +254,7 @@ def _joined(plans: list[PosturePlan]) -> PosturePlan:
 
 
 def _print(robot: Robot, document: dict[str, Any], out: Path, measured: Measurements | None) -> None:
-    screen, plan = console(), read_plan(out, robot, load_model(robot))
+    screen, plan = console(), read_plan(out, robot)
     head = "{postures} postures on {placements} placements, objective {objective}".format_map(document)
     if measured is None:
         first, last = document["initial_condition_number"], document["condition_number"]

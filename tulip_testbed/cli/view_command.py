@@ -16,7 +16,7 @@ from tulip_testbed.experiments.saved_run import kind_of, read_montecarlo, read_r
 from tulip_testbed.experiments.terminal import ERR, print_json
 from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.measurements import read_plan
-from tulip_testbed.sim.robot import TULIP, Robot, load_model
+from tulip_testbed.sim.robot import TULIP, Robot
 
 Save = Annotated[Path | None, tyro.conf.arg(metavar="FILE.rrd", help="write the view instead of showing it")]
 Serve = Annotated[bool, tyro.conf.arg(help="serve it to a browser of this machine (127.0.0.1) alone")]
@@ -46,9 +46,9 @@ def view_command(
 
     if save is None and not serve:
         window.check_display()
-    if bare := undrawn(load_model(described)):
+    if bare := undrawn(described.visual_model):
         ERR.print(
-            f"{described.model.name}: no geom shows the links {listed(bare)}; "
+            f"{described.model_file.name}: no geom shows the links {listed(bare)}; "
             "their frames and masses stand alone",
             highlight=False,
             soft_wrap=True,
@@ -81,7 +81,7 @@ def _logger(kind: str, folder: Path, robot: Robot, title: str) -> Callable[..., 
     if kind == "run":
         subject = validated(read_run(folder, robot), title)
     elif kind == "plan":
-        subject = planned(read_plan(folder, robot, load_model(robot)), robot, title)
+        subject = planned(read_plan(folder, robot), robot, title)
     else:
         subject = measured(folder, robot, title)
     return partial(log_postures, subject=subject)

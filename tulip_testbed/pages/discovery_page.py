@@ -63,7 +63,7 @@ def discovery_page(run: SavedDiscovery) -> Page:
         ("repeated pairs", str(report["repeats"]["pairs"])),
         ("search, s", f"{report['wall_s']:.1f}"),
     )
-    name = run.robot.settings.get("name", run.robot.model.stem)
+    name = run.robot.name
     title = f"{name}: discovery {run.folder.resolve().name}"
     sentence = f"{VERDICTS[report['verdict']]} {report['story'][0]}"
     return Page(title, report["verdict"], sentence, facts, tuple(sections), story=tuple(report["story"][1:]))

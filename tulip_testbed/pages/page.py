@@ -38,10 +38,9 @@ from tulip_testbed.sim.dynamics.dynamic_run import boards_under
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import write_bytes
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
-from tulip_testbed.sim.plates import plate_geometry
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.scene import nominal_plates
 
 TEMPLATE = "page.html.j2"
 POLYGONS, PICTURES = 6, 4  # how many placements and postures are drawn
@@ -152,7 +151,7 @@ def validation_page(run: SavedRun) -> Page:
             f" (truth {report['total_mass']['truth']:.3f})",
         ),
     )
-    title = f"{robot.settings.get('name', robot.model.stem)}: validation {run.folder.resolve().name}"
+    title = f"{robot.name}: validation {run.folder.resolve().name}"
     return Page(title, report["verdict"], words.validation_sentence(report), facts, sections, tuple(missing))
 
 
@@ -189,7 +188,7 @@ def montecarlo_page(run: SavedMonteCarlo) -> Page:
         ("runs identified", f"{report['identified']} of {report['runs']}"),
         ("postures planned", str(size)),
     )
-    title = f"{run.robot.settings.get('name', run.robot.model.stem)}: Monte Carlo {run.folder.resolve().name}"
+    title = f"{run.robot.name}: Monte Carlo {run.folder.resolve().name}"
     return Page(title, report["verdict"], words.montecarlo_sentence(report), facts, sections, tuple(missing))
 
 
@@ -237,7 +236,7 @@ def _polygons(robot: Robot, measured: Measurements, truth: dict[str, Any]) -> tu
     soles, cop = nominal.soles_in_base(measured.joint_angles), center_of_pressure(measured)
     com = np.array([attempt["com"] for attempt in truth["attempts"] if "com" in attempt])
     placements = np.unique(measured.placement)
-    board = plate_geometry(load_scene(robot), "right").size
+    board = nominal_plates(robot)[0].size
     carrying = {"double": slice(0, 2), "right": slice(0, 1), "left": slice(1, 2)}
     found = []
     for placement in placements[np.unique(np.linspace(0, len(placements) - 1, POLYGONS).astype(int))]:

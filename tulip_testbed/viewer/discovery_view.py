@@ -13,7 +13,6 @@ from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, rgb
 from tulip_testbed.experiments.saved_discovery import Curve, SavedDiscovery, residual_curves, time_order
 from tulip_testbed.identification.center_of_pressure import cell_positions
 from tulip_testbed.pages.words import CHANNEL_NAMES, VERDICTS, behind, candidate_label
-from tulip_testbed.sim.robot import load_model
 from tulip_testbed.viewer.balance_series import ABOVE_GROUND, factor_for, from_above, log_balance
 from tulip_testbed.viewer.layout import space_view
 from tulip_testbed.viewer.plates_view import log_loads, log_plates
@@ -44,7 +43,7 @@ def log_discovery(recording: rr.RecordingStream, run: SavedDiscovery, title: str
     rank = np.empty(len(subject), int)
     rank[time_order(run)] = np.arange(1, len(subject) + 1)
     index = rr.TimeColumn("posture", sequence=rank)
-    log_geometry(recording, "world/robot", load_model(run.robot))
+    log_geometry(recording, "world/robot", run.robot.visual_model)
     log_motion(recording, "world/robot", index, subject.nominal, subject.joint_angles)
     log_plates(recording, "world/plates", index, subject)
     positions = cell_positions(run.measurements)

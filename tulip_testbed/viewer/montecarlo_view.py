@@ -17,7 +17,6 @@ from tulip_testbed.experiments.scenario import Scenario
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import load_model
 from tulip_testbed.viewer.balance_series import from_above, log_balance
 from tulip_testbed.viewer.layout import Views, above_view, laid_out, space_views
 from tulip_testbed.viewer.plates_view import log_plates
@@ -33,7 +32,7 @@ def log_montecarlo(recording: rr.RecordingStream, run: SavedMonteCarlo, title: s
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     subject = planned(run.plan, run.robot, title)
     index = rr.TimeColumn("posture", sequence=np.arange(1, len(subject) + 1))
-    model = load_model(run.robot)
+    model = run.robot.visual_model
     log_geometry(recording, "world/robot", model)
     log_motion(recording, "world/robot", index, subject.nominal, subject.joint_angles)
     masses = {"nominal model": standard_parameters(model)}

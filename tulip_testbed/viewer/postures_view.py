@@ -8,7 +8,6 @@ import rerun as rr
 from tulip_testbed.colours import COMMAND, SKELETON
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.center_of_pressure import cell_positions
-from tulip_testbed.sim.robot import load_model
 from tulip_testbed.viewer.balance_series import log_balance, log_close_up
 from tulip_testbed.viewer.layout import laid_out, posture_views
 from tulip_testbed.viewer.plates_view import log_loads, log_plates
@@ -21,7 +20,7 @@ from tulip_testbed.viewer.time_series import log_series
 def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
     """Everything, and the blueprint."""
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    model = load_model(subject.nominal.robot)
+    model = subject.nominal.robot.visual_model
     log_geometry(recording, "world/robot", model)
     index = rr.TimeColumn("posture", sequence=np.arange(1, len(subject) + 1))
     log_motion(recording, "world/robot", index, subject.nominal, subject.joint_angles)

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from tulip_testbed.colours import NOMINAL, TRUTH, rgb
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations
 from tulip_testbed.identification.nominal import Nominal
-from tulip_testbed.sim.robot import load_model
 
 SHOWN_GROUPS = (0, 1, 2)  # as MuJoCo's own viewer; collision geometry stands in the others
 MARKER = 0.025  # m, radius of the marker of 1 kg
@@ -119,7 +118,7 @@ def link_frames(nominal: Nominal, joint_angles: np.ndarray) -> tuple[np.ndarray,
 
 def height_of(nominal: Nominal, joint_angles: np.ndarray) -> float:
     """Of the robot's highest geom over the ground, the median of all postures [m]."""
-    model, tree = load_model(nominal.robot), nominal.parameters.tree
+    model, tree = nominal.robot.model, nominal.parameters.tree
     rotations, positions = link_frames(nominal, joint_angles)
     frame = np.array(tree.frame_of_link)[model.geom_bodyid - 1]
     # Rows of the rotations that give z; a geom's own sphere reaches as far upwards as in any direction.

@@ -24,10 +24,9 @@ from tulip_testbed.sim.measurements import (
     read_series,
 )
 from tulip_testbed.sim.measurements.plan_folder import check_model
-from tulip_testbed.sim.plates import plate_geometry
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import Robot, load_model
-from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.scene import nominal_plates
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,7 @@ def planned(plan: PosturePlan, robot: Robot, title: str) -> Subject:
     rig = preset_rig("ideal", robot)
     com = nominal.center_of_mass(plan.joint_angles)
     polygons = support_polygons(nominal, plan.joint_angles, plan.support)
-    board = plate_geometry(load_scene(robot), "right")
+    board = nominal_plates(robot)[0]
     return Subject(
         title=title,
         nominal=nominal,
@@ -107,7 +106,7 @@ def planned(plan: PosturePlan, robot: Robot, title: str) -> Subject:
         board=board,
         cells=np.array([board.cells, board.cells]),
         top_height=np.full(2, board.top_height),
-        gravity=float(-load_model(robot).opt.gravity[2]),
+        gravity=float(-robot.model.opt.gravity[2]),
         com={"nominal model": com},
         polygons=polygons,
         margin=_margins(com, polygons),
@@ -174,7 +173,7 @@ def of_measurements(measurements: Measurements, robot: Robot, title: str) -> Sub
     polygons = support_polygons(nominal, measurements.joint_angles, measurements.support)
     cop = center_of_pressure(measurements)
     if measurements.joints != nominal.parameters.tree.joints:
-        raise InputError(f"{title}: found other joints than those of {robot.model.name}")
+        raise InputError(f"{title}: found other joints than those of {robot.model_file.name}")
     return Subject(
         title=title,
         nominal=nominal,
@@ -183,7 +182,7 @@ def of_measurements(measurements: Measurements, robot: Robot, title: str) -> Sub
         placement=measurements.placement,
         support=measurements.support,
         plates=measurements.plate_poses,
-        board=plate_geometry(load_scene(robot), "right"),
+        board=nominal_plates(robot)[0],
         cells=measurements.cells,
         top_height=measurements.top_height,
         gravity=measurements.gravity,
