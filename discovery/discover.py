@@ -15,12 +15,11 @@ from tulip_testbed.discovery.linear_model import nuisances, weighing
 from tulip_testbed.discovery.patterns import Pattern, in_channels, patterns
 from tulip_testbed.discovery.pure_error import PureError, pure_error, widened
 from tulip_testbed.discovery.ranking import Rival
-from tulip_testbed.discovery.refit import measured_plan
 from tulip_testbed.discovery.rivals import alike, settle
 from tulip_testbed.discovery.selection import LEVEL, Explanation, explain
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.experiments.scenario import Scenario
+from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.residual_channels import packed, unpacked
@@ -259,8 +258,6 @@ def _other_robot(observed: Observation, candidate: Candidate) -> np.ndarray:
     if rig.edit is None:
         return np.zeros(len(observed.nominal.value))
     try:
-        return (
-            Scenario(rig, measured_plan(observed), 0, "ideal").true_base_parameters() - observed.nominal.value
-        )
+        return true_base_parameters(rig, _support(observed.measurements)) - observed.nominal.value
     except InputError:  # soles that are no plane any more: not the robot's
         return np.zeros(len(observed.nominal.value))

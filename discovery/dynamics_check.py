@@ -15,7 +15,7 @@ from tulip_testbed.discovery.refit import exact_rig, measured_plan
 from tulip_testbed.effects.instance import EffectInstance, injected, removed
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import SIZE, residuals
-from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.errors import InputError
 
 PLACEMENTS = 8
@@ -66,7 +66,7 @@ def check_in_dynamics(
     shown = {}
     try:
         for label, laboratory in (("before", rig), ("after", injected(rig, adopted))):
-            shown[label] = run_experiment(laboratory, plan, 0, workers, progress).measurements
+            shown[label] = run_dynamics(laboratory, plan, 0, workers, progress).measurements
     except InputError as error:
         return DynamicsCheck(0, len(rows), np.nan, (np.nan, np.nan), str(error))
     common = np.intersect1d(shown["before"].posture, shown["after"].posture)

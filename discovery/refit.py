@@ -24,7 +24,7 @@ from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.sensors import PRESETS
 from tulip_testbed.sim.statics import mechanism
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_static
+from tulip_testbed.sim.statics.static_run import run_statics
 
 ROUNDS = 3
 LEAST_STEP = 1e-4  # prior s.d., from which a difference of what is missed is worth something
@@ -70,7 +70,7 @@ def measured_plan(observed: Observation) -> PosturePlan:
 
 def simulated(rig: Rig, plan: PosturePlan) -> Measurements:
     """What a rig shows of a plan, every posture that has an equilibrium."""
-    return run_static(solve_plan(rig, plan), [np.random.SeedSequence(STREAM)], all_solved=True)[
+    return run_statics(solve_plan(rig, plan), [np.random.SeedSequence(STREAM)], all_solved=True)[
         0
     ].measurements
 

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.example import compact_json, example_manifest, example_row
-from tulip_testbed.experiments.preparation import adopted_effects
+from tulip_testbed.experiments.rig_folder import read_corrections
 from tulip_testbed.experiments.terminal import print_table
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight import RESULTS, Finding, preflight, worst_of
@@ -53,7 +53,7 @@ def check_folder(folder: Path, robot: Robot, rig: Path | None = None) -> dict[st
             "example_row": example_row(robot),
         }
     measurements, series = read_measurements(folder, likely=False), read_series(folder)
-    adopted = adopted_effects(rig, robot, np.unique(measurements.placement).tolist())
+    adopted = read_corrections(rig, robot, np.unique(measurements.placement).tolist())
     if not adopted:
         return findings_document(measurements, nominal, preflight(measurements, nominal, series))
     check_robot(nominal.parameters, measurements, robot, str(folder))

@@ -11,7 +11,7 @@ from tulip_testbed.discovery.discover import AMBIGUOUS, Discovery, instance_of
 from tulip_testbed.discovery.linear_model import Linear
 from tulip_testbed.discovery.proposals import Proposal, proposals
 from tulip_testbed.discovery.ranking import Rival
-from tulip_testbed.experiments.validate import Identification
+from tulip_testbed.experiments.identify import Identification
 
 
 def next_experiments(found: Discovery) -> list[Proposal]:

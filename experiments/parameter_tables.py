@@ -16,17 +16,17 @@ from rich.table import Table
 
 from tulip_testbed.experiments.checks import Check
 from tulip_testbed.experiments.correlation_table import meaning, print_correlations
+from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.experiments.terminal import print_table
 from tulip_testbed.experiments.validate import Validation
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.estimators import Estimate, StandardEstimate
 from tulip_testbed.identification.rank import described, labels, weakly_known
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED
-from tulip_testbed.sim.dynamics.dynamic_run import Experiment
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import read_text
+from tulip_testbed.sim.outcome import Truth
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.statics.static_run import StaticRun
 
 LEGEND = (
     "s.e.: by the estimator (least squares: eq. 14); clustered: errors common to a placement allowed for; "
@@ -192,9 +192,9 @@ def placements_line(document: dict[str, Any]) -> str:
     return f"Errors common to a placement: s.d. {right:.2f} mm of the right plate, {left:.2f} mm of the left."
 
 
-def sag_line(experiment: Experiment) -> str:
-    sag = 1e3 * np.abs([held.joint_angles - held.commanded for held in experiment.held])
-    torque = np.abs([held.torques for held in experiment.held]).max()
+def sag_line(truth: Truth) -> str:
+    sag = 1e3 * np.abs([held.joint_angles - held.commanded for held in truth.held])
+    torque = np.abs([held.torques for held in truth.held]).max()
     return (
         f"Joints behind what the servos were sent to: median {np.median(sag):.1f} mrad, "
         f"largest {sag.max():.1f} mrad; "
@@ -222,7 +222,7 @@ def residual_line(document: dict[str, Any], beside: str = "") -> str:
 
 def print_validation(console: Console, result: Validation, document: dict[str, Any]) -> None:
     """The whole report."""
-    found, robot = result.identification, result.scenario.rig.robot
+    found, robot = result.identification, result.run.laboratory.robot
     paper = robot.settings.get("paper", {})
     for model in models(robot):
         title = f"{model.capitalize()} model{' beside Table II' if paper else ''}, mm"
@@ -232,18 +232,19 @@ def print_validation(console: Console, result: Validation, document: dict[str, A
         beside = " (paper {}, {}, {})".format(*reported) if reported else ""
         console.print(residual_line(document[model], beside))
         console.print(placements_line(document[model]))
-        angles = result.experiment.measurements.joint_angles
+        angles = result.run.measurements.joint_angles
         print_correlations(console, document[model]["correlations"], found.parameters, angles)
         console.print()
-    print_experiment(console, result.experiment, len(result.scenario.plan), paper)
+    print_experiment(console, result.run, paper)
     console.print(LEGEND)
     mass = document["total_mass"]
     console.print(
         f"Total mass {mass['estimate']:.3f} +- {mass['standard_error']:.3f} kg "
         f"(truth {mass['truth']:.3f} kg)."
     )
-    console.print(sag_line(result.experiment))
-    console.print(books_line(document["books"]))
+    if document["books"] is not None:
+        console.print(sag_line(result.run.truth))
+        console.print(books_line(document["books"]))
     print_table(console, check_table(result.checks))
     colour = COLOURS[result.verdict]
     console.print(f"Verdict: [{colour}]{result.verdict}[/] after {result.wall_s:.0f} s")
@@ -251,17 +252,16 @@ def print_validation(console: Console, result: Validation, document: dict[str, A
 
 def print_experiment(
     console: Console,
-    experiment: Experiment | StaticRun,
-    planned: int,
+    run: Run,
     paper: dict[str, Any],
     reasons: bool = True,
 ) -> None:
     """How many postures could be used and, if `reasons`, why the others could not."""
-    dropped = experiment.dropped
+    dropped, planned = run.truth.dropped, len(run.plan)
     beside = f" (paper {paper['postures_used']} of {paper['postures_planned']})" if paper else ""
     console.print(
         f"Usable postures: {planned - len(dropped)} of {planned}{beside}; "
-        f"{len(experiment.measurements)} rows with repeats."
+        f"{len(run.measurements)} rows with repeats."
     )
     tally: dict[str, int] = {}
     for _, reason in dropped if reasons else ():

@@ -12,8 +12,8 @@ from rich.table import Table
 
 from tulip_testbed.experiments.correlation_table import meaning, print_correlations
 from tulip_testbed.experiments.planning_run import joined
-from tulip_testbed.experiments.preparation import planned_parameters
 from tulip_testbed.experiments.terminal import print_table
+from tulip_testbed.experiments.usable_plan import planned_parameters
 from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
 from tulip_testbed.identification.feasibility import predicted_cell_loads, predicted_foot_loads
 from tulip_testbed.identification.planning.problem import Problem, planning_problem
@@ -26,13 +26,12 @@ from tulip_testbed.identification.statistics import (
     relative_standard_errors,
     standard_errors,
 )
-from tulip_testbed.sim.dynamics.dynamic_run import boards_under
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, joint_names, sole_point
-from tulip_testbed.sim.scene import nominal_plates
+from tulip_testbed.sim.scene import boards_under, nominal_plates
 
 
 def described_plan(

@@ -18,7 +18,6 @@ from tulip_testbed.effects.instance import EffectInstance, check_instance, injec
 from tulip_testbed.effects.targets import PLACEMENTS
 from tulip_testbed.effects.wording import told
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.sim.dynamics.dynamic_run import boards_under
 from tulip_testbed.sim.errors import InputError, listed, look_up, shortened, validation_message
 from tulip_testbed.sim.files import new_folder, present, write_text
 from tulip_testbed.sim.measurements.measurement_folder import Version
@@ -26,7 +25,7 @@ from tulip_testbed.sim.measurements.plan_folder import check_model
 from tulip_testbed.sim.measurements.table_files import read_json, software, write_json
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, compile_spec, sha256
-from tulip_testbed.sim.scene import laboratory_scene
+from tulip_testbed.sim.scene import boards_under, laboratory_scene
 
 RIG_FILE = "rig.json"
 RIG = "rig"  # the rig folder within a discovery's
@@ -144,6 +143,22 @@ def read_rig(folder: Path, robot: Robot) -> tuple[EffectInstance, ...]:
             raise InputError(f"{where}: key 'files': found '{shortened(name)}', expected scenes and {DIFF}")
         _check_hash(folder / name, expected, f"{where}: key 'files'")
     return tuple(_instance(entry, robot, str(where)) for entry in manifest.effects)
+
+
+def read_corrections(
+    folder: Path | None, robot: Robot, placements: Sequence[int]
+) -> tuple[EffectInstance, ...]:
+    """Read the effects of a rig folder for an experiment with these placements; none if `folder` is None.
+
+    Raises:
+        InputError: a rig that does not fit.
+    """
+    if folder is None:
+        return ()
+    found = read_rig(folder, robot)
+    for instance in found:
+        check_instance(instance, robot, placements, f"{folder / RIG_FILE}")
+    return found
 
 
 def _check_hash(path: Path, expected: str | None, where: str) -> None:

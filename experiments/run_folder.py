@@ -10,15 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.experiments.scenario import Scenario, truth_document
+from tulip_testbed.experiments.laboratory import Run, configuration, truth_document
 from tulip_testbed.experiments.validate import Validation, report_document
-from tulip_testbed.sim.dynamics.dynamic_run import Experiment
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import new_folder, present
 from tulip_testbed.sim.measurements import write_measurements, write_plan
 from tulip_testbed.sim.measurements.table_files import software, write_json
 from tulip_testbed.sim.robot import sha256
-from tulip_testbed.sim.statics.static_run import StaticRun
 
 
 def check_new(path: Path) -> None:
@@ -45,14 +43,14 @@ def write_run(folder: Path, result: Validation) -> None:
     and the tables parameters.csv and residuals.csv.
     """
     with new_folder(folder) as working:
-        write_plan(working / "plan", result.scenario.plan)
-        write_measurements(working / "measurements", result.experiment.measurements)
+        write_plan(working / "plan", result.run.plan)
+        write_measurements(working / "measurements", result.run.measurements)
         report = report_document(result)
         write_json(working / "report.json", report)
-        write_json(working / "truth.json", truth_document(result.scenario, result.experiment))
+        write_json(working / "truth.json", truth_document(result.run))
         _write_csv(working / "parameters.csv", _parameter_rows(report))
         _write_csv(working / "residuals.csv", _residual_rows(result))
-        files = result.scenario.rig.robot.files
+        run = result.run
         outputs = sorted(path for path in working.rglob("*") if path.is_file())
         write_json(
             working / "run.json",
@@ -60,22 +58,20 @@ def write_run(folder: Path, result: Validation) -> None:
                 "format": "tulip-run",
                 "version": 1,
                 "command": "validate",
-                "configuration": result.scenario.configuration(),
+                "configuration": configuration(run.laboratory, run.plan, run.seed, run.engine),
                 "software": software(),
-                "inputs": {path.name: sha256(path) for path in files},
+                "inputs": run.laboratory.robot.hashes,
                 "outputs": {str(path.relative_to(working)): sha256(path) for path in outputs},
             },
         )
 
 
-def write_experiment(
-    out: Path, truth: Path | None, scenario: Scenario, experiment: Experiment | StaticRun
-) -> None:
-    """The truth first: where the folder stands, its truth stands too."""
+def write_experiment(out: Path, truth: Path | None, run: Run) -> None:
+    """Write the truth and the measurement folder; where the folder stands, its truth stands too."""
     if truth is not None:
-        write_json(truth, truth_document(scenario, experiment))
+        write_json(truth, truth_document(run))
     try:
-        write_measurements(out, experiment.measurements)
+        write_measurements(out, run.measurements)
     except InputError:
         if truth is not None:
             truth.unlink()
@@ -91,7 +87,7 @@ def _residual_rows(result: Validation) -> list[dict[str, Any]]:
         model: 1e3 * np.linalg.norm(getattr(result.identification, model).residual.reshape(-1, 2), axis=1)
         for model in ("full", "simplified")
     }
-    measured = result.experiment.measurements
+    measured = result.run.measurements
     return [
         {
             "posture": int(measured.posture[k]),

@@ -15,7 +15,7 @@ from tulip_testbed.experiments.montecarlo.montecarlo_folder import CHUNK_FOLDER,
 from tulip_testbed.experiments.montecarlo.run_columns import Layout, layout_of
 from tulip_testbed.experiments.montecarlo.settings import CHUNK
 from tulip_testbed.experiments.montecarlo.summary import summarise
-from tulip_testbed.experiments.preparation import planned_parameters
+from tulip_testbed.experiments.usable_plan import planned_parameters
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.sim.errors import InputError, listed, shortened, validation_message
 from tulip_testbed.sim.files import present

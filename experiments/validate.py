@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.checks import (
     Check,
     below,
@@ -24,57 +22,31 @@ from tulip_testbed.experiments.checks import (
     skipped,
     verdict,
 )
-from tulip_testbed.experiments.scenario import Scenario
-from tulip_testbed.identification.base_parameters import (
-    BaseParameters,
-    base_parameters,
-    common_support,
-    renumbered,
-    simplified_numbers,
-)
-from tulip_testbed.identification.center_of_pressure import total_mass
-from tulip_testbed.identification.estimators import (
-    DEFAULT,
-    Estimate,
-    StandardEstimate,
-    estimate_by,
-    solve_least_squares,
-)
-from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.identification.regressor import check_robot, regression, stacked_regressor
-from tulip_testbed.identification.statistics import (
-    correlations,
-    high_correlations,
-    relative_standard_errors,
-    residual_norms,
-    standard_errors,
-)
-from tulip_testbed.sim.dynamics.dynamic_run import Experiment, run_experiment
-from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.robot import Robot
+from tulip_testbed.experiments.identify import Identification, identify, model_document
+from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory, Run
+from tulip_testbed.experiments.usable_plan import identifiable_regressor
+from tulip_testbed.identification.base_parameters import BaseParameters, renumbered
+from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS, solve_least_squares
+from tulip_testbed.identification.regressor import stacked_regressor
+from tulip_testbed.identification.statistics import correlations
+from tulip_testbed.sim.errors import look_up
+from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.sensors import Sensors
 
-HIGH_CORRELATION = 0.85  # the paper's level
 NEGLIGIBLE = 1e-6  # m: a parameter that the simplified model may drop without bias
 
 
 @dataclass(frozen=True)
-class Identification:
-    """Both models' estimates from one set of measurements."""
-
-    parameters: BaseParameters
-    full: Estimate
-    simplified: Estimate
-    mass: tuple[float, float]
-    estimator: str = DEFAULT
-
-
-@dataclass(frozen=True)
 class Validation:
-    """A validation with all that its report needs; `truth` is (p,) [m]."""
+    """A run held against its truth.
 
-    scenario: Scenario
-    experiment: Experiment
+    Attributes:
+        run: the experiment. identification: the estimates from its measurements.
+        truth: base parameters of the robot that stood there, (p,) [m].
+        checks: what was judged. wall_s: what it took [s].
+    """
+
+    run: Run
     identification: Identification
     truth: np.ndarray
     checks: tuple[Check, ...]
@@ -82,72 +54,59 @@ class Validation:
 
     @property
     def verdict(self) -> str:
+        """ "pass", or "fail" if any check fails."""
         return verdict(list(self.checks))
 
 
-def identify(
-    measurements: Measurements,
-    robot: Robot,
-    source: str = "measurements",
+def validate(
+    laboratory: Laboratory,
+    plan: PosturePlan,
+    seed: int = DEFAULT_SEED,
     estimator: str = DEFAULT,
-    parameters: BaseParameters | None = None,
-    adopted: Sequence[EffectInstance] = (),
-) -> Identification:
-    """Full and simplified model.
+    engine: str = "dynamics",
+    workers: int | None = None,
+    progress: Callable[[int], None] = lambda count: None,
+) -> Validation:
+    """Run an experiment and hold the estimates against its truth.
 
     Args:
+        plan: postures to measure. seed: of everything random.
         estimator: a name of `identification.estimators.ESTIMATORS`.
-        parameters: the robot's base parameters, if they are at hand: for many identifications of one robot.
-        adopted: effects that the measurements are freed of before the regression.
+        engine, workers, progress: see `Laboratory.run`.
 
     Raises:
-        InputError: the measurements do not fit the robot or do not suffice, or an unknown estimator.
-    """
-    parameters = parameters or base_parameters(
-        robot, support=common_support(measurements.support, f"{source}: postures")
-    )
-    if adopted:
-        check_robot(parameters, measurements, robot, source)
-        measurements, observed = without(measurements, nominal_robot(robot, parameters.support), adopted)
-        parameters = dataclasses.replace(parameters, tree=observed.tree)
-    data = regression(parameters, measurements, robot, source)
-    kept = simplified_numbers(robot, parameters)
-    full = estimate_by(data, estimator)
-    simplified = full if len(kept) == len(data.numbers) else estimate_by(data.keep(kept), estimator)
-    return Identification(parameters, full, simplified, total_mass(measurements), estimator)
-
-
-def validate(
-    scenario: Scenario,
-    workers: int = 1,
-    progress: Callable[[int], None] = lambda count: None,
-    estimator: str = DEFAULT,
-) -> Validation:
-    """Run a scenario and hold the estimates against its truth.
-
-    Raises:
-        InputError: nothing could be measured, or too little to identify.
+        InputError: a plan whose postures would not identify the robot; nothing could be measured, or too
+            little to identify.
     """
     began = time.perf_counter()
-    experiment = run_experiment(scenario.rig, scenario.plan, scenario.seed, workers, progress)
-    found = identify(
-        experiment.measurements, scenario.rig.robot, estimator=estimator, adopted=scenario.adopted
-    )
-    truth = scenario.true_base_parameters()
-    checks = evaluate(scenario, experiment, found, truth)
-    return Validation(scenario, experiment, found, truth, tuple(checks), time.perf_counter() - began)
+    look_up("estimator", estimator, ESTIMATORS, "estimator")
+    laboratory.check(plan, engine)
+    identifiable_regressor("plan", laboratory.robot, plan)
+    result = judge(laboratory.run(plan, seed, engine, workers, progress), estimator)
+    return dataclasses.replace(result, wall_s=time.perf_counter() - began)
 
 
-def evaluate(
-    scenario: Scenario, experiment: Experiment, found: Identification, truth: np.ndarray
-) -> list[Check]:
-    """The checks of the verdict."""
+def judge(run: Run, estimator: str = DEFAULT) -> Validation:
+    """Identify the robot from a run and hold the estimates against its truth.
+
+    Raises:
+        InputError: measurements that do not suffice.
+    """
+    began = time.perf_counter()
+    laboratory = run.laboratory
+    found = identify(run.measurements, laboratory.robot, estimator=estimator, adopted=laboratory.known)
+    truth = laboratory.true_base_parameters(run.plan)
+    return Validation(run, found, truth, tuple(evaluate(run, found, truth)), time.perf_counter() - began)
+
+
+def evaluate(run: Run, found: Identification, truth: np.ndarray) -> list[Check]:
+    """Make the checks of the verdict."""
     full, simplified = found.full, found.simplified
-    settings = scenario.rig.robot.settings
-    robot = scenario.rig.robot
+    robot = run.laboratory.robot
+    settings = robot.settings
     pairs = [renumbered(robot, found.parameters, e["pair"]) for e in settings.get("correlated", [])]
     # With noise-free sensors the statistical checks have nothing to measure errors by.
-    noisy = dataclasses.replace(scenario.rig.sensors, cell_gain={}) != Sensors()
+    noisy = dataclasses.replace(run.laboratory.rig.sensors, cell_gain={}) != Sensors()
     checks = []
     described = [("full model", full), ("simplified model", simplified)]
     for name, estimate in described if "simplified" in settings else described[:1]:
@@ -162,87 +121,39 @@ def evaluate(
             checks.append(ideal_error_check(f"{name}: largest error (mm)", estimate, kept, pairs))
     if not noisy:
         checks.append(skipped("joint chi-square and |z|", "noise-free data have no standard errors to test"))
-    measured = correlations_at(found.parameters, experiment.measurements.joint_angles)
-    planned = planned_correlations(scenario, experiment, found.parameters)
-    checks += correlation_checks(full.numbers, measured, planned, pairs)
-    placements = len(np.unique(experiment.measurements.placement))
-    checks.append(sigma_check(scenario.preset, full.sigma, placements, settings.get("residual_sigma_mm", {})))
+    measured = correlations_at(found.parameters, run.measurements.joint_angles)
+    checks += correlation_checks(full.numbers, measured, planned_correlations(run, found.parameters), pairs)
+    placements = len(np.unique(run.measurements.placement))
+    known = settings.get("residual_sigma_mm", {})
+    checks.append(sigma_check(run.laboratory.sensors, full.sigma, placements, known))
     paper = settings.get("paper", {})
-    usable = 1 - len(experiment.dropped) / scenario.plan.postures
+    usable = 1 - len(run.truth.dropped) / run.plan.postures
     if paper:
         rate = paper["postures_used"] / paper["postures_planned"]
         source = f"the paper: {paper['postures_used']} of {paper['postures_planned']}"
         checks.append(below("share of dropped postures", 1 - usable, 1 - rate, source))
-    checks.append(mass_check(*found.mass, experiment.true_mass, len(experiment.measurements), noisy))
+    checks.append(mass_check(*found.mass, run.truth.mass, len(run.measurements), noisy))
     return checks
 
 
-def planned_correlations(
-    scenario: Scenario, experiment: Experiment, parameters: BaseParameters
-) -> np.ndarray:
-    """Correlations (eq. 15) that the planned angles of the measured postures predict, (p, p)."""
-    row = {int(number): k for k, number in enumerate(scenario.plan.posture)}
-    rows = [row[int(number)] for number in experiment.measurements.posture]
-    return correlations_at(parameters, scenario.plan.joint_angles[rows])
+def planned_correlations(run: Run, parameters: BaseParameters) -> np.ndarray:
+    """Compute the correlations (eq. 15) that the planned angles of the measured postures predict, (p, p)."""
+    row = {int(number): k for k, number in enumerate(run.plan.posture)}
+    rows = [row[int(number)] for number in run.measurements.posture]
+    return correlations_at(parameters, run.plan.joint_angles[rows])
 
 
 def correlations_at(parameters: BaseParameters, joint_angles: np.ndarray) -> np.ndarray:
-    """Eq. 15 by the regressor of these angles, (p, p); whatever the estimator."""
+    """Compute eq. 15 by the regressor of these angles, whatever the estimator, (p, p)."""
     matrix = stacked_regressor(parameters, joint_angles)
     return correlations(solve_least_squares(matrix, np.zeros(len(matrix)))[1])
 
 
-def model_document(estimate: Estimate, truth: np.ndarray | None) -> dict[str, Any]:
-    """One model's part of the JSON report [m, kg; keys that end in _mm in mm]."""
-    error = standard_errors(estimate.covariance)
-    clustered = standard_errors(estimate.clustered_covariance)
-    relative = relative_standard_errors(estimate.value, error)
-    norms = residual_norms(estimate.residual)
-    rows = []
-    for k, number in enumerate(estimate.numbers.tolist()):
-        rows.append(
-            {
-                "number": number,
-                "name": estimate.names[k],
-                "truth": None if truth is None else float(truth[number - 1]),
-                "estimate": float(estimate.value[k]),
-                "standard_error": float(error[k]),
-                "clustered_standard_error": float(clustered[k]),
-                "relative_standard_error": float(relative[k]),
-            }
-        )
-    pairs = high_correlations(estimate.covariance, estimate.numbers, HIGH_CORRELATION)
-    standard = estimate.standard
-    return {
-        "parameters": rows,
-        **({} if standard is None else {"links": link_rows(standard), "visible_masses": standard.visible}),
-        "sigma_mm": 1e3 * estimate.sigma,
-        "placement_sd_mm": [1e3 * sd for sd in estimate.placement_sd],
-        "condition_number": estimate.condition_number,
-        "residual_mm": {"mean": 1e3 * norms.mean, "sd": 1e3 * norms.sd, "max": 1e3 * norms.max},
-        "correlations": [{"a": a, "b": b, "rho": rho} for a, b, rho in pairs],
-    }
-
-
-def link_rows(standard: StandardEstimate) -> list[dict[str, Any]]:
-    """Masses and centres of mass of a JSON report [kg, m; keys that end in _share: 0 to 1]."""
-    return [
-        {
-            "link": link,
-            "mass": float(standard.mass[k]),
-            "mass_standard_error": float(standard.mass_error[k]),
-            "mass_data_share": float(standard.mass_share[k]),
-            "center": standard.center[k].tolist(),
-            "center_standard_error": standard.center_error[k].tolist(),
-            "center_data_share": standard.center_share[k].tolist(),
-        }
-        for k, link in enumerate(standard.links)
-    ]
-
-
-def worst_books(experiment: Experiment) -> dict[str, float]:
-    """The worst of every balance that the laboratory keeps, over all held postures."""
-    books = [dataclasses.asdict(held.books) for held in experiment.held]
+def worst_balance(run: Run) -> dict[str, float] | None:
+    """Find the worst of every balance kept in the dynamics, over all held postures; None in statics."""
+    books = [dataclasses.asdict(held.books) for held in run.truth.held]
+    if not books:
+        return None
     worst = {
         name: max(abs(b[name]) for b in books)
         for name in ("weight", "moments", "torques", "centre", "kinetic")
@@ -251,24 +162,25 @@ def worst_books(experiment: Experiment) -> dict[str, float]:
 
 
 def report_document(result: Validation) -> dict[str, Any]:
-    """The JSON report of a validation."""
-    found, experiment = result.identification, result.experiment
+    """Write a validation as its JSON report."""
+    found, run = result.identification, result.run
+    dropped = run.truth.dropped
     return {
         "verdict": result.verdict,
         "estimator": found.estimator,
         "checks": [dataclasses.asdict(check) for check in result.checks],
-        "postures_planned": result.scenario.plan.postures,
-        "postures_used": result.scenario.plan.postures - len(experiment.dropped),
-        "rows_measured": len(experiment.measurements),
-        "dropped": [{"posture": posture, "reason": reason} for posture, reason in experiment.dropped],
+        "postures_planned": run.plan.postures,
+        "postures_used": run.plan.postures - len(dropped),
+        "rows_measured": len(run.measurements),
+        "dropped": [{"posture": posture, "reason": reason} for posture, reason in dropped],
         "condition_number": found.full.condition_number,
         "total_mass": {
-            "truth": experiment.true_mass,
+            "truth": run.truth.mass,
             "estimate": found.mass[0],
             "standard_error": found.mass[1],
         },
         "full": model_document(found.full, result.truth),
         "simplified": model_document(found.simplified, result.truth),
-        "books": worst_books(experiment),
+        "books": worst_balance(run),
         "wall_s": result.wall_s,
     }

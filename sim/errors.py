@@ -29,6 +29,16 @@ def look_up(kind: str, name: str, valid, where: str) -> str:
     return name
 
 
+def at_least(name: str, value: int, least: int) -> None:
+    """Refuse a number below `least`.
+
+    Raises:
+        InputError: names the number.
+    """
+    if value < least:
+        raise InputError(f"{name}: found {value}, expected {least} or more")
+
+
 def validation_message(error: ValidationError) -> str:
     """The first complaint of pydantic in one line."""
     first = error.errors()[0]

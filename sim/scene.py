@@ -11,10 +11,19 @@ from tulip_testbed.sim.compliance import Compliance, add_compliance
 from tulip_testbed.sim.control import add_servos
 from tulip_testbed.sim.drives import Drives, add_drives
 from tulip_testbed.sim.errors import InputError, listed
-from tulip_testbed.sim.measurements.boards import PlateGeometry
+from tulip_testbed.sim.measurements.boards import PlateGeometry, lay_boards
 from tulip_testbed.sim.plates import place_plates, plate_geometry
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import CORNERS, PLATE, PLATES, Robot, compile_spec, load_spec, without_meshes
+from tulip_testbed.sim.robot import (
+    CORNERS,
+    PLATE,
+    PLATES,
+    Robot,
+    compile_spec,
+    load_spec,
+    sole_corners,
+    without_meshes,
+)
 
 TIMESTEP = 0.001  # s
 # At MuJoCo's 1e-8 the solver stops so early that forces flicker and feet creep several times faster.
@@ -141,3 +150,16 @@ def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
     if rig.edit is not None:
         rig.edit(spec)
     return spec
+
+
+def boards_under(rig: Rig, swing_poses: np.ndarray) -> np.ndarray:
+    """Where the two boards are to lie for poses of the swing foot, (k, 3) -> (k, 2, 3) [m, m, rad]."""
+    size = nominal_plates(rig.robot)[0].size
+    model = rig.robot.model
+    right, left = (sole_corners(model, foot)[:, :2] for foot in rig.robot.feet)
+    boards = []
+    for x, y, yaw in swing_poses:
+        c, s = np.cos(yaw), np.sin(yaw)
+        soles = np.array([right, left @ np.array([[c, s], [-s, c]]) + [x, y]])
+        boards.append(lay_boards(soles, size, rig.protocol.plate_gap))
+    return np.array(boards)

@@ -16,7 +16,7 @@ from PIL import Image
 
 from tests.looking import browse, headless_viewer
 from tulip_testbed.cli.main import main as tulip
-from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.rendering import rendered
 from tulip_testbed.sim.dynamics.dynamic_run import boards_under
 from tulip_testbed.sim.measurements import read_plan

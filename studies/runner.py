@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_plan
 from tulip_testbed.sim.robot import Robot
 

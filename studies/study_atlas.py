@@ -19,7 +19,7 @@ from tulip_testbed.effects.targets import PLACEMENTS
 from tulip_testbed.experiments.atlas.detectability import noncentrality
 from tulip_testbed.experiments.atlas.effect_atlas import Atlas, atlas
 from tulip_testbed.experiments.atlas.planned_experiment import planned
-from tulip_testbed.experiments.preparation import plan_for
+from tulip_testbed.experiments.usable_plan import plan_for
 from tulip_testbed.sim.robot import load_robot
 
 EDGES = (0, 5, 10, 15, 20, 25, 30, 40, 90)  # deg

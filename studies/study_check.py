@@ -16,7 +16,7 @@ import numpy as np
 from studies.runner import header, row, rows_of, shipped_plan
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight import preflight
-from tulip_testbed.sim.dynamics.dynamic_run import Experiment, read_again, run_experiment
+from tulip_testbed.sim.dynamics.dynamic_run import read_again, run_dynamics
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, SensorSheet
 from tulip_testbed.sim.rig import Rig, preset_rig
 
@@ -242,7 +242,7 @@ def finders(seen: list[dict[str, str]]) -> str:
 def main() -> None:
     rig = preset_rig("ideal")
     plan, nominal = shipped_plan(rig.robot), nominal_robot(rig.robot)
-    experiment = run_experiment(rig, plan, SEED, workers=2)
+    experiment = run_dynamics(rig, plan, SEED, workers=2)
     pool = joblib.Parallel(n_jobs=2)
     outcome: dict[str, dict[str, list]] = {"healthy": {}, "faulty": {}}
     for preset in PRESETS:

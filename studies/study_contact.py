@@ -16,7 +16,7 @@ from studies.runner import header, row, shipped_plan
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.drives import Drives
-from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.rig import Rig, preset_rig
 
@@ -92,7 +92,7 @@ def cases(rig: Rig) -> dict[str, Rig]:
 def measure(rig: Rig, plan: PosturePlan) -> list[str]:
     """One line's figures."""
     began = time.perf_counter()
-    experiment = run_experiment(rig, plan, seed=1, workers=2)
+    experiment = run_dynamics(rig, plan, seed=1, workers=2)
     wall = time.perf_counter() - began
     truth = np.array([held.com for held in experiment.held])
     drift = np.array([held.drift for held in experiment.held])

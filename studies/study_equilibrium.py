@@ -12,10 +12,10 @@ import mujoco
 import numpy as np
 from scipy.stats import ks_2samp
 
-from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.drives import Drives
-from tulip_testbed.sim.dynamics.dynamic_run import Attempt, run_experiment
+from tulip_testbed.sim.dynamics.dynamic_run import Attempt, run_dynamics
 from tulip_testbed.sim.measurements import PosturePlan, read_plan
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig, preset_rig
@@ -23,7 +23,7 @@ from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.statics import Load, State, cell_forces, reference, residual, soles
 from tulip_testbed.sim.statics.forces import sunk, turn
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, solve_plan, standing_feet
-from tulip_testbed.sim.statics.static_run import Tries, hold_static, run_static
+from tulip_testbed.sim.statics.static_run import Tries, hold_static, run_statics
 
 # A foot whose centre of pressure is nearer to its sole's edge may have begun to tip (up to 20 um of gap).
 EDGE = 2e-3  # m
@@ -276,7 +276,7 @@ def main() -> None:
     print("| without dry friction | held | angles (urad) | cells (N) | CoP (mm) |\n|---|---|---|---|---|")
     for name, rig in laboratories(preset_rig("ideal", robot)).items():
         part = plan if name == "as it is" else first(plan, 6)
-        found = compare(solve_plan(rig, part), list(run_experiment(rig, part, 1, workers).attempts))
+        found = compare(solve_plan(rig, part), list(run_dynamics(rig, part, 1, workers).attempts))
         print(
             f"| {name} | {len(found.held)} | {1e6 * np.abs(found.angles).max():.1f} "
             f"| {np.abs(found.cells).max():.4f} | {1e3 * found.center.max():.4f} |",
@@ -285,7 +285,7 @@ def main() -> None:
 
     print("\n| with dry friction | static | dynamic | p |\n|---|---|---|---|")
     solved_plan = solve_plan(preset_rig("ideal", robot), plan)
-    held = [a for a in run_experiment(solved_plan.rig, plan, 1, workers).attempts if a.held is not None]
+    held = [a for a in run_dynamics(solved_plan.rig, plan, 1, workers).attempts if a.held is not None]
     off, inside = (
         np.linalg.norm(centers_at(solved_plan, held), axis=1),
         edge_distance(solved_plan, held) > EDGE,
@@ -298,7 +298,7 @@ def main() -> None:
             f"| {name}, s.d. of what friction adds ({unit}) | {scale * drawn[:, k].std():.2f} "
             f"| {scale * actual[:, k].std():.2f} | {chance:.2f} |"
         )
-    static = [len(run.dropped) for run in run_static(solved_plan, np.random.SeedSequence(301).spawn(20))]
+    static = [len(run.dropped) for run in run_statics(solved_plan, np.random.SeedSequence(301).spawn(20))]
     dropped = len(plan) - len({a.posture for a in held})
     print(
         f"\nCoP at the held angles: largest difference {1e3 * off[inside].max():.4f} mm in {inside.sum()} "

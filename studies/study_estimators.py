@@ -15,12 +15,12 @@ from collections.abc import Callable
 import numpy as np
 from scipy.stats import t as t_distribution
 
-from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS, Estimate
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.regressor import regression
 from tulip_testbed.identification.statistics import standard_errors
-from tulip_testbed.sim.dynamics.dynamic_run import Experiment, run_experiment
+from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.measurements import Measurements, SensorSheet, read_plan
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import load_robot
@@ -193,7 +193,7 @@ def main() -> None:
     runs, presets = int(sys.argv[1]) if len(sys.argv) > 1 else RUNS, sys.argv[2:] or PRESETS
     robot = load_robot()
     nominal, plan = nominal_robot(robot), read_plan(DEFAULT_PLAN, robot)
-    experiment = run_experiment(preset_rig("wii", robot), plan, HOLD_SEED, workers=2)
+    experiment = run_dynamics(preset_rig("wii", robot), plan, HOLD_SEED, workers=2)
     print(
         "| preset | data sheet | estimator | model | runs | bias / s.d. | s.d. / s.e. | 95 % coverage | mean "
         "| s.d. / clustered s.e. | coverage by it | median rms error, mm |"

@@ -33,7 +33,7 @@ from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.sensors import PRESETS
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_static
+from tulip_testbed.sim.statics.static_run import run_statics
 
 PLACEMENTS = (12, 31)
 REPEATS = (0, 11)
@@ -90,7 +90,7 @@ def one(seed: int, number: int) -> dict[str, Any] | None:
         hidden = draw_effect(robot, np.unique(plan.placement).tolist(), rng, statics=True)
         rig = injected(rig, [hidden])
     try:
-        measured = run_static(solve_plan(rig, plan), [noise])[0].measurements
+        measured = run_statics(solve_plan(rig, plan), [noise])[0].measurements
     except InputError:
         return None
     if len(np.unique(measured.posture)) < LEAST_STANDING * len(plan.posture):

@@ -20,7 +20,7 @@ from studies.improve import accuracy, conditioning, postures, simplified, single
 from studies.improve.one_foot import one_foot_postures
 from studies.improve.output import Rows, show, write_csv
 from studies.runner import part_of, shipped_plan
-from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.sim.measurements import PosturePlan, read_plan, write_plan

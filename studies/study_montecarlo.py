@@ -20,6 +20,7 @@ from scipy.stats import ks_2samp
 
 from studies.runner import header, row, shipped_plan
 from studies.study_estimators import scaled
+from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.calibration_report import report
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.collect import collect
@@ -27,7 +28,6 @@ from tulip_testbed.experiments.montecarlo.engine import engine
 from tulip_testbed.experiments.montecarlo.laboratory_runs import Laboratory, Run, laboratory
 from tulip_testbed.experiments.montecarlo.run_columns import Job, Layout, layout_of
 from tulip_testbed.experiments.montecarlo.summary import summarise
-from tulip_testbed.experiments.scenario import Scenario
 from tulip_testbed.experiments.terminal import progress
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.estimators import DEFAULT

@@ -19,7 +19,7 @@ from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_static
+from tulip_testbed.sim.statics.static_run import run_statics
 
 SEEDS = range(20)
 NAMES = ("condition", "d-optimal", "a-optimal", "worst-standard-error")
@@ -30,7 +30,7 @@ SIGMA = 4.16e-3  # m
 def measured(rig: Rig, plan: PosturePlan, seed: int) -> Measurements:
     """The plan's usable postures at preset wii, in statics; none is measured twice."""
     once = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
-    (run,) = run_static(solve_plan(once, plan), np.random.SeedSequence([seed, 17]).spawn(1))
+    (run,) = run_statics(solve_plan(once, plan), np.random.SeedSequence([seed, 17]).spawn(1))
     return run.measurements
 
 

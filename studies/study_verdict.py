@@ -14,9 +14,9 @@ import numpy as np
 
 from studies.runner import header, part_of, row, shipped_plan
 from tulip_testbed.experiments.checks import joint_check
-from tulip_testbed.experiments.scenario import Scenario
-from tulip_testbed.experiments.validate import evaluate, identify
-from tulip_testbed.sim.dynamics.dynamic_run import Experiment, read_again, run_experiment
+from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.validate import evaluate
+from tulip_testbed.sim.dynamics.dynamic_run import read_again, run_dynamics
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import CELLS
 
@@ -62,7 +62,7 @@ def main() -> None:
     arguments = parser.parse_args()
     ideal = preset_rig("ideal")
     plan = shipped_plan(ideal.robot)
-    experiment = run_experiment(ideal, plan, SEED, arguments.workers)
+    experiment = run_dynamics(ideal, plan, SEED, arguments.workers)
     pool = joblib.Parallel(n_jobs=arguments.workers)
     whole = {preset: Scenario(preset_rig(preset), plan, SEED, preset) for preset in PRESETS}
     truth = whole[PRESETS[0]].true_base_parameters()

@@ -16,12 +16,14 @@ import pytest
 from tests.effect_changes import SEED, first
 from tests.foreign_robots import ROBOTS, write_robot
 from tests.synthetic import Bench, synthetic_bench
-from tulip_testbed.experiments.scenario import DEFAULT_PLAN, Scenario
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validate import Validation, validate
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
-from tulip_testbed.sim.dynamics.dynamic_run import Experiment, read_again, run_experiment
+from tulip_testbed.sim.dynamics.dynamic_run import read_again, run_dynamics
 from tulip_testbed.sim.measurements import Measurements, PlateGeometry, PosturePlan, read_plan
+from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.scene import nominal_plates
@@ -62,13 +64,13 @@ def foreign(tmp_path_factory) -> dict[str, Robot]:
 @pytest.fixture(scope="session")
 def ideal(robot, plan) -> Validation:
     """The whole default plan without sensor noise, in the full dynamics."""
-    return validate(Scenario(preset_rig("ideal", robot), plan, 101, "ideal"), workers=2)
+    return validate(Laboratory(robot, "ideal"), plan, 101, workers=2)
 
 
 @pytest.fixture(scope="session")
 def wii(robot, plan) -> Validation:
     """The whole default plan at preset wii, in the full dynamics."""
-    return validate(Scenario(preset_rig("wii", robot), plan, 102, "wii"), workers=2)
+    return validate(Laboratory(robot, "wii"), plan, 102, workers=2)
 
 
 @pytest.fixture(scope="session")
@@ -79,7 +81,7 @@ def nominal(robot) -> Nominal:
 @pytest.fixture(scope="session")
 def precise(wii, robot, plan) -> Measurements:
     """The postures of the wii experiment, read on force plates."""
-    return read_again(preset_rig("force-plate", robot), plan, wii.experiment, np.random.default_rng(110))
+    return read_again(preset_rig("force-plate", robot), plan, wii.run, np.random.default_rng(110))
 
 
 @pytest.fixture(scope="session")
@@ -104,6 +106,6 @@ def noiseless(robot) -> Rig:
 
 
 @pytest.fixture(scope="session")
-def moved(noiseless, two) -> Experiment:
+def moved(noiseless, two) -> Outcome:
     """Two placements without any effect, in the full dynamics."""
-    return run_experiment(noiseless, two, SEED)
+    return run_dynamics(noiseless, two, SEED)

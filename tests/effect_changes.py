@@ -10,7 +10,7 @@ from tulip_testbed.identification.residual_channels import ANCHORED, ROWS, resid
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_static
+from tulip_testbed.sim.statics.static_run import run_statics
 
 SEED = 103  # bounds were set on seed 1
 DISCOVERY_SEED = 7001  # no development seed
@@ -24,7 +24,7 @@ def first(plan, count):
 
 
 def statically(rig, plan) -> Measurements:
-    return run_static(solve_plan(rig, plan), [np.random.SeedSequence(1101)])[0].measurements
+    return run_statics(solve_plan(rig, plan), [np.random.SeedSequence(1101)])[0].measurements
 
 
 def measured(robot, plan, preset, *hidden, seed=DISCOVERY_SEED):
@@ -32,7 +32,7 @@ def measured(robot, plan, preset, *hidden, seed=DISCOVERY_SEED):
     rig = preset_rig(preset, robot)
     for name, target, values in hidden:
         rig = catalogue()[name].inject(rig, target, values)
-    return run_static(solve_plan(rig, plan), [np.random.SeedSequence(seed)])[0].measurements
+    return run_statics(solve_plan(rig, plan), [np.random.SeedSequence(seed)])[0].measurements
 
 
 def changes(nominal, base, with_it, effect, target, values, absorbed=True, physics=True):

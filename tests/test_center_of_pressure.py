@@ -16,7 +16,7 @@ from tulip_testbed.sim.errors import InputError
 
 @pytest.fixture
 def measured(wii):
-    return wii.experiment.measurements
+    return wii.run.measurements
 
 
 def test_all_weight_on_one_cell_is_at_that_cell(measured):

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tulip_testbed.cli.main import COMMANDS, main
-from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.sim.measurements import write_measurements
 from tulip_testbed.sim.robot import ASSETS
 
@@ -73,7 +73,7 @@ def test_an_unknown_command_and_the_likely_one(capsys):
 
 
 def test_a_plan_is_no_measurement_folder_and_the_other_way_round(wii, tmp_path, capsys):
-    write_measurements(tmp_path / "data", wii.experiment.measurements)
+    write_measurements(tmp_path / "data", wii.run.measurements)
     for command in ("identify", "check"):
         message = refused(capsys, command, DEFAULT_PLAN)
         assert "found a plan folder (plan.json), expected a measurement folder" in message
@@ -81,7 +81,7 @@ def test_a_plan_is_no_measurement_folder_and_the_other_way_round(wii, tmp_path, 
         capsys, "postures", tmp_path / "data"
     )
     run = tmp_path / "run"
-    write_measurements(run / "measurements", wii.experiment.measurements)
+    write_measurements(run / "measurements", wii.run.measurements)
     (run / "run.json").write_text("{}")
     message = refused(capsys, "check", run)
     assert "found a run folder (run.json), expected a measurement folder (manifest.json); there is" in message
@@ -95,7 +95,7 @@ def test_options_of_drawing_want_random(option, capsys):
 
 
 def test_a_terminal_of_80_columns_gets_no_line_that_is_cut(wii, tmp_path, capsys, monkeypatch):
-    write_measurements(tmp_path / "data", wii.experiment.measurements)
+    write_measurements(tmp_path / "data", wii.run.measurements)
     monkeypatch.setenv("COLUMNS", "80")
     for command in ("check", "identify"):
         assert main([command, str(tmp_path / "data")]) == 0
@@ -105,7 +105,7 @@ def test_a_terminal_of_80_columns_gets_no_line_that_is_cut(wii, tmp_path, capsys
 
 
 def test_identify_leaves_the_papers_figures_to_validate(wii, tmp_path, capsys):
-    write_measurements(tmp_path / "data", wii.experiment.measurements)
+    write_measurements(tmp_path / "data", wii.run.measurements)
     assert main(["identify", str(tmp_path / "data")]) == 0
     assert "paper" not in capsys.readouterr().out
 
@@ -152,7 +152,7 @@ def test_impossible_ranges(assets, tmp_path, capsys):
 
 
 def test_identify_prints_json_and_tables(wii, tmp_path, capsys):
-    write_measurements(tmp_path / "data", wii.experiment.measurements)
+    write_measurements(tmp_path / "data", wii.run.measurements)
     assert main(["identify", str(tmp_path / "data"), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["full"]["parameters"][0]["truth"] is None
@@ -162,7 +162,7 @@ def test_identify_prints_json_and_tables(wii, tmp_path, capsys):
 
 
 def test_identify_by_name(wii, tmp_path, capsys):
-    write_measurements(tmp_path / "data", wii.experiment.measurements)
+    write_measurements(tmp_path / "data", wii.run.measurements)
     message = refused(capsys, "identify", tmp_path / "data", "--estimator", "best")
     assert "unknown estimator 'best'; valid: mixed-model, least-squares, placement" in message
     assert main(["identify", str(tmp_path / "data"), "--json"]) == 0

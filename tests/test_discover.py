@@ -25,7 +25,7 @@ from tulip_testbed.identification.residual_channels import fields, packed, resid
 from tulip_testbed.identification.residual_noise import cell_by_twist, noise_of
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_static
+from tulip_testbed.sim.statics.static_run import run_statics
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def interval(found, number):
 
 def test_the_nominal_laboratory_leaves_no_residual(solved_plan, nominal):
     observed = observe(
-        run_static(solved_plan["ideal"], [np.random.SeedSequence(SEED)])[0].measurements, nominal
+        run_statics(solved_plan["ideal"], [np.random.SeedSequence(SEED)])[0].measurements, nominal
     )
     left = residuals(observed, nominal.value)
     for number in np.unique(observed.stance):
@@ -77,7 +77,7 @@ def test_the_nominal_laboratory_leaves_no_residual(solved_plan, nominal):
 
 def test_the_slopes_of_the_residuals_are_their_differences(solved_plan, nominal):
     observed = observe(
-        run_static(solved_plan["ideal"], [np.random.SeedSequence(SEED)])[0].measurements, nominal
+        run_statics(solved_plan["ideal"], [np.random.SeedSequence(SEED)])[0].measurements, nominal
     )
     slope, start, at = sensitivity(observed, nominal.value), packed(observed), fields(nominal)
     for name, where in at.items():
@@ -91,7 +91,7 @@ def test_the_slopes_of_the_residuals_are_their_differences(solved_plan, nominal)
 @pytest.mark.parametrize("preset", ["force-plate", "wii"])
 def test_noise_alone_is_what_the_noise_model_says(solved_plan, nominal, preset):
     """Chi-square over 25 experiments of some 1,400 degrees of freedom; 99.9 % bounds."""
-    runs = run_static(solved_plan[preset], [np.random.SeedSequence([SEED, k]) for k in range(25)])
+    runs = run_statics(solved_plan[preset], [np.random.SeedSequence([SEED, k]) for k in range(25)])
     ratios = []
     for run in runs:
         observed = observe(run.measurements, nominal)
@@ -104,7 +104,7 @@ def test_noise_alone_is_what_the_noise_model_says(solved_plan, nominal, preset):
 @pytest.mark.parametrize("preset", ["force-plate", "wii"])
 def test_patterns_in_noise_alone_are_as_rare_as_they_say(solved_plan, nominal, preset):
     """25 experiments: a least p below 0.1 in more than 9 of them has a probability below 0.1 %."""
-    runs = run_static(solved_plan[preset], [np.random.SeedSequence([SEED, k]) for k in range(25)])
+    runs = run_statics(solved_plan[preset], [np.random.SeedSequence([SEED, k]) for k in range(25)])
     least = []
     for run in runs:
         observed = observe(run.measurements, nominal)
@@ -148,7 +148,9 @@ def test_what_an_instrument_does_leaves_the_noise_as_it_was(solved_plan, nominal
     sizes = []
     for rig in (plain.rig, effect.inject(plain.rig, target, value)):
         stream = np.random.SeedSequence([SEED, 1])
-        observed = observe(run_static(dataclasses.replace(plain, rig=rig), [stream])[0].measurements, nominal)
+        observed = observe(
+            run_statics(dataclasses.replace(plain, rig=rig), [stream])[0].measurements, nominal
+        )
         if rig is plain.rig:
             terms = ()
         else:
@@ -170,7 +172,7 @@ def test_a_pattern_tells_the_reading_that_errs(robot, plan, nominal):
 
     rig = dataclasses.replace(preset_rig("force-plate", robot), misread=bent)
     observed = observe(
-        run_static(solve_plan(rig, plan), [np.random.SeedSequence(SEED)])[0].measurements, nominal
+        run_statics(solve_plan(rig, plan), [np.random.SeedSequence(SEED)])[0].measurements, nominal
     )
     linear = linear_model(observed, noise_of(observed))
     clearest = patterns(linear, linear.residual, np.zeros((len(linear.residual), 0)))[0]
@@ -295,7 +297,7 @@ def test_repeats_overrule_a_data_sheet(robot, plan, sheet, word):
 def test_columns_hold_no_noise_of_the_residuals(solved_plan, nominal):
     """Scores of every candidate over noise alone: no systematic pull on any (z of the mean over 20 runs)."""
     pulls = []
-    for run in run_static(solved_plan["wii"], [np.random.SeedSequence([SEED, 100 + k]) for k in range(20)]):
+    for run in run_statics(solved_plan["wii"], [np.random.SeedSequence([SEED, 100 + k]) for k in range(20)]):
         observed = observe(run.measurements, nominal)
         plain = fit(observed, noise_of(observed), ())
         board = field(plain.linear, [c for c in candidates(observed) if c.effect.name == "cell-gain"])

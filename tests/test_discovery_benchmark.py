@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from studies.runner import part_of
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.experiments.atlas.detectability import noncentrality
@@ -36,7 +35,7 @@ FEW = [
 @pytest.fixture(scope="module")
 def folder(plan, tmp_path_factory):
     folder = tmp_path_factory.mktemp("plans") / "small"
-    write_plan(folder, part_of(plan, plan.placement <= 6))
+    write_plan(folder, plan.take(plan.placement <= 6))
     return folder
 
 

@@ -15,7 +15,7 @@ from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.targets import check_target, leg_links
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import ANCHORED, ROWS, residuals
-from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import CORNERS
 
@@ -167,7 +167,7 @@ def test_predict_undoes_any_misreading(text, data, noiseless, robot, base, nomin
 def test_predict_points_where_the_full_dynamics_goes(text, noiseless, two, moved, nominal):
     effect, target = split(text)
     values, least = (DYNAMICS | SLOWLY)[text]
-    found = run_experiment(effect.inject(noiseless, target, values), two, SEED).measurements
+    found = run_dynamics(effect.inject(noiseless, target, values), two, SEED).measurements
     assert len(found) >= len(moved.measurements) - (2 if text in DYNAMICS else 4)
     # Two placements have fewer equations than base parameters.
     cosine, slope = agreement(
@@ -206,8 +206,8 @@ def test_no_effect_changes_nothing_in_the_laboratory(name, noiseless, robot, two
 def test_a_creeping_robot_stands_in_equilibrium(noiseless, two, nominal):
     """Read as soon as friction holds it, it shows in no channel (but for a placement's constants)."""
     short = dataclasses.replace(noiseless, protocol=dataclasses.replace(noiseless.protocol, window=2.0))
-    found = run_experiment(catalogue()["unsettled"].inject(short, "", (0.5,)), two, SEED)
-    assert max(held.settled_after for held in found.held) < 0.5
+    found = run_dynamics(catalogue()["unsettled"].inject(short, "", (0.5,)), two, SEED)
+    assert max(held.settled_after for held in found.truth.held) < 0.5
     left = residuals(observe(found.measurements, nominal), nominal.value) / UNIT
     assert np.abs(left[:, : ANCHORED.start]).max() < 0.05  # mm, N, mrad
 

@@ -137,7 +137,7 @@ def test_a_random_effect_that_cannot_be_simulated_is_not_named(tmp_path, capsys,
     def fail(*_):
         raise InputError("joint-compliance at left_knee is too soft")
 
-    monkeypatch.setattr("tulip_testbed.cli.simulate_command.run_static", fail)
+    monkeypatch.setattr("tulip_testbed.cli.simulate_command.run_statics", fail)
     more = ("--statics", "--effect", "random", "--truth", tmp_path / "truth.json")
     message = refused(capsys, "simulate", "--out", tmp_path / "data", *more)
     assert "give another --seed" in message

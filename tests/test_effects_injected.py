@@ -10,7 +10,8 @@ from tests.effect_changes import SEED, first, statically
 from tulip_testbed.discovery.refit import exact_rig, measured_plan, simulated
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, injected, removed
-from tulip_testbed.experiments.scenario import DEFAULT_PLAN, Scenario
+from tulip_testbed.effects.true_robot import true_base_parameters
+from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.observation import observe, time_fraction
 from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.sim.errors import InputError
@@ -18,13 +19,13 @@ from tulip_testbed.sim.measurements import read_plan
 from tulip_testbed.sim.rig import preset_rig, stages
 from tulip_testbed.sim.scene import load_scene
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_static
+from tulip_testbed.sim.statics.static_run import run_statics
 
 
 def test_loads_in_the_joints_are_what_the_servos_bear(moved, model, nominal):
     """But for dry friction: of the joint itself, and what it leaves of push between the feet."""
     torques = observe(moved.measurements, nominal).torques
-    servos = np.array([held.torques for held in moved.held])
+    servos = np.array([held.torques for held in moved.truth.held])
     dry = np.array(
         [model.dof_frictionloss[model.joint(name).dofadr[0]] for name in moved.measurements.joints]
     )
@@ -51,7 +52,7 @@ def test_a_tilt_turns_about_x_then_about_y(noiseless):
 def test_the_nominal_laboratory_asked_again_shows_what_was_measured(name, robot, model, nominal):
     """Also where the plan has feed-forward, which the commands hold."""
     plan = first(read_plan(DEFAULT_PLAN.parent / name, robot), 8)
-    run = run_static(solve_plan(preset_rig("wii", robot), plan), np.random.SeedSequence(SEED).spawn(1))[0]
+    run = run_statics(solve_plan(preset_rig("wii", robot), plan), np.random.SeedSequence(SEED).spawn(1))[0]
     observed = observe(run.measurements, nominal)
     again = simulated(exact_rig(observed), measured_plan(observed))
     assert len(again) == len(observed)
@@ -72,7 +73,7 @@ def test_the_nominal_laboratory_asked_again_shows_what_was_measured(name, robot,
 )
 def test_what_an_effect_adds_is_no_part_of_the_true_robot(name, target, values, noiseless, few, nominal):
     changed = catalogue()[name].inject(noiseless, target, values)
-    truth = Scenario(changed, few, 1, "ideal").true_base_parameters()
+    truth = true_base_parameters(changed)
     assert truth == pytest.approx(nominal.value, abs=1e-12)
 
 
@@ -95,8 +96,8 @@ def test_effects_are_undone_as_they_act_in_whatever_order_they_are_listed(noisel
 def test_the_truth_is_of_the_robot_that_stood_there_first(noiseless, few, nominal):
     step = catalogue()["payload-step"].inject(noiseless, "torso", (1.0, 0.5))
     longer = catalogue()["link-length"].inject(step, "right_lower_leg", (0.01,))
-    assert Scenario(step, few, 1, "ideal").true_base_parameters() == pytest.approx(nominal.value, abs=1e-12)
-    assert np.abs(Scenario(longer, few, 1, "ideal").true_base_parameters() - nominal.value).max() > 1e-3
+    assert true_base_parameters(step) == pytest.approx(nominal.value, abs=1e-12)
+    assert np.abs(true_base_parameters(longer) - nominal.value).max() > 1e-3
 
 
 def test_what_is_changed_after_a_step_is_changed_before_and_after(noiseless):

@@ -22,7 +22,7 @@ from studies.study_equilibrium import (
     pulled,
 )
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import preset_rig
@@ -31,7 +31,7 @@ from tulip_testbed.sim.sensors import PRESETS, averaged_sd, sample, sample_mean
 from tulip_testbed.sim.statics import Load, State, faults, mechanism, reference, residual
 from tulip_testbed.sim.statics.forces import turn
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_static
+from tulip_testbed.sim.statics.static_run import run_statics
 
 # Backlash is in docs/equilibrium.md: where a load turns within the play there is more than one equilibrium.
 LABORATORIES = [
@@ -59,10 +59,10 @@ def solved_plan(rig, plan):
 
 @pytest.mark.parametrize("name", LABORATORIES)
 def test_the_dynamics_come_to_rest_in_it(rig, plan, name):
-    one = part_of(plan, np.flatnonzero(plan.placement == 2))
+    one = plan.take(np.flatnonzero(plan.placement == 2))
     changed = laboratories(rig)[name]
     quiet = dataclasses.replace(changed, protocol=dataclasses.replace(changed.protocol, repeats=0))
-    found = compare(solve_plan(quiet, one), list(run_experiment(quiet, one, 1).attempts))
+    found = compare(solve_plan(quiet, one), list(run_dynamics(quiet, one, 1).truth.attempts))
     assert len(found.held) >= 3
     assert np.abs(found.angles).max() < 1e-4
     assert np.abs(found.cells).max() < 0.05
@@ -70,7 +70,7 @@ def test_the_dynamics_come_to_rest_in_it(rig, plan, name):
 
 
 def test_with_dry_friction_the_center_of_pressure_follows_from_the_angles(solved_plan, ideal):
-    held = [a for a in ideal.experiment.attempts if a.held is not None]
+    held = [a for a in ideal.run.truth.attempts if a.held is not None]
     inside = edge_distance(solved_plan, held) > EDGE
     assert inside.mean() > 0.9
     assert np.linalg.norm(centers_at(solved_plan, held), axis=1)[inside].max() < 1e-5
@@ -78,7 +78,7 @@ def test_with_dry_friction_the_center_of_pressure_follows_from_the_angles(solved
 
 def test_with_dry_friction_sag_and_load_share_are_distributed_alike(solved_plan, ideal):
     """Kolmogorov and Smirnov's test for every joint and the load share, familywise level 1 %."""
-    held = [a for a in ideal.experiment.attempts if a.held is not None]
+    held = [a for a in ideal.run.truth.attempts if a.held is not None]
     actual, predicted = excess_sag(solved_plan, held, np.random.default_rng(301))
     chances = [ks_2samp(a, p).pvalue for a, p in zip(actual.T, predicted.T, strict=True)]
     assert min(chances) > LEVEL / len(chances)
@@ -88,7 +88,7 @@ def test_that_test_sees_friction_that_always_stands_at_its_limit(solved_plan, id
     monkeypatch.setattr("tulip_testbed.sim.statics.approach.SHORT_WAY", 1e-6)
     monkeypatch.setattr("tulip_testbed.sim.statics.approach.SCATTER", 0.0)
     monkeypatch.setattr("tulip_testbed.sim.statics.approach.PUT_DOWN_SCATTER", 1e6)
-    held = [a for a in ideal.experiment.attempts if a.held is not None]
+    held = [a for a in ideal.run.truth.attempts if a.held is not None]
     actual, predicted = excess_sag(solved_plan, held, np.random.default_rng(301))
     chances = [ks_2samp(a, p).pvalue for a, p in zip(actual.T, predicted.T, strict=True)]
     assert min(chances) < LEVEL / len(chances)
@@ -145,13 +145,13 @@ def test_the_feet_bear_the_weight_under_the_center_of_mass(solved_plan, robot):
 
 
 def test_runs_are_the_same_bits_however_they_are_grouped(robot, plan):
-    few = part_of(plan, np.flatnonzero(plan.placement <= 4))
+    few = plan.take(np.flatnonzero(plan.placement <= 4))
     solved_plan = solve_plan(preset_rig("wii", robot), few)
     streams = np.random.SeedSequence(5).spawn(5)
-    together = run_static(solved_plan, streams)
+    together = run_statics(solved_plan, streams)
     for run, stream in zip(together, streams, strict=True):
-        (alone,) = run_static(solved_plan, [stream])
-        assert alone.dropped == run.dropped
+        (alone,) = run_statics(solved_plan, [stream])
+        assert alone.truth.dropped == run.truth.dropped
         for name in ("joint_angles", "cell_forces", "plate_poses", "time", "command"):
             assert np.array_equal(getattr(alone.measurements, name), getattr(run.measurements, name))
 
@@ -175,23 +175,23 @@ def test_a_robot_it_is_told_of_is_the_one_that_stands_there(solved_plan, robot, 
     m = solved_plan.mechanism
     standard = np.column_stack([m.mass, m.mass[:, None] * m.center])[solved_plan.links]
     streams = np.random.SeedSequence(6).spawn(1)
-    (nominal,) = run_static(solved_plan, streams)
-    (told,) = run_static(solved_plan, streams, standard[None])
+    (nominal,) = run_statics(solved_plan, streams)
+    (told,) = run_statics(solved_plan, streams, standard[None])
     assert np.array_equal(nominal.measurements.cell_forces, told.measurements.cell_forces)
-    (heavy,) = run_static(solved_plan, streams, 1.1 * standard[None])
-    assert heavy.true_mass == pytest.approx(1.1 * nominal.true_mass)
+    (heavy,) = run_statics(solved_plan, streams, 1.1 * standard[None])
+    assert heavy.truth.mass == pytest.approx(1.1 * nominal.truth.mass)
     total = heavy.measurements.cell_forces.sum(axis=1)
-    np.testing.assert_allclose(total, 9.81 * heavy.true_mass, atol=1e-6)
+    np.testing.assert_allclose(total, 9.81 * heavy.truth.mass, atol=1e-6)
 
 
 def test_a_posture_that_nobody_can_hold_is_not_solved(rig, plan):
     """Leaning so far that the torque limits do not carry it, with a sole outside its corners."""
-    few = part_of(plan, np.arange(5))
+    few = plan.take(np.arange(5))
     angles = few.joint_angles.copy()
     angles[2, [4, 10]] += 0.6
     solved_plan = solve_plan(rig, dataclasses.replace(few, joint_angles=angles))
-    (run,) = run_static(solved_plan, np.random.SeedSequence(1).spawn(1))
-    assert int(few.posture[2]) in [number for number, _ in run.dropped]
+    (run,) = run_statics(solved_plan, np.random.SeedSequence(1).spawn(1))
+    assert int(few.posture[2]) in [number for number, _ in run.truth.dropped]
 
 
 def test_what_it_does_not_know_is_refused(rig, plan):
@@ -265,9 +265,9 @@ def test_a_sole_is_held_against_its_own_edges(solved_plan):
 
 def test_the_feet_stay_when_the_last_posture_is_measured_again(rig, plan):
     """A repeat that follows its own first try is a move, not a new set-up."""
-    one = part_of(plan, np.flatnonzero(plan.placement == 2))
+    one = plan.take(np.flatnonzero(plan.placement == 2))
     every = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=len(one)))
-    measured = run_static(solve_plan(every, part_of(one, np.array([0]))), [np.random.SeedSequence(1)])[0]
+    measured = run_statics(solve_plan(every, part_of(one, np.array([0]))), [np.random.SeedSequence(1)])[0]
     nominal = nominal_robot(rig.robot)
     place = nominal.swing_sole(measured.measurements.joint_angles)[:, [0, 1, 5]]
     assert len(place) == 2

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from studies.runner import part_of
 from studies.study_fuzz import cases_of
 from tests.fuzz.runner import Bases, run_cases
 from tulip_testbed.cli.main import main
@@ -41,8 +40,8 @@ def bases(wii, plan, tmp_path_factory):
     from tulip_testbed.sim.measurements import write_plan
 
     place = tmp_path_factory.mktemp("bases")
-    write_measurements(place / "data", wii.experiment.measurements)
-    write_plan(place / "plan", part_of(plan, np.arange(30)))
+    write_measurements(place / "data", wii.run.measurements)
+    write_plan(place / "plan", plan.take(np.arange(30)))
     return Bases(place / "data", place / "plan", TULIP, place / "plan")
 
 

@@ -6,14 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from studies.runner import part_of
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.kinematics import link_rotations
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.drives import Drives
 from tulip_testbed.sim.dynamics import dynamic_run as laboratory
 from tulip_testbed.sim.dynamics.balance import balance_of
-from tulip_testbed.sim.dynamics.dynamic_run import run_experiment, run_placement
+from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics, run_placement
 from tulip_testbed.sim.dynamics.hold import hold, move, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.measurements import lay_boards
@@ -26,34 +25,34 @@ from tulip_testbed.sim.sensors import PRESETS, averaged_sd, sample
 
 
 def test_centre_of_pressure_is_the_com_within_0_05_mm(ideal):
-    truth = np.array([held.com for held in ideal.experiment.held])
-    error = center_of_pressure(ideal.experiment.measurements) - truth
+    truth = np.array([held.com for held in ideal.run.truth.held])
+    error = center_of_pressure(ideal.run.measurements) - truth
     assert 1e3 * np.sqrt((error**2).mean()) < 0.05
 
 
 def test_with_the_plates_as_they_lie_it_is_the_com_within_2_um(ideal):
     """What is left above is feet that moved a little since the plates were measured."""
-    lying = np.array([attempt.true_plates for attempt in ideal.experiment.measured])
-    placed = dataclasses.replace(ideal.experiment.measurements, plate_poses=lying)
-    truth = np.array([held.com for held in ideal.experiment.held])
+    lying = np.array([attempt.true_plates for attempt in ideal.run.truth.measured])
+    placed = dataclasses.replace(ideal.run.measurements, plate_poses=lying)
+    truth = np.array([held.com for held in ideal.run.truth.held])
     assert 1e6 * np.sqrt(((center_of_pressure(placed) - truth) ** 2).mean()) < 2
 
 
 def test_forces_balance_within_0_01_n(ideal):
-    total = ideal.experiment.measurements.cell_forces.sum(axis=1)
+    total = ideal.run.measurements.cell_forces.sum(axis=1)
     assert np.abs(total - 23.0 * 9.81).max() < 0.01
 
 
 def test_stance_foot_stays_flat_and_the_chain_closed(ideal, parameters, plan):
     """Closure of the legs from the true angles: the swing sole stays level with the stance sole."""
-    angles = np.array([held.joint_angles for held in ideal.experiment.held])
+    angles = np.array([held.joint_angles for held in ideal.run.truth.held])
     tree = parameters.tree
     swing = link_rotations(tree, parameters.base, angles)[:, tree.frame("left_foot")]
     assert np.abs(swing[:, 2, :2]).max() < 1e-3
 
 
 def test_gravity_sag_is_there_and_follows_the_torque(ideal):
-    held = ideal.experiment.held
+    held = ideal.run.truth.held
     sag = np.array([h.commanded - h.joint_angles for h in held])
     torque = np.array([h.torques for h in held])
     assert 1e-3 < np.median(np.abs(sag)) < 2e-2
@@ -64,16 +63,16 @@ def test_gravity_sag_is_there_and_follows_the_torque(ideal):
 
 
 def test_results_do_not_depend_on_workers(robot, plan):
-    part = part_of(plan, plan.placement <= 2)
+    part = plan.take(plan.placement <= 2)
     rig = preset_rig("wii", robot)
     rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=2))
-    first, second = (run_experiment(rig, part, 3, workers) for workers in (1, 2))
+    first, second = (run_dynamics(rig, part, 3, workers) for workers in (1, 2))
     for name in ("joint_angles", "cell_forces", "plate_poses", "motor", "time"):
         assert getattr(first.measurements, name).tobytes() == getattr(second.measurements, name).tobytes()
-    other = run_experiment(rig, part, 4, 1)
+    other = run_dynamics(rig, part, 4, 1)
     assert not np.array_equal(first.measurements.cell_forces, other.measurements.cell_forces)
     # Two postures were measured twice, with another reading and another time.
-    assert sum(attempt.repeat for attempt in first.attempts) == 2
+    assert sum(attempt.repeat for attempt in first.truth.attempts) == 2
 
 
 @pytest.mark.slow
@@ -104,7 +103,7 @@ def test_gated_hold_reads_what_the_full_minute_reads(robot, plan, monkeypatch):
     monkeypatch.setattr(laboratory, "hold", hold_twice)
     rig = preset_rig("ideal", robot)
     rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
-    run_experiment(rig, part_of(plan, plan.placement <= 4), 131)
+    run_dynamics(rig, plan.take(plan.placement <= 4), 131)
     held = [(gated, full) for gated, full in pairs if gated is not None and full is not None]
     assert len(held) == 20
     for gated, full in held:
@@ -157,7 +156,7 @@ def _centre_of_pressure(forces: np.ndarray, poses: np.ndarray) -> np.ndarray:
 
 def test_the_books_are_closed_in_every_run(ideal, wii):
     for result in (ideal, wii):
-        books = [held.books for held in result.experiment.held]
+        books = [held.books for held in result.run.truth.held]
         assert max(abs(b.weight) for b in books) < 1e-3
         assert max(b.moments for b in books) < 1e-4
         assert max(b.torques for b in books) < 1e-6
@@ -213,7 +212,7 @@ def test_a_posture_beyond_the_feet_tips_and_one_pushed_slips(robot, plan):
 
     rig = preset_rig("ideal", robot)
     rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
-    leaning = part_of(plan, np.arange(3))
+    leaning = plan.take(np.arange(3))
     angles = leaning.joint_angles.copy()
     angles[1:, [4, 10]] += 0.3  # both ankles pitch the robot forward
     leaning = dataclasses.replace(leaning, joint_angles=angles)
@@ -284,12 +283,12 @@ def test_presets_hold_no_systematic_effect():
 
 def test_a_posture_whose_repeat_could_be_used_is_not_dropped(ideal):
     """As the preflight counts: a posture is there if any of its rows is."""
-    experiment = ideal.experiment
-    repeated = next(a.posture for a in experiment.attempts if a.repeat and a.held)
+    experiment = ideal.run
+    repeated = next(a.posture for a in experiment.truth.attempts if a.repeat and a.held)
     attempts = tuple(
         dataclasses.replace(a, held=None, reason="tipped") if a.posture == repeated and not a.repeat else a
-        for a in experiment.attempts
+        for a in experiment.truth.attempts
     )
     again = dataclasses.replace(experiment, attempts=attempts)
-    assert repeated not in [posture for posture, _ in again.dropped]
-    assert again.dropped == experiment.dropped
+    assert repeated not in [posture for posture, _ in again.truth.dropped]
+    assert again.truth.dropped == experiment.truth.dropped

@@ -9,7 +9,7 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
-from tulip_testbed.experiments.validate import identify
+from tulip_testbed.experiments.identify import identify
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import read_measurements, read_plan, write_measurements, write_plan
 from tulip_testbed.sim.robot import sha256
@@ -17,7 +17,7 @@ from tulip_testbed.sim.robot import sha256
 
 @pytest.fixture
 def folder(wii, tmp_path):
-    write_measurements(tmp_path / "data", wii.experiment.measurements)
+    write_measurements(tmp_path / "data", wii.run.measurements)
     return tmp_path / "data"
 
 
@@ -46,12 +46,12 @@ def same(first, second):
 
 
 def test_round_trip_is_exact(wii, folder):
-    same(wii.experiment.measurements, read_measurements(folder))
+    same(wii.run.measurements, read_measurements(folder))
 
 
 def test_csv_alone_says_the_same(wii, folder):
     (folder / "postures.parquet").unlink()
-    same(wii.experiment.measurements, read_measurements(folder))
+    same(wii.run.measurements, read_measurements(folder))
 
 
 def test_an_edited_twin_is_not_passed_over(folder):

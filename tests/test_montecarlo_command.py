@@ -12,16 +12,15 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from studies.runner import part_of
 from tests.test_cli import refused
-from tulip_testbed.experiments.montecarlo.laboratory_runs import Run, laboratory, stream_of
-from tulip_testbed.experiments.scenario import Scenario
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stream_of
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import write_plan
-from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.statics.static_run import run_static
+from tulip_testbed.sim.outcome import Outcome
+from tulip_testbed.sim.statics.static_run import run_statics
 
 TULIP = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"]
 RUNS = 60
@@ -30,7 +29,7 @@ RUNS = 60
 @pytest.fixture(scope="module")
 def small(plan, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("plans") / "small"
-    write_plan(folder, part_of(plan, plan.placement <= 3))
+    write_plan(folder, plan.take(plan.placement <= 3))
     return folder
 
 
@@ -136,37 +135,37 @@ def test_another_folder_is_refused(small, tmp_path, capsys):
     assert "holds no Monte Carlo" in refused(capsys, "montecarlo", small, "--out", tmp_path, "--runs", 5)
 
 
-@pytest.mark.parametrize("dynamics", [False, True])
-def test_random_robots(robot, model, plan, dynamics):
+@pytest.mark.parametrize("engine", ["statics", "dynamics"])
+def test_random_robots(robot, model, plan, engine):
     """Each run has its own robot; the nominal one without a spread; the same stream, the same run."""
-    scenario = Scenario(preset_rig("wii", robot), part_of(plan, plan.placement <= 1), 1, "wii")
-    random = laboratory(scenario, 0.1, dynamics)
+    scenario = Laboratory(robot, "wii"), plan.take(plan.placement <= 1)
+    random = source_of(*scenario, 0.1, engine)
     first, second = random([stream_of(107, run) for run in range(2)])
-    assert isinstance(first, Run)
-    assert isinstance(second, Run)
-    assert np.abs(first.standard - second.standard).max() > 0.01
-    assert first.true_mass == pytest.approx(first.standard[:, 0].sum(), rel=1e-12)
+    assert isinstance(first, Outcome)
+    assert isinstance(second, Outcome)
+    assert np.abs(first.truth.standard - second.truth.standard).max() > 0.01
+    assert first.truth.mass == pytest.approx(first.truth.standard[:, 0].sum(), rel=1e-12)
     (alone,) = random([stream_of(107, 1)])
-    assert isinstance(alone, Run)
+    assert isinstance(alone, Outcome)
     np.testing.assert_array_equal(alone.measurements.cell_forces, second.measurements.cell_forces)
-    (nominal,) = laboratory(scenario, None, dynamics)([stream_of(107, 1)])
-    assert isinstance(nominal, Run)
-    np.testing.assert_array_equal(nominal.standard, standard_parameters(model))
+    (nominal,) = source_of(*scenario, None, engine)([stream_of(107, 1)])
+    assert isinstance(nominal, Outcome)
+    np.testing.assert_array_equal(nominal.truth.standard, standard_parameters(model))
     for run in (first, second, nominal):
         weight = run.measurements.cell_forces.sum(axis=1).mean() / 9.81
-        assert weight == pytest.approx(run.true_mass, abs=0.3)
-    assert nominal.true_mass == pytest.approx(23.0, abs=1e-9)
+        assert weight == pytest.approx(run.truth.mass, abs=0.3)
+    assert nominal.truth.mass == pytest.approx(23.0, abs=1e-9)
 
 
 def test_static_runs_do_not_depend_on_their_company(robot, plan):
-    scenario = Scenario(preset_rig("wii", robot), part_of(plan, plan.placement <= 3), 1, "wii")
-    static = laboratory(scenario, 0.1, False)
+    scenario = Laboratory(robot, "wii"), plan.take(plan.placement <= 3)
+    static = source_of(*scenario, 0.1, "statics")
     together = static([stream_of(107, run) for run in range(7)])
     for run in range(7):
         (alone,) = static([stream_of(107, run)])
-        assert isinstance(alone, Run)
+        assert isinstance(alone, Outcome)
         other = together[run]
-        assert isinstance(other, Run)
+        assert isinstance(other, Outcome)
         for name in ("joint_angles", "cell_forces", "plate_poses", "motor"):
             np.testing.assert_array_equal(
                 getattr(alone.measurements, name), getattr(other.measurements, name)
@@ -174,14 +173,14 @@ def test_static_runs_do_not_depend_on_their_company(robot, plan):
 
 
 def test_a_run_without_a_posture_does_not_take_others_with_it(robot, plan, monkeypatch):
-    scenario = Scenario(preset_rig("wii", robot), part_of(plan, plan.placement <= 1), 1, "wii")
-    static = laboratory(scenario, None, False)
+    scenario = Laboratory(robot, "wii"), plan.take(plan.placement <= 1)
+    static = source_of(*scenario, None, "statics")
 
     def fail(solved_plan, streams, standard):
         if any(stream.spawn_key[0] == 2 for stream in streams):
             raise InputError("none of 6 postures could be measured: tipped")
-        return run_static(solved_plan, streams, standard)
+        return run_statics(solved_plan, streams, standard)
 
-    monkeypatch.setattr("tulip_testbed.experiments.montecarlo.laboratory_runs.run_static", fail)
+    monkeypatch.setattr("tulip_testbed.experiments.montecarlo.laboratory_runs.run_statics", fail)
     outcomes = static([stream_of(107, run) for run in range(4)])
     assert [isinstance(outcome, str) for outcome in outcomes] == [False, False, True, False]

@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from studies.runner import part_of
+from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
     check_folder,
     first_difference,
@@ -13,30 +13,32 @@ from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
     run_document,
 )
 from tulip_testbed.experiments.montecarlo.settings import Settings
-from tulip_testbed.experiments.scenario import Scenario
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.rig import preset_rig
 
-SETTINGS = Settings(runs=100, seed=5, estimator="mixed-model", spread=None, dynamics=False)
+SETTINGS = Settings(runs=100, seed=5, estimator="mixed-model", spread=None)
 
 
 @pytest.fixture
 def scenario(robot, plan):
-    return Scenario(preset_rig("wii", robot), plan, 5, "wii")
+    return Laboratory(robot, "wii"), plan
+
+
+def document_of(scenario, settings=SETTINGS):
+    return run_document(*scenario, 5, settings.engine, settings.document())
 
 
 def begin(folder, scenario, settings=SETTINGS):
-    with open_folder(folder, run_document(scenario, settings.document()), scenario.plan) as chunks:
+    with open_folder(folder, document_of(scenario, settings), scenario[1]) as chunks:
         return chunks
 
 
 def test_begun_and_resumed(scenario, tmp_path):
     folder = tmp_path / "run"
-    assert not check_folder(folder, run_document(scenario, SETTINGS.document()))
+    assert not check_folder(folder, document_of(scenario))
     assert not folder.exists()
     assert begin(folder, scenario) == folder / "runs"
     before = (folder / "run.json").read_bytes()
-    assert check_folder(folder, run_document(scenario, SETTINGS.document()))
+    assert check_folder(folder, document_of(scenario))
     begin(folder, scenario)
     assert (folder / "run.json").read_bytes() == before
 
@@ -50,7 +52,7 @@ def test_begun_and_resumed(scenario, tmp_path):
             {"estimator": "least-squares"},
             "settings.estimator is 'mixed-model' there and 'least-squares' here",
         ),
-        ({"spread": 0.1, "dynamics": True}, "settings.random_robots is None there and 0.1 here"),
+        ({"spread": 0.1, "engine": "dynamics"}, "settings.random_robots is None there and 0.1 here"),
     ],
 )
 def test_other_settings_are_refused(scenario, tmp_path, change, message):
@@ -63,12 +65,12 @@ def test_another_plan_or_preset_or_version_is_refused(scenario, robot, plan, tmp
     folder = tmp_path / "run"
     begin(folder, scenario)
     with pytest.raises(InputError, match="preset is 'wii' there and 'ideal' here"):
-        begin(folder, dataclasses.replace(scenario, preset="ideal", rig=preset_rig("ideal", robot)))
+        begin(folder, (Laboratory(robot, "ideal"), plan))
     moved = dataclasses.replace(plan, joint_angles=plan.joint_angles + 1e-9)
     with pytest.raises(InputError, match=r"inputs\.plan is"):
-        begin(folder, dataclasses.replace(scenario, plan=moved))
+        begin(folder, (scenario[0], moved))
     with pytest.raises(InputError, match=r"configuration\.plan\.postures is 150 there and 5 here"):
-        begin(folder, dataclasses.replace(scenario, plan=part_of(plan, plan.placement == 1)))
+        begin(folder, (scenario[0], plan.take(plan.placement == 1)))
     document = json.loads((folder / "run.json").read_text())
     document["software"]["numpy"] = "1.0"
     (folder / "run.json").write_text(json.dumps(document))
@@ -89,11 +91,11 @@ def test_what_is_no_monte_carlo_is_refused(scenario, tmp_path):
 
 
 def test_two_at_once_are_refused(scenario, tmp_path):
-    document = run_document(scenario, SETTINGS.document())
+    document = document_of(scenario)
     with (
-        open_folder(tmp_path / "run", document, scenario.plan),
+        open_folder(tmp_path / "run", document, scenario[1]),
         pytest.raises(InputError, match="another process is at work"),
-        open_folder(tmp_path / "run", document, scenario.plan),
+        open_folder(tmp_path / "run", document, scenario[1]),
     ):
         pass
     begin(tmp_path / "run", scenario)

@@ -9,9 +9,9 @@ import pytest
 
 from studies.improve.one_foot import holding_torques
 from tulip_testbed.experiments.atlas.planned_experiment import usable
+from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.plan_description import described_plan, regressor_by_mujoco
 from tulip_testbed.experiments.planning_run import as_plan, joined
-from tulip_testbed.experiments.validate import identify
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.planning.closed_chain import chain_at
 from tulip_testbed.identification.planning.objectives import objectives
@@ -32,14 +32,14 @@ from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import read_plan, write_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_static
+from tulip_testbed.sim.statics.static_run import run_statics
 
 SIGMA = 4.16e-3
 SEED = 311
 
 
 def measured(robot, plan, preset="wii", seed=SEED):
-    (run,) = run_static(solve_plan(preset_rig(preset, robot), plan), np.random.SeedSequence(seed).spawn(1))
+    (run,) = run_statics(solve_plan(preset_rig(preset, robot), plan), np.random.SeedSequence(seed).spawn(1))
     return run.measurements
 
 

@@ -16,11 +16,11 @@ from tulip_testbed import rendering
 from tulip_testbed.cli.main import main
 from tulip_testbed.drawings import contact_sheet, support_polygons
 from tulip_testbed.experiments import planning_run as planning
-from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.sim.measurements import read_plan, write_measurements
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_static
+from tulip_testbed.sim.statics.static_run import run_statics
 
 SMALL = ("--placements", "5", "--postures-per-placement", "3", "--hops", "1", "--seed", "311")
 
@@ -30,7 +30,7 @@ def data(robot, plan, tmp_path_factory):
     """Fifty postures, measured."""
     place = tmp_path_factory.mktemp("measured") / "data"
     first = plan.take(plan.placement <= 10)
-    (run,) = run_static(solve_plan(preset_rig("wii", robot), first), np.random.SeedSequence(312).spawn(1))
+    (run,) = run_statics(solve_plan(preset_rig("wii", robot), first), np.random.SeedSequence(312).spawn(1))
     write_measurements(place, run.measurements)
     return place
 

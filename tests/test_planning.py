@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from studies.runner import part_of
-from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
 from tulip_testbed.identification.planning.blocks import information, information_slope
 from tulip_testbed.identification.planning.constraints import evaluate, slot_names
@@ -25,7 +25,7 @@ from tulip_testbed.identification.planning.search import begin, design_of, searc
 from tulip_testbed.identification.planning.trial import run_trial, smallest_margins
 from tulip_testbed.identification.postures import planning_ranges
 from tulip_testbed.identification.regressor import stacked_regressor
-from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import read_plan, write_plan
 from tulip_testbed.sim.rig import preset_rig
@@ -185,8 +185,8 @@ def test_optimal_postures_stand_in_the_full_dynamics(robot, model):
     plan = read_plan(OPTIMAL, robot)
     rig = preset_rig("wii", robot)
     rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
-    done = run_experiment(rig, part_of(plan, np.isin(plan.placement, (2, 12, 22))), 214)
-    assert len(done.dropped) <= 1
+    done = run_dynamics(rig, part_of(plan, np.isin(plan.placement, (2, 12, 22))), 214)
+    assert len(done.truth.dropped) <= 1
 
 
 def test_no_margin_is_negative(problem, small):

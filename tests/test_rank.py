@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tulip_testbed.experiments.validate import identify
+from tulip_testbed.experiments.identify import identify
 from tulip_testbed.identification.rank import (
     described,
     reduced,
@@ -81,7 +81,7 @@ def test_all_postures_the_same(parameters, plan, noise):
 
 
 def test_identify_and_the_simplified_model_say_so(wii, robot):
-    measured = wii.experiment.measurements
+    measured = wii.run.measurements
     rng = np.random.default_rng(114)
     angles = measured.joint_angles.copy()
     angles[:, 5] = ENCODER * rng.standard_normal(len(angles))
@@ -93,7 +93,7 @@ def test_identify_and_the_simplified_model_say_so(wii, robot):
 
 
 def test_an_unknown_encoder_has_a_usual_one_s_error(wii, robot):
-    measured = wii.experiment.measurements
+    measured = wii.run.measurements
     sheet = dataclasses.replace(measured.sensors, encoder_sd=None)
     found = identify(dataclasses.replace(measured, sensors=sheet), robot)
     assert np.array_equal(found.full.value, wii.identification.full.value)

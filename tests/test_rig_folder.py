@@ -12,15 +12,22 @@ from tulip_testbed.cli.main import main
 from tulip_testbed.effects.instance import EffectInstance, injected
 from tulip_testbed.effects.parsing import read_effect, read_effects
 from tulip_testbed.effects.wording import told
-from tulip_testbed.experiments.preparation import adopted_effects
-from tulip_testbed.experiments.rig_folder import CHANGED, DIFF, NOMINAL, RIG_FILE, read_rig, write_rig
-from tulip_testbed.experiments.validate import identify
+from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.rig_folder import (
+    CHANGED,
+    DIFF,
+    NOMINAL,
+    RIG_FILE,
+    read_corrections,
+    read_rig,
+    write_rig,
+)
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import read_measurements
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_spec
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_static
+from tulip_testbed.sim.statics.static_run import run_statics
 
 SEED = 231
 TEXTS = ("encoder-offset:right_knee=0.01", "joint-compliance:left_ankle_roll=0.0005")
@@ -39,7 +46,7 @@ def rig(found, robot, tmp_path):
 
 def measured(robot, plan, found):
     solved_plan = solve_plan(injected(preset_rig("force-plate", robot), found), plan)
-    return run_static(solved_plan, [np.random.SeedSequence(SEED)])[0].measurements
+    return run_statics(solved_plan, [np.random.SeedSequence(SEED)])[0].measurements
 
 
 @pytest.fixture(scope="module")
@@ -208,9 +215,9 @@ def test_a_rig_of_a_placement_that_is_not_there(robot, tmp_path):
     pytest.importorskip("tulip_testbed.effects.catalogue.placement_blunder")
     blunder = read_effect("placement-blunder:7=0.01,0.0", robot, [7])
     write_rig(tmp_path / "rig", robot, [blunder])
-    assert adopted_effects(tmp_path / "rig", robot, [1, 7]) == (blunder,)
+    assert read_corrections(tmp_path / "rig", robot, [1, 7]) == (blunder,)
     with pytest.raises(InputError, match="unknown target '7'; valid: 1, 2"):
-        adopted_effects(tmp_path / "rig", robot, [1, 2])
+        read_corrections(tmp_path / "rig", robot, [1, 2])
 
 
 def test_a_monte_carlo_in_the_adopted_laboratory_is_freed_of_it(rig, robot, tmp_path, capsys):

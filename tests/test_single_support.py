@@ -10,18 +10,19 @@ import pytest
 
 from studies.runner import part_of
 from studies.study_equilibrium import compare, without_friction
-from tulip_testbed.experiments.scenario import Scenario
-from tulip_testbed.experiments.validate import identify, validate
+from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.validate import validate
 from tulip_testbed.identification.base_parameters import base_parameters, common_support, standard_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure, load_shares
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight import preflight
-from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PosturePlan, read_measurements, write_measurements
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_static
+from tulip_testbed.sim.statics.static_run import run_statics
 
 # Leaning over the stance hip, so that its roll drive holds the rest of the robot; the other leg lifted.
 STANCE = np.array([0.0, -0.35, -0.3, 0.5, -0.2, 0.05, 0.0, 0.1, -0.6, 1.0, -0.3, 0.0])
@@ -47,7 +48,7 @@ def balanced(robot, model, plan) -> PosturePlan:
         if inside and nominal.swing_sole(angles[None])[0, 2] > TO_COME:
             found.append(angles)
     return dataclasses.replace(
-        part_of(plan, np.arange(20)), joint_angles=np.array(found), support=np.full(20, "right")
+        plan.take(np.arange(20)), joint_angles=np.array(found), support=np.full(20, "right")
     )
 
 
@@ -57,8 +58,8 @@ def test_statics_is_where_the_dynamics_come_to_rest(robot, balanced):
     quiet = dataclasses.replace(
         rig, edit=without_friction(), protocol=dataclasses.replace(rig.protocol, repeats=0)
     )
-    experiment = run_experiment(quiet, few, 1)
-    found = compare(solve_plan(quiet, few), list(experiment.attempts))
+    experiment = run_dynamics(quiet, few, 1)
+    found = compare(solve_plan(quiet, few), list(experiment.truth.attempts))
     assert len(found.held) == 5
     assert np.abs(found.angles).max() < 1e-5
     assert np.abs(found.cells).max() < 0.01
@@ -71,12 +72,12 @@ def test_statics_is_where_the_dynamics_come_to_rest(robot, balanced):
 
 
 def test_both_supports_together_tell_26_parameters(robot, plan, balanced):
-    mixed = joined(part_of(plan, plan.placement <= 16), balanced)
+    mixed = joined(plan.take(plan.placement <= 16), balanced)
     rig = preset_rig("ideal", robot)
-    (run,) = run_static(solve_plan(rig, mixed), np.random.SeedSequence(3).spawn(1))
+    (run,) = run_statics(solve_plan(rig, mixed), np.random.SeedSequence(3).spawn(1))
     assert set(run.measurements.support) == {"double", "right"}
     found = identify(run.measurements, robot)
-    truth = base_parameters(robot, support="right").values(run.standard)
+    truth = base_parameters(robot, support="right").values(run.truth.standard)
     assert len(found.full.value) == 26
     assert found.full.names[25] == "left_foot.z"
     # Feet tilt by micrometres on their contacts, which the estimator takes for flat.
@@ -87,7 +88,7 @@ def test_both_supports_together_tell_26_parameters(robot, plan, balanced):
 
 
 def test_an_empty_plate_is_not_read(robot, balanced):
-    (run,) = run_static(solve_plan(preset_rig("wii", robot), balanced), np.random.SeedSequence(5).spawn(1))
+    (run,) = run_statics(solve_plan(preset_rig("wii", robot), balanced), np.random.SeedSequence(5).spawn(1))
     measured = run.measurements
     noisy = measured.cell_forces.copy()
     noisy[:, 4:] += 5.0
@@ -107,8 +108,8 @@ def test_on_both_feet_the_26th_parameter_has_no_effect(robot, plan, model):
 
 @pytest.mark.slow
 def test_the_whole_job_in_full_dynamics(robot, plan, balanced):
-    mixed = joined(part_of(plan, plan.placement <= 8), part_of(balanced, np.arange(5)))
-    result = validate(Scenario(preset_rig("ideal", robot), mixed, 4, "ideal"), workers=2)
+    mixed = joined(plan.take(plan.placement <= 8), part_of(balanced, np.arange(5)))
+    result = validate(Laboratory(robot, "ideal"), mixed, 4, workers=2)
     by_name = {check.name: check.result for check in result.checks}
     assert len(result.identification.full.value) == 26
     assert by_name["full model: largest error (mm)"] == "pass"
@@ -117,7 +118,7 @@ def test_the_whole_job_in_full_dynamics(robot, plan, balanced):
 
 def test_the_preflight_says_what_it_leaves_out(robot, balanced, tmp_path):
     rig = preset_rig("wii", robot)
-    (run,) = run_static(solve_plan(rig, balanced), np.random.SeedSequence(4).spawn(1))
+    (run,) = run_statics(solve_plan(rig, balanced), np.random.SeedSequence(4).spawn(1))
     write_measurements(tmp_path / "data", run.measurements)
     findings = preflight(read_measurements(tmp_path / "data"), nominal_robot(robot), None)
     by_name = {finding.name: finding for finding in findings}

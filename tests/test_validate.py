@@ -6,14 +6,13 @@ import json
 import numpy as np
 import pytest
 
-from studies.runner import part_of
 from tulip_testbed.experiments.checks import within
+from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.run_folder import write_run
-from tulip_testbed.experiments.scenario import Scenario
-from tulip_testbed.experiments.validate import evaluate, identify, report_document
+from tulip_testbed.experiments.validate import evaluate, report_document
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
-from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import read_measurements
 from tulip_testbed.sim.rig import preset_rig
@@ -34,16 +33,16 @@ def test_noise_free_truth_is_recovered_within_1_mm(ideal):
 
 def test_the_error_shrinks_as_settling_is_tightened(robot, plan):
     """Same postures, clamps let go at once, two gates; CoP against the CoM of the same moment."""
-    part = part_of(plan, plan.placement <= 4)
+    part = plan.take(plan.placement <= 4)
     errors = []
     for speed, force, calm in ((1.0, 100.0, 0.02), (2e-5, 3e-4, 0.5)):
         rig = preset_rig("ideal", robot)
         gate = {"speed_gate": speed, "force_gate": force, "calm_time": calm, "repeats": 0, "rest_time": 0.04}
         rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, **gate))
-        experiment = run_experiment(rig, part, 1, 2)
-        lying = np.array([attempt.true_plates for attempt in experiment.measured])
+        experiment = run_dynamics(rig, part, 1, 2)
+        lying = np.array([attempt.true_plates for attempt in experiment.truth.measured])
         placed = dataclasses.replace(experiment.measurements, plate_poses=lying)
-        truth = np.array([held.com for held in experiment.held])
+        truth = np.array([held.com for held in experiment.truth.held])
         errors.append(np.sqrt(((center_of_pressure(placed) - truth) ** 2).mean()))
     assert errors[0] > 10 * errors[1]  # by more than an order of magnitude; 66 times where this was written
     assert errors[1] < 1e-7
@@ -90,26 +89,23 @@ def test_report_is_the_promised_json(wii):
 
 def test_a_laboratory_with_one_cell_10_percent_high_fails(wii):
     """The same readings, but one cell amplified: as its bridge would."""
-    measured = wii.experiment.measurements
+    measured = wii.run.measurements
     forces = measured.cell_forces * np.where(np.arange(8) == 0, 1.1, 1.0)
-    experiment = dataclasses.replace(
-        wii.experiment, measurements=dataclasses.replace(measured, cell_forces=forces)
-    )
-    found = identify(experiment.measurements, wii.scenario.rig.robot)
-    checks = evaluate(wii.scenario, experiment, found, wii.truth)
+    run = dataclasses.replace(wii.run, measurements=dataclasses.replace(measured, cell_forces=forces))
+    checks = evaluate(run, identify(run.measurements, run.laboratory.robot), wii.truth)
     failed = {check.name for check in checks if check.result == "fail"}
     assert "full model: all errors" in failed
     assert "total mass" in failed
 
 
 def test_cell_gain_in_the_rig_amplifies_that_cell_alone(robot, plan):
-    part = part_of(plan, plan.placement == 1)
+    part = plan.take(plan.placement == 1)
     rig = preset_rig("ideal", robot)
     rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
     high = dataclasses.replace(
         rig, sensors=dataclasses.replace(rig.sensors, cell_gain={"left.rear_left": 1.1})
     )
-    forces = [run_experiment(r, part, 1).measurements.cell_forces for r in (rig, high)]
+    forces = [run_dynamics(r, part, 1).measurements.cell_forces for r in (rig, high)]
     expected = np.where(np.arange(8) == 7, 1.1, 1.0)
     assert forces[1] == pytest.approx(forces[0] * expected, rel=1e-12)
 
@@ -119,10 +115,10 @@ def test_truth_of_an_edited_robot_has_its_masses_and_lengths(robot, plan):
         spec.body("torso").mass += 2.0
         spec.body("left_lower_leg").pos[2] -= 0.01
 
-    plain = Scenario(preset_rig("ideal", robot), plan, 0, "ideal")
-    edited = dataclasses.replace(plain, rig=dataclasses.replace(plain.rig, edit=edit))
-    assert standard_parameters(edited.true_model())[:, 0].sum() == pytest.approx(25.0)
-    before, after = plain.true_base_parameters(), edited.true_base_parameters()
+    plain = preset_rig("ideal", robot)
+    edited = dataclasses.replace(plain, edit=edit)
+    assert standard_parameters(true_model(edited))[:, 0].sum() == pytest.approx(25.0)
+    before, after = true_base_parameters(plain), true_base_parameters(edited)
     # The swing leg's upper link: 10 mm more lever for the 2.3 kg below, and 25 kg in all.
     assert 25 * after[22] - 23 * before[22] == pytest.approx(2.3 * 0.01)
     # The stance leg's: 2 kg more above.
@@ -145,7 +141,7 @@ def test_run_folder_holds_everything_and_is_not_overwritten(wii, tmp_path):
     manifest = (folder / "measurements" / "manifest.json").read_text()
     for secret in ("seed", "preset", "truth", "command_sd", "plate_sd"):
         assert secret not in manifest
-    again = identify(read_measurements(folder / "measurements"), wii.scenario.rig.robot)
+    again = identify(read_measurements(folder / "measurements"), wii.run.laboratory.rig.robot)
     assert again.full.value == pytest.approx(wii.identification.full.value, abs=1e-15)
     with pytest.raises(InputError, match="exists already"):
         write_run(folder, wii)

@@ -22,7 +22,7 @@ from tests.test_series import raw_series, write_series
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.run_folder import write_run
 from tulip_testbed.experiments.saved_run import read_montecarlo, read_run
-from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.feasibility import stability_margin
 from tulip_testbed.polygons import inset, nearest_on
 from tulip_testbed.sim.measurements import write_measurements
@@ -166,7 +166,7 @@ def test_residual_and_truth_are_the_runs_own(run, wii, robot):
     subject = validated(read_run(run, robot), "run")
     residual = wii.identification.full.residual.reshape(-1, 2)
     assert subject.residual == pytest.approx(residual, abs=1e-9)
-    assert subject.com["truth"] == pytest.approx(np.array([held.com for held in wii.experiment.held]))
+    assert subject.com["truth"] == pytest.approx(np.array([held.com for held in wii.run.truth.held]))
     # The noise is of millimetres: truth, estimate and CoP lie together.
     assert np.abs(subject.com["truth"] - subject.cop).max() < 0.03
     factor = balance.magnification(subject)
@@ -195,7 +195,7 @@ def test_x_is_up_and_y_is_left_from_above():
 @pytest.fixture(scope="module")
 def with_series(wii, tmp_path_factory):
     folder = tmp_path_factory.mktemp("series") / "data"
-    part = rows_of(wii.experiment.measurements, wii.experiment.measurements.placement <= 6)
+    part = rows_of(wii.run.measurements, wii.run.measurements.placement <= 6)
     write_measurements(folder, part)
     write_series(folder, raw_series(part, np.random.default_rng(104)), part.joints)
     return folder
@@ -229,7 +229,7 @@ def test_samples_belong_to_the_row_that_began_before_them(with_series, robot):
 
 
 def test_too_few_postures_are_shown_without_an_estimate(wii, robot, tmp_path):
-    part = rows_of(wii.experiment.measurements, wii.experiment.measurements.placement <= 1)
+    part = rows_of(wii.run.measurements, wii.run.measurements.placement <= 1)
     write_measurements(tmp_path / "data", part)
     subject = measured(tmp_path / "data", robot, "few")
     assert "estimate" not in subject.com

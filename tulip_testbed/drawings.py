@@ -15,11 +15,10 @@ from tulip_testbed.identification.feasibility import place_polygon, stability_ma
 from tulip_testbed.identification.postures import planning_ranges
 from tulip_testbed.polygons import inset, nearest_on
 from tulip_testbed.rendering import rendered
-from tulip_testbed.sim.dynamics.dynamic_run import boards_under
 from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, sole_corners
-from tulip_testbed.sim.scene import nominal_plates
+from tulip_testbed.sim.scene import boards_under, nominal_plates
 
 SCALE = 400.0  # pixels a metre
 MOST_COLUMNS = 4

@@ -13,8 +13,8 @@ import numpy as np
 
 from tulip_testbed.discovery.candidates import Candidate, columns, whole_change
 from tulip_testbed.discovery.linear_model import Linear, linear_model
+from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.experiments.atlas.planned_experiment import Planned
-from tulip_testbed.experiments.scenario import Scenario
 from tulip_testbed.identification.residual_channels import ROWS, SIZE
 from tulip_testbed.sim.rig import Rig
 
@@ -62,7 +62,8 @@ def own_change(planned: Planned, candidate: Candidate, point: int) -> np.ndarray
     before = planned.nominal.value
     for k in range(len(candidate.effect.sizes)):
         sizes = prior * (np.arange(count) <= k)
-        after = _scenario(planned, _with(planned.rig, candidate, sizes, point)).true_base_parameters()
+        changed = _with(planned.rig, candidate, sizes, point)
+        after = true_base_parameters(changed, planned.nominal.parameters.support)
         out[:, k] = after - before
         before = after
     return out
@@ -72,7 +73,7 @@ def _changes_robot(planned: Planned, rig: Rig) -> bool:
     """Whether its masses or lengths are others; an edit may as well concern the world or the soles."""
     if rig.edit is planned.rig.edit:
         return False
-    after, before = _scenario(planned, rig).true_model(), _scenario(planned, planned.rig).true_model()
+    after, before = true_model(rig), true_model(planned.rig)
     return any(
         not np.array_equal(getattr(after, name), getattr(before, name))
         for name in ("body_mass", "body_ipos", "body_pos", "jnt_pos")
@@ -87,7 +88,3 @@ def bias(planned: Planned, estimator: Weights, candidate: Candidate, point: int)
 
 def _with(rig: Rig, candidate: Candidate, sizes: np.ndarray, point: int) -> Rig:
     return candidate.effect.inject(rig, candidate.target, candidate.values(sizes, point))
-
-
-def _scenario(planned: Planned, rig: Rig) -> Scenario:
-    return Scenario(rig, planned.plan, 0, "")

@@ -19,7 +19,7 @@ from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, solve_plan
-from tulip_testbed.sim.statics.static_run import run_static
+from tulip_testbed.sim.statics.static_run import run_statics
 
 RUNS = 20  # over which the estimator's variances are averaged
 
@@ -65,7 +65,7 @@ def planned(plan: PosturePlan, preset: str, robot: Robot, seed: int) -> Planned:
     """
     rig, nominal = preset_rig(preset, robot), nominal_robot(robot, common_support(plan.support, "plan"))
     quiet = without_noise(rig)
-    stands = usable(plan, run_static(solve_plan(quiet, plan), streams(seed, 1))[0].measurements.posture)
+    stands = usable(plan, run_statics(solve_plan(quiet, plan), streams(seed, 1))[0].measurements.posture)
     (smooth,) = noisy(solve_plan(quiet, stands), streams(seed, 1))
     weighed = smooth.weighed_mass
     smooth = replace(
@@ -96,7 +96,7 @@ def streams(seed: int, count: int) -> list[np.random.SeedSequence]:
 
 def noisy(solved_plan: SolvedPlan, of: Sequence[np.random.SeedSequence]) -> list[Measurements]:
     """What some runs show, every posture that has an equilibrium."""
-    return [run.measurements for run in run_static(solved_plan, of, all_solved=True)]
+    return [run.measurements for run in run_statics(solved_plan, of, all_solved=True)]
 
 
 def estimates(runs: Sequence[Measurements], nominal: Nominal) -> np.ndarray:

@@ -6,7 +6,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from tulip_testbed.experiments.benchmark.case_run import carry_out
 from tulip_testbed.experiments.benchmark.cases import Case, Settings, cases
 from tulip_testbed.experiments.benchmark.outcome import Outcome, outcome
 from tulip_testbed.experiments.benchmark.scoreboard import board
+from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.engine import engine
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
@@ -22,8 +22,8 @@ from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
     open_folder,
     run_document,
 )
-from tulip_testbed.experiments.montecarlo.montecarlo_run import collect_missing
-from tulip_testbed.experiments.scenario import DEFAULT_PLAN, Scenario
+from tulip_testbed.experiments.montecarlo.montecarlo_run import Progress, collect_missing, no_progress
+from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.sim.measurements.table_files import Columns
 
 CHUNK = 1  # a case takes seconds
@@ -45,7 +45,13 @@ class Job:
         return {"run": np.array(runs), "outcome": np.array(documents, object)}
 
 
-def benchmark(settings: Settings, folder: Path, workers: int, plan: Path = DEFAULT_PLAN) -> list[Outcome]:
+def benchmark(
+    settings: Settings,
+    folder: Path,
+    workers: int,
+    plan: Path = DEFAULT_PLAN,
+    progress: Progress = no_progress,
+) -> list[Outcome]:
     """Carry out what is missing in the folder; all outcomes.
 
     Raises:
@@ -54,13 +60,13 @@ def benchmark(settings: Settings, folder: Path, workers: int, plan: Path = DEFAU
     """
     made = board(settings.preset, plan)
     every = tuple(cases(settings, made))
-    scenario = Scenario(made.rig, made.plan, settings.seed, settings.preset, statics=True)
-    document: dict[str, Any] = run_document(scenario, settings.document())
+    laboratory = Laboratory(made.rig.robot, settings.preset)
+    document = run_document(laboratory, made.plan, settings.seed, "statics", settings.document())
     document |= {"format": "tulip-benchmark", "command": "benchmark discover"}
     chunks = Chunks(folder / CHUNK_FOLDER, len(every), CHUNK)
     if not check_folder(folder, document) or chunks.missing():
         with engine(workers, None), open_folder(folder, document, made.plan):
-            collect_missing(chunks, Job(settings, plan, every), folder, "cases")
+            collect_missing(chunks, Job(settings, plan, every), folder, progress, "cases")
     return so_far(folder)
 
 

@@ -13,6 +13,7 @@ from tulip_testbed.discovery.discover import AMBIGUOUS, NAMED, Discovery, discov
 from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, injected
+from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.experiments.atlas.detectability import noncentrality
 from tulip_testbed.experiments.benchmark import cases as arms
 from tulip_testbed.experiments.benchmark.cases import Case
@@ -20,16 +21,16 @@ from tulip_testbed.experiments.benchmark.draw import Hidden, draw_absorbed, draw
 from tulip_testbed.experiments.benchmark.outcome import Bias, Found, Outcome
 from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
 from tulip_testbed.experiments.benchmark.scoreboard import Board
-from tulip_testbed.experiments.scenario import Scenario
-from tulip_testbed.experiments.validate import identify
-from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.experiments.identify import identify
+from tulip_testbed.identification.base_parameters import common_support
+from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.random_robots import draw_robot
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, solve_plan
-from tulip_testbed.sim.statics.static_run import run_static
+from tulip_testbed.sim.statics.static_run import run_statics
 
 LEAST_STANDING = 0.75  # of a plan's postures: a laboratory in which more fall would not go on
 SPREAD = 0.1  # of random true robots, see `sim.random_robots`
@@ -144,8 +145,8 @@ def _predicted(trial: Trial, board: Board) -> float:
 
 def _measured(trial: Trial, case: Case, stream: np.random.SeedSequence, board: Board) -> Measurements:
     if case.dynamics:
-        return run_experiment(trial.rig, board.plan, int(stream.generate_state(1)[0])).measurements
-    return run_static(_prepared(trial.rig, board.solved_plan), [stream], trial.standard)[0].measurements
+        return run_dynamics(trial.rig, board.plan, int(stream.generate_state(1)[0])).measurements
+    return run_statics(_prepared(trial.rig, board.solved_plan), [stream], trial.standard)[0].measurements
 
 
 def _prepared(rig: Rig, plain: SolvedPlan) -> SolvedPlan:
@@ -220,12 +221,12 @@ def _bias(found: Discovery, trial: Trial, board: Board) -> Bias:
 
 
 def _truth(rig: Rig, board: Board) -> np.ndarray:
-    return Scenario(rig, board.plan, 0, "", statics=True).true_base_parameters()
+    return true_base_parameters(rig, common_support(board.plan.support))
 
 
 def _without_noise(rig: Rig, board: Board) -> Measurements:
     """Readings without noise, with the data sheets of the sensors that have it."""
-    measured = run_static(
+    measured = run_statics(
         _prepared(without_noise(rig), board.quiet), [np.random.SeedSequence(0)], all_solved=True
     )[0].measurements
     return replace(measured, sensors=constants(board.rig)["sensors"])

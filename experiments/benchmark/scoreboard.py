@@ -19,7 +19,7 @@ from tulip_testbed.discovery.refit import exact_rig, measured_plan, simulated, w
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.experiments.atlas.detectability import noncentrality, single_level
 from tulip_testbed.experiments.atlas.isolability import ISOLABLE
-from tulip_testbed.experiments.scenario import DEFAULT_PLAN
+from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import residuals
@@ -28,7 +28,7 @@ from tulip_testbed.sim.measurements import PosturePlan, read_plan
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, solve_plan
-from tulip_testbed.sim.statics.static_run import run_static
+from tulip_testbed.sim.statics.static_run import run_statics
 
 REFERENCE = 999  # stream of the one nominal experiment at which columns are taken
 
@@ -110,7 +110,7 @@ def board(preset: str, folder: Path = DEFAULT_PLAN) -> Board:
     robot = load_robot()
     plan, rig = read_plan(folder, robot), preset_rig(preset, robot)
     solved_plan = solve_plan(rig, plan)
-    measured = run_static(solved_plan, [np.random.SeedSequence(REFERENCE)])[0].measurements
+    measured = run_statics(solved_plan, [np.random.SeedSequence(REFERENCE)])[0].measurements
     observed = observe(measured, nominal_robot(robot))
     linear = linear_model(observed, noise_of(observed))
     found = field(linear, candidates(observed))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.experiments.validate import identify
+from tulip_testbed.experiments.identify import identify
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.sim.measurements import Measurements

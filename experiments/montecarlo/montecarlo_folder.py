@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from tulip_testbed.experiments.laboratory import Laboratory, configuration
 from tulip_testbed.experiments.run_folder import check_new
-from tulip_testbed.experiments.scenario import Scenario
 from tulip_testbed.sim.errors import InputError, shortened
 from tulip_testbed.sim.files import new_folder, present
 from tulip_testbed.sim.measurements import PosturePlan, write_plan
@@ -21,19 +21,21 @@ from tulip_testbed.sim.measurements.table_files import read_json, software, writ
 RUN_FILE, CHUNK_FOLDER, REPORT_FILE, PLAN_FOLDER = "run.json", "runs", "report.json", "plan"
 
 
-def run_document(scenario: Scenario, settings: dict[str, Any]) -> dict[str, Any]:
-    """run.json: everything that the results depend on.
+def run_document(
+    laboratory: Laboratory, plan: PosturePlan, seed: int, engine: str, settings: dict[str, Any]
+) -> dict[str, Any]:
+    """Write run.json: everything that the results depend on.
 
     Args:
-        settings: of the Monte Carlo itself.
+        seed, engine: see `Laboratory.run`. settings: of the Monte Carlo itself.
     """
     document = {
         "format": "tulip-montecarlo",
         "version": 1,
         "command": "montecarlo",
         "settings": settings,
-        "configuration": scenario.configuration(),
-        "inputs": scenario.rig.robot.hashes | {"plan": plan_hash(scenario.plan)},
+        "configuration": configuration(laboratory, plan, seed, engine),
+        "inputs": laboratory.robot.hashes | {"plan": plan_hash(plan)},
         "software": software(),
     }
     return json.loads(json.dumps(document))  # as it will be read again

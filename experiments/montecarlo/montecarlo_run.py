@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.calibration_report import report
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.collect import collect
 from tulip_testbed.experiments.montecarlo.engine import Work, engine
-from tulip_testbed.experiments.montecarlo.laboratory_runs import laboratory
+from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
     CHUNK_FOLDER,
     REPORT_FILE,
@@ -19,13 +22,19 @@ from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
     run_document,
 )
 from tulip_testbed.experiments.montecarlo.run_columns import Job, layout_of
-from tulip_testbed.experiments.montecarlo.settings import Settings
+from tulip_testbed.experiments.montecarlo.settings import Settings, check_settings
 from tulip_testbed.experiments.montecarlo.summary import summarise
-from tulip_testbed.experiments.preparation import true_parameters
-from tulip_testbed.experiments.scenario import Scenario
-from tulip_testbed.experiments.terminal import progress
+from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.measurements.table_files import write_json
+
+Progress = Callable[[str, int, int], AbstractContextManager[Callable[[int], None]]]
+
+
+def no_progress(what: str, total: int, done: int) -> AbstractContextManager[Callable[[int], None]]:
+    """Show nothing."""
+    return nullcontext(lambda count: None)
 
 
 class Interrupted(KeyboardInterrupt):
@@ -47,8 +56,17 @@ class Place:
     address: str | None
 
 
-def montecarlo(scenario: Scenario, settings: Settings, place: Place) -> dict[str, Any]:
+def montecarlo(
+    laboratory: Laboratory,
+    plan: PosturePlan,
+    settings: Settings,
+    place: Place,
+    progress: Progress = no_progress,
+) -> dict[str, Any]:
     """Carry out what is missing in the folder and report on all runs.
+
+    Args:
+        progress: what shows how far the work is, see `collect_missing`.
 
     Returns:
         the report, which is also in the folder.
@@ -57,30 +75,43 @@ def montecarlo(scenario: Scenario, settings: Settings, place: Place) -> dict[str
         InputError: what cannot be run, written or read; runs that were written stay.
         Interrupted: by Ctrl-C, after the folder was begun.
     """
-    parameters = true_parameters(scenario)
-    layout = layout_of(scenario.rig.robot, parameters)
-    document = run_document(scenario, settings.document())
+    check_settings(settings)
+    laboratory.check(plan, settings.engine)
+    if laboratory.sensors == "ideal":
+        raise InputError(
+            "sensors ideal: found no noise, so no standard errors to judge; valid: wii, force-plate"
+        )
+    identifiable_regressor("plan", laboratory.robot, plan)
+    parameters = laboratory.parameters(plan)
+    layout = layout_of(laboratory.robot, parameters)
+    document = run_document(laboratory, plan, settings.seed, settings.engine, settings.document())
     chunks = Chunks(place.folder / CHUNK_FOLDER, settings.runs, settings.chunk)
     if not check_folder(place.folder, document) or chunks.missing():
         with engine(place.workers, place.address):
             job = Job(
-                laboratory(scenario, settings.spread, settings.dynamics),
-                scenario.rig.robot,
+                source_of(laboratory, plan, settings.spread, settings.engine),
+                laboratory.robot,
                 parameters,
                 layout,
                 settings.estimator,
                 settings.seed,
-                scenario.adopted,
+                laboratory.known,
             )
-            with open_folder(place.folder, document, scenario.plan):
-                collect_missing(chunks, job, place.folder)
+            with open_folder(place.folder, document, plan):
+                collect_missing(chunks, job, place.folder, progress)
     found = report(summarise(chunks, layout), layout, settings.estimator)
     write_json(place.folder / REPORT_FILE, found)
     return found
 
 
-def collect_missing(chunks: Chunks, job: Work, folder: Path, what: str = "runs") -> None:
-    """Compute the missing chunks with a progress bar.
+def collect_missing(
+    chunks: Chunks, job: Work, folder: Path, progress: Progress = no_progress, what: str = "runs"
+) -> None:
+    """Compute the missing chunks.
+
+    Args:
+        progress: called with what is counted, how many there are and how many were there before; gives a
+            context that yields what is called with the number of each chunk's runs.
 
     Raises:
         InputError: what cannot be computed or written; says what stays.

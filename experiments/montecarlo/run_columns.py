@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.experiments.montecarlo.laboratory_runs import Laboratory, Run, stream_of
+from tulip_testbed.experiments.montecarlo.laboratory_runs import Source, stream_of
 from tulip_testbed.experiments.montecarlo.model_fits import Fit, Fits, fit
 from tulip_testbed.identification.base_parameters import BaseParameters, renumbered, simplified_numbers
 from tulip_testbed.identification.statistics import correlations, residual_norms, standard_errors
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements.table_files import Columns
+from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.robot import Robot
 
 SCALARS = (
@@ -69,7 +70,7 @@ class Job:
         adopted: effects that the measurements are freed of.
     """
 
-    laboratory: Laboratory
+    source: Source
     robot: Robot
     parameters: BaseParameters
     layout: Layout
@@ -84,7 +85,7 @@ class Job:
             the columns of `Layout`, and run, rows, dropped (numbers), failure (text: why a run could not
             be identified, with NaN in its other columns, or "").
         """
-        outcomes = self.laboratory([stream_of(self.seed, run) for run in runs])
+        outcomes = self.source([stream_of(self.seed, run) for run in runs])
         records = [self._record(outcome) for outcome in outcomes]
         names = ["rows", "dropped", *self.layout.columns()]
         columns: Columns = {"run": np.array(runs, dtype=np.int64)}
@@ -92,17 +93,17 @@ class Job:
         columns |= {name: columns[name].astype(np.int64) for name in ("rows", "dropped")}
         return columns | {"failure": np.array([failure for _, failure in records])}
 
-    def _record(self, outcome: Run | str) -> tuple[dict[str, float], str]:
+    def _record(self, outcome: Outcome | str) -> tuple[dict[str, float], str]:
         record = dict.fromkeys(self.layout.columns(), np.nan) | {"rows": 0, "dropped": 0}
         if isinstance(outcome, str):
             return record, outcome
-        record |= {"rows": len(outcome.measurements), "dropped": outcome.dropped}
+        record |= {"rows": len(outcome.measurements), "dropped": len(outcome.truth.dropped)}
         try:
             fits = fit(outcome.measurements, self.robot, self.parameters, self.estimator, self.adopted)
         except InputError as error:
             return record, str(error)
-        truth = self.parameters.values(outcome.standard)
-        return record | numbers_of(self.layout, fits, truth, outcome.true_mass), ""
+        truth = self.parameters.values(outcome.truth.standard)
+        return record | numbers_of(self.layout, fits, truth, outcome.truth.mass), ""
 
 
 def numbers_of(layout: Layout, fits: Fits, truth: np.ndarray, true_mass: float) -> dict[str, float]:

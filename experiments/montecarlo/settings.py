@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from tulip_testbed.experiments.montecarlo.engine import ENGINES
-from tulip_testbed.experiments.preparation import at_least
+from tulip_testbed.experiments.laboratory import ENGINES
 from tulip_testbed.identification.estimators import ESTIMATORS
-from tulip_testbed.sim.errors import InputError, look_up
+from tulip_testbed.sim.errors import InputError, at_least, look_up
 
 CHUNK = 25  # runs a file: some seconds of work
 DYNAMIC_CHUNK = 1  # a run takes about a minute, and a kill should cost no more
@@ -20,18 +19,18 @@ class Settings:
 
     Attributes:
         spread: of random true robots (`sim.random_robots`); None: the nominal robot.
-        dynamics: whether every run is held in the full dynamics.
+        engine: "statics", or "dynamics": every run is held in the full dynamics.
     """
 
     runs: int
     seed: int
     estimator: str
     spread: float | None
-    dynamics: bool
+    engine: str = "statics"
 
     @property
     def chunk(self) -> int:
-        return DYNAMIC_CHUNK if self.dynamics else CHUNK
+        return DYNAMIC_CHUNK if self.engine == "dynamics" else CHUNK
 
     def document(self) -> dict[str, Any]:
         """For run.json."""
@@ -40,31 +39,23 @@ class Settings:
             "seed": self.seed,
             "estimator": self.estimator,
             "random_robots": self.spread,
-            "dynamics": self.dynamics,
+            "dynamics": self.engine == "dynamics",
             "chunk": self.chunk,
         }
 
 
-def check_settings(settings: Settings, engine: str, address: str | None) -> None:
+def check_settings(settings: Settings) -> None:
     """Refuse what cannot be run.
 
     Raises:
-        InputError: names the option, what was found and what is valid.
+        InputError: names what was found and what is valid.
     """
-    at_least("--runs", settings.runs, 1)
-    look_up("estimator", settings.estimator, ESTIMATORS, "--estimator")
-    look_up("engine", engine, ENGINES, "--engine")
-    if (engine == "dask") != (address is not None):
-        raise InputError(
-            f"--engine {engine}: found {'no ' if address is None else ''}--address; expected "
-            + (
-                "the scheduler's address, tcp://HOST:PORT"
-                if engine == "dask"
-                else "it with --engine dask only"
-            )
-        )
+    at_least("runs", settings.runs, 1)
+    at_least("seed", settings.seed, 0)
+    look_up("estimator", settings.estimator, ESTIMATORS, "estimator")
+    look_up("engine", settings.engine, ENGINES, "engine")
     if settings.spread is not None and not 0 < settings.spread <= 1:
         raise InputError(
-            f"--random-robots: found {settings.spread}, expected more than 0 and at most 1 "
+            f"random robots: found a spread of {settings.spread}, expected more than 0 and at most 1 "
             "(s.d. of the logarithm of a link's mass, and of its centre of mass in half edges of its box)"
         )

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
 import joblib
+import mujoco
 import numpy as np
 
 from tulip_testbed.sim.dynamics.hold import Held, hold, move, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements, PosturePlan, lay_boards
+from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.outcome import Attempt, Outcome, Truth, dropped_postures
 from tulip_testbed.sim.procedure import (
     check_support,
     choose_repeats,
@@ -26,72 +27,17 @@ from tulip_testbed.sim.procedure import (
     weigh,
 )
 from tulip_testbed.sim.rig import Rig, stages
-from tulip_testbed.sim.robot import sole_corners
-from tulip_testbed.sim.scene import nominal_plates
+from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.sensors import read_cells, read_encoders
 
 
-@dataclass(frozen=True)
-class Attempt:
-    """One try at one posture, with the truth of it.
-
-    Attributes:
-        held: the posture, or None if it was dropped; reason: why, else "".
-        reading: what the sensors said, by column prefix.
-        plates, true_plates: recorded and true poses in the base frame, (2, 3) [m, m, rad].
-    """
-
-    posture: int
-    placement: int
-    repeat: bool
-    held: Held | None
-    reason: str
-    reading: dict[str, np.ndarray]
-    plates: np.ndarray
-    true_plates: np.ndarray
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """What the laboratory hands over, and, kept apart from it, what really happened.
-
-    Attributes:
-        measurements: the data contract.
-        attempts: every try in order, the truth included.
-        true_mass: of the robot on the plates [kg].
-    """
-
-    measurements: Measurements
-    attempts: tuple[Attempt, ...]
-    true_mass: float
-
-    @property
-    def dropped(self) -> list[tuple[int, str]]:
-        """Number of every posture of which no try could be used, and why its first one could not."""
-        used = {a.posture for a in self.measured}
-        first: dict[int, str] = {}
-        for attempt in self.attempts:
-            first.setdefault(attempt.posture, attempt.reason)
-        return [(posture, reason) for posture, reason in first.items() if posture not in used]
-
-    @property
-    def measured(self) -> list[Attempt]:
-        """The tries behind the rows of the measurements, in the same order."""
-        return [a for a in self.attempts if a.held is not None]
-
-    @property
-    def held(self) -> list[Held]:
-        """The true states behind the rows of the measurements, in the same order."""
-        return [a.held for a in self.attempts if a.held is not None]
-
-
-def run_experiment(
+def run_dynamics(
     rig: Rig,
     plan: PosturePlan,
     seed: int,
     workers: int = 1,
     progress: Callable[[int], None] = lambda count: None,
-) -> Experiment:
+) -> Outcome:
     """Simulate the plan in the full dynamics.
 
     Every placement has its own random stream, so the result does not depend on `workers`.
@@ -107,10 +53,23 @@ def run_experiment(
     streams = np.random.SeedSequence(seed).spawn(len(placements) + 1)
     shared = np.random.default_rng(streams[-1])
     repeats = choose_repeats(plan, rig.protocol.repeats, shared)
-    attempts = _try_all(rig, plan, repeats, streams, workers, progress)
-    stand = Stand(rig, np.zeros((2, 3)))
-    mass = float(stand.model.body_subtreemass[stand.torso])
-    return Experiment(_measurements(rig, plan, attempts, mass, shared), tuple(attempts), mass)
+    attempts = tuple(_try_all(rig, plan, repeats, streams, workers, progress))
+    model = Stand(rig, np.zeros((2, 3))).model
+    truth = Truth(
+        mass=float(model.body_subtreemass[model.body(rig.robot.model.body(1).name).id]),
+        standard=_standard_parameters(rig, model),
+        dropped=dropped_postures(attempts),
+        attempts=attempts,
+    )
+    return Outcome(_measurements(rig, plan, attempts, truth.mass, shared), truth)
+
+
+def _standard_parameters(rig: Rig, model: mujoco.MjModel) -> np.ndarray:
+    """Of the robot's links in a compiled scene, (n_links, 4) [kg, kg m]."""
+    nominal = rig.robot.model
+    links = [model.body(nominal.body(k).name).id for k in range(1, nominal.nbody)]
+    mass = model.body_mass[links]
+    return np.column_stack([mass, mass[:, None] * model.body_ipos[links]])
 
 
 def _try_all(
@@ -151,7 +110,7 @@ def _try_all(
                     used[s, number] = done[place, s][k].held is not None
 
 
-def read_again(rig: Rig, plan: PosturePlan, experiment: Experiment, rng: np.random.Generator) -> Measurements:
+def read_again(rig: Rig, plan: PosturePlan, experiment: Outcome, rng: np.random.Generator) -> Measurements:
     """The same held postures through the rig's sensors anew: readings, plate records, weighing.
 
     Holding postures takes a minute, reading them a tenth of a second: for what needs many experiments
@@ -160,12 +119,12 @@ def read_again(rig: Rig, plan: PosturePlan, experiment: Experiment, rng: np.rand
     samples = round(rig.protocol.window * rig.sensors.sample_rate)
     attempts: list[Attempt] = []
     recorded = np.zeros((2, 3))
-    for before, attempt in zip([None, *experiment.attempts], experiment.attempts, strict=False):
+    for before, attempt in zip([None, *experiment.truth.attempts], experiment.truth.attempts, strict=False):
         if before is None or before.placement != attempt.placement:
             recorded = attempt.true_plates + record_error(rig, rng, 1)[0]
         reading = _read(rig, attempt.held, samples, rng) if attempt.held else {}
         attempts.append(dataclasses.replace(attempt, reading=reading, plates=recorded))
-    return _measurements(rig, plan, attempts, experiment.true_mass, rng)
+    return _measurements(rig, plan, attempts, experiment.truth.mass, rng)
 
 
 def run_placement(
@@ -208,7 +167,7 @@ def _read(rig: Rig, held: Held, samples: int, rng: np.random.Generator) -> dict[
 
 
 def _measurements(
-    rig: Rig, plan: PosturePlan, attempts: list[Attempt], mass: float, rng: np.random.Generator
+    rig: Rig, plan: PosturePlan, attempts: Sequence[Attempt], mass: float, rng: np.random.Generator
 ) -> Measurements:
     times = start_times(rig, np.array([a.placement for a in attempts]))
     used = [(a, t) for a, t in zip(attempts, times, strict=True) if a.held]
@@ -228,16 +187,3 @@ def _measurements(
         command=np.array([a.held.commanded for a, _ in used if a.held]),
         plate_poses=np.array([a.plates for a, _ in used]),
     )
-
-
-def boards_under(rig: Rig, swing_poses: np.ndarray) -> np.ndarray:
-    """Where the two boards are to lie for poses of the swing foot, (k, 3) -> (k, 2, 3) [m, m, rad]."""
-    size = nominal_plates(rig.robot)[0].size
-    model = rig.robot.model
-    right, left = (sole_corners(model, foot)[:, :2] for foot in rig.robot.feet)
-    boards = []
-    for x, y, yaw in swing_poses:
-        c, s = np.cos(yaw), np.sin(yaw)
-        soles = np.array([right, left @ np.array([[c, s], [-s, c]]) + [x, y]])
-        boards.append(lay_boards(soles, size, rig.protocol.plate_gap))
-    return np.array(boards)

@@ -8,11 +8,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tulip_testbed.sim.dynamics.dynamic_run import boards_under
 from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.procedure import check_support, constants
 from tulip_testbed.sim.rig import Rig, stages
+from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.statics import Load, Mechanism, Reference, State, mechanism, reference
 
 

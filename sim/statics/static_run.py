@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.outcome import Outcome, Truth
 from tulip_testbed.sim.procedure import (
     choose_repeats,
     new_set_up,
@@ -65,7 +65,7 @@ class Tries:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Equilibria:
     """What some tries came to.
 
     Attributes:
@@ -79,32 +79,12 @@ class Outcome:
     reason: np.ndarray
 
 
-@dataclass(frozen=True)
-class StaticRun:
-    """One run: what it hands over and, apart from it, the truth.
-
-    Attributes:
-        measurements: the data contract.
-        dropped: number of every posture of which no try could be used, and why its first could not.
-        standard: standard parameters of the robot that stood there (eq. 5), (n_links, 4) [kg, kg m].
-    """
-
-    measurements: Measurements
-    dropped: tuple[tuple[int, str], ...]
-    standard: np.ndarray
-
-    @property
-    def true_mass(self) -> float:
-        """[kg]"""
-        return float(self.standard[:, 0].sum())
-
-
-def run_static(
+def run_statics(
     solved_plan: SolvedPlan,
     streams: Sequence[np.random.SeedSequence],
     standard: np.ndarray | None = None,
     all_solved: bool = False,
-) -> list[StaticRun]:
+) -> list[Outcome]:
     """Repeat the experiment, every run with its own random stream.
 
     Args:
@@ -137,15 +117,17 @@ def run_static(
     ]
 
 
-def _outcome(solved_plan: SolvedPlan, tries: Tries, standard: np.ndarray | None) -> Outcome:
+def _outcome(solved_plan: SolvedPlan, tries: Tries, standard: np.ndarray | None) -> Equilibria:
     m = solved_plan.mechanism
     mass, center = _bodies(solved_plan, standard, tries.run)
     state, load, reason = hold_static(solved_plan, tries, mass, center)
     forces = cell_forces(m, state, load)
-    return Outcome(state.angles[:, m.joints], state.angles[:, m.motors], forces, reason)
+    return Equilibria(state.angles[:, m.joints], state.angles[:, m.motors], forces, reason)
 
 
-def _in_time(solved_plan: SolvedPlan, tries: Tries, first: Outcome, standard: np.ndarray | None) -> Outcome:
+def _in_time(
+    solved_plan: SolvedPlan, tries: Tries, first: Equilibria, standard: np.ndarray | None
+) -> Equilibria:
     """Every try in the laboratory that stood there at its time."""
     starts, outcomes = [0.0], [first]
     for start, then in solved_plan.later:
@@ -160,7 +142,7 @@ def _in_time(solved_plan: SolvedPlan, tries: Tries, first: Outcome, standard: np
         stage[mine] = stage_at(np.array(starts), time, used[:, mine])
     every = np.arange(len(stage))
     columns = zip(*(vars(outcome).values() for outcome in outcomes), strict=True)
-    return Outcome(*(np.array(column)[stage, every] for column in columns))
+    return Equilibria(*(np.array(column)[stage, every] for column in columns))
 
 
 def hold_static(
@@ -251,11 +233,11 @@ def _bodies(
 def _hand_over(
     solved_plan: SolvedPlan,
     tries: Tries,
-    outcome: Outcome,
+    outcome: Equilibria,
     mine: np.ndarray,
     standard: np.ndarray,
     rng: np.random.Generator,
-) -> StaticRun:
+) -> Outcome:
     """Read the sensors in one run's equilibria."""
     rig, plan = solved_plan.rig, solved_plan.plan
     row, why = tries.row[mine], outcome.reason[mine]
@@ -272,11 +254,12 @@ def _hand_over(
     joints, motors, forces = (part[mine][used] for part in (outcome.joints, outcome.motors, outcome.forces))
     q, q_sd, motor = read_encoders(rig.sensors, joints, motors, samples, rng, sample_mean)
     cell, cell_sd = read_cells(rig.sensors, forces, samples, rng, sample_mean)
+    truth = Truth(float(standard[:, 0].sum()), standard, dropped)
     measured = record(
         rig,
         solved_plan.fixed,
         {"q": q, "q_std": q_sd, "motor": motor, "cell": cell, "cell_std": cell_sd},
-        weigh(rig, float(standard[:, 0].sum()), rng),
+        weigh(rig, truth.mass, rng),
         joints=plan.joints,
         posture=plan.posture[row[used]],
         support=plan.support[row[used]],
@@ -285,4 +268,4 @@ def _hand_over(
         command=tries.command[mine][used],
         plate_poses=plates[used],
     )
-    return StaticRun(measured, dropped, standard)
+    return Outcome(measured, truth)

@@ -18,7 +18,7 @@ from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_static
+from tulip_testbed.sim.statics.static_run import run_statics
 
 TICKS = {
     "condition_number": [500, 1000, 2000, 4000, 8000],
@@ -78,7 +78,7 @@ def study(
     rows = []
     for k, (kind, plan) in enumerate(plans):
         matrix = stacked_regressor(parameters, plan.joint_angles)
-        (one,) = run_static(solve_plan(rig, plan), [stream_of(seed + k, 0)])
+        (one,) = run_statics(solve_plan(rig, plan), [stream_of(seed + k, 0)])
         value = parameters.values(one.standard)
         stated = predicted_covariance(rig, one.measurements, parameters, value)
         found = repeat(rig, plan, parameters, runs, seed + k)

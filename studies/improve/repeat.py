@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.montecarlo.laboratory_runs import Run, laboratory, stream_of
-from tulip_testbed.experiments.scenario import Scenario
-from tulip_testbed.experiments.validate import identify
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.estimators import DEFAULT, Estimate
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED, relative_standard_errors, standard_errors

@@ -19,7 +19,7 @@ from tulip_testbed.identification.statistics import WELL_IDENTIFIED, correlation
 from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_static
+from tulip_testbed.sim.statics.static_run import run_statics
 
 PAIRS = ((12, 13), (15, 16))
 
@@ -59,7 +59,7 @@ def study(
         plan = mixed_plan(pool, double, one_foot[:single])
         parameters = base_parameters(rig.robot, support="right" if single else "double")
         value = parameters.values(standard_parameters(rig.robot.model))
-        measured = run_static(solve_plan(rig, plan), [stream_of(seed, 0)])[0].measurements
+        measured = run_statics(solve_plan(rig, plan), [stream_of(seed, 0)])[0].measurements
         stated = 1e3 * standard_errors(predicted_covariance(rig, measured, parameters, value))
         found = repeat(rig, plan, parameters, runs, seed)
         off = found.full.off[:, : len(names)]  # the same 25 in either support

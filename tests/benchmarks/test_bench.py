@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from studies.runner import part_of
 from tulip_testbed.identification.estimators import least_squares, solve_least_squares
 from tulip_testbed.identification.planning.constraints import evaluate
 from tulip_testbed.identification.planning.linear_steps import Whole, linear_step
@@ -14,7 +13,7 @@ from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import design_of
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.regressor import Regression, stacked_regressor
-from tulip_testbed.sim.dynamics.dynamic_run import run_experiment
+from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.rig import preset_rig
 
 
@@ -66,7 +65,7 @@ def test_plan_50_random_postures(benchmark, robot, plate):
 def test_simulate_5_postures(benchmark, robot, plan):
     rig = preset_rig("wii", robot)
     rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
-    benchmark.pedantic(run_experiment, (rig, part_of(plan, plan.placement == 2), 1), rounds=3)
+    benchmark.pedantic(run_dynamics, (rig, plan.take(plan.placement == 2), 1), rounds=3)
     tell_rate(benchmark, 5)
 
 

@@ -7,12 +7,12 @@ import time
 
 import numpy as np
 
-from tulip_testbed.sim.dynamics.dynamic_run import boards_under
 from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import run_static
+from tulip_testbed.sim.statics.static_run import run_statics
 
 RUNS = 50
 
@@ -21,8 +21,8 @@ def test_a_posture_in_statics_and_held_for_a_minute(benchmark, robot, plan):
     rig = preset_rig("wii", robot)
     solved_plan = solve_plan(rig, plan)
     streams = np.random.SeedSequence(1).spawn(RUNS)
-    runs = benchmark.pedantic(run_static, (solved_plan, streams), rounds=3, warmup_rounds=1)
-    postures = sum(len(run.measurements) + len(run.dropped) for run in runs)
+    runs = benchmark.pedantic(run_statics, (solved_plan, streams), rounds=3, warmup_rounds=1)
+    postures = sum(len(run.measurements) + len(run.truth.dropped) for run in runs)
     static = benchmark.stats.stats.min / postures
     whole = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, gated=False))
     stand = Stand(whole, boards_under(whole, plan.swing_pose[:1])[0])

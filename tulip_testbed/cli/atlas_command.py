@@ -19,11 +19,12 @@ from tulip_testbed.experiments.atlas.effect_atlas import Atlas, Row, atlas, docu
 from tulip_testbed.experiments.atlas.isolability import ISOLABLE, order
 from tulip_testbed.experiments.atlas.planned_experiment import planned
 from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.preparation import at_least, check_plan
+from tulip_testbed.experiments.laboratory import DEFAULT_SEED
 from tulip_testbed.experiments.run_folder import check_new
-from tulip_testbed.experiments.scenario import DEFAULT_SEED
 from tulip_testbed.experiments.terminal import ERR, console, finite, print_json, print_table
+from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN, check_plan, plan_for
 from tulip_testbed.identification.residual_channels import CHANNELS
+from tulip_testbed.sim.errors import at_least
 from tulip_testbed.sim.files import new_folder, write_text
 from tulip_testbed.sim.measurements.table_files import write_json
 from tulip_testbed.sim.robot import TULIP
@@ -59,9 +60,10 @@ def atlas_command(
     """
     if out is not None:
         check_new(out)
-    at_least("--seed", seed, 0)
+    at_least("seed", seed, 0)
     described = described_robot(robot)
-    made = check_plan(described, plan)
+    made = plan_for(described, plan)
+    check_plan(described, made, str(plan or DEFAULT_PLAN))
     with ERR.status("solving the plan and looking at every effect"):
         found = atlas(planned(made, preset, described, seed), np.random.default_rng(seed))
     said = {"preset": preset, "seed": seed, **document(found)}

@@ -15,9 +15,8 @@ from tulip_testbed.experiments.benchmark.benchmark_run import benchmark, so_far
 from tulip_testbed.experiments.benchmark.benchmark_tables import files, report_document, sections
 from tulip_testbed.experiments.benchmark.cases import Settings
 from tulip_testbed.experiments.montecarlo.montecarlo_run import Interrupted
-from tulip_testbed.experiments.preparation import at_least
 from tulip_testbed.experiments.terminal import ERR, console, print_json, print_table, printable
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.errors import InputError, at_least
 from tulip_testbed.sim.files import write_bytes
 
 Size = Annotated[
@@ -48,8 +47,8 @@ def benchmark_command(
     Example: tulip benchmark discover --out runs/benchmark --preset force-plate --seed 1000 --size 0.2
     """
     began = time.perf_counter()
-    at_least("--seed", seed, 0)
-    at_least("--workers", workers, 1)
+    at_least("seed", seed, 0)
+    at_least("workers", workers, 1)
     if not (math.isfinite(size) and 0 < size <= 10):
         raise InputError(f"--size: found {size:g}, expected more than 0 and at most 10")
     code = 0

@@ -16,13 +16,12 @@ from tulip_testbed.discovery.story import story
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.discovery_document import discovery_document, next_experiments
 from tulip_testbed.experiments.discovery_folder import write_discovery
-from tulip_testbed.experiments.preparation import at_least
+from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.run_folder import check_new
 from tulip_testbed.experiments.terminal import ERR, console, finite, print_json, print_table, progress
-from tulip_testbed.experiments.validate import identify
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight.units import units
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.errors import InputError, at_least
 from tulip_testbed.sim.measurements import Measurements, read_measurements
 from tulip_testbed.sim.robot import TULIP, Robot
 
@@ -54,8 +53,8 @@ def discover_command(
     folder's rig serves `tulip simulate --rig` and `tulip identify --rig`.
     Example: tulip discover data/first --out runs/found
     """
-    at_least("--seed", seed, 0)
-    at_least("--workers", workers, 1)
+    at_least("seed", seed, 0)
+    at_least("workers", workers, 1)
     out = out or Path("runs") / f"discover-{datetime.now():%Y%m%d-%H%M%S-%f}"
     check_new(out)
     described = described_robot(robot)

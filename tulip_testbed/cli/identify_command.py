@@ -12,6 +12,7 @@ from tulip_testbed.cli.options import EstimatorName, Json, RigFolder, RobotFile
 from tulip_testbed.effects.wording import told
 from tulip_testbed.experiments.correlation_table import print_correlations
 from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.identify import identify, model_document
 from tulip_testbed.experiments.parameter_tables import (
     LEGEND,
     models,
@@ -21,9 +22,8 @@ from tulip_testbed.experiments.parameter_tables import (
     standard_table,
     weak_directions,
 )
-from tulip_testbed.experiments.preparation import adopted_effects
+from tulip_testbed.experiments.rig_folder import read_corrections
 from tulip_testbed.experiments.terminal import console, print_json, print_table
-from tulip_testbed.experiments.validate import identify, model_document
 from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS
 from tulip_testbed.sim.errors import look_up
 from tulip_testbed.sim.measurements import read_measurements
@@ -47,7 +47,7 @@ def identify_command(
     look_up("estimator", estimator, ESTIMATORS, "--estimator")
     described = described_robot(robot)
     measurements = read_measurements(folder)
-    adopted = adopted_effects(rig, described, np.unique(measurements.placement).tolist())
+    adopted = read_corrections(rig, described, np.unique(measurements.placement).tolist())
     found = identify(measurements, described, str(folder), estimator, adopted=adopted)
     document: dict[str, Any] = {
         "estimator": found.estimator,

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import tyro
 
+from tulip_testbed.cli.laboratory_options import laboratory_and_plan
 from tulip_testbed.cli.options import (
     CORES,
     EstimatorName,
@@ -19,15 +20,14 @@ from tulip_testbed.cli.options import (
     Seed,
     Workers,
 )
+from tulip_testbed.experiments.laboratory import DEFAULT_SEED
 from tulip_testbed.experiments.montecarlo.calibration_tables import print_report
-from tulip_testbed.experiments.montecarlo.engine import ENGINES
+from tulip_testbed.experiments.montecarlo.engine import ENGINES, check_engine
 from tulip_testbed.experiments.montecarlo.montecarlo_run import Interrupted, Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings, check_settings
-from tulip_testbed.experiments.preparation import identifiable_regressor, planned_parameters, read_scenario
-from tulip_testbed.experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
-from tulip_testbed.experiments.terminal import ERR, console, print_json, printable
+from tulip_testbed.experiments.terminal import ERR, console, print_json, printable, progress
 from tulip_testbed.identification.estimators import DEFAULT
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.errors import at_least
 from tulip_testbed.sim.robot import TULIP
 
 EngineName = Annotated[
@@ -73,18 +73,13 @@ def montecarlo_command(
     Example: tulip montecarlo --out runs/calibration --runs 1000
     """
     began = time.perf_counter()
-    settings = Settings(runs, seed, estimator, random_robots, dynamics)
-    check_settings(settings, engine, address)
-    if preset == "ideal":
-        raise InputError(
-            "--preset ideal: found no noise, so no standard errors to judge; valid: wii, force-plate"
-        )
-    scenario = read_scenario(plan, preset, seed, robot, workers, rig, statics=not dynamics)
-    identifiable_regressor(
-        str(plan or DEFAULT_PLAN), scenario.plan, planned_parameters(scenario.rig.robot, scenario.plan)
-    )
+    at_least("workers", workers, 1)
+    settings = Settings(runs, seed, estimator, random_robots, "dynamics" if dynamics else "statics")
+    check_settings(settings)
+    check_engine(engine, address)
+    laboratory, made = laboratory_and_plan(robot, preset, plan, rig)
     try:
-        report = montecarlo(scenario, settings, Place(out, workers, address))
+        report = montecarlo(laboratory, made, settings, Place(out, workers, address), progress)
     except Interrupted as stopped:
         ERR.print(printable(f"tulip: {stopped}"), markup=False, highlight=False, soft_wrap=True)
         return 130

@@ -16,6 +16,7 @@ from rich.table import Table
 
 from tulip_testbed.cli.options import Json, NoisyPreset, RobotFile, Seed
 from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.laboratory import DEFAULT_SEED
 from tulip_testbed.experiments.plan_description import described_plan, print_plan
 from tulip_testbed.experiments.planning_run import (
     Job,
@@ -30,9 +31,8 @@ from tulip_testbed.experiments.planning_run import (
     state_file,
     trial_job,
 )
-from tulip_testbed.experiments.preparation import at_least, enough, planned_parameters
-from tulip_testbed.experiments.scenario import DEFAULT_SEED
 from tulip_testbed.experiments.terminal import ERR, console, finite, print_json, print_table
+from tulip_testbed.experiments.usable_plan import enough, planned_parameters
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.planning.interior_point import SOLVERS, casadi_module
 from tulip_testbed.identification.planning.objectives import Objective
@@ -42,7 +42,7 @@ from tulip_testbed.identification.planning.search import HOPS, State
 from tulip_testbed.identification.planning.sequential import measured_information
 from tulip_testbed.identification.planning.single_support import single_support_plan
 from tulip_testbed.identification.planning.trial import objective_named
-from tulip_testbed.sim.errors import InputError, look_up
+from tulip_testbed.sim.errors import InputError, at_least, look_up
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import TULIP, Robot

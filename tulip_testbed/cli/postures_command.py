@@ -10,17 +10,18 @@ import tyro
 
 from tulip_testbed.cli.options import Json, NoisyPreset, Plan, RobotFile
 from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.laboratory import DEFAULT_SEED
 from tulip_testbed.experiments.plan_description import described_plan, print_plan
 from tulip_testbed.experiments.planning_run import as_plan, joined, measured_for
-from tulip_testbed.experiments.preparation import (
-    draw_plan,
+from tulip_testbed.experiments.run_folder import check_new
+from tulip_testbed.experiments.terminal import ERR, console, print_json, progress
+from tulip_testbed.experiments.usable_plan import (
+    DEFAULT_PLAN,
     identifiable_regressor,
     plan_for,
     planned_parameters,
+    random_plan,
 )
-from tulip_testbed.experiments.run_folder import check_new
-from tulip_testbed.experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
-from tulip_testbed.experiments.terminal import ERR, console, print_json
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import new_folder, write_bytes, write_text
@@ -57,15 +58,15 @@ def postures_command(
     parameters = base_parameters(described)
     source = str(out or plan or DEFAULT_PLAN)
     if random:
-        made = draw_plan(
-            described,
-            parameters,
-            10 if placements is None else placements,
-            5 if per_placement is None else per_placement,
-            DEFAULT_SEED if seed is None else seed,
-            plan,
-            out,
-        )
+        if plan is not None or out is None:
+            raise InputError("--random: give the name of the new plan as --out PLAN, and no plan to read")
+        check_new(out)
+        placements = 10 if placements is None else placements
+        per = 5 if per_placement is None else per_placement
+        with progress("drawing postures", max(placements * per, 1)) as advance:
+            made = random_plan(
+                described, placements, per, DEFAULT_SEED if seed is None else seed, progress=advance
+            )
     else:
         drawing = {"out": out, "placements": placements, "per-placement": per_placement, "seed": seed}
         if alone := [option for option, value in drawing.items() if value is not None]:
@@ -76,7 +77,7 @@ def postures_command(
         taken = as_plan(described, measured_for(described, after, parameters.tree.joints))
     whole = made if taken is None else joined([taken, made])
     parameters = planned_parameters(described, whole)
-    identifiable_regressor(source, whole, parameters)
+    identifiable_regressor(source, described, whole)
     document: dict[str, Any] = {
         "plan": source,
         "postures": len(made),

@@ -5,21 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import tyro
 
+from tulip_testbed.cli.laboratory_options import laboratory_and_plan
 from tulip_testbed.cli.options import CORES, Json, Plan, Preset, RigFolder, RobotFile, Seed, Workers
-from tulip_testbed.effects.parsing import RANDOM, doubts
+from tulip_testbed.effects.parsing import RANDOM
+from tulip_testbed.experiments.laboratory import DEFAULT_SEED, tries
 from tulip_testbed.experiments.parameter_tables import print_experiment
-from tulip_testbed.experiments.preparation import read_scenario, tries
 from tulip_testbed.experiments.run_folder import check_new, write_experiment
-from tulip_testbed.experiments.scenario import DEFAULT_SEED, Scenario
 from tulip_testbed.experiments.terminal import ERR, console, print_json, progress
-from tulip_testbed.sim.dynamics.dynamic_run import Experiment, run_experiment
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.errors import InputError, at_least
 from tulip_testbed.sim.robot import TULIP
-from tulip_testbed.sim.statics.solved_plan import solve_plan
-from tulip_testbed.sim.statics.static_run import StaticRun, run_static
 
 Effects = Annotated[
     tuple[str, ...],
@@ -65,12 +61,16 @@ def simulate_command(
     secret = RANDOM in effect
     if secret and truth is None:
         raise InputError("--effect random: found no --truth FILE, expected one: nothing else would know it")
-    scenario = read_scenario(plan, preset, seed, robot, workers, rig, effect, statics)
+    at_least("seed", seed, 0)
+    at_least("workers", workers, 1)
+    laboratory, made = laboratory_and_plan(robot, preset, plan, rig, effect, seed, statics)
     if not secret:
-        for doubt in (text for found in scenario.hidden for text in doubts(found)):
+        for doubt in (text for found in laboratory.hidden for text in found.doubts):
             ERR.print(f"tulip: warning: {doubt}", markup=False, highlight=False, soft_wrap=True)
+    engine = "statics" if statics else "dynamics"
     try:
-        experiment = _experiment(scenario, workers)
+        with progress("holding postures", tries(laboratory, made)) as advance:
+            run = laboratory.run(made, seed, engine, workers, advance)
     except InputError:
         if not secret:
             raise
@@ -78,26 +78,18 @@ def simulate_command(
             f"--effect random: found an experiment that cannot be carried out with the effect that "
             f"--seed {seed} draws, expected one that can; give another --seed"
         ) from None
-    write_experiment(out, truth, scenario, experiment)
-    planned = scenario.plan.postures
+    write_experiment(out, truth, run)
     if as_json:
-        dropped = experiment.dropped
+        dropped = run.truth.dropped
         print_json(
             {
                 "measurements": str(out),
-                "postures_planned": planned,
-                "rows": len(experiment.measurements),
+                "postures_planned": made.postures,
+                "rows": len(run.measurements),
                 "dropped": [{"posture": p, "reason": None if secret else r} for p, r in dropped],
             }
         )
     else:
-        print_experiment(console(), experiment, planned, {}, reasons=not secret)
+        print_experiment(console(), run, {}, reasons=not secret)
     ERR.print(f"Measurement folder: {out}")
     return 0
-
-
-def _experiment(scenario: Scenario, workers: int) -> Experiment | StaticRun:
-    if scenario.statics:
-        return run_static(solve_plan(scenario.rig, scenario.plan), [np.random.SeedSequence(scenario.seed)])[0]
-    with progress("holding postures", tries(scenario)) as advance:
-        return run_experiment(scenario.rig, scenario.plan, scenario.seed, workers, advance)

@@ -18,9 +18,10 @@ from tulip_testbed.experiments.atlas.tolerance import (
     tolerance,
 )
 from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.preparation import at_least, check_plan
-from tulip_testbed.experiments.scenario import DEFAULT_SEED
+from tulip_testbed.experiments.laboratory import DEFAULT_SEED
 from tulip_testbed.experiments.terminal import ERR, console, print_json, print_table, progress
+from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN, check_plan, plan_for
+from tulip_testbed.sim.errors import at_least
 from tulip_testbed.sim.robot import TULIP
 
 LARGE = 1000.0  # units: more than anybody would call a tolerance
@@ -39,9 +40,10 @@ def tolerance_command(
 
     The biases are predicted and simulated. Example: tulip tolerance --preset force-plate
     """
-    at_least("--seed", seed, 0)
+    at_least("seed", seed, 0)
     described = described_robot(robot)
-    made = check_plan(described, plan)
+    made = plan_for(described, plan)
+    check_plan(described, made, str(plan or DEFAULT_PLAN))
     with ERR.status("solving the plan"):
         solved_plan = planned(made, preset, described, seed)
     with progress("simulating errors", len(sources(solved_plan))) as advance:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tulip_testbed.cli.laboratory_options import laboratory_and_plan
 from tulip_testbed.cli.options import (
     CORES,
     EstimatorName,
@@ -15,21 +16,15 @@ from tulip_testbed.cli.options import (
     Seed,
     Workers,
 )
+from tulip_testbed.experiments.laboratory import DEFAULT_SEED, tries
 from tulip_testbed.experiments.parameter_tables import (
     print_validation,
 )
-from tulip_testbed.experiments.preparation import (
-    identifiable_regressor,
-    planned_parameters,
-    read_scenario,
-    tries,
-)
 from tulip_testbed.experiments.run_folder import check_new, write_run
-from tulip_testbed.experiments.scenario import DEFAULT_PLAN, DEFAULT_SEED
 from tulip_testbed.experiments.terminal import ERR, console, print_json, progress
 from tulip_testbed.experiments.validate import report_document, validate
 from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS
-from tulip_testbed.sim.errors import look_up
+from tulip_testbed.sim.errors import at_least, look_up
 from tulip_testbed.sim.robot import TULIP
 
 
@@ -53,13 +48,12 @@ def validate_command(
     Example: tulip validate --out runs/first
     """
     check_new(out)
-    look_up("estimator", estimator, ESTIMATORS, "--estimator")
-    scenario = read_scenario(plan, preset, seed, robot, workers, rig)
-    identifiable_regressor(
-        str(plan or DEFAULT_PLAN), scenario.plan, planned_parameters(scenario.rig.robot, scenario.plan)
-    )
-    with progress("holding postures", tries(scenario)) as advance:
-        result = validate(scenario, workers, advance, estimator)
+    look_up("estimator", estimator, ESTIMATORS, "estimator")
+    at_least("seed", seed, 0)
+    at_least("workers", workers, 1)
+    laboratory, made = laboratory_and_plan(robot, preset, plan, rig)
+    with progress("holding postures", tries(laboratory, made)) as advance:
+        result = validate(laboratory, made, seed, estimator, workers=workers, progress=advance)
     write_run(out, result)
     document = report_document(result)
     if as_json:

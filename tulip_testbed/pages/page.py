@@ -34,13 +34,12 @@ from tulip_testbed.pages.page_tables import (
     settings_table,
 )
 from tulip_testbed.rendering import rendered
-from tulip_testbed.sim.dynamics.dynamic_run import boards_under
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import write_bytes
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.scene import nominal_plates
+from tulip_testbed.sim.scene import boards_under, nominal_plates
 
 TEMPLATE = "page.html.j2"
 POLYGONS, PICTURES = 6, 4  # how many placements and postures are drawn

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
 from tulip_testbed.colours import ESTIMATE, MEASURED, SKELETON, rgb
-from tulip_testbed.experiments.montecarlo.laboratory_runs import laboratory, stream_of
+from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stream_of
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import first_difference, run_document
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.saved_run import SavedMonteCarlo, errors_mm
-from tulip_testbed.experiments.scenario import Scenario
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
-from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.viewer.balance_series import from_above, log_balance
 from tulip_testbed.viewer.layout import Views, above_view, laid_out, space_views
 from tulip_testbed.viewer.plates_view import log_plates
@@ -60,17 +56,14 @@ def cop_clouds(run: SavedMonteCarlo) -> tuple[dict[int, np.ndarray], str]:
     if settings.dynamics:
         return {}, "No CoP clouds: every run in the full dynamics would take a minute again."
     inputs = run.document["configuration"]
-    rig = preset_rig(inputs["preset"], run.robot)
-    scenario = Scenario(rig, run.plan, inputs["seed"], inputs["preset"], statics=True)
-    asked = Settings(
-        settings.runs, settings.seed, settings.estimator, settings.random_robots, settings.dynamics
-    )
-    here = run_document(scenario, json.loads(json.dumps(asked.document())))
+    made = Laboratory(run.robot, inputs["preset"])
+    asked = Settings(settings.runs, settings.seed, settings.estimator, settings.random_robots)
+    here = run_document(made, run.plan, inputs["seed"], asked.engine, asked.document())
     other = first_difference(run.document, here)
     if other is not None and not other[0].startswith("software"):
         return {}, f"No CoP clouds: {other[0]} is {other[1]!r} in the run and {other[2]!r} here."
     count = min(CLOUD_RUNS, settings.runs)
-    simulate = laboratory(scenario, settings.random_robots, settings.dynamics)
+    simulate = source_of(made, run.plan, settings.random_robots, asked.engine)
     points: dict[int, list[np.ndarray]] = {}
     for outcome in simulate([stream_of(settings.seed, k) for k in range(count)]):
         if not isinstance(outcome, str):

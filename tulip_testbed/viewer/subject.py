@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.saved_run import SavedRun
-from tulip_testbed.experiments.validate import identify
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.feasibility import stability_margin, support_polygon
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
-from tulip_testbed.sim.dynamics.dynamic_run import boards_under
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import (
     Measurements,
@@ -26,7 +25,7 @@ from tulip_testbed.sim.measurements import (
 from tulip_testbed.sim.measurements.plan_folder import check_model
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.scene import nominal_plates
+from tulip_testbed.sim.scene import boards_under, nominal_plates
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,239 @@
+"""A virtual laboratory that a researcher drives, and the runs that it gives."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from tulip_testbed.effects.injection import check_built
+from tulip_testbed.effects.instance import EffectInstance, check_instance, injected
+from tulip_testbed.effects.parsing import check_laboratory
+from tulip_testbed.effects.true_robot import true_base_parameters, true_model
+from tulip_testbed.identification.base_parameters import (
+    BaseParameters,
+    base_parameters,
+    common_support,
+    standard_parameters,
+)
+from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
+from tulip_testbed.sim.errors import InputError, at_least, look_up
+from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.outcome import Attempt, Outcome, Truth
+from tulip_testbed.sim.procedure import check_support
+from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.robot import Robot, load_robot
+from tulip_testbed.sim.scene_check import check_scene
+from tulip_testbed.sim.sensors import PRESETS
+from tulip_testbed.sim.statics.solved_plan import solve_plan
+from tulip_testbed.sim.statics.static_run import run_statics
+
+ENGINES = ("dynamics", "statics")
+DEFAULT_SEED = 1
+
+
+@dataclass(frozen=True)
+class Laboratory:
+    """A robot on two force plates with its controller, its sensors and physical effects.
+
+    Attributes:
+        robot: the nominal robot.
+        sensors: name of a preset of data-sheet figures: "wii", "force-plate" or "ideal".
+        known: effects that the laboratory is known to have; estimates are corrected for them.
+        hidden: effects that nobody is told.
+        nominal: the laboratory without effects; None: the robot's, with the preset's sensors.
+    """
+
+    robot: Robot = field(default_factory=load_robot)
+    sensors: str = "wii"
+    known: tuple[EffectInstance, ...] = ()
+    hidden: tuple[EffectInstance, ...] = ()
+    nominal: Rig | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        look_up("preset", self.sensors, PRESETS, "sensors")
+
+    @cached_property
+    def rig(self) -> Rig:
+        """The physical laboratory with all effects."""
+        plain = preset_rig(self.sensors, self.robot) if self.nominal is None else self.nominal
+        return injected(injected(plain, self.known), self.hidden)
+
+    def with_effects(self, *effects: EffectInstance | str) -> Laboratory:
+        """Hide more effects in this laboratory.
+
+        Args:
+            effects: instances, or texts NAME[:TARGET]=VALUE[,VALUE...] in SI units, choices by name.
+
+        Raises:
+            InputError: an effect that cannot be read, that the robot does not have, or with which no
+                laboratory can be built.
+        """
+        return replace(self, hidden=self.hidden + self._instances(effects))
+
+    def with_known(self, *effects: EffectInstance | str) -> Laboratory:
+        """Add effects that the laboratory is known to have, written as in `with_effects`."""
+        return replace(self, known=self.known + self._instances(effects))
+
+    def _instances(self, effects: Sequence[EffectInstance | str]) -> tuple[EffectInstance, ...]:
+        found = []
+        for effect in effects:
+            instance = EffectInstance.parse(effect, self.robot) if isinstance(effect, str) else effect
+            try:
+                check_built(injected(preset_rig("ideal", self.robot), [instance]))
+            except InputError as error:
+                raise InputError(
+                    f"effect {effect}: found a laboratory that cannot be built, expected one that can: "
+                    f"{error}"
+                ) from None
+            found.append(instance)
+        return tuple(found)
+
+    def run(
+        self,
+        plan: PosturePlan,
+        seed: int = DEFAULT_SEED,
+        engine: str = "dynamics",
+        workers: int | None = None,
+        progress: Callable[[int], None] = lambda count: None,
+    ) -> Run:
+        """Carry out the experiment.
+
+        Args:
+            plan: postures to measure.
+            seed: of everything random.
+            engine: "dynamics": hold every posture in the full dynamics, half a minute; "statics": solve its
+                equilibrium, a second.
+            workers: processes; None: one a core. Results do not depend on it.
+            progress: called with the number of tries each time a placement is done.
+
+        Raises:
+            InputError: a plan that does not fit, or nothing could be measured.
+        """
+        workers = os.cpu_count() or 1 if workers is None else workers
+        at_least("seed", seed, 0)
+        at_least("workers", workers, 1)
+        self.check(plan, engine)
+        if engine == "statics":
+            (outcome,) = run_statics(solve_plan(self.rig, plan), [np.random.SeedSequence(seed)])
+        else:
+            outcome = run_dynamics(self.rig, plan, seed, workers, progress)
+        return Run(self, plan, seed, engine, outcome.measurements, outcome.truth)
+
+    def check(self, plan: PosturePlan, engine: str) -> None:
+        """Refuse a plan that this laboratory cannot measure.
+
+        Raises:
+            InputError: names what was found and what is valid.
+        """
+        look_up("engine", engine, ENGINES, "engine")
+        check_support(plan)
+        check_scene(preset_rig(self.sensors, self.robot) if self.nominal is None else self.nominal)
+        placements = np.unique(plan.placement).tolist()
+        for effect in (*self.known, *self.hidden):
+            check_laboratory(effect, engine == "statics", str(effect))
+            check_instance(effect, self.robot, placements, str(effect))
+
+    def true_base_parameters(self, plan: PosturePlan) -> np.ndarray:
+        """Compute the base parameters of the robot that stands here, as a plan can tell them, (p,) [m]."""
+        return true_base_parameters(self.rig, common_support(plan.support, "plan"))
+
+    def parameters(self, plan: PosturePlan) -> BaseParameters:
+        """Derive the base parameters that a plan can tell, with the lengths that are known to be true."""
+        model = true_model(self.rig) if self.known else None
+        return base_parameters(self.robot, model, common_support(plan.support, "plan"))
+
+
+@dataclass(frozen=True)
+class Run:
+    """One experiment in a laboratory: what it handed over and, apart from it, what really happened.
+
+    Attributes:
+        laboratory, plan, seed, engine: how it was made.
+        measurements: the data contract; it holds nothing of the truth.
+        truth: what only the simulation knows.
+    """
+
+    laboratory: Laboratory
+    plan: PosturePlan
+    seed: int
+    engine: str
+    measurements: Measurements
+    truth: Truth
+
+    @property
+    def outcome(self) -> Outcome:
+        """Without how it was made."""
+        return Outcome(self.measurements, self.truth)
+
+    def __repr__(self) -> str:
+        used = self.plan.postures - len(self.truth.dropped)
+        hidden = ", ".join(map(str, self.laboratory.hidden)) or "none"
+        return (
+            f"Run: {used} of {self.plan.postures} postures of {self.laboratory.robot.name} measured in "
+            f"{self.engine}, sensors '{self.laboratory.sensors}', seed {self.seed}, hidden effects: {hidden}"
+        )
+
+
+def tries(laboratory: Laboratory, plan: PosturePlan) -> int:
+    """Count the postures that will be held, repeats included."""
+    repeats = laboratory.rig.protocol.repeats if plan.postures == len(plan) else 0
+    return len(plan) + min(repeats, len(plan))
+
+
+def configuration(laboratory: Laboratory, plan: PosturePlan, seed: int, engine: str) -> dict[str, Any]:
+    """List everything that was set, for run folders and truth files."""
+    rig = laboratory.rig
+    return {
+        "preset": laboratory.sensors,
+        "seed": seed,
+        "robot": str(rig.robot.path.name),
+        "controller": dataclasses.asdict(rig.controller),
+        "drives": dataclasses.asdict(rig.drives),
+        "compliance": dataclasses.asdict(rig.compliance),
+        "sensors": dataclasses.asdict(rig.sensors),
+        "protocol": dataclasses.asdict(rig.protocol),
+        "edited": rig.edit is not None,
+        "adopted": [found.document() for found in laboratory.known],
+        "statics": engine == "statics",
+        "plan": {"robot": plan.robot, "made": plan.made, "postures": len(plan)},
+    }
+
+
+def truth_document(run: Run) -> dict[str, Any]:
+    """Write what only the simulation knows as one JSON object."""
+    laboratory, truth = run.laboratory, run.truth
+    model = true_model(laboratory.rig)
+    parameters = base_parameters(laboratory.robot, model, common_support(run.plan.support))
+    standard = standard_parameters(model)
+    return {
+        "format": "tulip-truth",
+        "version": 1,
+        "configuration": configuration(laboratory, run.plan, run.seed, run.engine),
+        "effects": [found.document() for found in laboratory.hidden],
+        "total_mass": truth.mass,
+        "links": list(parameters.tree.links),
+        "standard_parameters": standard.tolist(),
+        "base_parameters": dict(zip(parameters.names, parameters.values(standard).tolist(), strict=True)),
+        "attempts": [_attempt(a) for a in truth.attempts],
+    }
+
+
+def _attempt(attempt: Attempt) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        "posture": attempt.posture,
+        "placement": attempt.placement,
+        "repeat": attempt.repeat,
+        "true_plates": attempt.true_plates.tolist(),
+    }
+    if attempt.held is None:
+        return document | {"dropped": attempt.reason}
+    return document | {
+        key: value.tolist() if isinstance(value, np.ndarray) else value
+        for key, value in dataclasses.asdict(attempt.held).items()
+    }

@@ -1,0 +1,101 @@
+"""Plans that a robot can be identified from: the shipped ones, random ones, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, common_support
+from tulip_testbed.identification.postures import random_postures
+from tulip_testbed.identification.rank import labels, require_identifiable
+from tulip_testbed.identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
+from tulip_testbed.sim.errors import InputError, at_least
+from tulip_testbed.sim.measurements import PosturePlan, read_plan
+from tulip_testbed.sim.procedure import check_support
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import Robot, load_robot
+from tulip_testbed.sim.scene import nominal_plates
+from tulip_testbed.sim.scene_check import check_scene
+
+PLANS = Path(__file__).resolve().parent / "plans"
+DEFAULT_PLAN = PLANS / "random"
+
+
+def plan_for(robot: Robot, plan: Path | None) -> PosturePlan:
+    """Read a plan that fits the robot; the shipped one, which is TULip's, if `plan` is None.
+
+    Raises:
+        InputError: no such plan, or one for another model.
+    """
+    if plan is None and robot.model_hash != load_robot().model_hash:
+        raise InputError(
+            f"{robot.path}: found no plan for this robot: the shipped one is TULip's. Make one with "
+            f"`tulip postures --random --robot {robot.path} --out PLAN` and give its name"
+        )
+    return read_plan(plan or DEFAULT_PLAN, robot)
+
+
+def check_plan(robot: Robot, plan: PosturePlan, source: str = "plan") -> None:
+    """Refuse a plan that would not identify the robot, or that no laboratory can measure.
+
+    Raises:
+        InputError: see `identifiable_regressor`; a scene or a support that no laboratory stands on.
+    """
+    check_scene(preset_rig("ideal", robot))
+    check_support(plan)
+    identifiable_regressor(source, robot, plan)
+
+
+def enough(where: str, postures: int, parameters: BaseParameters) -> None:
+    """Refuse fewer data points than parameters."""
+    if 2 * postures < (count := len(parameters.names)):
+        raise InputError(f"{where}: found {postures} postures, too few for {count} base parameters")
+
+
+def planned_parameters(robot: Robot, plan: PosturePlan) -> BaseParameters:
+    """Derive the base parameters that a plan's postures can tell."""
+    return base_parameters(robot, support=common_support(plan.support, "plan"))
+
+
+def identifiable_regressor(source: str, robot: Robot, plan: PosturePlan) -> np.ndarray:
+    """Return the regressor (2m, p) of a plan whose postures, if all could be held, would identify the robot.
+
+    Args:
+        source: of the plan, for messages.
+
+    Raises:
+        InputError: too few postures, or postures that cannot separate all parameters.
+    """
+    parameters = planned_parameters(robot, plan)
+    enough(source, len(plan), parameters)
+    matrix = stacked_regressor(parameters, plan.joint_angles)
+    names = labels(np.arange(1, matrix.shape[1] + 1), parameters.names)
+    require_identifiable(matrix, names, source, encoder_blur(parameters, plan.joint_angles, ENCODER_SD))
+    return matrix
+
+
+def random_plan(
+    robot: Robot,
+    placements: int = 10,
+    per_placement: int = 5,
+    seed: int = 1,
+    progress: Callable[[int], None] = lambda count: None,
+) -> PosturePlan:
+    """Draw random feasible postures.
+
+    Args:
+        placements: foot placements. per_placement: postures on each. seed: of the draws.
+        progress: called with 1 after every posture.
+
+    Raises:
+        InputError: too few postures, or ranges that admit nothing.
+    """
+    at_least("placements", placements, 1)
+    at_least("per_placement", per_placement, 1)
+    at_least("seed", seed, 0)
+    enough("placements, per_placement", placements * per_placement, base_parameters(robot))
+    check_scene(preset_rig("ideal", robot))
+    plate = nominal_plates(robot)[0]
+    return random_postures(robot, plate, placements, per_placement, seed, progress=progress)

@@ -1,0 +1,55 @@
+"""From the options of a command to a laboratory and a plan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tulip_testbed.effects.parsing import RANDOM, draw_effect
+from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.rig_folder import read_corrections
+from tulip_testbed.experiments.usable_plan import plan_for
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import PosturePlan
+
+
+def laboratory_and_plan(
+    robot: Path,
+    preset: str,
+    plan: Path | None,
+    rig: Path | None = None,
+    effects: Sequence[str] = (),
+    seed: int = 0,
+    statics: bool = False,
+) -> tuple[Laboratory, PosturePlan]:
+    """Set up a laboratory and read a plan that fits it; the shipped plan if `plan` is None.
+
+    Args:
+        rig: folder of the effects that the laboratory is known to have.
+        effects: to hide in it, or "random". seed: of the draws of these.
+        statics: whether it is the static laboratory.
+
+    Raises:
+        InputError: what cannot be run.
+    """
+    described = described_robot(robot)
+    made = plan_for(described, plan)
+    placements = np.unique(made.placement).tolist()
+    laboratory = Laboratory(described, preset).with_known(*read_corrections(rig, described, placements))
+    # Apart from the laboratory's own streams: what is hidden leaves the noise as it was.
+    rng = np.random.default_rng(np.random.SeedSequence((seed, 1)))
+    for text in effects:
+        if text != RANDOM:
+            laboratory = laboratory.with_effects(text)
+            continue
+        try:
+            laboratory = laboratory.with_effects(draw_effect(described, placements, rng, statics))
+        except InputError:
+            raise InputError(
+                "effect random: found a laboratory that cannot be built, expected one that can: give another "
+                "seed"
+            ) from None
+    return laboratory, made
