@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from tulip_testbed.effects.injection import check_built
-from tulip_testbed.effects.instance import EffectInstance, check_instance, injected
-from tulip_testbed.effects.parsing import RANDOM, check_laboratory, read_effects
+from tulip_testbed.effects.instance import EffectInstance, check_instance, check_laboratory, injected
+from tulip_testbed.effects.random_effects import RANDOM, read_effects
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.rig_folder import RIG_FILE, read_rig
 from tulip_testbed.experiments.run_folder import check_new
@@ -64,7 +64,7 @@ def read_scenario(
     adopted = adopted_effects(rig, described, placements)
     for found in adopted:
         check_laboratory(found, statics, f"--rig {rig}")
-    hidden = read_effects(effects, described, placements, seed, statics)
+    hidden = read_effects(effects, described, placements, seed, statics, "--effect")
     for text, found in zip(effects, hidden, strict=True):
         _check_built(nominal, found, text)
     changed = injected(injected(nominal, adopted), hidden)

@@ -9,7 +9,7 @@ import numpy as np
 import tyro
 
 from tulip_testbed.cli.options import CORES, Json, Plan, Preset, RigFolder, RobotFile, Seed, Workers
-from tulip_testbed.effects.parsing import RANDOM, doubts
+from tulip_testbed.effects.random_effects import RANDOM
 from tulip_testbed.experiments.parameter_tables import print_experiment
 from tulip_testbed.experiments.preparation import read_scenario, tries
 from tulip_testbed.experiments.run_folder import check_new, write_experiment
@@ -67,7 +67,7 @@ def simulate_command(
         raise InputError("--effect random: found no --truth FILE, expected one: nothing else would know it")
     scenario = read_scenario(plan, preset, seed, robot, workers, rig, effect, statics)
     if not secret:
-        for doubt in (text for found in scenario.hidden for text in doubts(found)):
+        for doubt in (text for found in scenario.hidden for text in found.doubts):
             ERR.print(f"tulip: warning: {doubt}", markup=False, highlight=False, soft_wrap=True)
     try:
         experiment = _experiment(scenario, workers)
