@@ -1,28 +1,40 @@
-"""An effect: a physical cause that the nominal model lacks, defined once for both sides."""
+"""An effect: one physical cause that the nominal model lacks, with its simulation and its removal."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from tulip_testbed.effects.injection import misreading
 from tulip_testbed.effects.targets import WHOLE, Targets
 from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.errors import listed
+from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.rig import Rig
 
 Values = tuple[float, ...]
 
+# Factor and unit in which a value is shown, by its SI unit; "" is a ratio.
+DISPLAY = {
+    "": (100.0, "%"),
+    "rad": (180 / math.pi, "deg"),
+    "rad/Nm": (180 / math.pi, "deg/Nm"),
+    "m": (1e3, "mm"),
+}
+
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of an effect.
+    """One number of an effect.
 
     Attributes:
-        name, unit: SI; "" for a ratio.
-        prior: physically plausible size, the s.d. of its prior [unit].
-        positive: whether it cannot be negative.
-        grid: values at which a search tries it, for what cannot be linearised (a time, a choice);
-            empty: a size, which is estimated.
-        choices: names of the values 0, 1, ... of a choice.
+        name, unit: SI unit; "" for a ratio.
+        prior: standard deviation of the values that are plausible in a careful laboratory [unit].
+        positive: whether negative values are impossible.
+        grid: the values that a search tries where the effect is not linear in the parameter (a time, a
+            choice). Empty for a size, which is estimated.
+        choices: names of the values 0, 1, ... if the parameter chooses one of several things.
     """
 
     name: str
@@ -32,40 +44,132 @@ class Parameter:
     grid: tuple[float, ...] = ()
     choices: tuple[str, ...] = ()
 
+    @property
+    def placeholder(self) -> str:
+        """Return the name as it stands for a value in a usage text."""
+        return self.name.upper().replace(" ", "_")
+
+    @property
+    def heading(self) -> str:
+        """Return the name with its unit in brackets."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+    @property
+    def display(self) -> tuple[float, str]:
+        """Return the factor from SI units and the unit in which values are shown."""
+        return DISPLAY.get(self.unit, (1.0, self.unit))
+
+    @property
+    def plausible(self) -> str:
+        """Describe the plausible values."""
+        if self.grid:
+            return f"one of {listed(self.text(value) for value in self.grid)}"
+        sign = ", not negative" if self.positive else ""
+        return f"s.d. {self.text(self.prior)}{sign}"
+
+    def text(self, value: float, interval: tuple[float, float] | None = None) -> str:
+        """Write a value with its unit, and ± the longer half of its 95 % interval if there is one.
+
+        Args:
+            value, interval: in the parameter's SI unit.
+        """
+        if self.choices:
+            return self.choices[round(value)].replace("_", " ")
+        factor, unit = self.display
+        if interval is None:
+            return f"{factor * value:.3g} {unit}".strip()
+        # The shorter half of an interval may have been cut at zero.
+        half = factor * max(interval[1] - value, value - interval[0])
+        digits = max(0, 1 - math.floor(math.log10(half))) if half > 0 else 3
+        return f"{factor * value:.{digits}f} ± {half:.{digits}f} {unit}".strip()
+
 
 @dataclass(frozen=True)
+class Physics:
+    """An effect on the robot or its surroundings.
+
+    Attributes:
+        inject: (rig, target, values) -> the laboratory with the effect.
+        predict: (observation, target, values) -> the observation with the effect removed. It knows the
+            measurements and the nominal robot only and shares no formula with `inject`.
+    """
+
+    inject: Callable[[Rig, str, Values], Rig]
+    predict: Callable[[Observation, str, Values], Observation]
+
+
+@dataclass(frozen=True)
+class Misreading:
+    """An effect on readings alone.
+
+    Attributes:
+        apply: (measurements, target, values) -> the measurements that the faulty instruments give.
+        undo: (observation, target, values) -> the observation with the readings corrected. It may share
+            a formula with `apply`, because hand-worked readings in the tests hold sign and definition.
+    """
+
+    apply: Callable[[Measurements, str, Values], Measurements]
+    undo: Callable[[Observation, str, Values], Observation]
+
+    def inject(self, rig: Rig, target: str, values: Values) -> Rig:
+        """Return the laboratory with the faulty instruments."""
+        return misreading(rig, lambda measurements: self.apply(measurements, target, values))
+
+    def predict(self, observed: Observation, target: str, values: Values) -> Observation:
+        """Return the observation with the readings corrected."""
+        return self.undo(observed, target, values)
+
+
+@dataclass(frozen=True, repr=False)
 class Effect:
     """One entry of the catalogue.
 
     Attributes:
-        name: as in `tulip simulate --effect NAME:TARGET=VALUE`.
-        sentence: what it is, for a person.
+        name: of the kind, as in `name:target=values`.
+        sentence: what it is.
         parameters: its numbers, in order.
-        inject: (rig, target, values) -> rig: changes the physics or the instruments of the laboratory.
-        predict: (observation, target, values) -> observation with the effect removed: what the nominal
-            laboratory would have shown instead.
-        words: of a finding, with {target} and {0}, {1}, ... for the values with their intervals.
-        targets: what it may concern.
-        statics: whether the static laboratory knows it; else only the full dynamics does.
-        misreads: whether instruments alone are at fault, whatever stands there.
+        mechanism: how it is simulated and how it is removed from an observation.
+        words: a finding as a sentence, with {target}, and {0}, {1}, ... for the values and their intervals.
+        targets: what it can act on.
+        statics: whether the static laboratory can simulate it; otherwise only the full dynamics can.
     """
 
     name: str
     sentence: str
     parameters: tuple[Parameter, ...]
-    inject: Callable[[Rig, str, Values], Rig]
-    predict: Callable[[Observation, str, Values], Observation]
+    mechanism: Physics | Misreading
     words: str
     targets: Targets = WHOLE
     statics: bool = True
-    misreads: bool = False
+
+    def __repr__(self) -> str:
+        return f"<Effect {self.usage}>"
+
+    @property
+    def usage(self) -> str:
+        """Return the pattern after which an instance of the effect is written."""
+        target = f":{self.targets.word}" if self.targets.word else ""
+        return f"{self.name}{target}={','.join(p.placeholder for p in self.parameters)}"
+
+    @property
+    def misreads(self) -> bool:
+        """Whether the effect changes readings alone."""
+        return isinstance(self.mechanism, Misreading)
 
     @property
     def sizes(self) -> tuple[int, ...]:
-        """Numbers of the parameters that are estimated; the others are chosen from their grid."""
+        """Return the indices of the parameters that are estimated; the others are chosen from their grid."""
         return tuple(k for k, parameter in enumerate(self.parameters) if not parameter.grid)
 
     @property
     def stage(self) -> int:
-        """When it acts: 0 on the robot, 1 on what is read of it, 2 on which reading is said to be which."""
+        """Return when it acts: 0 on the robot, 1 on readings, 2 on which reading has which name."""
         return 0 if not self.misreads else 1 if self.sizes else 2
+
+    def inject(self, rig: Rig, target: str, values: Values) -> Rig:
+        """Return the laboratory with the effect; at zero it is unchanged."""
+        return self.mechanism.inject(rig, target, values)
+
+    def predict(self, observed: Observation, target: str, values: Values) -> Observation:
+        """Return the observation with the effect removed, as the nominal laboratory would have given it."""
+        return self.mechanism.predict(observed, target, values)

@@ -1,4 +1,4 @@
-"""How effects change a rig: instruments after one another, edits of the scene after one another."""
+"""Change a laboratory: its scene, its readings, and from when on."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.robot import compile_spec
 from tulip_testbed.sim.scene import laboratory_scene
 
-STARTS = tuple(k / 10 for k in range(1, 10))  # parts of the experiment's time that a search tries
+STARTS = tuple(k / 10 for k in range(1, 10))  # fractions of the experiment's time that a search tries
 
 
 def misreading(rig: Rig, read: Callable[[Measurements], Measurements]) -> Rig:
-    """A rig whose readings pass through `read` too."""
+    """Return a laboratory whose readings also pass through `read`, after all earlier misreadings."""
     before = rig.misread
     return replace(rig, misread=read if before is None else lambda m: read(before(m)))
 
 
 def edited(rig: Rig, edit: Callable[[mujoco.MjSpec], None]) -> Rig:
-    """A rig whose scene is changed by `edit` too, at any time of the experiment."""
+    """Return a laboratory whose scene is also changed by `edit`, during the whole experiment."""
     return always(rig, lambda one: _edited(one, edit))
 
 
 def always(rig: Rig, change: Callable[[Rig], Rig]) -> Rig:
-    """A rig changed, and so what stands there later."""
+    """Return a laboratory changed during the whole experiment, its later stages included."""
     changed = change(rig)
     if rig.later is None:
         return changed
@@ -36,12 +36,12 @@ def always(rig: Rig, change: Callable[[Rig], Rig]) -> Rig:
     return replace(changed, later=(start, always(then, change)))
 
 
-def from_then_on(rig: Rig, part: float, change: Callable[[Rig], Rig]) -> Rig:
-    """A rig that is changed from this part of the experiment's time on."""
-    if rig.later is None or part < rig.later[0]:
-        return replace(rig, later=(part, always(rig, change)))
-    start, then = rig.later
-    return replace(rig, later=(start, from_then_on(then, part, change)))
+def from_then_on(rig: Rig, start: float, change: Callable[[Rig], Rig]) -> Rig:
+    """Return a laboratory changed from this fraction of the experiment's time on."""
+    if rig.later is None or start < rig.later[0]:
+        return replace(rig, later=(start, always(rig, change)))
+    next_start, then = rig.later
+    return replace(rig, later=(next_start, from_then_on(then, start, change)))
 
 
 def _edited(rig: Rig, edit: Callable[[mujoco.MjSpec], None]) -> Rig:
@@ -57,15 +57,15 @@ def _edited(rig: Rig, edit: Callable[[mujoco.MjSpec], None]) -> Rig:
 
 
 def check_built(rig: Rig) -> None:
-    """Refuse a laboratory that MuJoCo cannot build: nobody takes more from a link than its mass.
+    """Refuse a laboratory that MuJoCo cannot compile, for instance one with a negative mass.
 
     Raises:
-        InputError: what the compiler says.
+        InputError: with the compiler's message.
     """
     for _, stage in stages(rig):
         compile_spec(laboratory_scene(stage, np.zeros((2, 3))), str(rig.robot.path))
 
 
-def column(names: tuple[str, ...], name: str, size: int) -> np.ndarray:
-    """Zeros but for a one where `name` is, (size,)."""
-    return np.arange(size) == names.index(name)
+def indicator(names: tuple[str, ...], name: str) -> np.ndarray:
+    """Return which of the names is `name`, (len(names),) bool."""
+    return np.arange(len(names)) == names.index(name)

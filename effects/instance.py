@@ -1,31 +1,66 @@
-"""An effect that is there: which, on what, how large."""
+"""An effect on a target with values: how it is written, read, checked, simulated and removed."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Strict
 
-from tulip_testbed.effects.effect import Effect, Values
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.effect import Effect, Parameter, Values
 from tulip_testbed.effects.targets import check_target
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import Robot
 
-MOST_PRIORS = 100.0  # a size beyond this many of its prior's s.d. is a wrong unit
+MOST_PRIORS = 100.0  # a value of more prior standard deviations than this is refused as a wrong unit
+DOUBTFUL_PRIORS = 10.0  # a value of more is doubtful
+Number = Annotated[float, Strict()]
+
+
+class ParameterDocument(BaseModel):
+    """A parameter's value in SI units, with its 95 % interval or None."""
+
+    model_config = ConfigDict(extra="forbid")
+    name: str
+    value: Number
+    unit: str
+    low95: Number | None
+    high95: Number | None
+
+
+class EffectDocument(BaseModel):
+    """An effect on a target in JSON; target None: the effect acts on the whole."""
+
+    model_config = ConfigDict(extra="forbid")
+    name: str
+    target: str | None
+    parameters: list[ParameterDocument]
+
+
+def effect_label(name: str, target: str | None) -> str:
+    """Join the name of an effect and its target, if there is one, to `name:target`."""
+    return f"{name}:{target}" if target else name
+
+
+def split_label(label: str) -> tuple[str, str]:
+    """Split `name:target` into the name of the effect and its target, "" if there is none."""
+    name, _, target = label.partition(":")
+    return name, target
 
 
 @dataclass(frozen=True)
 class EffectInstance:
-    """One effect of a laboratory, hidden or adopted.
+    """One effect on one target, written `name:target=values`.
 
     Attributes:
-        target: "" where the effect is of the whole.
-        values: of its parameters, in order [SI].
-        intervals: 95 % interval of each value, None where it is not an estimate; empty: of none.
+        target: "" where the effect acts on the whole.
+        values: of the effect's parameters, in order [SI].
+        intervals: 95 % interval of each value, None for a value that was not estimated; empty: none was.
     """
 
     effect: Effect
@@ -33,13 +68,69 @@ class EffectInstance:
     values: Values
     intervals: tuple[tuple[float, float] | None, ...] = ()
 
+    @classmethod
+    def parse(
+        cls, text: str, robot: Robot, placements: Sequence[int] | None = None, where: str = "effect"
+    ) -> EffectInstance:
+        """Read `name:target=value,value`, with values in SI units and choices by name.
+
+        Args:
+            placements: numbers of the experiment's placements; None: unknown, so any number is accepted.
+            where: place of the text, for messages.
+
+        Raises:
+            InputError: with what is wrong and what is valid.
+        """
+        label, equals, tail = text.partition("=")
+        name, target = split_label(label)
+        effect = catalogue()[look_up("effect", name, catalogue(), where)]
+        where = f"{where} {shortened(text)}"
+        values = tail.split(",") if equals else []
+        if len(values) != len(effect.parameters):
+            raise InputError(
+                f"{where}: found {len(values)} values, expected {len(effect.parameters)}: {effect.usage}"
+            )
+        numbers = [_number(v, p, where) for v, p in zip(values, effect.parameters, strict=True)]
+        found = cls(effect, target, tuple(numbers))
+        check_instance(found, robot, placements, where)
+        return found
+
+    def __str__(self) -> str:
+        texts = (_written(v, p) for v, p in zip(self.values, self.effect.parameters, strict=True))
+        return f"{self.label}={','.join(texts)}"
+
+    @property
+    def label(self) -> str:
+        """Return `name:target`."""
+        return effect_label(self.effect.name, self.target)
+
+    @property
+    def finding(self) -> str:
+        """Return the effect as a sentence, with values ± half of their 95 % intervals."""
+        intervals = self.intervals or (None,) * len(self.values)
+        texts = [
+            parameter.text(value, interval)
+            for parameter, value, interval in zip(self.effect.parameters, self.values, intervals, strict=True)
+        ]
+        return self.effect.words.format(*texts, target=self.target.replace("_", " ").replace(".", " "))
+
+    @property
+    def doubts(self) -> list[str]:
+        """Return a warning for every implausible value: most often another unit was meant."""
+        return [
+            f"{self.label}: {p.name} {value:g} {p.unit} ({p.text(value)}) is {abs(value) / p.prior:.0f} "
+            f"times what is plausible ({p.prior:.3g} {p.unit}); values are in SI units"
+            for p, value in zip(self.effect.parameters, self.values, strict=True)
+            if p.prior and abs(value) > DOUBTFUL_PRIORS * p.prior
+        ]
+
     @property
     def choices(self) -> list[float]:
-        """The values that name one of several things."""
+        """Return the values that choose one of several things."""
         return [v for p, v in zip(self.effect.parameters, self.values, strict=True) if p.choices]
 
     def document(self) -> dict[str, Any]:
-        """For JSON: name, target (None: the whole) and parameters [SI]."""
+        """Return the effect for JSON, as `EffectDocument` describes it."""
         intervals = self.intervals or (None,) * len(self.values)
         return {
             "name": self.effect.name,
@@ -58,40 +149,72 @@ class EffectInstance:
             ],
         }
 
+    @classmethod
+    def from_document(
+        cls, document: EffectDocument, robot: Robot, where: str, placements: Sequence[int] | None = None
+    ) -> EffectInstance:
+        """Read what `document` returned.
 
-def injected(rig: Rig, instances: Sequence[EffectInstance]) -> Rig:
-    """The laboratory with these effects, in the order in which they act (`Effect.stage`)."""
-    for found in _in_turn(instances):
-        rig = found.effect.inject(rig, found.target, found.values)
-    return rig
+        Args:
+            where: place of the document, for messages.
+            placements: numbers of the experiment's placements; None: unknown, so any number is accepted.
+
+        Raises:
+            InputError: with what is wrong and what is valid.
+        """
+        effect = catalogue()[look_up("effect", document.name, catalogue(), where)]
+        expected = [(parameter.name, parameter.unit) for parameter in effect.parameters]
+        found = [(parameter.name, parameter.unit) for parameter in document.parameters]
+        if found != expected:
+            raise InputError(
+                f"{where}: {effect.name}: found parameters {shortened(listed(found), 120)}, "
+                f"expected {listed(expected)} (name, unit)"
+            )
+        intervals = tuple(
+            None if p.low95 is None or p.high95 is None else (p.low95, p.high95) for p in document.parameters
+        )
+        for parameter, interval in zip(effect.parameters, intervals, strict=True):
+            if interval is not None and interval[0] > interval[1]:
+                raise InputError(
+                    f"{where}: {effect.name}, {parameter.name}: found an interval from {interval[0]:g} to "
+                    f"{interval[1]:g}, expected low95 up to high95"
+                )
+        values = tuple(parameter.value for parameter in document.parameters)
+        read = cls(effect, document.target or "", values, intervals if any(intervals) else ())
+        check_instance(read, robot, placements, where)
+        return read
 
 
-def removed(observed: Observation, instances: Sequence[EffectInstance]) -> Observation:
-    """What was observed, freed of these effects: the last to act first, since it acted upon the others."""
-    for found in reversed(_in_turn(instances)):
-        observed = found.effect.predict(observed, found.target, found.values)
-    return observed
+def _number(text: str, parameter: Parameter, where: str) -> float:
+    if parameter.choices:
+        return float(parameter.choices.index(look_up(parameter.name, text.strip(), parameter.choices, where)))
+    try:
+        return float(text)
+    except ValueError:
+        unit = f" [{parameter.unit}]" if parameter.unit else ""
+        raise InputError(
+            f"{where}: {parameter.name}: found '{shortened(text)}', expected a number{unit}"
+        ) from None
 
 
-def _in_turn(instances: Sequence[EffectInstance]) -> list[EffectInstance]:
-    return sorted(instances, key=lambda found: found.effect.stage)
+def _written(value: float, parameter: Parameter) -> str:
+    """Write a value so that `_number` reads the same value again."""
+    return parameter.choices[round(value)] if parameter.choices else repr(float(value)).removesuffix(".0")
 
 
-def check_instance(found: EffectInstance, robot: Robot, placements: Sequence[int], where: str) -> None:
+def check_instance(found: EffectInstance, robot: Robot, placements: Sequence[int] | None, where: str) -> None:
     """Refuse a target or a value that makes no sense.
 
     Args:
-        placements: of the experiment.
+        placements: numbers of the experiment's placements; None: unknown, so any number is accepted.
 
     Raises:
-        InputError: names what was found and what is valid.
+        InputError: with what was found and what is valid.
     """
     effect = found.effect
-    valid = effect.targets.of(robot, tuple(int(p) for p in placements))
-    check_target(effect.targets, found.target, valid, where)
+    check_target(effect.targets, found.target, robot, placements, where)
     for parameter, value in zip(effect.parameters, found.values, strict=True):
-        unit = f" [{parameter.unit}]" if parameter.unit else ""
-        here = f"{where}: {effect.name}, {parameter.name}{unit}: found {value:g}"
+        here = f"{where}: {effect.name}, {parameter.heading}: found {value:g}"
         if not np.isfinite(value):
             raise InputError(f"{here}, expected a finite number")
         if parameter.positive and value < 0:
@@ -106,3 +229,38 @@ def check_instance(found: EffectInstance, robot: Robot, placements: Sequence[int
             raise InputError(f"{here}, expected at most {most:.3g} in size (SI units: rad, m, N, kg)")
     if len(chosen := found.choices) > len(set(chosen)):
         raise InputError(f"{where}: {effect.name}: found the same choice twice, expected different ones")
+
+
+def check_laboratory(found: EffectInstance, statics: bool, where: str) -> None:
+    """Refuse an effect that the static laboratory cannot simulate.
+
+    Args:
+        statics: whether the laboratory is static.
+
+    Raises:
+        InputError: with the effects that the static laboratory can simulate.
+    """
+    if statics and not found.effect.statics:
+        known = listed(effect.name for effect in catalogue().values() if effect.statics)
+        raise InputError(
+            f"{where}: found {found.effect.name}, which acts in the full dynamics alone; "
+            f"the static laboratory knows {known}"
+        )
+
+
+def injected(rig: Rig, instances: Sequence[EffectInstance]) -> Rig:
+    """Return the laboratory with these effects, applied in the order of their stages."""
+    for found in _in_order(instances):
+        rig = found.effect.inject(rig, found.target, found.values)
+    return rig
+
+
+def removed(observed: Observation, instances: Sequence[EffectInstance]) -> Observation:
+    """Return the observation with these effects removed, in the reverse order of their stages."""
+    for found in reversed(_in_order(instances)):
+        observed = found.effect.predict(observed, found.target, found.values)
+    return observed
+
+
+def _in_order(instances: Sequence[EffectInstance]) -> list[EffectInstance]:
+    return sorted(instances, key=lambda found: found.effect.stage)

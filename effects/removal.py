@@ -1,4 +1,4 @@
-"""Readings freed of effects, in the form in which the identification takes them."""
+"""Remove effects from measurements, for an identification that knows the nominal laboratory only."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from tulip_testbed.sim.measurements import Measurements
 
 
 def corrected(observed: Observation) -> Measurements:
-    """The measurements of the nominal laboratory that would show what was `observed`.
+    """Return measurements that would show the observation in the nominal laboratory.
 
-    What moves the centre of pressure beside the cells (`shift`, a tilted stance foot) becomes a shift of
-    both plates, which moves it just so; what presses on the cells beside the weight (`lift`) is taken off
-    all of them in proportion, which leaves it where it is. Believed lengths stay with
-    `observed.tree`.
+    A shift of the centre of pressure that the cells do not explain (`shift`, a tilted stance foot) becomes
+    the same shift of both plates. A vertical force beside the weight (`lift`) is taken off all cells in
+    proportion, which leaves the centre of pressure where it is. Link lengths that differ from the nominal
+    ones remain in `observed.tree`.
     """
     forces = carried(observed)
     total = forces.sum(axis=1)
@@ -40,6 +40,6 @@ def corrected(observed: Observation) -> Measurements:
 def without(
     measurements: Measurements, nominal: Nominal, instances: Sequence[EffectInstance]
 ) -> tuple[Measurements, Observation]:
-    """Measurements freed of these effects, and all that was observed then."""
+    """Return the measurements with these effects removed, and the observation from which they come."""
     observed = removed(observe(measurements, nominal), instances)
     return corrected(observed), observed

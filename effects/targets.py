@@ -1,17 +1,19 @@
-"""What an effect may concern: a joint, a cell, a plate, a link, a foot's corner, a placement, all."""
+"""What an effect can act on: a joint, cell, plate, link, corner of a foot, placement, or the whole."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tulip_testbed.identification.kinematics import Tree, moved_frames, tree_of
-from tulip_testbed.sim.errors import InputError, listed, look_up
+from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
 from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, Robot, joint_names
 
 LEAST_LENGTH = 1e-4  # m
+PLACEMENT_NUMBER = re.compile(r"0|-?[1-9][0-9]{0,15}")
 
 
 @dataclass(frozen=True)
@@ -19,8 +21,8 @@ class Targets:
     """A kind of target.
 
     Attributes:
-        word: for help texts; "" where the effect is of the whole.
-        of: all of them, of a robot and an experiment's placements, written as in the measurement folder.
+        word: in usage texts; "" where the effect acts on the whole.
+        of: (robot, placements) -> names of all targets, written as in a measurement folder.
     """
 
     word: str
@@ -28,13 +30,13 @@ class Targets:
 
 
 def links(robot: Robot) -> tuple[str, ...]:
-    """Bodies of the robot in MJCF order."""
+    """Return the names of the robot's bodies in MJCF order."""
     model = robot.model
     return tuple(model.body(k).name for k in range(1, model.nbody))
 
 
 def leg_links(robot: Robot) -> tuple[str, ...]:
-    """Links between the feet whose joint is followed by exactly one other, at a distance."""
+    """Return the links between the feet that carry exactly one more joint, at a distance from their own."""
     tree = tree_of(robot.model)
     moved = moved_frames(tree, tree.frame(robot.stance_foot))[:, tree.frame(robot.swing_foot)]
     return tuple(
@@ -49,7 +51,11 @@ def leg_links(robot: Robot) -> tuple[str, ...]:
 
 
 def next_joint(tree: Tree, link: str) -> tuple[int, np.ndarray]:
-    """Number of the edge to the joint after a link's own, and the way there in the link's frame, (3,) [m]."""
+    """Return the index of the edge after a link and the vector there from the link's own joint.
+
+    Returns:
+        index: of the edge to the next joint. vector: in the link's frame, (3,) [m].
+    """
     frame = tree.frame(link)
     number, edge = next((k, edge) for k, edge in enumerate(tree.edges) if edge.parent == frame)
     own = next(edge for edge in tree.edges if edge.child == frame)
@@ -69,15 +75,27 @@ FOOT_CORNERS = Targets(
 PLACEMENTS = Targets("PLACEMENT", lambda robot, placements: tuple(str(number) for number in placements))
 
 
-def check_target(targets: Targets, target: str, valid: tuple[str, ...], where: str) -> None:
+def check_target(
+    targets: Targets, target: str, robot: Robot, placements: Sequence[int] | None, where: str
+) -> None:
     """Refuse a target that does not exist.
 
+    Args:
+        placements: numbers of the experiment's placements; None: unknown, so any number is accepted.
+
     Raises:
-        InputError: names what was found and what is valid.
+        InputError: with the target that was found and the valid ones.
     """
-    if not targets.word and target:
-        raise InputError(f"{where}: found target '{target}', expected none")
-    if targets.word and not target:
-        raise InputError(f"{where}: found no target, expected {targets.word}, one of {listed(valid)}")
-    if targets.word:
+    if not targets.word:
+        if target:
+            raise InputError(f"{where}: found target '{shortened(target)}', expected none")
+        return
+    known = targets is not PLACEMENTS or placements is not None
+    valid = targets.of(robot, tuple(int(number) for number in placements or ()))
+    if not target:
+        one_of = f", one of {listed(valid)}" if known else ""
+        raise InputError(f"{where}: found no target, expected {targets.word}{one_of}")
+    if known:
         look_up("target", target, valid, where)
+    elif not PLACEMENT_NUMBER.fullmatch(target):
+        raise InputError(f"{where}: found target '{shortened(target)}', expected a placement's number")

@@ -8,11 +8,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.experiments.saved_discovery import SavedDiscovery
 from tulip_testbed.experiments.saved_run import SavedMonteCarlo, SavedRun
 from tulip_testbed.experiments.terminal import print_table
 from tulip_testbed.pages.page_tables import flattened
-from tulip_testbed.pages.words import candidate_label
 from tulip_testbed.sim.errors import InputError
 
 Run = SavedRun | SavedMonteCarlo | SavedDiscovery
@@ -117,7 +117,7 @@ def _judged(run: Run) -> list[dict[str, Any]]:
     ]
     explained = []
     for candidate in run.report["candidates"]:
-        label = candidate_label(candidate)
+        label = effect_label(candidate["name"], candidate["target"])
         explained.append({"name": f"ln BF {label}", "result": None, "value": candidate["log_bayes_factor"]})
         for p in candidate["parameters"]:
             unit = f" [{p['unit']}]" if p["unit"] else ""

@@ -11,6 +11,7 @@ from tulip_testbed.discovery.discover import AMBIGUOUS, Discovery, instance_of
 from tulip_testbed.discovery.linear_model import Linear
 from tulip_testbed.discovery.proposals import Proposal, proposals
 from tulip_testbed.discovery.ranking import Rival
+from tulip_testbed.effects.instance import EffectInstance, split_label
 from tulip_testbed.experiments.identify import Identification
 
 
@@ -58,7 +59,7 @@ def discovery_document(
                 "bias_mm_per_prior_sd": 1e3 * u.bias if u.parameter else None,
             }
             for u in found.unseen
-            for name, _, target in [u.label.partition(":")]
+            for name, target in [split_label(u.label)]
         ],
         "where": found.where,
         "gap": _gap(found),
@@ -86,22 +87,12 @@ def discovery_document(
 
 def _candidate(found: Discovery, k: int, rival: Rival) -> dict[str, Any]:
     adopted = rival.label == found.found.terms[k].candidate.label
-    name, _, target = rival.label.partition(":")
-    parameters = (
-        instance_of(found.found.terms[k], found.found, k).document()["parameters"]
+    instance = (
+        instance_of(found.found.terms[k], found.found, k)
         if adopted
-        else [
-            {"name": p.name, "value": value, "unit": p.unit, "low95": None, "high95": None}
-            for p, value in zip(rival.term.candidate.effect.parameters, rival.term.values, strict=True)
-        ]
+        else EffectInstance(rival.term.candidate.effect, rival.term.candidate.target, rival.term.values)
     )
-    return {
-        "gap": k + 1,
-        "name": name,
-        "target": target or None,
-        "parameters": parameters,
-        "log_bayes_factor": rival.log_bayes_factor,
-    }
+    return {"gap": k + 1} | instance.document() | {"log_bayes_factor": rival.log_bayes_factor}
 
 
 def _gap(found: Discovery) -> dict[str, Any]:

@@ -7,18 +7,15 @@ import re
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import mujoco
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.effects.instance import EffectInstance, check_instance, injected
-from tulip_testbed.effects.targets import PLACEMENTS
-from tulip_testbed.effects.wording import told
+from tulip_testbed.effects.instance import EffectDocument, EffectInstance, check_instance, injected
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.sim.errors import InputError, listed, look_up, shortened, validation_message
+from tulip_testbed.sim.errors import InputError, listed, shortened, validation_message
 from tulip_testbed.sim.files import new_folder, present, write_text
 from tulip_testbed.sim.measurements.measurement_folder import Version
 from tulip_testbed.sim.measurements.plan_folder import check_model
@@ -31,7 +28,6 @@ RIG_FILE = "rig.json"
 RIG = "rig"  # the rig folder within a discovery's
 NOMINAL, CHANGED, DIFF = "nominal.xml", "scene.xml", "diff.txt"
 LATER = re.compile(r"scene-\d{1,3}\.xml")
-Number = Annotated[float, Strict()]
 
 
 class _Entry(BaseModel):
@@ -44,20 +40,6 @@ class RobotEntry(_Entry):
     files: dict[str, str]
 
 
-class ParameterEntry(_Entry):
-    name: str
-    value: Number
-    unit: str
-    low95: Number | None
-    high95: Number | None
-
-
-class EffectEntry(_Entry):
-    name: str
-    target: str | None
-    parameters: list[ParameterEntry]
-
-
 class RigManifest(_Entry):
     """rig.json."""
 
@@ -65,7 +47,7 @@ class RigManifest(_Entry):
     version: Version
     robot: RobotEntry
     preset: str | None
-    effects: list[EffectEntry] = Field(min_length=1)
+    effects: list[EffectDocument] = Field(min_length=1)
     software: dict[str, str] | None
     files: dict[str, str]
 
@@ -142,7 +124,7 @@ def read_rig(folder: Path, robot: Robot) -> tuple[EffectInstance, ...]:
         if name not in (NOMINAL, CHANGED, DIFF) and not LATER.fullmatch(name):
             raise InputError(f"{where}: key 'files': found '{shortened(name)}', expected scenes and {DIFF}")
         _check_hash(folder / name, expected, f"{where}: key 'files'")
-    return tuple(_instance(entry, robot, str(where)) for entry in manifest.effects)
+    return tuple(EffectInstance.from_document(entry, robot, str(where)) for entry in manifest.effects)
 
 
 def read_corrections(
@@ -170,36 +152,6 @@ def _check_hash(path: Path, expected: str | None, where: str) -> None:
         )
 
 
-def _instance(entry: EffectEntry, robot: Robot, where: str) -> EffectInstance:
-    effect = catalogue()[look_up("effect", entry.name, catalogue(), where)]
-    expected = [(parameter.name, parameter.unit) for parameter in effect.parameters]
-    found = [(parameter.name, parameter.unit) for parameter in entry.parameters]
-    if found != expected:
-        raise InputError(
-            f"{where}: {effect.name}: found parameters {shortened(listed(found), 120)}, "
-            f"expected {listed(expected)} (name, unit)"
-        )
-    intervals = tuple(
-        None if p.low95 is None or p.high95 is None else (p.low95, p.high95) for p in entry.parameters
-    )
-    for name, interval in zip((p.name for p in entry.parameters), intervals, strict=True):
-        if interval is not None and interval[0] > interval[1]:
-            raise InputError(
-                f"{where}: {effect.name}, {name}: found an interval from {interval[0]:g} to {interval[1]:g}, "
-                "expected low95 up to high95"
-            )
-    values = tuple(p.value for p in entry.parameters)
-    read = EffectInstance(effect, entry.target or "", values, intervals if any(intervals) else ())
-    placements = [int(read.target)] if effect.targets is PLACEMENTS and _whole(read.target) else []
-    check_instance(read, robot, placements, where)
-    return read
-
-
-def _whole(text: str) -> bool:
-    """Whether a text is a number as a table of postures holds them."""
-    return re.fullmatch(r"0|-?[1-9][0-9]{0,15}", text) is not None
-
-
 def _later(rig: Rig) -> dict[str, tuple[float, Rig]]:
     """Laboratories that stand there later, by the name of their scene's file."""
     found: dict[str, tuple[float, Rig]] = {}
@@ -222,7 +174,7 @@ def difference(
     nominal: Rig, changed: Rig, instances: Sequence[EffectInstance], scenes: dict[str, str]
 ) -> str:
     """What the effects change, for a person: the findings, the instruments in words, the lines of MJCF."""
-    lines = ["Effects", *(f"  {told(found)} ({found.effect.sentence})" for found in instances), ""]
+    lines = ["Effects", *(f"  {found.finding} ({found.effect.sentence})" for found in instances), ""]
     lines += ["Instruments and procedure", *_outside(nominal, changed, instances), "", "Scene (MJCF)"]
     for name, text in scenes.items():
         if name != NOMINAL:

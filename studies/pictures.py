@@ -18,10 +18,10 @@ from tests.looking import browse, headless_viewer
 from tulip_testbed.cli.main import main as tulip
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.rendering import rendered
-from tulip_testbed.sim.dynamics.dynamic_run import boards_under
 from tulip_testbed.sim.measurements import read_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_robot
+from tulip_testbed.sim.scene import boards_under
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 ROWS = (2, 26, 58, 121)

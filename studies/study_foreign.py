@@ -25,7 +25,7 @@ from pyarrow import csv
 from studies.runner import header, row, shipped_plan
 from tulip_testbed.cli.main import main as tulip
 from tulip_testbed.effects.instance import EffectInstance, injected
-from tulip_testbed.effects.parsing import draw_effect
+from tulip_testbed.effects.random_effects import draw_effect
 from tulip_testbed.experiments.montecarlo.intervals import share
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, SensorSheet, write_measurements

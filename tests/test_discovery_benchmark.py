@@ -9,6 +9,7 @@ import pytest
 
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.instance import split_label
 from tulip_testbed.experiments.atlas.detectability import noncentrality
 from tulip_testbed.experiments.atlas.isolability import ISOLABLE
 from tulip_testbed.experiments.benchmark import benchmark_run as run
@@ -124,13 +125,13 @@ def test_reproducible_for_any_number_of_workers_and_resumed(folder, tmp_path, mo
 
 def some(label: str) -> tuple[float, ...]:
     """Values of an effect."""
-    return (0.1,) * len(catalogue()[label.partition(":")[0]].parameters)
+    return (0.1,) * len(catalogue()[split_label(label)[0]].parameters)
 
 
 def made(verdict: str, *names: str, hidden: tuple[str, ...] = ("tilt",), arm=arms.SINGLE, **more) -> Outcome:
     found = tuple(Found(n, some(n), (0.0,), (0.2,), (n, *more.pop("alike", ()))) for n in names)
     values: dict[str, Any] = {
-        "kinds": tuple(h.partition(":")[0] for h in hidden),
+        "kinds": tuple(split_label(h)[0] for h in hidden),
         "multiple": 2.0,
         "dynamics": False,
     }

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from tests.effect_changes import SEED, UNIT, agreement, changes, statically
 from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.instance import split_label
 from tulip_testbed.effects.targets import check_target, leg_links
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import ANCHORED, ROWS, residuals
@@ -77,7 +78,7 @@ def base(noiseless, few) -> Measurements:
 
 
 def split(text):
-    name, _, target = text.partition(":")
+    name, target = split_label(text)
     return catalogue()[name], target
 
 
@@ -118,8 +119,8 @@ def test_an_effect_describes_itself(name, robot):
     targets = effect.targets.of(robot, places)
     assert len(set(targets)) == len(targets) > 0
     for target in targets:
-        check_target(effect.targets, target, targets, name)
-    words = effect.words.format(*("5.0 +- 0.1" for _ in effect.parameters), target="X")
+        check_target(effect.targets, target, robot, places, name)
+    words = effect.words.format(*("5.0 ± 0.1" for _ in effect.parameters), target="X")
     assert words.endswith(".")
     for parameter in effect.parameters:
         assert (parameter.prior > 0) != bool(parameter.grid)

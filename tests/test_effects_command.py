@@ -9,9 +9,8 @@ import pytest
 from tests.test_cli import refused
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.effects.instance import check_instance
-from tulip_testbed.effects.parsing import draw_effect, read_effect
-from tulip_testbed.effects.wording import told
+from tulip_testbed.effects.instance import EffectInstance, check_instance
+from tulip_testbed.effects.random_effects import draw_effect
 from tulip_testbed.experiments.rig_folder import write_rig
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import read_measurements
@@ -39,7 +38,7 @@ def test_one_effect_is_explained(capsys):
     out = capsys.readouterr().out
     assert "--effect encoder-offset:JOINT=OFFSET" in out
     assert "OFFSET [rad]: s.d. 1 deg" in out
-    assert "a wrong zero" in out
+    assert "has a wrong zero" in out
     assert "left_knee" in out
     assert "unknown effect 'encoder-ofset'; valid: " in refused(capsys, "effects", "encoder-ofset")
 
@@ -151,7 +150,7 @@ def test_draws_are_valid_and_of_all_kinds(statics, robot):
     drawn = [draw_effect(robot, placements, rng, statics) for _ in range(600)]
     for found in drawn:
         check_instance(found, robot, placements, "draw")
-        assert told(found)
+        assert found.finding
     possible = [e.name for e in catalogue().values() if e.statics or not statics]
     assert {found.effect.name for found in drawn} == set(possible)
     sizes = [f.values[0] for f in drawn if f.effect.name == "encoder-offset"]
@@ -159,7 +158,7 @@ def test_draws_are_valid_and_of_all_kinds(statics, robot):
 
 
 def test_a_rig_is_the_new_nominal_laboratory(tmp_path, robot, capsys):
-    write_rig(tmp_path / "rig", robot, [read_effect(OFFSET, robot, [1])])
+    write_rig(tmp_path / "rig", robot, [EffectInstance.parse(OFFSET, robot, [1])])
     hidden = simulated(tmp_path / "hidden", "--effect", OFFSET)
     adopted = simulated(tmp_path / "adopted", "--rig", tmp_path / "rig", "--truth", tmp_path / "t.json")
     assert np.array_equal(hidden.joint_angles, adopted.joint_angles)
@@ -181,7 +180,7 @@ def test_a_rig_is_the_new_nominal_laboratory(tmp_path, robot, capsys):
 
 
 def test_check_with_a_rig(tmp_path, robot, capsys):
-    write_rig(tmp_path / "rig", robot, [read_effect(OFFSET, robot, [1])])
+    write_rig(tmp_path / "rig", robot, [EffectInstance.parse(OFFSET, robot, [1])])
     simulated(tmp_path / "data", "--effect", OFFSET, "--preset", "force-plate")
     capsys.readouterr()
     assert main(["check", str(tmp_path / "data"), "--json"]) == 1
@@ -191,13 +190,12 @@ def test_check_with_a_rig(tmp_path, robot, capsys):
 
 
 def test_choices_are_given_by_name(robot):
-    pytest.importorskip("tulip_testbed.effects.catalogue.swapped_cells")
-    found = read_effect("swapped-cells:left=front_left,rear_right", robot, [1])
+    found = EffectInstance.parse("swapped-cells:left=front_left,rear_right", robot, [1])
     assert found.values == (0.0, 2.0)
-    assert told(found) == "The front left and rear right cells of the left plate are swapped."
+    assert found.finding == "The front left and rear right cells of the left plate are swapped."
     for text, message in (
         ("front_left,front_left", "found the same choice twice"),
         ("0,2", "unknown first '0'; valid: front_left, front_right, rear_right, rear_left"),
     ):
         with pytest.raises(InputError, match=message):
-            read_effect(f"swapped-cells:left={text}", robot, [1])
+            EffectInstance.parse(f"swapped-cells:left={text}", robot, [1])

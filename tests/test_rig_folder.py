@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from tests.test_cli import edit, refused
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.instance import EffectInstance, injected
-from tulip_testbed.effects.parsing import read_effect, read_effects
-from tulip_testbed.effects.wording import told
+from tulip_testbed.effects.random_effects import read_effects
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.rig_folder import (
     CHANGED,
@@ -62,7 +61,7 @@ def test_intervals_are_kept(found, robot, tmp_path):
     first = EffectInstance(found[0].effect, found[0].target, found[0].values, ((0.008, 0.012),))
     write_rig(tmp_path / "rig", robot, [first, found[1]])
     assert read_rig(tmp_path / "rig", robot) == (first, found[1])
-    assert "reads 0.57 +- 0.11 deg too high" in (tmp_path / "rig" / DIFF).read_text()
+    assert "reads 0.57 ± 0.11 deg too high" in (tmp_path / "rig" / DIFF).read_text()
 
 
 def test_the_scenes_are_mjcf_and_the_difference_is_what_changed(rig):
@@ -161,7 +160,7 @@ def test_any_value_anywhere_is_read_or_refused(data, rig, robot):
     (rig / RIG_FILE).write_text(json.dumps(content))
     try:
         for found in read_rig(rig, robot):
-            assert told(found)
+            assert found.finding
             assert np.isfinite(found.values).all()
     except InputError as error:
         text = str(error)
@@ -212,8 +211,7 @@ def test_commands_refuse_a_broken_rig_before_the_work(rig, tmp_path, capsys):
 
 
 def test_a_rig_of_a_placement_that_is_not_there(robot, tmp_path):
-    pytest.importorskip("tulip_testbed.effects.catalogue.placement_blunder")
-    blunder = read_effect("placement-blunder:7=0.01,0.0", robot, [7])
+    blunder = EffectInstance.parse("placement-blunder:7=0.01,0.0", robot, [7])
     write_rig(tmp_path / "rig", robot, [blunder])
     assert read_corrections(tmp_path / "rig", robot, [1, 7]) == (blunder,)
     with pytest.raises(InputError, match="unknown target '7'; valid: 1, 2"):

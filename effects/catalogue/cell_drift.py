@@ -1,4 +1,4 @@
-"""One load cell's zero drifts, evenly over the experiment: it was tared at its beginning."""
+"""A load cell's zero drifts steadily: the cell was tared at the start of the experiment."""
 
 from __future__ import annotations
 
@@ -6,38 +6,36 @@ from dataclasses import replace
 
 import numpy as np
 
-from tulip_testbed.effects.effect import Effect, Parameter, Values
-from tulip_testbed.effects.injection import column, misreading
+from tulip_testbed.effects.effect import Effect, Misreading, Parameter, Values
+from tulip_testbed.effects.injection import indicator
 from tulip_testbed.effects.targets import CELL_NAMES
 from tulip_testbed.identification.observation import Observation, time_fraction
 from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import CELLS
 
 
-def _inject(rig: Rig, target: str, values: Values) -> Rig:
-    def read(m: Measurements) -> Measurements:
-        return replace(m, cell_forces=m.cell_forces + _drift(time_fraction(m.time), target, values))
-
-    return misreading(rig, read)
+def _apply(m: Measurements, target: str, values: Values) -> Measurements:
+    return replace(m, cell_forces=m.cell_forces + _error(time_fraction(m.time), target, values))
 
 
-def _predict(observed: Observation, target: str, values: Values) -> Observation:
-    return observed.changed(cell_forces=observed.cell_forces - _drift(observed.part, target, values))
+def _undo(observed: Observation, target: str, values: Values) -> Observation:
+    return observed.changed(cell_forces=observed.cell_forces - _error(observed.part, target, values))
 
 
-def _drift(part: np.ndarray, target: str, values: Values) -> np.ndarray:
-    """What is read too much, (m, 8) [N]."""
-    return values[0] * np.outer(part, column(CELLS, target, len(CELLS)))
+def _error(time: np.ndarray, target: str, values: Values) -> np.ndarray:
+    """Return reading minus force, (m, 8) [N].
+
+    Args:
+        time: of the postures, as a fraction of the experiment's, (m,).
+    """
+    return values[0] * np.outer(time, indicator(CELLS, target))
 
 
 EFFECT = Effect(
     name="cell-drift",
-    sentence="A load cell's zero drifts evenly, from nothing at the first posture to this at the last.",
+    sentence="A load cell's zero drifts steadily, from 0 at the first posture to this at the last.",
     parameters=(Parameter("drift", "N", prior=2.0),),
-    inject=_inject,
-    predict=_predict,
-    words="The {target} cell drifts by {0} over the experiment.",
+    mechanism=Misreading(_apply, _undo),
+    words="The zero of the {target} cell drifts by {0} over the experiment.",
     targets=CELL_NAMES,
-    misreads=True,
 )

@@ -1,13 +1,13 @@
-"""The cells stand further from their plate's middle than the data sheet says, by one ratio.
+"""All load cells are further from the centres of their plates than the data sheet says, by one ratio.
 
-It stretches every foot's centre of pressure about its plate's middle.
+The error stretches the centre of pressure of each foot about the centre of its plate.
 """
 
 from __future__ import annotations
 
 import mujoco
 
-from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.plates import cell_names
@@ -19,7 +19,7 @@ def _inject(rig: Rig, target: str, values: Values) -> Rig:
 
     def edit(spec: mujoco.MjSpec) -> None:
         for name in cell_names():
-            hung = spec.body(f"{name}_cell")  # where cells give way
+            hung = spec.body(f"{name}_cell")  # compliant cells are bodies of their own
             for part in [spec.geom(name), spec.site(name)] if hung is None else [hung]:
                 part.pos = part.pos * factor
 
@@ -32,9 +32,8 @@ def _predict(observed: Observation, target: str, values: Values) -> Observation:
 
 EFFECT = Effect(
     name="cell-position-scale",
-    sentence="The cells stand at (1 + scale) times their stated places about their plates' middles.",
+    sentence="The cells lie at (1 + scale) times their stated distances from the centres of their plates.",
     parameters=(Parameter("scale", "", prior=0.02),),
-    inject=_inject,
-    predict=_predict,
-    words="The cells stand further from their plates' middles than stated by {0}.",
+    mechanism=Physics(_inject, _predict),
+    words="The cells lie {0} further from the centres of their plates than stated.",
 )

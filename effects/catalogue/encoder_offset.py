@@ -1,4 +1,4 @@
-"""A joint's encoder reads a constant angle too much: a wrong zero."""
+"""A joint's encoder has a wrong zero: it was mounted or homed with a constant error."""
 
 from __future__ import annotations
 
@@ -6,34 +6,32 @@ from dataclasses import replace
 
 import numpy as np
 
-from tulip_testbed.effects.effect import Effect, Parameter, Values
-from tulip_testbed.effects.injection import column, misreading
+from tulip_testbed.effects.effect import Effect, Misreading, Parameter, Values
+from tulip_testbed.effects.injection import indicator
 from tulip_testbed.effects.targets import JOINTS
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.rig import Rig
 
 
-def _inject(rig: Rig, target: str, values: Values) -> Rig:
-    def read(m: Measurements) -> Measurements:
-        error = values[0] * column(m.joints, target, len(m.joints))
-        return replace(m, joint_angles=m.joint_angles + error)
-
-    return misreading(rig, read)
+def _apply(m: Measurements, target: str, values: Values) -> Measurements:
+    return replace(m, joint_angles=m.joint_angles + _error(m.joints, target, values))
 
 
-def _predict(observed: Observation, target: str, values: Values) -> Observation:
-    error = values[0] * column(observed.tree.joints, target, len(observed.tree.joints))
+def _undo(observed: Observation, target: str, values: Values) -> Observation:
+    error = _error(observed.tree.joints, target, values)
     return observed.changed(joint_angles=observed.joint_angles - error)
+
+
+def _error(joints: tuple[str, ...], target: str, values: Values) -> np.ndarray:
+    """Return reading minus angle, (n_joints,) [rad]."""
+    return values[0] * indicator(joints, target)
 
 
 EFFECT = Effect(
     name="encoder-offset",
-    sentence="A joint's encoder reads a constant angle more than the joint has.",
+    sentence="A joint's encoder reads a constant angle too much.",
     parameters=(Parameter("offset", "rad", prior=np.radians(1.0)),),
-    inject=_inject,
-    predict=_predict,
+    mechanism=Misreading(_apply, _undo),
     words="The {target} encoder reads {0} too high.",
     targets=JOINTS,
-    misreads=True,
 )

@@ -1,12 +1,12 @@
-"""A joint yields between its encoder and its link: the link turns, the encoder does not see it."""
+"""A joint yields between its encoder and its link: the link turns, but the encoder does not see it."""
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
 
-from tulip_testbed.effects.effect import Effect, Parameter, Values
-from tulip_testbed.effects.injection import column, edited
+from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
+from tulip_testbed.effects.injection import edited, indicator
 from tulip_testbed.effects.targets import JOINTS
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.rig import Rig
@@ -32,7 +32,7 @@ def _inject(rig: Rig, target: str, values: Values) -> Rig:
 
 
 def _predict(observed: Observation, target: str, values: Values) -> Observation:
-    yielded = values[0] * observed.torques * column(observed.tree.joints, target, len(observed.tree.joints))
+    yielded = values[0] * observed.torques * indicator(observed.tree.joints, target)
     return observed.changed(joint_angles=observed.joint_angles + yielded)
 
 
@@ -40,8 +40,7 @@ EFFECT = Effect(
     name="joint-compliance",
     sentence="A joint yields between encoder and link, in the direction of its load.",
     parameters=(Parameter("compliance", "rad/Nm", prior=np.radians(0.05), positive=True),),
-    inject=_inject,
-    predict=_predict,
+    mechanism=Physics(_inject, _predict),
     words="The {target} joint yields by {0} between its encoder and its link.",
     targets=JOINTS,
 )

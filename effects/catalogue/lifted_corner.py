@@ -1,9 +1,9 @@
-"""Something lies under a corner of a foot's sole: a cable, a stone, a bent edge.
+"""Something lies under a corner of a foot's sole: a cable, a stone or a bent edge.
 
-The foot stands on that corner, the opposite one and one of the two between them: the one on whose side of
-the diagonal its centre of pressure is. So it is turned about one of two edges. In closed legs it mostly
-rocks until its centre of pressure is on the diagonal itself, and rests anywhere between; the loads do not
-tell where, so `predict` takes the middle there.
+The foot stands on three corners: that one, the opposite one, and of the other two the one on the same side
+of the diagonal as the centre of pressure. So it is tilted about one of two edges. In closed legs the foot
+usually rocks until its centre of pressure lies on the diagonal and then rests anywhere in between. The loads
+do not show where, so the prediction takes the middle.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.injection import always, edited
 from tulip_testbed.effects.targets import FOOT_CORNERS
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import CORNERS
 
-ROCKING = 0.002  # m, width about the diagonal in which a foot is taken to rock: what noise leaves of it
+ROCKING = 0.002  # m, width of the strip about the diagonal in which a foot is taken to rock, set by noise
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:
@@ -50,24 +50,28 @@ def _predict(observed: Observation, target: str, values: Values) -> Observation:
 
 
 def _center(observed: Observation, side: int) -> np.ndarray:
-    """Centre of pressure under a foot from its sole point, in its axes, (m, 2) [m]."""
+    """Return the centre of pressure under a foot from its sole point, in the foot's axes, (m, 2) [m]."""
     down = observed.foot_loads[0][:, side]
     return observed.sole_loads[:, side] / np.where(np.abs(down) > 1e-6, down, np.inf)[:, None]
 
 
 def _stand(corners: np.ndarray, lifted: int, center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Roll and pitch (m, 2) [rad/m] and rise of the sole point (m,) by the thickness under a corner.
+    """Compute how a foot stands per thickness under one of its corners.
 
     Args:
-        corners: of the sole from its point, (4, 2) [m]. lifted: number of the corner.
-        center: of pressure, (m, 2) [m].
+        corners: of the sole from the sole point, (4, 2) [m].
+        lifted: index of the corner.
+        center: centre of pressure from the sole point, (m, 2) [m].
+
+    Returns:
+        Roll and pitch, (m, 2) [rad/m], and rise of the sole point, (m,).
     """
     opposite, *between = ((lifted + k) % 4 for k in (2, 1, 3))
     along = corners[opposite] - corners[lifted]
     planes = []
     for third in between:
         points = np.column_stack([corners[[lifted, third, opposite]], np.ones(3)])
-        planes.append(np.linalg.solve(points, [1.0, 0.0, 0.0]))  # height = a x + b y + c over the ground
+        planes.append(np.linalg.solve(points, [1.0, 0.0, 0.0]))  # height over the ground = a x + b y + c
     normal = np.array([-along[1], along[0]])
     normal = normal * np.sign((corners[between[0]] - corners[lifted]) @ normal) / np.linalg.norm(normal)
     share = np.clip(0.5 + (center - corners[lifted]) @ normal / ROCKING, 0.0, 1.0)
@@ -79,8 +83,7 @@ EFFECT = Effect(
     name="lifted-corner",
     sentence="Something of this thickness lies under a corner of a foot's sole.",
     parameters=(Parameter("thickness", "m", prior=0.001, positive=True),),
-    inject=_inject,
-    predict=_predict,
+    mechanism=Physics(_inject, _predict),
     words="Something {0} thick lies under the {target} corner.",
     targets=FOOT_CORNERS,
     statics=False,

@@ -1,7 +1,7 @@
-"""A link is longer than the drawing says, from its joint to the next one.
+"""A link is longer than in the drawing, from its joint to the next one.
 
-The closure of the legs sees it. In the centre of pressure it is absorbed: the base parameters take it
-with the masses beyond the link.
+The closure of the legs shows it. In the centre of pressure it cannot be seen: the base parameters absorb it
+together with the masses beyond the link.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.targets import LEG_LINKS, next_joint
 from tulip_testbed.identification.kinematics import tree_of
@@ -45,8 +45,7 @@ EFFECT = Effect(
     name="link-length",
     sentence="A link between the feet is longer than nominal, from its joint to the next.",
     parameters=(Parameter("length", "m", prior=0.002),),
-    inject=_inject,
-    predict=_predict,
-    words="The {target} link is {0} longer than its drawing says.",
+    mechanism=Physics(_inject, _predict),
+    words="The {target} link is {0} longer than in its drawing.",
     targets=LEG_LINKS,
 )

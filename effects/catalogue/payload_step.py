@@ -1,16 +1,16 @@
-"""A mass comes to a link's centre of mass during the experiment: a tool left there, a cable hung on it.
+"""During the experiment a mass is added at a link's centre of mass: a forgotten tool or a hanging cable.
 
-The scale weighed the robot before. From then on the cells bear the mass too, and the centre of pressure
-is drawn to the link's centre of mass, by mass over total mass.
+The robot was weighed before. From then on the cells also bear the mass, and the centre of pressure moves
+towards the link's centre of mass by the ratio of the mass to the total mass.
 """
 
 from __future__ import annotations
 
 import mujoco
 
-from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.catalogue.payload import add_mass
+from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.injection import STARTS, edited, from_then_on
-from tulip_testbed.effects.point_mass import add_mass
 from tulip_testbed.effects.targets import LINKS
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.rig import Rig
@@ -40,10 +40,9 @@ def _predict(observed: Observation, target: str, values: Values) -> Observation:
 
 EFFECT = Effect(
     name="payload-step",
-    sentence="From a part of the experiment's time on a link carries a mass at its centre of mass.",
+    sentence="From some time on a link carries an additional mass at its centre of mass.",
     parameters=(Parameter("mass", "kg", prior=0.5), Parameter("start", "", grid=STARTS)),
-    inject=_inject,
-    predict=_predict,
-    words="The {target} link carries {0} more from {1} of the experiment on.",
+    mechanism=Physics(_inject, _predict),
+    words="The {target} link carries {0} more from {1} of the experiment's time on.",
     targets=LINKS,
 )

@@ -1,29 +1,38 @@
-"""A plate is turned against its recorded pose, about its middle, in all placements alike."""
+"""A plate is rotated about its centre from its recorded pose, by the same angle in all placements."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from tulip_testbed.effects.effect import Effect, Parameter, Values
-from tulip_testbed.effects.misrecorded_plates import misrecorded, put_right
+from tulip_testbed.effects.effect import Effect, Misreading, Parameter, Values
 from tulip_testbed.effects.targets import PLATE_NAMES
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import PLATES
 
 
-def _shift(placement: np.ndarray, target: str, values: Values) -> np.ndarray:
-    """True minus recorded pose, (2, 3) [m, m, rad]."""
-    shift = np.zeros((2, 3))
-    shift[PLATES.index(target), 2] = values[0]
-    return shift
+def _apply(m: Measurements, target: str, values: Values) -> Measurements:
+    return replace(m, plate_poses=m.plate_poses - _rotation(target, values))
+
+
+def _undo(observed: Observation, target: str, values: Values) -> Observation:
+    return observed.changed(plate_poses=observed.plate_poses + _rotation(target, values))
+
+
+def _rotation(target: str, values: Values) -> np.ndarray:
+    """Return true minus recorded poses, (2, 3) [m, m, rad]."""
+    rotation = np.zeros((2, 3))
+    rotation[PLATES.index(target), 2] = values[0]
+    return rotation
 
 
 EFFECT = Effect(
     name="plate-yaw",
-    sentence="A plate is turned against its recorded pose, in every placement alike.",
+    sentence="A plate is rotated from its recorded pose, equally in every placement.",
     parameters=(Parameter("yaw", "rad", prior=np.radians(1.0)),),
-    inject=misrecorded(_shift),
-    predict=put_right(_shift),
-    words="The {target} plate is turned by {0} (to the left) against its recorded pose.",
+    mechanism=Misreading(_apply, _undo),
+    words="The {target} plate is rotated by {0} (to the left) from its recorded pose.",
     targets=PLATE_NAMES,
-    misreads=True,
 )

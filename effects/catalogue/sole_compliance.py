@@ -1,7 +1,7 @@
-"""Both feet's soles yield under their load: a rubber layer tilts as its centre of pressure wanders.
+"""The soles of both feet yield under load: a rubber layer tilts as the centre of pressure moves.
 
-The foot leans towards its load, about the point of the sole below the ankle. It comes beside whatever
-compliance the robot's description already states.
+The foot leans towards its load, about the point of the sole below the ankle. The compliance is added to
+the one that the robot's description states.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.injection import always
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.rig import Rig
@@ -34,9 +34,8 @@ def _predict(observed: Observation, target: str, values: Values) -> Observation:
 
 EFFECT = Effect(
     name="sole-compliance",
-    sentence="Both soles yield to roll and pitch about the point below the ankle.",
+    sentence="Both soles yield in roll and pitch about the point below the ankle.",
     parameters=(Parameter("compliance", "rad/Nm", prior=np.radians(0.05), positive=True),),
-    inject=_inject,
-    predict=_predict,
+    mechanism=Physics(_inject, _predict),
     words="The soles of both feet yield by {0}.",
 )

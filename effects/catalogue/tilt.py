@@ -1,7 +1,7 @@
-"""The floor is not level: it is turned with robot and plates, gravity stays vertical.
+"""The floor is not level: robot and plates are tilted with it, gravity stays vertical.
 
-The plates' cells measure along the floor's normal. Seen from the floor gravity leans, and its line from
-the centre of mass meets the cells' floor further downhill by the height over the cells.
+The cells measure along the floor's normal. In the floor's axes gravity is tilted, so the centre of pressure
+lies downhill of the centre of mass, by its height over the cells times the slope.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.rig import Rig
@@ -18,7 +18,7 @@ from tulip_testbed.sim.rig import Rig
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:
     def edit(spec: mujoco.MjSpec) -> None:
-        # The floor turns about the level x, then the level y; observed from it, gravity turns back.
+        # The floor is rotated about the level x, then the level y: in its axes gravity rotates back.
         back = Rotation.from_euler("xy", values).inv()
         spec.option.gravity = back.apply(spec.option.gravity)
 
@@ -37,12 +37,11 @@ def _predict(observed: Observation, target: str, values: Values) -> Observation:
 
 EFFECT = Effect(
     name="tilt",
-    sentence="The floor with robot and plates is tilted about x, then about y; gravity is vertical.",
+    sentence="The floor is tilted with robot and plates, about x, then about y; gravity stays vertical.",
     parameters=(
         Parameter("about x", "rad", prior=np.radians(1.0)),
         Parameter("about y", "rad", prior=np.radians(1.0)),
     ),
-    inject=_inject,
-    predict=_predict,
+    mechanism=Physics(_inject, _predict),
     words="The floor is tilted by {0} (left side up) and {1} (front down).",
 )

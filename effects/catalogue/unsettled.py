@@ -1,11 +1,11 @@
-"""The robot is read before it has come to rest: too short a wait after every move.
+"""The robot is read before it has come to rest: the wait after every move is too short.
 
-The laboratory reads a full window from this time after the robot is released on, or from when dry friction
-first holds the load if that is later, at rest or not. A robot that creeps stands in equilibrium at every
-moment, and angles and cells are averaged over one window, so no channel shows the creeping; what is left is
-swaying, whose mean is the change of the centre of mass's speed over the window, times its height over
-gravity. `predict` therefore changes nothing: the effect cannot be seen here, only in the s.d. of the
-readings within a window.
+The simulation reads a full window that begins this time after the robot is released, or when dry friction
+first holds the load if that is later, whether the robot rests or not. A robot that creeps is in equilibrium
+at every moment, and angles and cells are averaged over the same window, so no residual shows the creep. A
+swaying robot shifts the mean centre of pressure only by its mean horizontal acceleration over the window,
+times height over gravity. So nothing is removed from an observation: only the standard deviation of the
+readings within a window shows the effect.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.injection import always
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.dynamics.hold import CONTROL_PERIOD
@@ -42,10 +42,9 @@ def _predict(observed: Observation, target: str, values: Values) -> Observation:
 
 EFFECT = Effect(
     name="unsettled",
-    sentence="The robot is read this time after its release, whether it has come to rest or not.",
+    sentence="The robot is read this long after its release, whether it has come to rest or not.",
     parameters=(Parameter("settling", "s", prior=2.0, positive=True),),
-    inject=_inject,
-    predict=_predict,
-    words="The robot was given {0} to settle.",
+    mechanism=Physics(_inject, _predict),
+    words="The robot was read {0} after its release.",
     statics=False,
 )

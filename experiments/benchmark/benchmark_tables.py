@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.effects.instance import split_label
 from tulip_testbed.experiments.benchmark import cases as arms
 from tulip_testbed.experiments.benchmark.outcome import Outcome
 from tulip_testbed.experiments.benchmark.score import Figure, figures, in_set, of, rate, right, wrong
@@ -81,7 +82,7 @@ def confusion(outcomes: Sequence[Outcome]) -> Counter[tuple[str, float, str, str
             o.kinds[0],
             o.multiple if o.multiple in arms.MULTIPLES else max(arms.MULTIPLES),
             o.verdict,
-            o.names[0].partition(":")[0] if o.names else "",
+            split_label(o.names[0])[0] if o.names else "",
         )
         for o in of(outcomes, arms.SINGLE)
     )
@@ -96,7 +97,7 @@ def confusion_rows(outcomes: Sequence[Outcome]) -> Rows:
     for kind in sorted({o.kinds[0] for o in clear}):
         some = [o for o in clear if o.kinds[0] == kind]
         others = Counter(
-            f"{o.names[0]} for {o.hidden[0].partition(':')[2] or kind}"
+            f"{o.names[0]} for {split_label(o.hidden[0])[1] or kind}"
             for o in some
             if o.names and not right(o)
         )

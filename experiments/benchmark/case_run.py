@@ -12,7 +12,7 @@ from scipy.stats import chi2, ncx2
 from tulip_testbed.discovery.discover import AMBIGUOUS, NAMED, Discovery, discover, instance_of
 from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.effects.instance import EffectInstance, injected
+from tulip_testbed.effects.instance import EffectInstance, effect_label, injected
 from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.experiments.atlas.detectability import noncentrality
 from tulip_testbed.experiments.benchmark import cases as arms
@@ -121,7 +121,8 @@ def _outside(case: Case, rng: np.random.Generator, board: Board) -> Trial:
     wanted = case.multiple * float(np.sqrt(noncentrality(1, board.level)))
     size = sign * fault.amplitude * wanted / float(np.linalg.norm(signal))
     size = abs(size) if fault.positive else size
-    label, signal = f"{fault.name}:{number}={size:.3g}", signal * (size / fault.amplitude)
+    label = f"{effect_label(fault.name, str(number))}={size:.3g}"
+    signal = signal * (size / fault.amplitude)
     return Trial(
         fault.inject(board.rig, number, size),
         (),

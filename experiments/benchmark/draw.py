@@ -33,9 +33,8 @@ class Hidden:
 
     @property
     def label(self) -> str:
-        """As on the command line."""
-        name, target = self.instance.effect.name, self.instance.target
-        return f"{name}:{target}" if target else name
+        """Return `name:target`."""
+        return self.instance.label
 
 
 def _of_kind(board: Board, kind: str) -> list[tuple[Candidate, list[np.ndarray]]]:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import binom
 
 from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.instance import split_label
 from tulip_testbed.experiments.benchmark import cases as arms
 from tulip_testbed.experiments.benchmark.outcome import Outcome
 from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
@@ -99,7 +100,7 @@ def _held_by(o: Outcome, k: int) -> bool:
 
 def _choice(label: str, values: Sequence[float]) -> set[float]:
     """What was chosen of several things: two corners, say."""
-    parameters = catalogue()[label.partition(":")[0]].parameters
+    parameters = catalogue()[split_label(label)[0]].parameters
     return {value for parameter, value in zip(parameters, values, strict=True) if parameter.choices}
 
 

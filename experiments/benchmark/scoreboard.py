@@ -17,6 +17,7 @@ from tulip_testbed.discovery.evidence import VISIBLE, family, field
 from tulip_testbed.discovery.linear_model import Linear, linear_model
 from tulip_testbed.discovery.refit import exact_rig, measured_plan, simulated, without_noise
 from tulip_testbed.discovery.selection import LEVEL
+from tulip_testbed.effects.instance import split_label
 from tulip_testbed.experiments.atlas.detectability import noncentrality, single_level
 from tulip_testbed.experiments.atlas.isolability import ISOLABLE
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
@@ -83,7 +84,7 @@ class Board:
 
     def _others(self, signal: np.ndarray, own: Sequence[str]) -> dict[str, float]:
         near = self.angles(signal).items()
-        return {k: angle for k, angle in near if k not in own and k.partition(":")[0] not in own}
+        return {k: angle for k, angle in near if k not in own and split_label(k)[0] not in own}
 
     def signal(self, change: Callable[[Rig], Rig]) -> np.ndarray:
         """What a change of the laboratory shows, whitened and projected, (r + 1,)."""

@@ -14,7 +14,6 @@ from rich.table import Table
 
 from tulip_testbed.cli.options import Json, Plan, Preset, RobotFile, Seed
 from tulip_testbed.effects.targets import PLACEMENTS
-from tulip_testbed.effects.wording import SPOKEN
 from tulip_testbed.experiments.atlas.effect_atlas import Atlas, Row, atlas, document
 from tulip_testbed.experiments.atlas.isolability import ISOLABLE, order
 from tulip_testbed.experiments.atlas.planned_experiment import planned
@@ -182,9 +181,8 @@ def _like(found: Atlas, number: int | None) -> str:
 
 
 def _scale(row: Row) -> tuple[float, str]:
-    """Factor from SI units to those that a laboratory speaks."""
-    unit = row.parameter.unit if row.parameter else ""
-    return SPOKEN.get(unit, (1.0, unit)) if row.parameter else (1.0, "")
+    """Return the factor from SI units and the unit in which a size is shown."""
+    return row.parameter.display if row.parameter else (1.0, "")
 
 
 def _size(row: Row, value: float) -> str:

@@ -9,11 +9,9 @@ from rich.console import Console
 from rich.table import Table
 
 from tulip_testbed.cli.options import Json, RobotFile
-from tulip_testbed.effects.catalogue import catalogue, explanation
-from tulip_testbed.effects.effect import Effect, Parameter
-from tulip_testbed.effects.parsing import usage
+from tulip_testbed.effects.catalogue import HEADERS, Catalogue, catalogue, explanation
+from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.targets import PLACEMENTS
-from tulip_testbed.effects.wording import spoken
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.terminal import console, print_json, print_table
 from tulip_testbed.sim.errors import listed, look_up
@@ -27,25 +25,25 @@ def effects_command(
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
-    """List the physical effects that can be hidden in data and found again, or explain one in full.
+    """List the physical effects that can be simulated and discovered, or explain one in full.
 
     Example: tulip effects encoder-offset
     """
     described = described_robot(robot)
     if name is not None:
         look_up("effect", name, catalogue(), "effects")
-    chosen = [effect for effect in catalogue().values() if name in (None, effect.name)]
+    chosen = catalogue() if name is None else Catalogue({name: catalogue()[name]})
     if as_json:
-        print_json({"effects": [_document(effect, described) for effect in chosen]})
+        print_json({"effects": [_document(effect, described) for effect in chosen.values()]})
     elif name is None:
         print_table(console(), _table(chosen))
     else:
-        _explain(console(), chosen[0], described)
+        _explain(console(), chosen[name], described)
     return 0
 
 
 def _targets(effect: Effect, robot: Robot) -> list[str]:
-    """Valid targets; empty where there are none or the experiment names them."""
+    """Return the valid targets; none if the effect has none or only an experiment has them."""
     return [target for target in effect.targets.of(robot, ()) if target]
 
 
@@ -53,7 +51,7 @@ def _document(effect: Effect, robot: Robot) -> dict[str, Any]:
     return {
         "name": effect.name,
         "sentence": effect.sentence,
-        "usage": usage(effect),
+        "usage": effect.usage,
         "parameters": [
             {
                 "name": p.name,
@@ -71,24 +69,12 @@ def _document(effect: Effect, robot: Robot) -> dict[str, Any]:
     }
 
 
-def _prior(parameter: Parameter) -> str:
-    if parameter.grid:
-        return f"one of {listed(spoken(parameter, value) for value in parameter.grid)}"
-    sign = ", not negative" if parameter.positive else ""
-    return f"s.d. {spoken(parameter, parameter.prior)}{sign}"
-
-
-def _table(effects: list[Effect]) -> Table:
+def _table(effects: Catalogue) -> Table:
     table = Table(title="Effects; values are given in SI units", title_justify="left", header_style="bold")
-    for header in ("--effect", "unit", "plausible size", "what it is"):
+    for header in HEADERS:
         table.add_column(header, no_wrap=header == "unit")
-    for effect in effects:
-        table.add_row(
-            usage(effect),
-            ", ".join(p.unit or "-" for p in effect.parameters),
-            "; ".join(_prior(p) for p in effect.parameters if not p.grid) or "a choice",
-            effect.sentence + ("" if effect.statics else " Full dynamics only."),
-        )
+    for row in effects.rows():
+        table.add_row(*row)
     return table
 
 
@@ -101,8 +87,8 @@ def _explain(screen: Console, effect: Effect, robot: Robot) -> None:
         "",
         *explanation(effect.name).splitlines(),
         "",
-        f"--effect {usage(effect)}",
-        *(f"  {p.name.upper()} [{p.unit or '-'}]: {_prior(p)}" for p in effect.parameters),
+        f"--effect {effect.usage}",
+        *(f"  {p.placeholder} [{p.unit or '-'}]: {p.plausible}" for p in effect.parameters),
         *([f"  {effect.targets.word}: {targets}"] if effect.targets.word else []),
         f"Laboratory: {where}",
     ]

@@ -9,7 +9,6 @@ import numpy as np
 import tyro
 
 from tulip_testbed.cli.options import EstimatorName, Json, RigFolder, RobotFile
-from tulip_testbed.effects.wording import told
 from tulip_testbed.experiments.correlation_table import print_correlations
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.identify import identify, model_document
@@ -68,7 +67,7 @@ def identify_command(
         return 0
     screen = console()
     for instance in adopted:
-        screen.print(f"Corrected: {told(instance)}", markup=False, highlight=False, soft_wrap=True)
+        screen.print(f"Corrected: {instance.finding}", markup=False, highlight=False, soft_wrap=True)
     for model in models(described):
         title = f"{model.capitalize()} model, mm"
         print_table(screen, parameter_table(title, fitted[model], found.parameters, {}, model))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tulip_testbed.effects.parsing import RANDOM, draw_effect
+from tulip_testbed.effects.random_effects import RANDOM, draw_effect
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.rig_folder import read_corrections

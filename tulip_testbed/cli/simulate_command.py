@@ -9,7 +9,7 @@ import tyro
 
 from tulip_testbed.cli.laboratory_options import laboratory_and_plan
 from tulip_testbed.cli.options import CORES, Json, Plan, Preset, RigFolder, RobotFile, Seed, Workers
-from tulip_testbed.effects.parsing import RANDOM
+from tulip_testbed.effects.random_effects import RANDOM
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED, tries
 from tulip_testbed.experiments.parameter_tables import print_experiment
 from tulip_testbed.experiments.run_folder import check_new, write_experiment

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.experiments.saved_discovery import Curve, SavedDiscovery, residual_curves, time_order
 from tulip_testbed.pages import discovery_figures as drawn
 from tulip_testbed.pages.figures import Figure
@@ -17,7 +18,6 @@ from tulip_testbed.pages.words import (
     GAP_WORDS,
     VERDICTS,
     behind,
-    candidate_label,
 )
 
 SHOWN_P = 0.05  # above it a pattern of what is left is not worth a row
@@ -120,7 +120,7 @@ def _evidence(report: dict[str, Any]) -> tuple[Section, ...]:
         rows.append(
             [
                 number(f"{key}.gap", candidate["gap"], ".0f"),
-                Cell(candidate_label(candidate)),
+                Cell(effect_label(candidate["name"], candidate["target"])),
                 Cell("; ".join(values)),
                 number(f"{key}.log_bayes_factor", candidate["log_bayes_factor"], ".1f"),
                 Cell(f"{short:.1f}", style="number"),
@@ -129,7 +129,7 @@ def _evidence(report: dict[str, Any]) -> tuple[Section, ...]:
     headers = ("gap", "explanation", "size [95 % interval]", "ln BF", "behind the best")
     words = (EVIDENCE_WORDS[report["verdict"] == "unknown"],)
     table = Table("Explanations", headers, rows)
-    labels = [candidate_label(candidate) for candidate in found]
+    labels = [effect_label(candidate["name"], candidate["target"]) for candidate in found]
     return (Section("Evidence", words, (table,), (drawn.evidence_figure(found, labels),)),)
 
 

@@ -92,11 +92,6 @@ def dropped(report: dict[str, Any]) -> str:
     return f"Dropped {len(report['dropped'])} of {report['postures_planned']} postures. {reasons}."
 
 
-def candidate_label(candidate: dict[str, Any]) -> str:
-    """Name and target of an explanation."""
-    return candidate["name"] + (f":{candidate['target']}" if candidate["target"] else "")
-
-
 def behind(candidates: list[dict[str, Any]]) -> list[float]:
     """How far ln BF of each lies behind the best of its gap."""
     best: dict[int, float] = {}

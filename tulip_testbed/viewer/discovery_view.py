@@ -10,9 +10,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, rgb
+from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.experiments.saved_discovery import Curve, SavedDiscovery, residual_curves, time_order
 from tulip_testbed.identification.center_of_pressure import cell_positions
-from tulip_testbed.pages.words import CHANNEL_NAMES, VERDICTS, behind, candidate_label
+from tulip_testbed.pages.words import CHANNEL_NAMES, VERDICTS, behind
 from tulip_testbed.viewer.balance_series import ABOVE_GROUND, factor_for, from_above, log_balance
 from tulip_testbed.viewer.layout import space_view
 from tulip_testbed.viewer.plates_view import log_loads, log_plates
@@ -146,7 +147,7 @@ def _log_evidence(recording: rr.RecordingStream, run: SavedDiscovery) -> None:
             [[BAR / 2, STEP * (k + 0.15)]],
             colors=(40, 40, 40),
             radii=rr.Radius.ui_points(0.0),
-            labels=f"{candidate_label(candidate)}: {factor:.1f}",
+            labels=f"{effect_label(candidate['name'], candidate['target'])}: {factor:.1f}",
             show_labels=True,
         )
         recording.log(f"evidence/{k}/label", label, static=True)
@@ -166,7 +167,7 @@ def discovery_text(run: SavedDiscovery, factor: int) -> str:
     if report["candidates"]:
         lines += ["", "| explanation | ln BF | behind the best |", "|---|---:|---:|"]
         lines += [
-            f"| {candidate_label(c)} | {c['log_bayes_factor']:.1f} | {short:.1f} |"
+            f"| {effect_label(c['name'], c['target'])} | {c['log_bayes_factor']:.1f} | {short:.1f} |"
             for c, short in zip(report["candidates"], behind(report["candidates"]), strict=True)
         ]
     lines += [

@@ -1,0 +1,80 @@
+"""Random effects, and the effects that a user asks for by name or at random."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.effect import Parameter
+from tulip_testbed.effects.instance import EffectInstance, check_laboratory, split_label
+from tulip_testbed.sim.errors import InputError, look_up, shortened
+from tulip_testbed.sim.robot import Robot
+
+RANDOM = "random"
+
+
+def draw_effect(
+    robot: Robot, placements: Sequence[int], rng: np.random.Generator, statics: bool
+) -> EffectInstance:
+    """Draw an effect: kind and target with equal chances, sizes from their priors, the rest from its grid.
+
+    Args:
+        placements: numbers of the experiment's placements.
+        statics: whether to draw only what the static laboratory can simulate.
+    """
+    effects = [effect for effect in catalogue().values() if effect.statics or not statics]
+    effect = effects[rng.integers(len(effects))]
+    targets = effect.targets.of(robot, tuple(int(p) for p in placements))
+    target = targets[rng.integers(len(targets))]
+    while True:
+        found = EffectInstance(
+            effect, target, tuple(_draw(parameter, rng) for parameter in effect.parameters)
+        )
+        if len(chosen := found.choices) == len(set(chosen)):
+            return found
+
+
+def _draw(parameter: Parameter, rng: np.random.Generator) -> float:
+    if parameter.grid:
+        return float(rng.choice(parameter.grid))
+    size = parameter.prior * rng.standard_normal()
+    return float(abs(size) if parameter.positive else size)
+
+
+def read_effects(
+    texts: Sequence[str],
+    robot: Robot,
+    placements: Sequence[int],
+    seed: int,
+    statics: bool,
+    where: str = "effect",
+) -> tuple[EffectInstance, ...]:
+    """Read each text as `name:target=values`; the text `random` draws an effect.
+
+    Args:
+        placements: numbers of the experiment's placements.
+        seed: of the draws.
+        statics: whether the laboratory is static.
+        where: place of the texts, for messages.
+
+    Raises:
+        InputError: for an effect that cannot be read or that the laboratory cannot simulate.
+    """
+    # A stream apart from the laboratory's, so that a drawn effect leaves the noise as it was.
+    rng = np.random.default_rng(np.random.SeedSequence((seed, 1)))
+    found = []
+    for text in texts:
+        if text == RANDOM:
+            found.append(draw_effect(robot, placements, rng, statics))
+            continue
+        name, _ = split_label(text.partition("=")[0])
+        if name == RANDOM:
+            raise InputError(
+                f"{where} {shortened(text)}: found a target or values, expected `{RANDOM}` alone"
+            )
+        look_up("effect", name, [*catalogue(), RANDOM], where)
+        found.append(EffectInstance.parse(text, robot, placements, where))
+        check_laboratory(found[-1], statics, f"{where} {shortened(text)}")
+    return tuple(found)

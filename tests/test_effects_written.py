@@ -1,0 +1,135 @@
+"""Effects in writing: `name:target=values`, JSON, sentences and the table of the catalogue."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tulip_testbed import effects
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.instance import (
+    MOST_PRIORS,
+    EffectDocument,
+    EffectInstance,
+    effect_label,
+    split_label,
+)
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.robot import load_robot
+
+PLACEMENTS = (1, 2, 30)
+
+
+def value(parameter):
+    """Any value that a parameter may have."""
+    if parameter.choices:
+        return st.sampled_from(range(len(parameter.choices))).map(float)
+    if parameter.grid:
+        return st.floats(min(parameter.grid), max(parameter.grid))
+    most = MOST_PRIORS * parameter.prior
+    return st.floats(0.0 if parameter.positive else -most, most)
+
+
+@st.composite
+def instances(draw, name):
+    effect = catalogue()[name]
+    target = draw(st.sampled_from(effect.targets.of(load_robot(), PLACEMENTS)))
+    values = tuple(draw(value(parameter)) for parameter in effect.parameters)
+    chosen = [v for v, p in zip(values, effect.parameters, strict=True) if p.choices]
+    if len(set(chosen)) < len(chosen):
+        values = (0.0, 1.0)
+    ends = st.lists(st.floats(-1e9, 1e9), min_size=2, max_size=2).map(lambda pair: tuple(sorted(pair)))
+    intervals = tuple(draw(st.none() | ends) for _ in values)
+    return EffectInstance(effect, target, values, intervals if any(intervals) else ())
+
+
+@pytest.mark.parametrize("name", catalogue())
+@settings(max_examples=30, deadline=None)
+@given(data=st.data())
+def test_what_is_written_is_read_exactly(name, data):
+    found, robot = data.draw(instances(name)), load_robot()
+    plain = EffectInstance(found.effect, found.target, found.values)
+    read = EffectInstance.parse(str(found), robot, PLACEMENTS)
+    assert read == plain
+    assert str(read) == str(found)
+    assert split_label(found.label) == (name, found.target)
+    assert effect_label(*split_label(found.label)) == found.label == str(found).partition("=")[0]
+    document = EffectDocument.model_validate(json.loads(json.dumps(found.document())))
+    assert EffectInstance.from_document(document, robot, "here", PLACEMENTS) == found
+    assert EffectInstance.from_document(document, robot, "here") == found
+
+
+@pytest.mark.parametrize(
+    ("text", "written"),
+    [
+        ("encoder-offset:right_knee=0.01", "encoder-offset:right_knee=0.01"),
+        ("tilt=1e-5,-1", "tilt=1e-05,-1"),
+        ("swapped-cells:left=rear_left, front_left", "swapped-cells:left=rear_left,front_left"),
+        ("tether-spring=20.0", "tether-spring=20"),
+    ],
+)
+def test_how_an_effect_is_written(text, written, robot):
+    assert str(EffectInstance.parse(text, robot)) == written
+
+
+def test_a_message_begins_with_its_place(robot):
+    for where in ("effect", "--effect", "rig.json, key 'effects'"):
+        for text in ("knee=1", "encoder-offset:knee=1", "encoder-offset:right_knee=1,2", "tilt=a,b"):
+            with pytest.raises(InputError) as refusal:
+                EffectInstance.parse(text, robot, where=where)
+            assert str(refusal.value).startswith(where)
+            assert str(refusal.value).count("--") == where.count("--")
+
+
+def test_a_placement_is_any_number_until_the_experiment_is_known(robot):
+    text = "placement-blunder:70=0.01,0"
+    assert EffectInstance.parse(text, robot).target == "70"
+    with pytest.raises(InputError, match="unknown target '70'; valid: 1, 2, 30"):
+        EffectInstance.parse(text, robot, PLACEMENTS)
+    with pytest.raises(InputError, match=r"found no target, expected PLACEMENT$"):
+        EffectInstance.parse("placement-blunder=0.01,0", robot)
+    for target in ("left", "07", "1.5", "9" * 20):
+        with pytest.raises(InputError, match=f"found target '{target}', expected a placement's number"):
+            EffectInstance.parse(text.replace("70", target), robot)
+
+
+@pytest.mark.parametrize(
+    ("values", "intervals", "sentence"),
+    [
+        ((0.01,), (), "The right knee encoder reads 0.573 deg too high."),
+        ((0.01,), ((0.008, 0.012),), "The right knee encoder reads 0.57 ± 0.11 deg too high."),
+        # The longer half: an interval may have been cut at zero.
+        ((0.01,), ((0.009, 0.03),), "The right knee encoder reads 0.6 ± 1.1 deg too high."),
+    ],
+)
+def test_a_finding_is_a_sentence(values, intervals, sentence):
+    offset = catalogue()["encoder-offset"]
+    assert EffectInstance(offset, "right_knee", values, intervals).finding == sentence
+
+
+def test_the_catalogue_is_a_table():
+    text, page = repr(effects.catalogue()), effects.catalogue()._repr_html_()
+    lines = text.splitlines()
+    assert lines[0].split("  ")[0] == "effect"
+    (tilt,) = (line for line in lines if line.startswith("tilt="))
+    cells = [
+        "tilt=ABOUT_X,ABOUT_Y",
+        "rad, rad",
+        "s.d. 1 deg",
+        "The floor is tilted with robot and plates, about x, then",
+    ]
+    assert [cell.strip() for cell in tilt.split("  ") if cell] == cells
+    assert page.count("<tr>") == len(catalogue()) + 1
+    assert "<td>tilt=ABOUT_X,ABOUT_Y</td><td>rad, rad</td><td>s.d. 1 deg</td><td>The floor is" in page
+    assert "joint&#x27;s encoder" in page
+
+
+def test_the_face_of_the_room(robot):
+    """The subpackage of the same name does not hide the function."""
+    assert effects.catalogue()["tilt"].name == "tilt"
+    assert "gravity stays vertical" in effects.explanation("tilt")
+    assert effects.parse("tilt=0.01,0", robot) == EffectInstance(catalogue()["tilt"], "", (0.01, 0.0))
+    assert repr(effects.catalogue()["tilt"]) == "<Effect tilt=ABOUT_X,ABOUT_Y>"

@@ -1,0 +1,161 @@
+"""Readings of faulty instruments, worked out by hand.
+
+Simulation and removal of an instrument effect may share a formula: these numbers hold sign and definition.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.effect import Misreading
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.sim.measurements import Measurements, SensorSheet
+
+KNEE = [0.2, 0.4, -0.1]  # rad
+# N, at front left, front right, rear right and rear left.
+RIGHT = [[10, 20, 30, 40], [20, 20, 20, 20], [0, 10, 20, 30]]
+LEFT = [[50, 60, 70, 80], [40, 40, 40, 40], [100, 60, 20, 20]]
+RIGHT_POSE = [[0.01, 0.02, 0.1], [0.01, 0.02, 0.1], [0.01, 0.02, 0.1]]  # m, m, rad
+LEFT_POSE = [[-0.01, 0.20, -0.2], [-0.01, 0.20, -0.2], [0.03, 0.25, 0.0]]
+TIME = [100.0, 200.0, 300.0]  # s: 0, 1/2 and 1 of the experiment's
+PLACEMENT = [1, 1, 2]
+
+# What the faulty instruments give for the true values above, by the fields that differ.
+READINGS = {
+    # reading = angle + 0.01
+    "encoder-offset:right_knee=0.01": {"knee": [0.21, 0.41, -0.09]},
+    # reading = 1.02 angle
+    "encoder-gain:right_knee=0.02": {"knee": [0.204, 0.408, -0.102]},
+    # reading = angle + 0.05 from half of the time on
+    "encoder-slip:right_knee=0.05,0.5": {"knee": [0.2, 0.45, -0.05]},
+    # recorded = true - (3, -2) mm
+    "plate-translation:left=0.003,-0.002": {
+        "left_pose": [[-0.013, 0.202, -0.2], [-0.013, 0.202, -0.2], [0.027, 0.252, 0.0]]
+    },
+    # recorded = true - 0.01 rad
+    "plate-yaw:right=0.01": {"right_pose": [[0.01, 0.02, 0.09], [0.01, 0.02, 0.09], [0.01, 0.02, 0.09]]},
+    # recorded = true - (10, -5) mm in placement 2
+    "placement-blunder:2=0.01,-0.005": {
+        "left_pose": [[-0.01, 0.20, -0.2], [-0.01, 0.20, -0.2], [0.02, 0.255, 0.0]]
+    },
+    # reading = 1.1 load
+    "cell-gain:left.front_left=0.1": {"left": [[55, 60, 70, 80], [44, 40, 40, 40], [110, 60, 20, 20]]},
+    # reading = load + 3 N
+    "cell-tare:right.front_right=3": {"right": [[10, 23, 30, 40], [20, 23, 20, 20], [0, 13, 20, 30]]},
+    # reading = load + 0, 2 and 4 N
+    "cell-drift:left.rear_left=4": {"left": [[50, 60, 70, 80], [40, 40, 40, 42], [100, 60, 20, 24]]},
+    # reading = 1, 1.1 and 1.2 times the load
+    "thermal-gain-drift=0.2": {
+        "right": [[10, 20, 30, 40], [22, 22, 22, 22], [0, 12, 24, 36]],
+        "left": [[50, 60, 70, 80], [44, 44, 44, 44], [120, 72, 24, 24]],
+    },
+    # reading = load + a tenth of the other three loads, whose sums are 90, 80, 70, 60; 60; 60, 50, 40, 30 N
+    # and 210, 200, 190, 180; 120; 100, 140, 180, 180 N
+    "cell-crosstalk=0.1": {
+        "right": [[19, 28, 37, 46], [26, 26, 26, 26], [6, 15, 24, 33]],
+        "left": [[71, 80, 89, 98], [52, 52, 52, 52], [110, 74, 38, 38]],
+    },
+    # reading = 0.9 load + 0.1 previous load, which is 0 in the first posture of each placement
+    "cell-hysteresis=0.1": {
+        "right": [[9, 18, 27, 36], [19, 20, 21, 22], [0, 9, 18, 27]],
+        "left": [[45, 54, 63, 72], [41, 42, 43, 44], [90, 54, 18, 18]],
+    },
+    # first and third column exchanged
+    "swapped-cells:right=front_left,rear_right": {
+        "right": [[30, 20, 10, 40], [20, 20, 20, 20], [20, 10, 0, 30]]
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def measured(nominal):
+    """Measurements with the true values above, or with readings in their place."""
+    joints = nominal.parameters.tree.joints
+
+    def make(knee=KNEE, right=RIGHT, left=LEFT, right_pose=RIGHT_POSE, left_pose=LEFT_POSE) -> Measurements:
+        angles = np.zeros((3, len(joints)))
+        angles[:, joints.index("right_knee")] = knee
+        forces = np.hstack([right, left]).astype(float)
+        return Measurements(
+            joints=joints,
+            posture=np.array([1, 2, 3]),
+            placement=np.array(PLACEMENT),
+            support=np.array(["double"] * 3),
+            time=np.array(TIME),
+            window=np.ones(3),
+            samples=np.ones(3, int),
+            joint_angles=angles,
+            joint_angles_sd=np.zeros_like(angles),
+            command=None,
+            motor=None,
+            cell_forces=forces,
+            cell_forces_sd=np.zeros_like(forces),
+            plate_poses=np.stack([right_pose, left_pose], axis=1),
+            cells=np.zeros((2, 4, 2)),
+            top_height=np.zeros(2),
+            weighed_mass=None,
+            gravity=9.81,
+            sensors=SensorSheet(),
+            robot={"model": None, "sha256": None, "stance_foot": None, "swing_foot": None},
+        )
+
+    return make
+
+
+def misreading(text, robot) -> tuple[Misreading, str, tuple[float, ...]]:
+    found = EffectInstance.parse(text, robot, PLACEMENT)
+    assert isinstance(found.effect.mechanism, Misreading)
+    return found.effect.mechanism, found.target, found.values
+
+
+def assert_same(found, expected):
+    for name in ("joint_angles", "cell_forces", "plate_poses"):
+        assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=1e-13, abs=1e-13)
+
+
+def rearranged(m: Measurements, rows) -> Measurements:
+    names = ("posture", "placement", "support", "time", "joint_angles", "cell_forces", "plate_poses")
+    return dataclasses.replace(m, **{name: getattr(m, name)[rows] for name in names})
+
+
+def test_every_instrument_effect_has_a_reading_worked_out_by_hand(robot):
+    names = [EffectInstance.parse(text, robot, PLACEMENT).effect.name for text in READINGS]
+    assert sorted(names) == [name for name, effect in catalogue().items() if effect.misreads]
+
+
+@pytest.mark.parametrize("text", READINGS)
+def test_instruments_misread_by_definition(text, measured, robot):
+    mechanism, target, values = misreading(text, robot)
+    assert_same(mechanism.apply(measured(), target, values), measured(**READINGS[text]))
+
+
+@pytest.mark.parametrize("text", READINGS)
+def test_a_misreading_is_undone_by_definition(text, measured, nominal, robot):
+    mechanism, target, values = misreading(text, robot)
+    observed = observe(measured(**READINGS[text]), nominal)
+    assert_same(mechanism.undo(observed, target, values), measured())
+
+
+@pytest.mark.parametrize("text", READINGS)
+def test_the_order_of_rows_does_not_matter(text, measured, nominal, robot):
+    """Time and placement decide, not the row."""
+    mechanism, target, values = misreading(text, robot)
+    rows = [2, 0, 1]
+    true, read = rearranged(measured(), rows), rearranged(measured(**READINGS[text]), rows)
+    assert_same(mechanism.apply(true, target, values), read)
+    assert_same(mechanism.undo(observe(read, nominal), target, values), true)
+
+
+def test_cells_forget_their_load_when_the_robot_is_set_down_on_one_foot(measured, nominal, robot):
+    mechanism, target, values = misreading("cell-hysteresis=0.1", robot)
+    support = np.array(["double", "right", "right"])
+    true = dataclasses.replace(measured(), support=support)
+    forces = 0.9 * true.cell_forces  # the plates were empty before every posture
+    read = dataclasses.replace(true, cell_forces=forces)
+    assert_same(mechanism.apply(true, target, values), read)
+    assert_same(mechanism.undo(observe(read, nominal), target, values), true)
