@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tulip_testbed.effects.random_effects import RANDOM, draw_effect
+from tulip_testbed.effects.random_effects import RANDOM, read_effects
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.rig_folder import read_corrections
@@ -39,17 +39,14 @@ def laboratory_and_plan(
     made = plan_for(described, plan)
     placements = np.unique(made.placement).tolist()
     laboratory = Laboratory(described, preset).with_known(*read_corrections(rig, described, placements))
-    # Apart from the laboratory's own streams: what is hidden leaves the noise as it was.
-    rng = np.random.default_rng(np.random.SeedSequence((seed, 1)))
-    for text in effects:
-        if text != RANDOM:
-            laboratory = laboratory.with_effects(text)
-            continue
+    hidden = read_effects(effects, described, placements, seed, statics, "--effect")
+    for text, instance in zip(effects, hidden, strict=True):
         try:
-            laboratory = laboratory.with_effects(draw_effect(described, placements, rng, statics))
-        except InputError:
-            raise InputError(
-                "effect random: found a laboratory that cannot be built, expected one that can: give another "
-                "seed"
+            laboratory = laboratory.with_effects(instance)
+        except InputError as error:
+            # What was drawn is a secret.
+            raise error if text != RANDOM else InputError(
+                "--effect random: found a laboratory that cannot be built, expected one that can; give another "
+                "--seed"
             ) from None
     return laboratory, made
