@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tulip_testbed.effects.instance import EffectInstance, removed
+from tulip_testbed.effects.instance import EffectInstance, check_instance, removed
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.residual_channels import carried, center
@@ -40,6 +40,13 @@ def corrected(observed: Observation) -> Measurements:
 def without(
     measurements: Measurements, nominal: Nominal, instances: Sequence[EffectInstance]
 ) -> tuple[Measurements, Observation]:
-    """Return the measurements with these effects removed, and the observation from which they come."""
+    """Return the measurements with these effects removed, and the observation from which they come.
+
+    Raises:
+        InputError: an effect on something that these measurements do not have, such as a placement.
+    """
+    placements = np.unique(measurements.placement).tolist()
+    for instance in instances:
+        check_instance(instance, nominal.robot, placements, f"correction {instance.label}")
     observed = removed(observe(measurements, nominal), instances)
     return corrected(observed), observed

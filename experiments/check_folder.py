@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +13,16 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.example import compact_json, example_manifest, example_row
-from tulip_testbed.experiments.rig_folder import read_corrections
 from tulip_testbed.experiments.terminal import print_table
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight import RESULTS, Finding, preflight, worst_of
 from tulip_testbed.identification.preflight.plate_checks import plate_poses
 from tulip_testbed.identification.regressor import check_robot
 from tulip_testbed.sim.errors import InputError, shortened
-from tulip_testbed.sim.measurements import Measurements, read_measurements, read_series
+from tulip_testbed.sim.measurements import Measurements, Series, read_measurements, read_series
 from tulip_testbed.sim.measurements.folder_kind import check_kind
 from tulip_testbed.sim.measurements.measurement_folder import read_manifest
 from tulip_testbed.sim.measurements.survey import MAY_LACK, complaints
@@ -30,11 +32,23 @@ COLOURS = {"pass": "green", "warn": "yellow", "fail": "bold red", "not evaluated
 UNREADABLE = "could not read"
 
 
-def check_folder(folder: Path, robot: Robot, rig: Path | None = None) -> dict[str, Any]:
-    """The whole report as one JSON document; `verdict` is "pass", "warn", "fail" or "could not read".
+@dataclass(frozen=True)
+class Preflight:
+    """What a preflight found, as its JSON document: verdict, counts and every check."""
+
+    document: dict[str, Any]
+
+    @property
+    def verdict(self) -> str:
+        """ "pass", "warn", "fail" or "could not read"."""
+        return self.document["verdict"]
+
+
+def check_folder(folder: Path, robot: Robot, corrections: Sequence[EffectInstance] = ()) -> Preflight:
+    """Check a measurement folder for faults, and for what it lacks.
 
     Args:
-        rig: folder of the effects that the measurements are freed of before; None: of none.
+        corrections: effects that the measurements are corrected for before.
 
     Raises:
         InputError: no such folder, a broken robot, or a folder that cannot be read for a reason
@@ -46,23 +60,48 @@ def check_folder(folder: Path, robot: Robot, rig: Path | None = None) -> dict[st
     _refuse_other_robot(folder, nominal)
     wrong = complaints(folder, nominal.parameters.tree.joints)
     if any(wrong.values()):
-        return {
-            "verdict": UNREADABLE,
-            "complaints": wrong,
-            "example_manifest": example_manifest(robot),
-            "example_row": example_row(robot),
-        }
-    measurements, series = read_measurements(folder, likely=False), read_series(folder)
-    adopted = read_corrections(rig, robot, np.unique(measurements.placement).tolist())
-    if not adopted:
-        return findings_document(measurements, nominal, preflight(measurements, nominal, series))
-    check_robot(nominal.parameters, measurements, robot, str(folder))
-    freed, _ = without(measurements, nominal, adopted)
-    findings = preflight(freed, nominal, series)
-    # Of the records of the plates: freed ones hold what moves the centre of pressure otherwise.
+        return Preflight(
+            {
+                "verdict": UNREADABLE,
+                "complaints": wrong,
+                "example_manifest": example_manifest(robot),
+                "example_row": example_row(robot),
+            }
+        )
+    measurements = read_measurements(folder, likely=False)
+    return check_measurements(measurements, robot, corrections, read_series(folder), str(folder))
+
+
+def check_measurements(
+    measurements: Measurements,
+    robot: Robot,
+    corrections: Sequence[EffectInstance] = (),
+    series: Series | None = None,
+    source: str = "measurements",
+) -> Preflight:
+    """Check measurements for faults.
+
+    Args:
+        corrections: see `check_folder`. series: raw readings within the windows, if there are any.
+        source: of the measurements, for messages.
+
+    Raises:
+        InputError: corrections for measurements that do not fit the robot.
+    """
+    nominal = nominal_robot(robot)
+    if not corrections:
+        return Preflight(findings_document(measurements, nominal, preflight(measurements, nominal, series)))
+    check_robot(nominal.parameters, measurements, robot, source)
+    corrected, _ = without(measurements, nominal, corrections)
+    findings = preflight(corrected, nominal, series)
+    # Of the records of the plates: corrected ones hold what moves the centre of pressure otherwise.
     recorded = plate_poses(measurements)
-    return findings_document(
-        freed, nominal, [recorded if finding.name == recorded.name else finding for finding in findings]
+    return Preflight(
+        findings_document(
+            corrected,
+            nominal,
+            [recorded if finding.name == recorded.name else finding for finding in findings],
+        )
     )
 
 
@@ -80,7 +119,7 @@ def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:
     if manifest.robot.model != robot.model_file.name and set(manifest.joints) != set(joints):
         raise InputError(
             f"{folder / 'manifest.json'}: found robot '{shortened(manifest.robot.model)}' with other joints, "
-            f"expected {robot.model_file.name}; give the robot that was measured as --robot FILE"
+            f"expected {robot.model_file.name}; give the robot that was measured"
         )
 
 

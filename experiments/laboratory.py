@@ -32,6 +32,7 @@ from tulip_testbed.sim.scene_check import check_scene
 from tulip_testbed.sim.sensors import PRESETS
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
+from tulip_testbed.sim.threads import one_blas_thread
 
 ENGINES = ("dynamics", "statics")
 DEFAULT_SEED = 1
@@ -94,6 +95,7 @@ class Laboratory:
             found.append(instance)
         return tuple(found)
 
+    @one_blas_thread
     def run(
         self,
         plan: PosturePlan,

@@ -13,11 +13,14 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.experiments.run_folder import check_new
+from tulip_testbed.experiments.usable_plan import enough
+from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.identification.planning.interior_point import SOLVERS
+from tulip_testbed.identification.planning.interior_point import SOLVERS, casadi_module
 from tulip_testbed.identification.planning.objectives import Objective
-from tulip_testbed.identification.planning.problem import Problem
-from tulip_testbed.identification.planning.search import State, rounds
+from tulip_testbed.identification.planning.problem import Problem, planning_problem
+from tulip_testbed.identification.planning.repeats import with_repeats
+from tulip_testbed.identification.planning.search import HOPS, State, rounds
 from tulip_testbed.identification.planning.sequential import (
     measured_information,
     next_plan,
@@ -25,16 +28,135 @@ from tulip_testbed.identification.planning.sequential import (
     next_state,
     run_next,
 )
-from tulip_testbed.identification.planning.trial import first_state, plan_of, run_trial
-from tulip_testbed.sim.errors import InputError, listed
+from tulip_testbed.identification.planning.single_support import single_support_plan
+from tulip_testbed.identification.planning.trial import first_state, objective_named, plan_of, run_trial
+from tulip_testbed.sim.errors import InputError, at_least, listed, look_up
 from tulip_testbed.sim.files import present, read_text, write_text
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_measurements, write_plan
 from tulip_testbed.sim.measurements.plan_folder import check_model
 from tulip_testbed.sim.measurements.table_files import read_json
+from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, sha256
+from tulip_testbed.sim.scene import nominal_plates
+from tulip_testbed.sim.scene_check import check_scene
 
+SIGMA_MM = 4.16  # the paper's residual per axis (eq. 14)
 ARRAYS = ("design", "angles", "best_design", "best_angles")
 Show = Callable[[State], None]
+
+
+@dataclass(frozen=True)
+class PlanSettings:
+    """What a plan is to be.
+
+    Attributes:
+        seed: of everything random.
+        objective: "condition", "d-optimal", "a-optimal", ..., see `identification.planning.objectives`.
+        placements, postures_per_placement: its size.
+        hops: exchanges of a placement's postures.
+        single_support: postures on the right foot alone, after the others.
+        repeats: postures that come twice: half at once, half placed anew.
+        solver: of the last round, one of `SOLVERS`.
+    """
+
+    seed: int = 1
+    objective: str = "condition"
+    placements: int = 10
+    postures_per_placement: int = 5
+    hops: int = HOPS
+    single_support: int = 0
+    repeats: int = 0
+    solver: str = SOLVERS[0]
+
+    @property
+    def size(self) -> tuple[int, int, int]:
+        """Placements, postures on each, hops."""
+        return self.placements, self.postures_per_placement, self.hops
+
+
+@dataclass(frozen=True)
+class Search:
+    """A search for a plan of a robot, checked and ready.
+
+    Attributes:
+        measured: what was measured before, None: nothing.
+        problem: the constraints. goal: what is made small.
+    """
+
+    robot: Robot
+    settings: PlanSettings
+    measured: Measurements | None
+    problem: Problem
+    goal: Objective
+
+    def job(self, seed: int | None = None) -> Job:
+        """Set up the search from a random start.
+
+        Args:
+            seed: of the start; the settings' if None.
+        """
+        seed, size = self.settings.seed if seed is None else seed, self.settings.size
+        if self.measured is None:
+            return trial_job(self.problem, self.goal, size, seed, self.settings.solver)
+        return next_job(self.problem, self.goal, size, seed, self.measured)
+
+    def extended(self, plan: PosturePlan) -> PosturePlan:
+        """Add the postures on one foot and the repeats that the settings ask for."""
+        wanted, plate = self.settings, nominal_plates(self.robot)[0]
+        if wanted.single_support:
+            one = planning_problem(self.robot, plate, support="right")
+            goal = objective_named(one, wanted.objective, 1e-3 * SIGMA_MM)
+            none = np.zeros((len(one.nominal),) * 2)
+            known = none if self.measured is None else measured_information(one, self.measured)
+            plan = single_support_plan(one, goal, plan, known, wanted.single_support, wanted.seed)
+        return with_repeats(plan, wanted.repeats, wanted.seed) if wanted.repeats else plan
+
+
+def set_up_search(
+    robot: Robot, settings: PlanSettings, measured: Measurements | None = None, trials: int = 1
+) -> Search:
+    """Check what a plan is to be, before the work.
+
+    Args:
+        measured: what was measured before: the plan is to tell most next.
+        trials: plans that will be joined.
+
+    Raises:
+        InputError: a setting out of range, a solver that is not installed, too few postures.
+    """
+    for name, least in (
+        *(("seed", 0), ("placements", 1), ("postures_per_placement", 1), ("hops", 0)),
+        *(("single_support", 0), ("repeats", 0)),
+    ):
+        at_least(name, getattr(settings, name), least)
+    placements, per, _ = settings.size
+    if settings.repeats > (most := trials * placements * per):
+        raise InputError(f"repeats: found {settings.repeats}, expected at most the plan's {most} postures")
+    look_up("solver", settings.solver, SOLVERS, "solver")
+    if settings.solver == "ipopt":
+        if measured is not None:
+            raise InputError("solver: found ipopt for a plan after measurements, expected slsqp")
+        casadi_module()
+    check_scene(preset_rig("ideal", robot))
+    support = "double" if measured is None else common_support(measured.support, "measurements: postures")
+    problem = planning_problem(robot, nominal_plates(robot)[0], support=support)
+    goal = objective_named(problem, settings.objective, 1e-3 * SIGMA_MM)
+    taken = 0 if measured is None else len(measured)
+    enough("placements, postures_per_placement", taken + placements * per, problem.parameters)
+    return Search(robot, settings, measured, problem, goal)
+
+
+def optimal_plan(robot: Robot, settings: PlanSettings, measured: Measurements | None = None) -> PosturePlan:
+    """Search for an optimal plan (section IV), from a random feasible start, under every constraint.
+
+    Args:
+        measured: see `set_up_search`.
+
+    Raises:
+        InputError: see `set_up_search`.
+    """
+    search = set_up_search(robot, settings, measured)
+    return search.extended(search.job().run(lambda state: None, None))
 
 
 @dataclass(frozen=True)

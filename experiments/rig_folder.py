@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from tulip_testbed.effects.instance import EffectDocument, EffectInstance, check_instance, injected
+from tulip_testbed.effects.instance import EffectDocument, EffectInstance, injected
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.sim.errors import InputError, listed, shortened, validation_message
 from tulip_testbed.sim.files import new_folder, present, write_text
@@ -125,22 +125,6 @@ def read_rig(folder: Path, robot: Robot) -> tuple[EffectInstance, ...]:
             raise InputError(f"{where}: key 'files': found '{shortened(name)}', expected scenes and {DIFF}")
         _check_hash(folder / name, expected, f"{where}: key 'files'")
     return tuple(EffectInstance.from_document(entry, robot, str(where)) for entry in manifest.effects)
-
-
-def read_corrections(
-    folder: Path | None, robot: Robot, placements: Sequence[int]
-) -> tuple[EffectInstance, ...]:
-    """Read the effects of a rig folder for an experiment with these placements; none if `folder` is None.
-
-    Raises:
-        InputError: a rig that does not fit.
-    """
-    if folder is None:
-        return ()
-    found = read_rig(folder, robot)
-    for instance in found:
-        check_instance(instance, robot, placements, f"{folder / RIG_FILE}")
-    return found
 
 
 def _check_hash(path: Path, expected: str | None, where: str) -> None:

@@ -24,7 +24,7 @@ def scenario(robot, plan):
 
 
 def document_of(scenario, settings=SETTINGS):
-    return run_document(*scenario, 5, settings.engine, settings.document())
+    return run_document(scenario[0], scenario[1], 5, settings.engine, settings.document())
 
 
 def begin(folder, scenario, settings=SETTINGS):

@@ -12,12 +12,12 @@ from tulip_testbed.cli.main import main
 from tulip_testbed.effects.instance import EffectInstance, injected
 from tulip_testbed.effects.random_effects import read_effects
 from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.rig_folder import (
     CHANGED,
     DIFF,
     NOMINAL,
     RIG_FILE,
-    read_corrections,
     read_rig,
     write_rig,
 )
@@ -210,12 +210,16 @@ def test_commands_refuse_a_broken_rig_before_the_work(rig, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_rig_of_a_placement_that_is_not_there(robot, tmp_path):
+def test_a_rig_of_a_placement_that_is_not_there(robot, plan, tmp_path):
     blunder = EffectInstance.parse("placement-blunder:7=0.01,0.0", robot, [7])
     write_rig(tmp_path / "rig", robot, [blunder])
-    assert read_corrections(tmp_path / "rig", robot, [1, 7]) == (blunder,)
+    assert read_rig(tmp_path / "rig", robot) == (blunder,)
+    few = plan.take(plan.placement <= 2)
     with pytest.raises(InputError, match="unknown target '7'; valid: 1, 2"):
-        read_corrections(tmp_path / "rig", robot, [1, 2])
+        Laboratory(robot).with_known(blunder).run(few)
+    (run,) = run_statics(solve_plan(preset_rig("wii", robot), few), [np.random.SeedSequence(SEED)])
+    with pytest.raises(InputError, match="unknown target '7'; valid: 1, 2"):
+        identify(run.measurements, robot, adopted=[blunder])
 
 
 def test_a_monte_carlo_in_the_adopted_laboratory_is_freed_of_it(rig, robot, tmp_path, capsys):

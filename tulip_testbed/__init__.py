@@ -1,1 +1,36 @@
-"""Study the static identification of humanoid robots in a virtual laboratory."""
+"""Study the static identification of humanoid robots in a virtual laboratory.
+
+    import tulip_testbed as tt
+
+    robot = tt.load_robot()
+    lab = tt.Laboratory(robot, sensors="force-plate")
+    run = lab.run(tt.plans.random, seed=3)
+    fit = tt.identify(run.measurements, robot)
+
+Names are loaded when they are first used: `import tulip_testbed` by itself loads neither NumPy nor a simulator.
+"""
+
+from importlib import import_module
+
+FUNCTIONS = (
+    *("load_robot", "read_measurements", "write_measurements", "identify", "Laboratory", "discover"),
+    *("validate", "monte_carlo", "plan", "check", "atlas", "view", "report", "InputError"),
+)
+MODULES = ("effects", "plans")
+
+__all__ = [
+    *FUNCTIONS,
+    *MODULES,
+]
+
+
+def __getattr__(name: str) -> object:
+    if name in FUNCTIONS:
+        return getattr(import_module(f"{__name__}.api"), name)
+    if name in MODULES:
+        return import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}; valid: {', '.join(__all__)}")
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

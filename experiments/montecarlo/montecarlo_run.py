@@ -56,20 +56,39 @@ class Place:
     address: str | None
 
 
+@dataclass(frozen=True)
+class MonteCarlo:
+    """Many runs of one experiment, and what they say of the estimator.
+
+    Attributes:
+        laboratory, plan, settings: what was repeated.
+        report: bias, ratio of standard errors, coverage and checks, as in the run folder's report.json.
+        folder: of the runs; gone if it was a temporary one.
+    """
+
+    laboratory: Laboratory
+    plan: PosturePlan
+    settings: Settings
+    report: dict[str, Any]
+    folder: Path
+
+    @property
+    def verdict(self) -> str:
+        """ "pass", or "fail" if any check fails."""
+        return self.report["verdict"]
+
+
 def montecarlo(
     laboratory: Laboratory,
     plan: PosturePlan,
     settings: Settings,
     place: Place,
     progress: Progress = no_progress,
-) -> dict[str, Any]:
+) -> MonteCarlo:
     """Carry out what is missing in the folder and report on all runs.
 
     Args:
         progress: what shows how far the work is, see `collect_missing`.
-
-    Returns:
-        the report, which is also in the folder.
 
     Raises:
         InputError: what cannot be run, written or read; runs that were written stay.
@@ -101,7 +120,7 @@ def montecarlo(
                 collect_missing(chunks, job, place.folder, progress)
     found = report(summarise(chunks, layout), layout, settings.estimator)
     write_json(place.folder / REPORT_FILE, found)
-    return found
+    return MonteCarlo(laboratory, plan, settings, found, place.folder)
 
 
 def collect_missing(

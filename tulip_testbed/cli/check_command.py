@@ -10,6 +10,7 @@ import tyro
 from tulip_testbed.cli.options import Json, RigFolder, RobotFile
 from tulip_testbed.experiments.check_folder import UNREADABLE, check_folder, print_report
 from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.rig_folder import read_rig
 from tulip_testbed.experiments.terminal import console, print_json
 from tulip_testbed.sim.robot import TULIP
 
@@ -29,7 +30,9 @@ def check_command(
     are freed of the rig's effects before.
     Example: tulip check data/first
     """
-    document = check_folder(folder, described_robot(robot), rig)
+    described = described_robot(robot)
+    known = () if rig is None else read_rig(rig, described)
+    document = check_folder(folder, described, known).document
     if as_json:
         print_json(document)
     else:

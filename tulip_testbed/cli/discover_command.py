@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
@@ -10,20 +11,15 @@ import tyro
 from rich.table import Table
 
 from tulip_testbed.cli.options import CORES, Json, RobotFile, Workers
-from tulip_testbed.discovery.discover import Discovery, discover
-from tulip_testbed.discovery.dynamics_check import PLACEMENTS, check_in_dynamics
-from tulip_testbed.discovery.story import story
+from tulip_testbed.discovery.discover import Discovery
 from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.discovery_document import discovery_document, next_experiments
+from tulip_testbed.experiments.discovering import discover_effects
+from tulip_testbed.experiments.discovery_document import discovery_document
 from tulip_testbed.experiments.discovery_folder import write_discovery
-from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.run_folder import check_new
 from tulip_testbed.experiments.terminal import ERR, console, finite, print_json, print_table, progress
-from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.identification.preflight.units import units
-from tulip_testbed.sim.errors import InputError, at_least
-from tulip_testbed.sim.measurements import Measurements, read_measurements
-from tulip_testbed.sim.robot import TULIP, Robot
+from tulip_testbed.sim.measurements import read_measurements
+from tulip_testbed.sim.robot import TULIP
 
 STAGES = 4
 NEW = Annotated[Path | None, tyro.conf.arg(help="run folder to write; runs/discover-DATE-TIME if not given")]
@@ -53,55 +49,40 @@ def discover_command(
     folder's rig serves `tulip simulate --rig` and `tulip identify --rig`.
     Example: tulip discover data/first --out runs/found
     """
-    at_least("seed", seed, 0)
-    at_least("workers", workers, 1)
     out = out or Path("runs") / f"discover-{datetime.now():%Y%m%d-%H%M%S-%f}"
     check_new(out)
     described = described_robot(robot)
     measurements = read_measurements(folder)
-    _check_units(measurements, described, folder)
-    before = identify(measurements, described, str(folder))  # says what does not fit, before the work
-    with progress("looking for what is missing", STAGES) as advance:
-        found = discover(measurements, described, seed, progress=advance)
-    after = None
-    if found.adopted:
-        after = identify(measurements, described, str(folder), adopted=found.adopted)
-    check = None
-    if not no_check and any(not one.effect.misreads for one in found.adopted):
-        with progress("the adopted model in full dynamics", 2 * PLACEMENTS * 5) as advance:
-            check = check_in_dynamics(found, found.adopted, workers, advance)
-    proposed = next_experiments(found)
-    lines = story(found, proposed)
+    with ExitStack() as bars:
+        found = discover_effects(
+            measurements,
+            described,
+            seed,
+            not no_check,
+            workers,
+            str(folder),
+            lambda what, total: bars.enter_context(progress(what, total)),
+        )
+    lines = found.story
     document = finite(
         discovery_document(
-            found,
-            proposed,
+            found.discovery,
+            found.proposals,
             lines,
             out / "rig" if found.adopted else None,
-            before,
-            after,
-            None if check is None else check.document(),
+            found.before,
+            found.after,
+            None if found.check is None else found.check.document(),
         )
     )
     asked = {"measurements": str(folder), "robot": described.path.name, "seed": seed, "no_check": no_check}
-    write_discovery(out, found, document, described, asked)
+    write_discovery(out, found.discovery, document, described, asked)
     if as_json:
         print_json(document)
         return 0
-    _show(found, document, lines)
+    _show(found.discovery, document, lines)
     ERR.print(f"Run folder: {out}")
     return 0
-
-
-def _check_units(measurements: Measurements, robot: Robot, folder: Path) -> None:
-    """Kilograms for newtons are no physical effect.
-
-    Raises:
-        InputError: what the preflight says of the units.
-    """
-    found = units(measurements, nominal_robot(robot))
-    if found.result == "fail":
-        raise InputError(f"{folder}: found {found.seen}; expected {found.expected} (`tulip check` says more)")
 
 
 def _show(found: Discovery, document: dict, lines: list[str]) -> None:

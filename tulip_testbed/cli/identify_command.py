@@ -21,7 +21,7 @@ from tulip_testbed.experiments.parameter_tables import (
     standard_table,
     weak_directions,
 )
-from tulip_testbed.experiments.rig_folder import read_corrections
+from tulip_testbed.experiments.rig_folder import read_rig
 from tulip_testbed.experiments.terminal import console, print_json, print_table
 from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS
 from tulip_testbed.sim.errors import look_up
@@ -46,7 +46,7 @@ def identify_command(
     look_up("estimator", estimator, ESTIMATORS, "--estimator")
     described = described_robot(robot)
     measurements = read_measurements(folder)
-    adopted = read_corrections(rig, described, np.unique(measurements.placement).tolist())
+    adopted = () if rig is None else read_rig(rig, described)
     found = identify(measurements, described, str(folder), estimator, adopted=adopted)
     document: dict[str, Any] = {
         "estimator": found.estimator,

@@ -10,7 +10,7 @@ import numpy as np
 from tulip_testbed.effects.random_effects import RANDOM, read_effects
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.rig_folder import read_corrections
+from tulip_testbed.experiments.rig_folder import read_rig
 from tulip_testbed.experiments.usable_plan import plan_for
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PosturePlan
@@ -38,15 +38,21 @@ def laboratory_and_plan(
     described = described_robot(robot)
     made = plan_for(described, plan)
     placements = np.unique(made.placement).tolist()
-    laboratory = Laboratory(described, preset).with_known(*read_corrections(rig, described, placements))
+    laboratory = Laboratory(described, preset)
+    if rig is not None:
+        laboratory = laboratory.with_known(*read_rig(rig, described))
     hidden = read_effects(effects, described, placements, seed, statics, "--effect")
     for text, instance in zip(effects, hidden, strict=True):
         try:
             laboratory = laboratory.with_effects(instance)
         except InputError as error:
             # What was drawn is a secret.
-            raise error if text != RANDOM else InputError(
-                "--effect random: found a laboratory that cannot be built, expected one that can; give another "
-                "--seed"
+            raise (
+                error
+                if text != RANDOM
+                else InputError(
+                    "--effect random: found a laboratory that cannot be built, expected one that can; give another "
+                    "--seed"
+                )
             ) from None
     return laboratory, made

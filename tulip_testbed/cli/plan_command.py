@@ -20,36 +20,27 @@ from tulip_testbed.experiments.laboratory import DEFAULT_SEED
 from tulip_testbed.experiments.plan_description import described_plan, print_plan
 from tulip_testbed.experiments.planning_run import (
     Job,
+    PlanSettings,
+    Search,
     as_plan,
     carry_out,
     check_out,
     joined,
     keep_plan,
     measured_for,
-    next_job,
     read_state,
+    set_up_search,
     state_file,
-    trial_job,
 )
 from tulip_testbed.experiments.terminal import ERR, console, finite, print_json, print_table
-from tulip_testbed.experiments.usable_plan import enough, planned_parameters
-from tulip_testbed.identification.base_parameters import common_support
-from tulip_testbed.identification.planning.interior_point import SOLVERS, casadi_module
-from tulip_testbed.identification.planning.objectives import Objective
-from tulip_testbed.identification.planning.problem import Problem, planning_problem
-from tulip_testbed.identification.planning.repeats import with_repeats
+from tulip_testbed.experiments.usable_plan import planned_parameters
+from tulip_testbed.identification.base_parameters import base_parameters
+from tulip_testbed.identification.planning.interior_point import SOLVERS
 from tulip_testbed.identification.planning.search import HOPS, State
-from tulip_testbed.identification.planning.sequential import measured_information
-from tulip_testbed.identification.planning.single_support import single_support_plan
-from tulip_testbed.identification.planning.trial import objective_named
-from tulip_testbed.sim.errors import InputError, at_least, look_up
+from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_plan
-from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import TULIP, Robot
-from tulip_testbed.sim.scene import nominal_plates
-from tulip_testbed.sim.scene_check import check_scene
 
-SIGMA_MM = 4.16  # the paper's residual per axis (eq. 14)
 TABLE1 = ((647.4, 337.5), (732.1, 405.1), (925.8, 352.6), (714.1, 314.7), (733.6, 406.9), (689.1, 394.4))
 TABLE1_SEEDS = (101, 102, 103, 104, 105, 106)  # margins were chosen on seeds below 100
 CHOSEN = 3  # of the trials, as in the paper
@@ -88,63 +79,18 @@ def plan_command(
     Example: tulip plan --out plans/best --seed 3 --objective condition
     """
     check_out(out)
-    for option, value, least in (
-        ("--seed", seed, 0),
-        ("--placements", placements, 1),
-        ("--postures-per-placement", postures_per_placement, 1),
-        ("--hops", hops, 0),
-        ("--single-support", single_support, 0),
-        ("--repeats", repeats, 0),
-    ):
-        at_least(option, value, least)
     if table1 and after is not None:
         raise InputError("--after: found with --table1, expected one of them")
-    if repeats > (
-        most := (len(TABLE1_SEEDS[:CHOSEN]) if table1 else 1) * placements * postures_per_placement
-    ):
-        raise InputError(f"--repeats: found {repeats}, expected at most the plan's {most} postures")
-    look_up("solver", solver, SOLVERS, "--solver")
-    if solver == "ipopt":
-        if after is not None:
-            raise InputError("--solver: found ipopt with --after, expected slsqp")
-        casadi_module()
     own = described_robot(robot)
-    check_scene(preset_rig("ideal", own))
-    plate = nominal_plates(own)[0]
-    problem = planning_problem(own, plate)
-    measured = None
-    if after is not None:
-        measured = measured_for(own, after, problem.parameters.tree.joints)
-        problem = planning_problem(own, plate, support=common_support(measured.support, f"{after}: postures"))
-    goal = objective_named(problem, objective, 1e-3 * SIGMA_MM)
+    measured = None if after is None else measured_for(own, after, base_parameters(own).tree.joints)
     size = (placements, postures_per_placement, hops)
-    taken = 0 if measured is None else len(measured)
-    enough(
-        "--placements, --postures-per-placement",
-        taken + placements * postures_per_placement,
-        problem.parameters,
-    )
-
-    def extended(plan: PosturePlan) -> PosturePlan:
-        if single_support:
-            one = planning_problem(own, plate, support="right")
-            wanted = objective_named(one, objective, 1e-3 * SIGMA_MM)
-            known = (
-                np.zeros((len(one.nominal),) * 2) if measured is None else measured_information(one, measured)
-            )
-            plan = single_support_plan(one, wanted, plan, known, single_support, seed)
-        return with_repeats(plan, repeats, seed) if repeats else plan
-
+    settings = PlanSettings(seed, objective, *size, single_support, repeats, solver)
+    search = set_up_search(own, settings, measured, CHOSEN if table1 else 1)
     if table1:
-        return _table1(own, problem, goal, size, solver, out, preset, extended, as_json)
+        return _table1(search, out, preset, as_json)
     began = time.perf_counter()
-    job = (
-        trial_job(problem, goal, size, seed, solver)
-        if measured is None
-        else next_job(problem, goal, size, seed, measured)
-    )
-    plan, finished = _shown(job, state_file(out), f"seed {seed}")
-    document = _written(own, extended(plan) if finished else plan, out, preset, measured)
+    plan, finished = _shown(search.job(), state_file(out), f"seed {seed}")
+    document = _written(own, search.extended(plan) if finished else plan, out, preset, measured)
     if finished:
         state_file(out).unlink(missing_ok=True)
     document["wall_s"] = time.perf_counter() - began
@@ -183,23 +129,13 @@ def _written(
     }
 
 
-def _table1(
-    robot: Robot,
-    problem: Problem,
-    goal: Objective,
-    size: tuple[int, int, int],
-    solver: str,
-    out: Path,
-    preset: str,
-    extended: Callable[[PosturePlan], PosturePlan],
-    as_json: bool,
-) -> int:
+def _table1(search: Search, out: Path, preset: str, as_json: bool) -> int:
     """Six trials from six random starts; the best three joined into one plan."""
-    rows, plans = [], []
+    robot, rows, plans = search.robot, [], []
     for seed, paper in zip(TABLE1_SEEDS, TABLE1, strict=True):
         began = time.process_time()
         kept = out.with_name(f".{out.name}.seed{seed}.state.json")
-        plan, finished = _shown(trial_job(problem, goal, size, seed, solver), kept, f"seed {seed}")
+        plan, finished = _shown(search.job(seed), kept, f"seed {seed}")
         if not finished:
             ERR.print("tulip: interrupted; give the same command to go on")
             return 130
@@ -216,7 +152,7 @@ def _table1(
             }
         )
     order = np.argsort([row["condition_number"] for row in rows], kind="stable")[:CHOSEN]
-    best = extended(_joined([plans[k] for k in order]))
+    best = search.extended(_joined([plans[k] for k in order]))
     said = _written(robot, best, out, preset)
     for seed in TABLE1_SEEDS:
         out.with_name(f".{out.name}.seed{seed}.state.json").unlink(missing_ok=True)

@@ -7,6 +7,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from tulip_testbed.colours import ESTIMATE, MEASURED, SKELETON, rgb
+from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stream_of
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import first_difference, run_document
 from tulip_testbed.experiments.montecarlo.settings import Settings

@@ -1,0 +1,97 @@
+"""The whole discovery: search, identification before and after, check in the full dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+from tulip_testbed.discovery.discover import Discovery, discover
+from tulip_testbed.discovery.dynamics_check import DynamicsCheck, check_in_dynamics
+from tulip_testbed.discovery.proposals import Proposal
+from tulip_testbed.discovery.story import story
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.experiments.discovery_document import next_experiments
+from tulip_testbed.experiments.identify import Identification, identify
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.preflight.units import units
+from tulip_testbed.sim.errors import InputError, at_least
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.robot import Robot
+
+
+@dataclass(frozen=True)
+class Discovered:
+    """What a discovery found, and what it changes.
+
+    Attributes:
+        robot: the nominal robot.
+        discovery: candidates, evidence, held-out residuals, verdict.
+        before, after: the robot identified without and with what was adopted; None: nothing was.
+        check: the adopted physics in the full dynamics; None: nothing to simulate, or not asked for.
+    """
+
+    robot: Robot
+    discovery: Discovery
+    before: Identification
+    after: Identification | None
+    check: DynamicsCheck | None
+
+    @property
+    def verdict(self) -> str:
+        """ "named", "ambiguous", "unknown" or "none"."""
+        return self.discovery.verdict
+
+    @property
+    def adopted(self) -> tuple[EffectInstance, ...]:
+        """The effects that are added to the model; empty unless the verdict is "named"."""
+        return self.discovery.adopted
+
+    @cached_property
+    def proposals(self) -> list[Proposal]:
+        """Experiments that would separate what is ambiguous, the best first."""
+        return next_experiments(self.discovery)
+
+    @cached_property
+    def story(self) -> list[str]:
+        """The finding in sentences, the most important first."""
+        return story(self.discovery, self.proposals)
+
+    def __repr__(self) -> str:
+        return "\n".join([f"Verdict: {self.verdict}", *self.story])
+
+
+def discover_effects(
+    measurements: Measurements,
+    robot: Robot,
+    seed: int = 0,
+    check: bool = True,
+    workers: int = 1,
+    source: str = "measurements",
+    progress: Callable[[str, int], Callable[[int], None]] = lambda what, total: lambda count: None,
+) -> Discovered:
+    """Find what the nominal model lacks, adopt it if it has a name, identify the robot before and after.
+
+    Args:
+        seed: of the bootstrap that calibrates the level.
+        check: simulate adopted physics in the full dynamics; saves up to two minutes if not.
+        workers: processes of that simulation. Results do not depend on it.
+        source: of the measurements, for messages.
+        progress: called with a stage's name and its number of steps; gives what is called with each step.
+
+    Raises:
+        InputError: measurements that do not fit the robot, in wrong units, or too few placements.
+    """
+    at_least("seed", seed, 0)
+    at_least("workers", workers, 1)
+    found = units(measurements, nominal_robot(robot))
+    if found.result == "fail":
+        raise InputError(f"{source}: found {found.seen}; expected {found.expected} (the preflight says more)")
+    before = identify(measurements, robot, source)  # says what does not fit, before the work
+    discovery = discover(measurements, robot, seed, progress=progress("looking for what is missing", 4))
+    after = identify(measurements, robot, source, adopted=discovery.adopted) if discovery.adopted else None
+    checked = None
+    if check and any(not one.effect.misreads for one in discovery.adopted):
+        steps = progress("the adopted model in full dynamics", 80)
+        checked = check_in_dynamics(discovery, discovery.adopted, workers, steps)
+    return Discovered(robot, discovery, before, after, checked)

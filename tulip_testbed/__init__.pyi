@@ -1,0 +1,20 @@
+"""What `import tulip_testbed` offers, for type checkers and editors."""
+
+from tulip_testbed import effects as effects
+from tulip_testbed import plans as plans
+from tulip_testbed.api import InputError as InputError
+from tulip_testbed.api import Laboratory as Laboratory
+from tulip_testbed.api import atlas as atlas
+from tulip_testbed.api import check as check
+from tulip_testbed.api import discover as discover
+from tulip_testbed.api import identify as identify
+from tulip_testbed.api import load_robot as load_robot
+from tulip_testbed.api import monte_carlo as monte_carlo
+from tulip_testbed.api import plan as plan
+from tulip_testbed.api import read_measurements as read_measurements
+from tulip_testbed.api import report as report
+from tulip_testbed.api import validate as validate
+from tulip_testbed.api import view as view
+from tulip_testbed.api import write_measurements as write_measurements
+
+__all__: list[str]

@@ -1,0 +1,266 @@
+"""The functions that a researcher calls; `tulip_testbed` offers them all by name.
+
+Every function uses one thread for linear algebra, so that a notebook and the command line give the same bits.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.experiments.atlas.effect_atlas import Atlas
+from tulip_testbed.experiments.atlas.effect_atlas import atlas as _atlas
+from tulip_testbed.experiments.atlas.planned_experiment import planned
+from tulip_testbed.experiments.check_folder import Preflight, check_folder, check_measurements
+from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.discovering import Discovered, discover_effects
+from tulip_testbed.experiments.identify import Identification
+from tulip_testbed.experiments.identify import identify as _identify
+from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory, Run
+from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo, Place, montecarlo
+from tulip_testbed.experiments.montecarlo.settings import Settings
+from tulip_testbed.experiments.planning_run import PlanSettings, optimal_plan
+from tulip_testbed.experiments.usable_plan import check_plan
+from tulip_testbed.experiments.validate import Validation
+from tulip_testbed.experiments.validate import validate as _validate
+from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.identification.planning.interior_point import SOLVERS
+from tulip_testbed.identification.planning.search import HOPS
+from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.measurements import read_measurements as _read_measurements
+from tulip_testbed.sim.measurements import write_measurements as _write_measurements
+from tulip_testbed.sim.robot import TULIP, Robot
+from tulip_testbed.sim.threads import one_blas_thread
+
+__all__ = [
+    *("InputError", "Laboratory", "atlas", "check", "discover", "identify", "load_robot", "monte_carlo"),
+    *("plan", "read_measurements", "report", "validate", "view", "write_measurements"),
+]
+
+Shown = Run | Validation | Discovered | MonteCarlo | Measurements | PosturePlan | str | Path
+CORES = os.cpu_count() or 1
+
+
+def load_robot(path: str | Path = TULIP) -> Robot:
+    """Load a robot and check its description and its model against each other.
+
+    Args:
+        path: of the description (TOML); TULip's if left out.
+
+    Raises:
+        InputError: names the file, the key, what was found and what was expected.
+    """
+    return described_robot(Path(path))
+
+
+def read_measurements(folder: str | Path) -> Measurements:
+    """Read and check a measurement folder.
+
+    Raises:
+        InputError: the folder breaks the contract; names file, place, what was found and what was expected.
+    """
+    return _read_measurements(Path(folder))
+
+
+def write_measurements(folder: str | Path, measurements: Measurements) -> None:
+    """Write a measurement folder, which appears whole or not at all; it holds nothing of a simulation's truth.
+
+    Raises:
+        InputError: the folder exists or cannot be written.
+    """
+    _write_measurements(Path(folder), measurements)
+
+
+@one_blas_thread
+def identify(
+    measurements: Measurements,
+    robot: Robot | None = None,
+    estimator: str = DEFAULT,
+    corrections: Sequence[EffectInstance | str] = (),
+) -> Identification:
+    """Identify a robot from what was measured.
+
+    Args:
+        robot: the nominal robot; TULip if None.
+        estimator: "mixed-model", "least-squares", "placement", "errors-in-variables", "robust", "prior" or
+            "consistent".
+        corrections: effects that the measurements are corrected for, e.g. `discover(...).adopted`.
+
+    Returns:
+        the full model and the simplified one; `fit["torso.x"].value` [m].
+
+    Raises:
+        InputError: measurements that do not fit the robot or do not suffice, or an unknown estimator.
+    """
+    robot = robot or load_robot()
+    return _identify(measurements, robot, estimator=estimator, adopted=_instances(corrections, robot))
+
+
+def _instances(effects: Sequence[EffectInstance | str], robot: Robot) -> list[EffectInstance]:
+    return [e if isinstance(e, EffectInstance) else EffectInstance.parse(e, robot) for e in effects]
+
+
+@one_blas_thread
+def discover(
+    measurements: Measurements,
+    robot: Robot | None = None,
+    seed: int = 0,
+    check: bool = True,
+    workers: int = CORES,
+) -> Discovered:
+    """Find what the nominal model lacks: where it disagrees with measurements, and which effect explains it.
+
+    Args:
+        robot: the nominal robot; TULip if None.
+        seed: of the bootstrap that calibrates the level.
+        check: simulate adopted physics in the full dynamics, which may take two minutes.
+        workers: processes of that simulation. Results do not depend on it.
+
+    Returns:
+        the verdict "named", "ambiguous", "unknown" or "none"; what was adopted; the robot identified before
+        and after.
+
+    Raises:
+        InputError: measurements that do not fit the robot, in wrong units, or too few placements.
+    """
+    return discover_effects(measurements, robot or load_robot(), seed, check, workers)
+
+
+@one_blas_thread
+def validate(
+    laboratory: Laboratory,
+    plan: PosturePlan,
+    seed: int = DEFAULT_SEED,
+    estimator: str = DEFAULT,
+    engine: str = "dynamics",
+    workers: int = CORES,
+) -> Validation:
+    """Simulate a plan, identify the robot, compare with the truth and give a verdict.
+
+    Args:
+        plan: postures to measure, e.g. `plans.random`.
+        seed: of everything random.
+        estimator: see `identify`.
+        engine: "dynamics", half a minute, or "statics", a second.
+        workers: processes. Results do not depend on it.
+
+    Raises:
+        InputError: a plan that does not fit the robot or would not identify it.
+    """
+    return _validate(laboratory, plan, seed, estimator, engine, workers)
+
+
+@one_blas_thread
+def monte_carlo(
+    laboratory: Laboratory,
+    plan: PosturePlan,
+    runs: int,
+    seed: int = DEFAULT_SEED,
+    estimator: str = DEFAULT,
+    random_robots: float | None = None,
+    engine: str = "statics",
+    workers: int = CORES,
+    folder: str | Path | None = None,
+    scheduler: str | None = None,
+) -> MonteCarlo:
+    """Repeat an experiment with known truth and ask whether the estimator is right about its own errors.
+
+    Args:
+        runs: how many.
+        estimator: see `identify`.
+        random_robots: s.d. of the logarithm of each link's mass, and of its centre of mass in half edges of its
+            inertia box: a random true robot in every run; None: the nominal one.
+        engine: "statics", or "dynamics": about a minute a run.
+        workers: processes. Results do not depend on it.
+        folder: keeps the runs; the same call resumes what was stopped. None: a temporary one.
+        scheduler: address of a Dask scheduler, "tcp://HOST:PORT"; None: processes of this machine.
+
+    Raises:
+        InputError: what cannot be run; a folder that holds another Monte Carlo.
+    """
+    settings = Settings(runs, seed, estimator, random_robots, engine)
+    if folder is not None:
+        return montecarlo(laboratory, plan, settings, Place(Path(folder), workers, scheduler))
+    with tempfile.TemporaryDirectory() as scratch:
+        return montecarlo(laboratory, plan, settings, Place(Path(scratch) / "runs", workers, scheduler))
+
+
+@one_blas_thread
+def plan(
+    robot: Robot | None = None,
+    seed: int = DEFAULT_SEED,
+    objective: str = "condition",
+    placements: int = 10,
+    postures_per_placement: int = 5,
+    after: Measurements | None = None,
+    single_support: int = 0,
+    repeats: int = 0,
+    hops: int = HOPS,
+    solver: str = SOLVERS[0],
+) -> PosturePlan:
+    """Search for optimal postures (section IV): from a random feasible start, under every constraint.
+
+    Args:
+        robot: the nominal robot; TULip if None.
+        seed: of everything random.
+        objective: "condition", "d-optimal", "a-optimal", ...: what is made small.
+        placements, postures_per_placement: size of the plan.
+        after: what was measured before: the plan tells most next.
+        single_support: postures on the right foot alone, after the others.
+        repeats: postures that come twice.
+        hops: exchanges of a placement's postures; a minute for the default.
+        solver: of the last round, "slsqp" or "ipopt".
+
+    Raises:
+        InputError: a setting out of range, or too few postures to identify the robot.
+    """
+    size = (placements, postures_per_placement, hops)
+    wanted = PlanSettings(seed, objective, *size, single_support, repeats, solver)
+    return optimal_plan(robot or load_robot(), wanted, after)
+
+
+@one_blas_thread
+def check(
+    measurements: Measurements | str | Path,
+    robot: Robot | None = None,
+    corrections: Sequence[EffectInstance | str] = (),
+) -> Preflight:
+    """Check measurements for faults before they are identified from: weights, drift, plates, legs, units and more.
+
+    Args:
+        measurements: or their folder, whose complaints about missing columns are listed too.
+        robot: the nominal robot; TULip if None.
+        corrections: effects that the measurements are corrected for before.
+
+    Raises:
+        InputError: no such folder, or another robot's.
+    """
+    robot = robot or load_robot()
+    known = _instances(corrections, robot)
+    if isinstance(measurements, Measurements):
+        return check_measurements(measurements, robot, known)
+    return check_folder(Path(measurements), robot, known)
+
+
+@one_blas_thread
+def atlas(
+    plan: PosturePlan, robot: Robot | None = None, sensors: str = "wii", seed: int = DEFAULT_SEED
+) -> Atlas:
+    """Tell before any data which effects a plan would show, confuse or hide.
+
+    Args:
+        robot: the nominal robot; TULip if None.
+        sensors: "wii" or "force-plate".
+        seed: of the simulated noise.
+
+    Raises:
+        InputError: a plan that would not identify the robot, or that statics does not know.
+    """
+    robot = robot or load_robot()
+    check_plan(robot, plan)
+    return _atlas(planned(plan, sensors, robot, seed), np.random.default_rng(seed))

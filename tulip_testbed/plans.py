@@ -1,0 +1,57 @@
+"""The posture plans that come with TULip, and plans of one's own.
+
+`plans.random` holds 150 random postures on 30 foot placements, `plans.optimal` 150 optimised ones; both are read
+when they are first asked for.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+from tulip_testbed.experiments.usable_plan import PLANS
+from tulip_testbed.sim.measurements import PosturePlan, read_plan, write_plan
+from tulip_testbed.sim.robot import Robot, load_robot
+
+SHIPPED = ("random", "optimal")
+
+random: PosturePlan
+optimal: PosturePlan
+
+__all__ = ["SHIPPED", "optimal", "random", "read", "write"]
+
+
+def read(folder: str | Path, robot: Robot | None = None) -> PosturePlan:
+    """Read and check a plan folder.
+
+    Args:
+        robot: that the plan was made for; TULip if None.
+
+    Raises:
+        InputError: no such folder, a plan that breaks the contract, or one for another robot.
+    """
+    return read_plan(Path(folder), robot or load_robot())
+
+
+def write(folder: str | Path, plan: PosturePlan) -> None:
+    """Write a plan folder, which appears whole or not at all.
+
+    Raises:
+        InputError: the folder exists or cannot be written.
+    """
+    write_plan(Path(folder), plan)
+
+
+@cache
+def _shipped(name: str) -> PosturePlan:
+    return read_plan(PLANS / name, load_robot())
+
+
+def __getattr__(name: str) -> PosturePlan:
+    if name in SHIPPED:
+        return _shipped(name)
+    raise AttributeError(f"module {__name__!r} has no plan {name!r}; valid: {', '.join(SHIPPED)}")
+
+
+def __dir__() -> list[str]:
+    return list(__all__)
