@@ -3,8 +3,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 ORACLE := .venv-oracle
 
-.PHONY: setup validate demo test test-all lint bench oracle study-contact study-equilibrium study-montecarlo study-estimators study-check \
-  study-improve study-plan study-sequential study-atlas study-discover study-foreign study-verdict study-fuzz study-kill pictures constraints clean
+STUDIES := $(patsubst studies/study_%.py,study-%,$(wildcard studies/study_*.py))
+
+.PHONY: setup validate demo test test-all lint bench oracle studies $(STUDIES) study-plan pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -49,44 +50,11 @@ $(ORACLE)/.done: constraints.txt pyproject.toml
 	$(ORACLE)/bin/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[oracle]'
 	@touch $@
 
-study-contact: setup  ## docs/contact-study.md's table: contact and gate settings against accuracy
-	$(BIN)/python -m studies.study_contact
+studies: setup  ## list the studies, each with the page that it is for and its time
+	@$(BIN)/python -m studies --help
 
-study-sequential: setup  ## docs/planning.md's table: ten postures chosen next against ten random ones
-	$(BIN)/python -m studies.study_sequential
-
-study-fuzz: setup  ## docs/reliability.md's table: 1,000 broken folders, 200 broken robots
-	$(BIN)/python -m studies.study_fuzz
-
-study-kill: setup  ## docs/reliability.md's table: fifty kills while writing and before
-	$(BIN)/python -m studies.study_kill
-
-study-equilibrium: setup  ## docs/equilibrium.md's tables: statics against the full dynamics
-	$(BIN)/python -m studies.study_equilibrium
-
-study-montecarlo: setup  ## docs/calibration.md's tables: calibration, wrong data sheets, statics beside dynamics
-	$(BIN)/python -m studies.study_montecarlo
-
-study-estimators: setup  ## docs/estimators.md's table: is each estimator right about its own errors?
-	$(BIN)/python -m studies.study_estimators
-
-study-improve: setup  ## docs/improve.md's tables and figures: the paper's ways to improve (some seventeen minutes of one core)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.study_improve
-
-study-atlas: setup  ## docs/atlas.md's table: from which angle on two effects are told apart (some minutes of one core)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.study_atlas
-
-study-foreign: setup  ## docs/discovery-benchmark.md's table of data from outside (a quarter of an hour)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.study_foreign
-
-study-verdict: setup  ## docs/verdict.md's tables: how often the verdict fails a true laboratory (an hour of one core)
-	$(BIN)/python -m studies.study_verdict
-
-study-discover: setup  ## docs/discovery-benchmark.md's tables: the honest test of `tulip discover` (hours)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.study_discover
-
-study-check: setup  ## docs/check.md's tables: false alarms and planted faults of `tulip check`
-	$(BIN)/python -m studies.study_check
+$(STUDIES): study-%: setup  ## make the tables of one study (`make studies` lists them)
+	$(BIN)/python -m studies $*
 
 study-plan: setup  ## docs/planning.md's Table I: six trials of optimal postures
 	$(BIN)/tulip plan --table1 --out runs/plan-$$(date +%Y%m%d-%H%M%S)

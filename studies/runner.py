@@ -1,13 +1,32 @@
-"""What the studies share: the shipped plan, parts of plans and folders, Markdown tables."""
+"""Run a study by its name and print its tables as Markdown, below the command that made them.
+
+The study NAME is the module `studies/study_NAME.py`. It holds `SETTINGS`, those of the published tables, and
+`study(settings)`, which yields lines of Markdown as soon as they are known. The first line of its docstring
+is its entry in the list of studies.
+"""
 
 from __future__ import annotations
 
+import ast
 import dataclasses
+import importlib
+import os
+import shlex
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
+import joblib
 import numpy as np
+import tyro
 
+from tulip_testbed.experiments.terminal import progress
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
+from tulip_testbed.sim.errors import InputError, look_up
+from tulip_testbed.sim.files import write_text
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_plan
 from tulip_testbed.sim.robot import Robot
 
@@ -17,30 +36,123 @@ MEASURED_ROWS = (
 )
 
 
+@dataclass(frozen=True)
+class Settings:
+    """How a study is run."""
+
+    seed: int
+    """first seed"""
+    size: float = 1.0
+    """number of runs, as a fraction of the published one"""
+    workers: int = field(default_factory=joblib.cpu_count)
+    """processes; the tables do not depend on their number"""
+    only: tuple[str, ...] = ()
+    """parts of the study"""
+    out: Path | None = None
+    """Markdown file for the tables"""
+
+    def count(self, published: int) -> int:
+        """Return how many runs to make where the published table has `published`."""
+        return max(1, round(self.size * published))
+
+    def folder(self, study: str) -> Path:
+        """Create the folder of files that a study keeps; the same command finds them again and resumes."""
+        folder = Path("runs") / f"study-{study}" / f"seed-{self.seed}-size-{self.size:g}"
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder
+
+    def parallel(self, label: str, function: Callable[..., Any], arguments: Iterable[tuple]) -> list[Any]:
+        """Call a function for each tuple of arguments, spread over the processes, with a progress bar.
+
+        Returns:
+            the results in the order of the arguments.
+        """
+        calls, results = [joblib.delayed(function)(*each) for each in arguments], []
+        with progress(label, len(calls)) as advance:
+            for result in joblib.Parallel(self.workers, return_as="generator")(calls):
+                results.append(result)
+                advance(1)
+        return results
+
+
+def main(arguments: list[str]) -> int:
+    """Run the study that the arguments name; return the exit code."""
+    found, name = studies(), arguments[0] if arguments else "--help"
+    if name in ("-h", "--help"):
+        print("usage: python -m studies NAME [OPTIONS]; python -m studies NAME --help tells the options\n")
+        print("\n".join(f"  {name:12} {sentence}" for name, sentence in found.items()))
+        return 0
+    try:
+        run(look_up("study", name, found, "NAME"), arguments[1:])
+    except InputError as error:
+        print(f"studies: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def studies() -> dict[str, str]:
+    """Return what each study does by its name, read from the modules without importing them."""
+    return {
+        path.stem.removeprefix("study_"): str(ast.get_docstring(ast.parse(path.read_text()))).split("\n")[0]
+        for path in sorted(Path(__file__).parent.glob("study_*.py"))
+    }
+
+
+def run(name: str, arguments: list[str]) -> None:
+    """Run one study, print its lines as they come, and write them to `--out` at the end.
+
+    Raises:
+        InputError: a part that the study does not have, or whatever the study refuses.
+    """
+    module = importlib.import_module(f"studies.study_{name}")
+    if not hasattr(module, "study"):  # it has a command line of its own
+        sys.argv = [name, *arguments]
+        raise SystemExit(module.main())
+    prog = f"python -m studies {name}"
+    settings = tyro.cli(
+        Settings, prog=prog, description=module.__doc__, args=arguments, default=module.SETTINGS
+    )
+    for part in settings.only:
+        look_up("part", part, module.SETTINGS.only, "--only")
+    began, lines = datetime.now(UTC), []
+
+    def write(line: str) -> None:
+        print(line, flush=True)
+        lines.append(line)
+
+    write(f"`{shlex.join([*prog.split(), *arguments])}` (seed {settings.seed})\n")
+    for line in module.study(settings):
+        write(line)
+    ended, load = datetime.now(UTC), os.getloadavg()[2]
+    write(f"\n{began:%Y-%m-%d %H:%M} to {ended:%H:%M} UTC, workers: {settings.workers}, load {load:.1f}.")
+    if settings.out:
+        write_text(settings.out, "\n".join(lines) + "\n")
+
+
+def row(*cells: object) -> str:
+    """Return one line of a Markdown table."""
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+def header(*cells: str) -> str:
+    """Return the first two lines of a Markdown table."""
+    return f"{row(*cells)}\n{'|---' * len(cells)}|"
+
+
 def shipped_plan(robot: Robot, placements: int | None = None) -> PosturePlan:
-    """The shipped plan, or its first placements."""
+    """Return the shipped plan, or its first placements."""
     plan = read_plan(DEFAULT_PLAN, robot)
     return plan if placements is None else part_of(plan, plan.placement <= placements)
 
 
 def part_of(plan: PosturePlan, rows: np.ndarray) -> PosturePlan:
-    """Some rows of a plan."""
+    """Return some rows of a plan."""
     return plan.take(rows)
 
 
 def rows_of(m: Measurements, rows: np.ndarray) -> Measurements:
-    """Some rows of a measurement folder."""
+    """Return some rows of a measurement folder."""
     chosen: dict[str, Any] = {
         name: getattr(m, name)[rows] for name in MEASURED_ROWS if getattr(m, name) is not None
     }
     return dataclasses.replace(m, **chosen)
-
-
-def row(*cells: object) -> str:
-    """One line of a Markdown table."""
-    return f"| {' | '.join(map(str, cells))} |"
-
-
-def header(*cells: str) -> str:
-    """A Markdown table's first two lines."""
-    return f"{row(*cells)}\n{'|---' * len(cells)}|"

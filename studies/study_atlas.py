@@ -1,6 +1,6 @@
-"""docs/atlas.md's table: how small an angle between two effects may be for the right one to be named.
+"""Measure how small the angle between two effects may be for the right one to win (docs/atlas.md; minutes).
 
-Residuals with one effect at twice its detectable size and noise are scored by the whole catalogue, on
+Residuals with noise and one effect at twice its detectable size are scored by the whole catalogue, on
 development seeds 0 to 99, in the linear model of the shipped plan.
 """
 
@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from studies.runner import header, row
+from studies.runner import Settings, header, row
 from tulip_testbed.discovery.evidence import Field, field, scores
 from tulip_testbed.discovery.linear_model import Linear, linear_model
 from tulip_testbed.discovery.selection import DECISIVE
@@ -22,6 +22,8 @@ from tulip_testbed.experiments.atlas.planned_experiment import planned
 from tulip_testbed.experiments.usable_plan import plan_for
 from tulip_testbed.sim.robot import load_robot
 
+SETTINGS = Settings(seed=0, only=("wii", "force-plate"))
+SEEDS = 100
 EDGES = (0, 5, 10, 15, 20, 25, 30, 40, 90)  # deg
 PER_SEED = 6
 TIMES = 2.0  # the detectable size
@@ -30,7 +32,12 @@ TIMES = 2.0  # the detectable size
 def drawn(
     found: Atlas, linear: Linear, board: Field, rng: np.random.Generator
 ) -> Iterator[tuple[float, bool, bool]]:
-    """Some effects: the angle to the nearest other [deg], right one first, wrong one confidently."""
+    """Draw some effects and rank the catalogue for each.
+
+    Yields:
+        the angle to the nearest other effect [deg], whether the right effect came first, and whether a wrong
+        one led it by decisive evidence.
+    """
     among = [k for k, c in enumerate(found.shown) if c.effect.sizes and c.effect.targets is not PLACEMENTS]
     label = [candidate.label for candidate in board.candidates]
     for k in rng.choice(among, PER_SEED, replace=False):
@@ -50,23 +57,21 @@ def drawn(
         yield float(np.degrees(found.nearest(k)[1])), right, wrong
 
 
-def main() -> None:
+def study(settings: Settings) -> Iterator[str]:
+    """Yield a table for each preset, a line for each range of angles."""
     robot = load_robot()
-    for preset in ("wii", "force-plate"):
-        plan = planned(plan_for(robot, None), preset, robot, 0)
-        found = atlas(plan, np.random.default_rng(0))
+    seeds = range(settings.seed, settings.seed + settings.count(SEEDS))
+    for preset in settings.only:
+        plan = planned(plan_for(robot, None), preset, robot, settings.seed)
+        found = atlas(plan, np.random.default_rng(settings.seed))
         linear = linear_model(plan.observed, plan.noise)
         board = field(linear, [row.candidate for row in found.rows if row.size in (0, None)])
         every = np.array(
-            [line for seed in range(100) for line in drawn(found, linear, board, np.random.default_rng(seed))]
+            [line for seed in seeds for line in drawn(found, linear, board, np.random.default_rng(seed))]
         )
-        print(f"\n{preset}\n\n{header('angle [deg]', 'data sets', 'right first [%]', 'wrong [%]')}")
+        yield f"\n{preset}\n\n{header('angle [deg]', 'data sets', 'right first [%]', 'wrong [%]')}"
         for low, high in pairwise(EDGES):
             inside = every[(every[:, 0] >= low) & (every[:, 0] < high)]
             if len(inside):
                 right, wrong = 100 * inside[:, 1:].mean(axis=0)
-                print(row(f"{low} to {high}", len(inside), f"{right:.1f}", f"{wrong:.1f}"), flush=True)
-
-
-if __name__ == "__main__":
-    main()
+                yield row(f"{low} to {high}", len(inside), f"{right:.1f}", f"{wrong:.1f}")

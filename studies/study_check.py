@@ -1,65 +1,61 @@
-"""How often `tulip check` cries wolf, and which planted faults it catches? Two Markdown tables.
+"""Measure false alarms of `tulip check` and the planted faults that it finds (docs/check.md; ten minutes).
 
-The shipped plan is held once; the sensors are read anew for every draw. docs/check.md holds the result.
+The shipped plan is held once; sensors, plate records and scale are read anew for every draw.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
-import joblib
 import numpy as np
 
-from studies.runner import header, row, rows_of, shipped_plan
+from studies.runner import Settings, header, row, rows_of, shipped_plan
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.sim.dynamics.dynamic_run import read_again, run_dynamics
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, SensorSheet
+from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.rig import Rig, preset_rig
 
 Fault = Callable[[Measurements, np.random.Generator], Measurements]
-PRESETS = ("wii", "force-plate")
-SEED = 104
+SETTINGS = Settings(seed=104, only=("wii", "force-plate"))
 HEALTHY_DRAWS, FAULTY_DRAWS = 300, 40
 
 
-def forces(change: Callable[[np.ndarray, Measurements, np.random.Generator], None]) -> Fault:
-    """A fault that edits the cells' averages, (m, 8), in place."""
+def edited(name: str, change: Callable[[np.ndarray, Measurements, np.random.Generator], None]) -> Fault:
+    """Make a fault of a function that edits an array of the measurements, (m, ...), in place."""
 
     def fault(m: Measurements, rng: np.random.Generator) -> Measurements:
-        values = m.cell_forces.copy()
+        values = getattr(m, name).copy()
         change(values, m, rng)
-        return dataclasses.replace(m, cell_forces=values)
+        return dataclasses.replace(m, **{name: values})
 
     return fault
+
+
+def forces(change: Callable[[np.ndarray, Measurements, np.random.Generator], None]) -> Fault:
+    """Make a fault of a function that edits the averages of the cells, (m, 8)."""
+    return edited("cell_forces", change)
 
 
 def angles(change: Callable[[np.ndarray, Measurements, np.random.Generator], None]) -> Fault:
-    """A fault that edits the joint angles, (m, n), in place."""
-
-    def fault(m: Measurements, rng: np.random.Generator) -> Measurements:
-        values = m.joint_angles.copy()
-        change(values, m, rng)
-        return dataclasses.replace(m, joint_angles=values)
-
-    return fault
+    """Make a fault of a function that edits the joint angles, (m, n)."""
+    return edited("joint_angles", change)
 
 
 def poses(change: Callable[[np.ndarray, np.random.Generator], None]) -> Fault:
-    """A fault that edits one placement's plate poses, (k, 2, 3), in place."""
+    """Make a fault of a function that edits the plate poses of one placement, (k, 2, 3), in place."""
 
-    def fault(m: Measurements, rng: np.random.Generator) -> Measurements:
-        values = m.plate_poses.copy()
+    def edit(values: np.ndarray, m: Measurements, rng: np.random.Generator) -> None:
         rows = m.placement == rng.choice(np.unique(m.placement))
         one = values[rows]
         change(one, rng)
         values[rows] = one
-        return dataclasses.replace(m, plate_poses=values)
 
-    return fault
+    return edited("plate_poses", edit)
 
 
 def any_cell(rng: np.random.Generator) -> int:
@@ -106,7 +102,7 @@ def swap_plates(values: np.ndarray, m: Measurements, rng: np.random.Generator) -
 
 
 def transpose_digits(values: np.ndarray, m: Measurements, rng: np.random.Generator) -> None:
-    """36 for 63: nine times the digits' difference."""
+    """Write 36 for 63: the error is nine times the difference of the digits."""
     values[rng.integers(len(m)), any_cell(rng)] += 9.0 * rng.choice([-3, -2, 2, 3])
 
 
@@ -118,7 +114,7 @@ def paste_row(m: Measurements, rng: np.random.Generator) -> Measurements:
 
 
 def mix_rows(m: Measurements, rng: np.random.Generator) -> Measurements:
-    """The forces of two postures of a placement interchanged."""
+    """Interchange the forces of two postures of a placement."""
     counts = np.bincount(m.placement)
     placement = rng.choice(np.flatnonzero(counts > 1))
     rows = rng.choice(np.flatnonzero(m.placement == placement), size=2, replace=False)
@@ -163,7 +159,7 @@ def sign_of_y(one: np.ndarray, rng: np.random.Generator) -> None:
 
 
 def stated(**changes: float) -> Fault:
-    """Stated figures times a factor."""
+    """Multiply figures that the manifest states."""
 
     def fault(m: Measurements, rng: np.random.Generator) -> Measurements:
         values: dict[str, Any] = {name: factor * getattr(m.sensors, name) for name, factor in changes.items()}
@@ -215,13 +211,13 @@ def results(m: Measurements, nominal: Nominal) -> dict[str, str]:
     return {finding.name: finding.result for finding in preflight(m, nominal)}
 
 
-def healthy(rig: Rig, plan: PosturePlan, experiment: Experiment, nominal: Nominal, draw: int) -> list:
-    m = read_again(rig, plan, experiment, np.random.default_rng([SEED, draw]))
+def healthy(rig: Rig, plan: PosturePlan, experiment: Outcome, nominal: Nominal, stream: list[int]) -> list:
+    m = read_again(rig, plan, experiment, np.random.default_rng(stream))
     return [results(variant(m), nominal) for variant in HEALTHY.values()]
 
 
-def faulty(rig: Rig, plan: PosturePlan, experiment: Experiment, nominal: Nominal, draw: int) -> list:
-    rng = np.random.default_rng([SEED, 10**6 + draw])
+def faulty(rig: Rig, plan: PosturePlan, experiment: Outcome, nominal: Nominal, stream: list[int]) -> list:
+    rng = np.random.default_rng(stream)
     m = read_again(rig, plan, experiment, rng)
     return [results(fault(m, rng), nominal) for fault in FAULTS.values()]
 
@@ -231,7 +227,7 @@ def percent(seen: list[dict[str, str]], wanted: tuple[str, ...]) -> str:
 
 
 def finders(seen: list[dict[str, str]]) -> str:
-    """The checks that failed most often, or else warned."""
+    """Name the checks that failed most often or, if none failed, that warned."""
     for result in ("fail", "warn"):
         tally = Counter(name for one in seen for name, r in one.items() if r == result)
         if tally:
@@ -239,28 +235,30 @@ def finders(seen: list[dict[str, str]]) -> str:
     return ""
 
 
-def main() -> None:
-    rig = preset_rig("ideal")
+def study(settings: Settings) -> Iterator[str]:
+    """Yield a table of false alarms and one of planted faults."""
+    rig, presets, seed = preset_rig("ideal"), settings.only, settings.seed
     plan, nominal = shipped_plan(rig.robot), nominal_robot(rig.robot)
-    experiment = run_dynamics(rig, plan, SEED, workers=2)
-    pool = joblib.Parallel(n_jobs=2)
-    outcome: dict[str, dict[str, list]] = {"healthy": {}, "faulty": {}}
-    for preset in PRESETS:
+    experiment = run_dynamics(rig, plan, seed, settings.workers)
+
+    def outcomes(preset: str, function: Callable[..., list], first: int, draws: int) -> list:
+        """Return the results of every draw for each kind of folder."""
         read = preset_rig(preset)
-        for kind, function, draws in (("healthy", healthy, HEALTHY_DRAWS), ("faulty", faulty, FAULTY_DRAWS)):
-            jobs = (joblib.delayed(function)(read, plan, experiment, nominal, k) for k in range(draws))
-            outcome[kind][preset] = list(zip(*pool(jobs), strict=True))
-    print(header("healthy", *(f"{p}: {what}" for p in PRESETS for what in ("fail", "warn or fail"))))
-    for k, name in enumerate(HEALTHY):
-        seen = [outcome["healthy"][p][k] for p in PRESETS]
-        print(row(name, *(percent(s, wanted) for s in seen for wanted in (("fail",), ("fail", "warn")))))
+        streams = ([seed, first + k] for k in range(settings.count(draws)))
+        calls = ((read, plan, experiment, nominal, stream) for stream in streams)
+        return list(zip(*settings.parallel(f"{preset}, {function.__name__}", function, calls), strict=True))
+
+    seen = [outcomes(preset, healthy, 0, HEALTHY_DRAWS) for preset in presets]
+    yield header("healthy", *(f"{p}: {what}" for p in presets for what in ("fail", "warn or fail")))
+    for name, *found in zip(HEALTHY, *seen, strict=True):
+        yield row(
+            name, *(percent(draws, wanted) for draws in found for wanted in (("fail",), ("fail", "warn")))
+        )
+    seen = [outcomes(preset, faulty, 10**6, FAULTY_DRAWS) for preset in presets]
     kinds = ("fail", "warn or fail", "by")
-    print("\n" + header("planted fault", *(f"{p}: {what}" for p in PRESETS for what in kinds)))
-    for k, name in enumerate(FAULTS):
-        seen = [outcome["faulty"][p][k] for p in PRESETS]
-        cells = [(percent(s, ("fail",)), percent(s, ("fail", "warn")), finders(s)) for s in seen]
-        print(row(name, *(cell for three in cells for cell in three)))
-
-
-if __name__ == "__main__":
-    main()
+    yield "\n" + header("planted fault", *(f"{p}: {what}" for p in presets for what in kinds))
+    for name, *found in zip(FAULTS, *seen, strict=True):
+        cells = [
+            (percent(draws, ("fail",)), percent(draws, ("fail", "warn")), finders(draws)) for draws in found
+        ]
+        yield row(name, *(cell for three in cells for cell in three))

@@ -1,18 +1,18 @@
-"""Which contact, integrator and gate settings let the laboratory reach its statics? A Markdown table.
+"""Compare contact, integrator and gate settings by their accuracy (docs/contact-study.md; ten minutes).
 
-Noise-free laboratory, first 10 placements of the shipped plan; docs/contact-study.md holds the result.
+The laboratory is free of noise and holds the first ten placements of the shipped plan.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import mujoco
 import numpy as np
 
-from studies.runner import header, row, shipped_plan
+from studies.runner import Settings, header, row, shipped_plan
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.drives import Drives
@@ -21,10 +21,12 @@ from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.rig import Rig, preset_rig
 
 Edit = Callable[[mujoco.MjSpec], None]
+SETTINGS = Settings(seed=1)
+PLACEMENTS = 10
 
 
 def contacts(**attributes: object) -> Edit:
-    """Set attributes of the contacts under soles and cells."""
+    """Return an edit that sets attributes of the contacts under soles and cells."""
 
     def edit(spec: mujoco.MjSpec) -> None:
         cells = [geom for geom in spec.geoms if geom.condim == 1]
@@ -36,7 +38,7 @@ def contacts(**attributes: object) -> Edit:
 
 
 def friction(seconds: float) -> Edit:
-    """Set the time constant of the soles' friction rows."""
+    """Return an edit that sets the time constant of the soles' friction rows."""
 
     def edit(spec: mujoco.MjSpec) -> None:
         for pair in spec.pairs:
@@ -46,7 +48,7 @@ def friction(seconds: float) -> Edit:
 
 
 def options(**attributes: object) -> Edit:
-    """Set attributes of `<option>`."""
+    """Return an edit that sets attributes of `<option>`."""
 
     def edit(spec: mujoco.MjSpec) -> None:
         for name, value in attributes.items():
@@ -56,6 +58,7 @@ def options(**attributes: object) -> Edit:
 
 
 def cases(rig: Rig) -> dict[str, Rig]:
+    """Return the laboratories to compare, by the setting in which they differ from the first."""
     implicit = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     edits: dict[str, Edit] = {
         "solref 0.004 s": contacts(solref=[0.004, 1]),
@@ -89,18 +92,18 @@ def cases(rig: Rig) -> dict[str, Rig]:
     return table | {name: dataclasses.replace(rig, protocol=protocol) for name, protocol in gates.items()}
 
 
-def measure(rig: Rig, plan: PosturePlan) -> list[str]:
-    """One line's figures."""
+def measure(rig: Rig, plan: PosturePlan, settings: Settings) -> list[str]:
+    """Hold the plan and return the figures of one line."""
     began = time.perf_counter()
-    experiment = run_dynamics(rig, plan, seed=1, workers=2)
+    experiment = run_dynamics(rig, plan, settings.seed, settings.workers)
     wall = time.perf_counter() - began
-    truth = np.array([held.com for held in experiment.held])
-    drift = np.array([held.drift for held in experiment.held])
-    lying = np.array([attempt.true_plates for attempt in experiment.measured])
+    truth = np.array([held.com for held in experiment.truth.held])
+    drift = np.array([held.drift for held in experiment.truth.held])
+    lying = np.array([attempt.true_plates for attempt in experiment.truth.measured])
     placed = dataclasses.replace(experiment.measurements, plate_poses=lying)
     error = [(center_of_pressure(m) - truth) for m in (placed, experiment.measurements)]
-    balance = np.abs(placed.cell_forces.sum(axis=1) - experiment.true_mass * placed.gravity).max()
-    used = len(plan) - len(experiment.dropped)
+    balance = np.abs(placed.cell_forces.sum(axis=1) - experiment.truth.mass * placed.gravity).max()
+    used = len(plan) - len(experiment.truth.dropped)
     errors = [f"{1e3 * np.sqrt((e**2).mean()):.4f}" for e in error]
     return [
         *(f"{used} / {len(plan)}", *errors, f"{balance:.1e}"),
@@ -108,15 +111,12 @@ def measure(rig: Rig, plan: PosturePlan) -> list[str]:
     ]
 
 
-def main() -> None:
+def study(settings: Settings) -> Iterator[str]:
+    """Yield a table with a line for each setting."""
     rig = preset_rig("ideal")
-    plan = shipped_plan(rig.robot, placements=10)
+    plan = shipped_plan(rig.robot, settings.count(PLACEMENTS))
     lying, recorded = "CoP - CoM, plates as they lie (mm r.m.s.)", "as recorded (mm r.m.s.)"
     figures = ("worst force balance (N)", "median foot drift (um)", "wall (s)")
-    print(header("setting", "usable", lying, recorded, *figures))
+    yield header("setting", "usable", lying, recorded, *figures)
     for name, case in cases(rig).items():
-        print(row(name, *measure(case, plan)), flush=True)
-
-
-if __name__ == "__main__":
-    main()
+        yield row(name, *measure(case, plan, settings))

@@ -1,22 +1,20 @@
-"""Static equilibrium against full dynamics: docs/equilibrium.md's tables."""
+"""Compare static equilibria with the full dynamics (docs/equilibrium.md; minutes)."""
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-import joblib
 import mujoco
 import numpy as np
 from scipy.stats import ks_2samp
 
-from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
+from studies.runner import Settings, header, row, shipped_plan
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.drives import Drives
-from tulip_testbed.sim.dynamics.dynamic_run import Attempt, run_dynamics
-from tulip_testbed.sim.measurements import PosturePlan, read_plan
+from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
+from tulip_testbed.sim.outcome import Attempt
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import load_robot
@@ -28,16 +26,20 @@ from tulip_testbed.sim.statics.static_run import Tries, hold_static, run_statics
 # A foot whose centre of pressure is nearer to its sole's edge may have begun to tip (up to 20 um of gap).
 EDGE = 2e-3  # m
 
+SETTINGS = Settings(seed=1)
+SOME = 6  # placements, of the laboratories that differ from the usual one
+STATIC_RUNS = 20
+
 Edit = Callable[[mujoco.MjSpec], None]
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Largest differences over the postures held, and the postures.
+    """Statics minus dynamics for each posture that the dynamics held.
 
     Attributes:
-        held: what the dynamics held. angles: statics minus dynamics, (m, n_joints) [rad].
-        cells: (m, 8) [N]. center: of pressure, (m,) [m].
+        held: the postures in the dynamics. angles: differences, (m, n_joints) [rad].
+        cells: differences, (m, 8) [N]. center: distance of the centres of pressure, (m,) [m].
     """
 
     held: list[Attempt]
@@ -47,7 +49,7 @@ class Comparison:
 
 
 def without_friction(*edits: Edit) -> Edit:
-    """No dry friction in any joint, and whatever else is to be changed."""
+    """Return an edit that removes the dry friction of all joints and makes other edits."""
 
     def edit(spec: mujoco.MjSpec) -> None:
         for joint in spec.joints:
@@ -59,23 +61,23 @@ def without_friction(*edits: Edit) -> Edit:
 
 
 def tilted(spec: mujoco.MjSpec) -> None:
-    """Gravity 2 degrees off."""
+    """Tilt gravity by 2 degrees."""
     spec.option.gravity = 9.81 * np.array([np.sin(0.035), 0.0, -np.cos(0.035)])
 
 
 def heavier(spec: mujoco.MjSpec) -> None:
-    """The torso 1 kg heavier, its centre of mass 30 mm forward."""
+    """Make the torso 1 kg heavier and move its centre of mass 30 mm forward."""
     torso = spec.body("torso")
     torso.mass, torso.ipos = torso.mass + 1.0, [torso.ipos[0] + 0.03, 0.01, torso.ipos[2]]
 
 
 def longer(spec: mujoco.MjSpec) -> None:
-    """The left lower leg 1 mm longer."""
+    """Make the left lower leg 1 mm longer."""
     spec.body("left_ankle").pos = [0, 0, spec.body("left_ankle").pos[2] - 0.001]
 
 
 def pulled(spec: mujoco.MjSpec) -> None:
-    """The torso held by a spring from the side and by a weight over a pulley from the front."""
+    """Pull at the torso by a spring from the side and by a weight over a pulley from the front."""
     for name, anchor, stiffness, length in (
         ("spring", [0.0, 2.0, 1.0], 20.0, 1.9),
         ("weight", [200.0, 0.0, 1.0], 5.0 / 200, 0.0),
@@ -88,7 +90,7 @@ def pulled(spec: mujoco.MjSpec) -> None:
 
 
 def laboratories(rig: Rig) -> dict[str, Rig]:
-    """What both are held against each other with, without dry friction."""
+    """Return the laboratories in which statics and dynamics are compared, all without dry friction."""
     plain = dataclasses.replace(rig, edit=without_friction())
     rigs = {"as it is": plain}
     for name, edit in (
@@ -106,11 +108,10 @@ def laboratories(rig: Rig) -> dict[str, Rig]:
 
 
 def compare(solved_plan: SolvedPlan, attempts: list[Attempt]) -> Comparison:
-    """Solve what the dynamics held: from the commands and where feet and plates stand."""
+    """Solve the postures that the dynamics held, given their commands and the places of feet and plates."""
     m, plan = solved_plan.mechanism, solved_plan.plan
     held = [a for a in attempts if a.held is not None]
-    row = {int(number): k for k, number in enumerate(plan.posture)}
-    rows = np.array([row[a.posture] for a in held])
+    rows = planned_rows(solved_plan, held)
     angles = np.array([a.held.joint_angles for a in held if a.held])
     command = np.array([a.held.commanded for a in held if a.held])
     near = solved_plan.near.state
@@ -136,10 +137,16 @@ def compare(solved_plan: SolvedPlan, attempts: list[Attempt]) -> Comparison:
     )
 
 
-def standing(solved_plan: SolvedPlan, rows: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Planar poses of both feet in the base frame at the held angles, (m, 2, 3).
+def planned_rows(solved_plan: SolvedPlan, held: list[Attempt]) -> np.ndarray:
+    """Return the row of the plan of each held posture, (m,)."""
+    row = {int(number): k for k, number in enumerate(solved_plan.plan.posture)}
+    return np.array([row[a.posture] for a in held])
 
-    Soles that give way tilt against their feet; their poses are those of the solved plan.
+
+def standing(solved_plan: SolvedPlan, rows: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Return the planar poses of both feet in the base frame at the held angles, (m, 2, 3) [m, m, rad].
+
+    A compliant sole tilts against its foot; its pose is that of the solved plan.
     """
     m, near = solved_plan.mechanism, solved_plan.near.state
     coordinates = near.angles[rows].copy()
@@ -153,7 +160,7 @@ def standing(solved_plan: SolvedPlan, rows: np.ndarray, angles: np.ndarray) -> n
 
 
 def center_of_pressure(cells: np.ndarray, plates: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """Of all eight cells where they are, (m, 2) [m]."""
+    """Compute the centre of pressure from all eight cells, (m, 2) [m]."""
     sides = forces.reshape(-1, 2, 4)
     share = sides.sum(axis=2) / forces.sum(axis=1)[:, None]
     centers = [plate_center(cells[k], plates[:, k], sides[:, k]) for k in (0, 1)]
@@ -161,11 +168,10 @@ def center_of_pressure(cells: np.ndarray, plates: np.ndarray, forces: np.ndarray
 
 
 def centers_at(solved_plan: SolvedPlan, held: list[Attempt]) -> np.ndarray:
-    """Statics' centre of pressure minus the cells', at the angles that the dynamics held, (m, 2) [m].
+    """Compute the centre of pressure of statics minus that of the cells at the held angles, (m, 2) [m].
 
-    What the feet must bear together follows from the weight and the angles alone. The stance foot
-    tilts by some urad on its contacts, as the cells' moments tell; over the robot's height that is
-    up to 0.01 mm.
+    The total load of the feet follows from the weight and the angles alone. The moments on the cells show
+    that the stance foot tilts by some urad on its contacts, up to 0.01 mm over the robot's height.
     """
     m = solved_plan.mechanism
     chain = ClosedChain(solved_plan.rig.robot.model, solved_plan.rig.robot)
@@ -194,12 +200,11 @@ def centers_at(solved_plan: SolvedPlan, held: list[Attempt]) -> np.ndarray:
 
 
 def edge_distance(solved_plan: SolvedPlan, held: list[Attempt]) -> np.ndarray:
-    """How far the measured centre of pressure under either foot is inside its sole, the lesser, (m,) [m]."""
+    """Return the distance of the centres of pressure from the edges of their soles, the lesser, (m,) [m]."""
     m = solved_plan.mechanism
     forces = np.array([a.held.cell_forces for a in held if a.held]).reshape(-1, 2, 4)
     plates = np.array([a.true_plates for a in held])
-    row = {int(number): k for k, number in enumerate(solved_plan.plan.posture)}
-    swing = solved_plan.plan.swing_pose[[row[a.posture] for a in held]]
+    swing = solved_plan.plan.swing_pose[planned_rows(solved_plan, held)]
     margins = []
     for side, foot in enumerate((0 * swing, swing)):
         center = plate_center(m.cells[side], plates[:, side], forces[:, side]) - foot[:, :2]
@@ -211,8 +216,8 @@ def edge_distance(solved_plan: SolvedPlan, held: list[Attempt]) -> np.ndarray:
 
 
 def plate_center(cells: np.ndarray, plate: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """Centre of pressure on one plate in the base frame, (m, 2) [m]."""
-    own = forces @ cells / np.maximum(forces.sum(axis=1), 1e-9)[:, None]  # nothing stands there: its middle
+    """Compute the centre of pressure on one plate in the base frame, (m, 2) [m]."""
+    own = forces @ cells / np.maximum(forces.sum(axis=1), 1e-9)[:, None]  # of an empty plate: its middle
     c, s = np.cos(plate[:, 2]), np.sin(plate[:, 2])
     return plate[:, :2] + np.column_stack([c * own[:, 0] - s * own[:, 1], s * own[:, 0] + c * own[:, 1]])
 
@@ -220,17 +225,17 @@ def plate_center(cells: np.ndarray, plate: np.ndarray, forces: np.ndarray) -> np
 def excess_sag(
     solved_plan: SolvedPlan, held: list[Attempt], rng: np.random.Generator, draws: int = 5
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What dry friction does to every joint's angle [rad] and, last column, to the load share.
+    """Compute by how much dry friction changes each joint's angle [rad] and, last column, the load share.
 
     Returns:
-        of the held postures, (m, n_joints + 1), and as the statics draws it, (draws m, n_joints + 1).
+        the changes in the held postures, (m, n_joints + 1), and those that statics draws,
+        (draws m, n_joints + 1).
     """
     free = without(solved_plan)
     found = compare(free, held)
     forces = np.array([a.held.cell_forces for a in held if a.held])
     actual = np.column_stack([-found.angles, load_share(forces) - load_share(forces + found.cells)])
-    row = {int(number): k for k, number in enumerate(solved_plan.plan.posture)}
-    rows = np.array([row[a.posture] for a in held])
+    rows = planned_rows(solved_plan, held)
     place = np.array([a.placement for a in held])
     fresh = np.append(True, place[1:] != place[:-1])
     before = np.where(fresh, rows, np.append(0, rows[:-1]))
@@ -257,60 +262,52 @@ def excess_sag(
 
 
 def without(solved_plan: SolvedPlan) -> SolvedPlan:
-    """The same laboratory without dry friction."""
+    """Return the same laboratory without dry friction."""
     m = solved_plan.mechanism
     return dataclasses.replace(solved_plan, mechanism=dataclasses.replace(m, friction=0 * m.friction))
 
 
 def load_share(forces: np.ndarray) -> np.ndarray:
-    """Share of the weight on the right plate, (m,)."""
+    """Return the share of the weight on the right plate, (m,)."""
     return forces[:, :4].sum(axis=1) / forces.sum(axis=1)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--workers", type=int, default=joblib.cpu_count())
-    workers = parser.parse_args().workers
+def study(settings: Settings) -> Iterator[str]:
+    """Yield a table without dry friction, one with it, and two figures."""
     robot = load_robot()
-    plan: PosturePlan = read_plan(DEFAULT_PLAN, robot)
-    print("| without dry friction | held | angles (urad) | cells (N) | CoP (mm) |\n|---|---|---|---|---|")
+    plan, few = shipped_plan(robot), shipped_plan(robot, SOME)
+    yield header("without dry friction", "held", "angles (urad)", "cells (N)", "CoP (mm)")
     for name, rig in laboratories(preset_rig("ideal", robot)).items():
-        part = plan if name == "as it is" else first(plan, 6)
-        found = compare(solve_plan(rig, part), list(run_dynamics(rig, part, 1, workers).attempts))
-        print(
-            f"| {name} | {len(found.held)} | {1e6 * np.abs(found.angles).max():.1f} "
-            f"| {np.abs(found.cells).max():.4f} | {1e3 * found.center.max():.4f} |",
-            flush=True,
+        part = plan if name == "as it is" else few
+        attempts = run_dynamics(rig, part, settings.seed, settings.workers).truth.attempts
+        found = compare(solve_plan(rig, part), list(attempts))
+        yield row(
+            name,
+            len(found.held),
+            f"{1e6 * np.abs(found.angles).max():.1f}",
+            f"{np.abs(found.cells).max():.4f}",
+            f"{1e3 * found.center.max():.4f}",
         )
 
-    print("\n| with dry friction | static | dynamic | p |\n|---|---|---|---|")
+    yield "\n" + header("with dry friction", "static", "dynamic", "p")
     solved_plan = solve_plan(preset_rig("ideal", robot), plan)
-    held = [a for a in run_dynamics(solved_plan.rig, plan, 1, workers).attempts if a.held is not None]
-    off, inside = (
-        np.linalg.norm(centers_at(solved_plan, held), axis=1),
-        edge_distance(solved_plan, held) > EDGE,
-    )
-    actual, drawn = excess_sag(solved_plan, held, np.random.default_rng(301))
+    attempts = run_dynamics(solved_plan.rig, plan, settings.seed, settings.workers).truth.attempts
+    held = [a for a in attempts if a.held is not None]
+    off = np.linalg.norm(centers_at(solved_plan, held), axis=1)
+    inside = edge_distance(solved_plan, held) > EDGE
+    statics_seed = 300 + settings.seed
+    actual, drawn = excess_sag(solved_plan, held, np.random.default_rng(statics_seed))
     for k, name in enumerate((*solved_plan.plan.joints, "load share")):
         scale, unit = (1e3, "mrad") if k < len(plan.joints) else (1e2, "%")
         chance = ks_2samp(actual[:, k], drawn[:, k]).pvalue
-        print(
-            f"| {name}, s.d. of what friction adds ({unit}) | {scale * drawn[:, k].std():.2f} "
-            f"| {scale * actual[:, k].std():.2f} | {chance:.2f} |"
-        )
-    static = [len(run.dropped) for run in run_statics(solved_plan, np.random.SeedSequence(301).spawn(20))]
+        spreads = (f"{scale * values[:, k].std():.2f}" for values in (drawn, actual))
+        yield row(f"{name}, s.d. of what friction adds ({unit})", *spreads, f"{chance:.2f}")
+    streams = np.random.SeedSequence(statics_seed).spawn(settings.count(STATIC_RUNS))
+    static = [len(run.truth.dropped) for run in run_statics(solved_plan, streams)]
     dropped = len(plan) - len({a.posture for a in held})
-    print(
+    yield (
         f"\nCoP at the held angles: largest difference {1e3 * off[inside].max():.4f} mm in {inside.sum()} "
         f"postures, {1e3 * off.max():.4f} mm in all {len(held)}"
     )
-    print(f"postures dropped of {len(plan)}: static {np.mean(static):.1f} (20 runs), dynamic {dropped}")
-
-
-def first(plan: PosturePlan, placements: int) -> PosturePlan:
-    """The first placements of a plan."""
-    return plan.take(np.isin(plan.placement, np.unique(plan.placement)[:placements]))
-
-
-if __name__ == "__main__":
-    main()
+    rate = f"static {np.mean(static):.1f} ({len(static)} runs), dynamic {dropped}"
+    yield f"postures dropped of {len(plan)}: {rate}"

@@ -1,35 +1,37 @@
-"""Is each estimator right about its own errors? Tables of calibration over re-measured experiments.
+"""Compare the errors that each estimator reports with its real ones (docs/estimators.md; minutes).
 
 The shipped plan is held once in the full dynamics. Every run draws the sensors' averages and the recorded
-plate poses anew; the held postures stay. docs/estimators.md holds the result.
-Arguments: runs of the default estimator (the others take a quarter), then presets; all if left out.
+plate poses anew; the held postures stay. The default estimator has 1,000 runs, the others a quarter of that.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from scipy.stats import t as t_distribution
 
-from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
+from studies.runner import Settings, header, row, shipped_plan
 from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS, Estimate
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.regressor import regression
 from tulip_testbed.identification.statistics import standard_errors
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
-from tulip_testbed.sim.measurements import Measurements, SensorSheet, read_plan
+from tulip_testbed.sim.measurements import Measurements, SensorSheet
+from tulip_testbed.sim.outcome import Outcome
+from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import load_robot
-from tulip_testbed.sim.sensors import Sensors, averaged_sd
 
-HOLD_SEED = 105
+SETTINGS = Settings(seed=105, only=("wii", "force-plate"))
 RUNS = 1000
-PRESETS = ["wii", "force-plate"]
-CHEAP = ("least-squares", "errors-in-variables", "robust")  # their clustered covariance is another one
+CHEAP = (
+    "least-squares",
+    "errors-in-variables",
+    "robust",
+)  # their clustered covariance differs from the other
 FIRST_SEED = 1000  # runs for the table; thresholds were chosen on 0 to 99
 DITHER_TERMS = 8
 SHEETS: dict[str, Callable[[SensorSheet], SensorSheet]] = {
@@ -41,7 +43,7 @@ SHEETS: dict[str, Callable[[SensorSheet], SensorSheet]] = {
 
 
 def scaled(sheet: SensorSheet, factor: float) -> SensorSheet:
-    """A data sheet whose s.d. are all wrong by a factor."""
+    """Return a data sheet with all s.d. wrong by a factor."""
     assert sheet.encoder_sd is not None
     assert sheet.cell_sd is not None
     assert sheet.placement_sd is not None
@@ -57,7 +59,7 @@ def scaled(sheet: SensorSheet, factor: float) -> SensorSheet:
 def averaged(
     truth: np.ndarray, repeat: float, noise: float, step: float, samples: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """The mean of many rounded readings, by its expectation and its variance, same shape as `truth`.
+    """Draw means of many rounded readings from their expectation and variance, same shape as `truth`.
 
     Noise dithers rounding: E[round(x + n)] = x + sum_k (-1)^k step / (pi k) exp(-2 (pi k noise / step)^2)
     sin(2 pi k x / step).
@@ -73,40 +75,29 @@ def averaged(
     return mean + np.hypot(noise, step / np.sqrt(12)) / np.sqrt(samples) * rng.standard_normal(truth.shape)
 
 
-def redrawn(rig: Rig, experiment: Experiment, rng: np.random.Generator) -> Measurements:
-    """The same held postures, read anew; a hundred times faster than sample by sample."""
+def redrawn(rig: Rig, experiment: Outcome, rng: np.random.Generator) -> Measurements:
+    """Read the held postures anew, a hundred times faster than sample by sample."""
     m, s = experiment.measurements, rig.sensors
     samples = round(rig.protocol.window * s.sample_rate)
-    angles = np.array([held.joint_angles for held in experiment.held])
-    forces = np.array([held.cell_forces for held in experiment.held])
+    angles = np.array([held.joint_angles for held in experiment.truth.held])
+    forces = np.array([held.cell_forces for held in experiment.truth.held])
     return dataclasses.replace(
         m,
-        sensors=data_sheet(s, samples),
+        sensors=constants(rig)["sensors"],
         joint_angles=averaged(
             angles, s.encoder_repeatability, s.encoder_noise, s.encoder_resolution, samples, rng
         ),
         cell_forces=averaged(forces, s.cell_repeatability, s.cell_noise, s.cell_resolution, samples, rng),
         plate_poses=recorded_poses(rig, experiment, rng),
-        weighed_mass=(experiment.true_mass + s.weighed_mass_sd * rng.standard_normal(), s.weighed_mass_sd),
+        weighed_mass=(experiment.truth.mass + s.weighed_mass_sd * rng.standard_normal(), s.weighed_mass_sd),
     )
 
 
-def data_sheet(s: Sensors, samples: int) -> SensorSheet:
-    """What the rig's manifest states."""
-    return SensorSheet(
-        encoder_sd=averaged_sd(s.encoder_repeatability, s.encoder_noise, s.encoder_resolution, samples),
-        encoder_resolution=s.encoder_resolution,
-        cell_sd=averaged_sd(s.cell_repeatability, s.cell_noise, s.cell_resolution, samples),
-        cell_resolution=s.cell_resolution,
-        placement_sd=s.placement_sd,
-    )
-
-
-def recorded_poses(rig: Rig, experiment: Experiment, rng: np.random.Generator) -> np.ndarray:
-    """Plate poses as they are recorded when a placement is set up, per measured row, (m, 2, 3)."""
+def recorded_poses(rig: Rig, experiment: Outcome, rng: np.random.Generator) -> np.ndarray:
+    """Draw the plate poses that are recorded when a placement is set up, for each measured row, (m, 2, 3)."""
     poses, error = [], np.array([rig.sensors.mark_sd, rig.sensors.placement_sd])
     recorded, before = np.zeros((2, 3)), None
-    for attempt in experiment.attempts:
+    for attempt in experiment.truth.attempts:
         if before != attempt.placement:
             recorded, before = attempt.true_plates + error * rng.standard_normal((2, 3)), attempt.placement
         if attempt.held:
@@ -116,7 +107,7 @@ def recorded_poses(rig: Rig, experiment: Experiment, rng: np.random.Generator) -
 
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """What many runs say of one estimator, per parameter, (p,) each.
+    """The errors of one estimator over many runs, for each parameter, (p,) each.
 
     Attributes:
         bias: mean error over the true s.d. of the estimate.
@@ -151,10 +142,10 @@ def calibration(estimates: list[Estimate], truth: np.ndarray) -> Calibration:
 
 
 def run(
-    rig: Rig, experiment: Experiment, nominal: Nominal, name: str, sheet: str, seed: int
+    rig: Rig, experiment: Outcome, nominal: Nominal, name: str, sheet: str, stream: list[int]
 ) -> tuple[Estimate, Estimate]:
-    """One experiment, full and simplified model."""
-    measured = redrawn(rig, experiment, np.random.default_rng([HOLD_SEED, seed]))
+    """Measure once and estimate the full and the simplified model."""
+    measured = redrawn(rig, experiment, np.random.default_rng(stream))
     measured = dataclasses.replace(measured, sensors=SHEETS[sheet](measured.sensors))
     data = regression(nominal.parameters, measured, nominal.robot)
     estimator = ESTIMATORS[name].run
@@ -162,53 +153,38 @@ def run(
 
 
 def span(values: np.ndarray, form: str) -> str:
-    """Smallest and largest."""
+    """Format the smallest and the largest value."""
     return f"{values.min():{form}} to {values.max():{form}}"
 
 
-def row(
-    preset: str, experiment: Experiment, nominal: Nominal, name: str, sheet: str, runs: int
-) -> tuple[list[str], float]:
-    """One line of the table per model, and the CPU time of a run [ms]."""
-    rig, began = preset_rig(preset, nominal.robot), time.process_time()
-    found = [run(rig, experiment, nominal, name, sheet, FIRST_SEED + k) for k in range(runs)]
-    spent = 1e3 * (time.process_time() - began) / runs
-    lines = []
-    for k, model in enumerate(("full", "simplified")):
-        c = calibration([pair[k] for pair in found], nominal.value)
-        again = (
-            f"{span(c.placed[0], '.2f')} | {span(100 * c.placed[1], '.1f')}"
-            if name in CHEAP
-            else "same | same"
-        )
-        lines.append(
-            f"| {preset} | {sheet} | {name} | {model} | {runs} | {span(c.bias, '+.2f')} "
-            f"| {span(c.ratio, '.2f')} | {span(100 * c.coverage, '.1f')} "
-            f"| {100 * c.coverage.mean():.1f} | {again} | {1e3 * np.median(c.error):.2f} |"
-        )
-    return lines, spent
+def figures(c: Calibration, clustered: bool) -> list[str]:
+    """Return the cells of one line; the clustered standard errors are shown where they are others."""
+    again = [span(c.placed[0], ".2f"), span(100 * c.placed[1], ".1f")] if clustered else ["same", "same"]
+    return [
+        *(span(c.bias, "+.2f"), span(c.ratio, ".2f"), span(100 * c.coverage, ".1f")),
+        *(f"{100 * c.coverage.mean():.1f}", *again, f"{1e3 * np.median(c.error):.2f}"),
+    ]
 
 
-def main() -> None:
-    runs, presets = int(sys.argv[1]) if len(sys.argv) > 1 else RUNS, sys.argv[2:] or PRESETS
+def study(settings: Settings) -> Iterator[str]:
+    """Yield a line for each preset, data sheet or estimator, and model, then the CPU times."""
     robot = load_robot()
-    nominal, plan = nominal_robot(robot), read_plan(DEFAULT_PLAN, robot)
-    experiment = run_dynamics(preset_rig("wii", robot), plan, HOLD_SEED, workers=2)
-    print(
-        "| preset | data sheet | estimator | model | runs | bias / s.d. | s.d. / s.e. | 95 % coverage | mean "
-        "| s.d. / clustered s.e. | coverage by it | median rms error, mm |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|---|---|---|")
+    nominal = nominal_robot(robot)
+    experiment = run_dynamics(preset_rig("wii", robot), shipped_plan(robot), settings.seed, settings.workers)
+    kinds = ("bias / s.d.", "s.d. / s.e.", "95 % coverage", "mean", "s.d. / clustered s.e.", "coverage by it")
+    yield header("preset", "data sheet", "estimator", "model", "runs", *kinds, "median rms error, mm")
+    runs = settings.count(RUNS)
     arms = [(DEFAULT, sheet, runs) for sheet in SHEETS]
-    arms += [(name, "right", runs // 4) for name in ESTIMATORS if name != DEFAULT]
+    arms += [(name, "right", max(1, runs // 4)) for name in ESTIMATORS if name != DEFAULT]
     times = {}
-    for preset in presets:
+    for preset in settings.only:
+        rig = preset_rig(preset, robot)
         for name, sheet, count in arms:
-            lines, times[name] = row(preset, experiment, nominal, name, sheet, count)
-            print("\n".join(lines), flush=True)
+            began, streams = time.process_time(), ([settings.seed, FIRST_SEED + k] for k in range(count))
+            found = [run(rig, experiment, nominal, name, sheet, stream) for stream in streams]
+            times[name] = 1e3 * (time.process_time() - began) / count
+            for model, estimates in zip(("full", "simplified"), zip(*found, strict=True), strict=True):
+                c = calibration(list(estimates), nominal.value)
+                yield row(preset, sheet, name, model, count, *figures(c, name in CHEAP))
     spent = ", ".join(f"{name} {ms:.0f}" for name, ms in times.items())
-    print(f"\nCPU time of a run, drawing and both models, ms: {spent}")
-
-
-if __name__ == "__main__":
-    main()
+    yield f"\nCPU time of a run, drawing and both models, ms: {spent}"

@@ -1,33 +1,32 @@
-"""Discovery in folders as other programs write them: docs/discovery-benchmark.md, "Data from outside".
+"""Run `tulip discover` on data as other programs write them (docs/discovery-benchmark.md; fifteen minutes).
 
-Every data set has noise, repeats and a number of placements of its own; its table is CSV without hash,
-commands and motor angles; its data sheet may say nothing of cells, encoders or plates. In every second one
-an effect is hidden, whose target and size are drawn from its prior.
+Every data set has its own noise, repeats and number of placements. Its table is CSV without hash, commands
+and motor angles; its data sheet may lack the figures of cells, encoders or plates. Every second one has a
+hidden effect, whose target and size are drawn from its prior. The study's folder keeps all cases as JSON.
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import dataclasses
 import io
 import json
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
-from joblib import Parallel, delayed
 from pyarrow import csv
 
-from studies.runner import header, row, shipped_plan
+from studies.runner import Settings, header, row, shipped_plan
 from tulip_testbed.cli.main import main as tulip
 from tulip_testbed.effects.instance import EffectInstance, injected
 from tulip_testbed.effects.random_effects import draw_effect
 from tulip_testbed.experiments.montecarlo.intervals import share
 from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.files import write_text
 from tulip_testbed.sim.measurements import Measurements, SensorSheet, write_measurements
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
@@ -35,6 +34,8 @@ from tulip_testbed.sim.sensors import PRESETS
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
+SETTINGS = Settings(seed=4002)
+DATA_SETS = 200
 PLACEMENTS = (12, 31)
 REPEATS = (0, 11)
 LEAST_STANDING = 0.75
@@ -42,7 +43,7 @@ UNSAID = ("nothing", "cell_sd", "encoder_sd", "placement_sd")  # of the data she
 
 
 def laboratory(robot: Robot, rng: np.random.Generator) -> Rig:
-    """Encoders, cells and plates each somewhere between the presets force-plate and wii."""
+    """Draw a laboratory with encoders, cells and plates between those of the presets force-plate and wii."""
     fine, coarse = (dataclasses.asdict(PRESETS[name]) for name in ("force-plate", "wii"))
     parts = ("encoder", "motor", "cell", "placement", "mark", "weighed")
     at = dict(zip(parts, rng.uniform(size=len(parts)), strict=True))
@@ -62,7 +63,7 @@ def laboratory(robot: Robot, rng: np.random.Generator) -> Rig:
 
 
 def written(measured: Measurements, unsaid: str, folder: Path) -> Path:
-    """The folder as another program may write it."""
+    """Write the measurements as another program may; return the folder."""
     sheet: SensorSheet = measured.sensors
     if unsaid != UNSAID[0]:
         sheet = dataclasses.replace(sheet, **{unsaid: None})
@@ -77,7 +78,7 @@ def written(measured: Measurements, unsaid: str, folder: Path) -> Path:
 
 
 def one(seed: int, number: int) -> dict[str, Any] | None:
-    """One data set and what the command says of it; None: a laboratory in which the robot does not stand."""
+    """Simulate one data set and run the command on it; return None if the robot does not stand."""
     stream = np.random.SeedSequence((seed, number))
     drawing, noise = stream.spawn(2)
     rng, robot = np.random.default_rng(drawing), load_robot()
@@ -106,7 +107,7 @@ def one(seed: int, number: int) -> dict[str, Any] | None:
 
 
 def label(effect: dict[str, Any]) -> tuple[str, str | None, tuple[float, ...]]:
-    """Name and target; of exchanged cells which."""
+    """Return name, target and, of swapped cells, their numbers."""
     chosen = [p["value"] for p in effect["parameters"]] if effect["name"] == "swapped-cells" else []
     return effect["name"], effect["target"], tuple(sorted(chosen))
 
@@ -121,7 +122,7 @@ def in_set(case: dict[str, Any]) -> bool:
 
 
 def intervals(cases: Sequence[dict[str, Any]]) -> list[bool]:
-    """Whether each size of what was rightly named lies in its interval."""
+    """Return whether each true size lies in its interval, for the effects that were named rightly."""
     return [
         found["low95"] <= true["value"] <= found["high95"]
         for case in cases
@@ -149,37 +150,19 @@ def named(case: dict[str, Any]) -> bool:
     return case["found"]["verdict"] == "named"
 
 
-def table(cases: Sequence[dict[str, Any]]) -> str:
+def study(settings: Settings) -> Iterator[str]:
+    """Yield a table of figures."""
+    numbers = range(settings.count(DATA_SETS))
+    every = settings.parallel("data sets", one, ((settings.seed, number) for number in numbers))
+    cases = [case for case in every if case is not None]
+    write_text(settings.folder("foreign") / "cases.json", json.dumps(cases))
     null = [case for case in cases if not case["hidden"]]
     true = [case for case in cases if case["hidden"]]
-    lines = [
-        header("figure", "value (95 % interval)", "cases"),
-        figure("false alarms", [gap(c) for c in null]),
-        figure("a gap seen, sizes drawn from the prior", [gap(c) for c in true]),
-        figure("true effect in the set, of gaps seen", [in_set(c) for c in true if gap(c)]),
-        figure("right, of what was named", [right(c) for c in true if named(c)]),
-        figure("one wrong name, confidently, of all effects", [named(c) and not right(c) for c in true]),
-        figure("95 % intervals of the size hold it", intervals(true)),
-    ]
-    return "\n".join(lines)
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seed", type=int, default=4002)
-    parser.add_argument("--count", type=int, default=200)
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--out", type=Path, help="JSON file for every case")
-    arguments = parser.parse_args()
-    every = Parallel(arguments.workers, verbose=1)(
-        delayed(one)(arguments.seed, number) for number in range(arguments.count)
-    )
-    cases = [case for case in every if case is not None]
-    if arguments.out:
-        arguments.out.write_text(json.dumps(cases))
-    print(table(cases))
-    print(f"\n{len(every) - len(cases)} laboratories of {len(every)} in which the robot does not stand.")
-
-
-if __name__ == "__main__":
-    main()
+    yield header("figure", "value (95 % interval)", "cases")
+    yield figure("false alarms", [gap(c) for c in null])
+    yield figure("a gap seen, sizes drawn from the prior", [gap(c) for c in true])
+    yield figure("true effect in the set, of gaps seen", [in_set(c) for c in true if gap(c)])
+    yield figure("right, of what was named", [right(c) for c in true if named(c)])
+    yield figure("one wrong name, confidently, of all effects", [named(c) and not right(c) for c in true])
+    yield figure("95 % intervals of the size hold it", intervals(true))
+    yield f"\n{len(every) - len(cases)} laboratories of {len(every)} in which the robot does not stand."

@@ -1,15 +1,17 @@
-"""Sequential design: ten postures chosen after fifty random ones, against ten random ones.
+"""Compare ten postures chosen after fifty random ones with ten random ones (docs/planning.md; minutes).
 
-`python -m studies.study_sequential` prints the table of docs/planning.md (development seeds 0 to 19).
+The table is of development seeds 0 to 19.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import sys
+from collections.abc import Iterator
 
 import numpy as np
 
-from studies.runner import header, row
+from studies.runner import Settings, header, row
 from tulip_testbed.identification.planning.objectives import Objective, objectives
 from tulip_testbed.identification.planning.problem import Problem, planning_problem
 from tulip_testbed.identification.planning.sequential import measured_information, run_next
@@ -21,40 +23,41 @@ from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
-SEEDS = range(20)
-NAMES = ("condition", "d-optimal", "a-optimal", "worst-standard-error")
+SETTINGS = Settings(seed=0, only=("condition", "d-optimal", "a-optimal", "worst-standard-error"))
+SEEDS = 20
 TAKEN, NEXT, PER, HOPS = 10, 2, 5, 40
 SIGMA = 4.16e-3  # m
 
 
 def measured(rig: Rig, plan: PosturePlan, seed: int) -> Measurements:
-    """The plan's usable postures at preset wii, in statics; none is measured twice."""
+    """Measure the usable postures of a plan at preset wii in statics, none of them twice."""
     once = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
     (run,) = run_statics(solve_plan(once, plan), np.random.SeedSequence([seed, 17]).spawn(1))
     return run.measurements
 
 
 def as_error(name: str, value: float) -> float:
-    """The criterion as something in proportion to standard errors: -ln det(M) / p is twice a logarithm."""
+    """Convert a criterion to the scale of standard errors: -ln det(M) / p is twice a logarithm."""
     return float(np.exp(value / 2)) if name == "d-optimal" else value
 
 
 def chosen(problem: Problem, goal: Objective, taken: Measurements, seed: int) -> PosturePlan:
-    """As `tulip plan --after TAKEN --placements 2`."""
+    """Choose the next postures as `tulip plan --after TAKEN --placements 2` does."""
     return run_next(problem, goal, taken, NEXT, PER, seed, HOPS)
 
 
-def main() -> None:
+def study(settings: Settings) -> Iterator[str]:
+    """Yield a table with a line for each objective."""
     robot = load_robot()
     plate = nominal_plates(robot)[0]
     problem, rig = planning_problem(robot, plate), preset_rig("wii", robot)
     goals = objectives(problem.nominal, SIGMA)
-    ratios: dict[str, list[list[float]]] = {name: [] for name in NAMES}
-    for seed in SEEDS:
+    ratios: dict[str, list[list[float]]] = {name: [] for name in settings.only}
+    for seed in range(settings.seed, settings.seed + settings.count(SEEDS)):
         first = measured(rig, random_postures(robot, plate, TAKEN, PER, 1000 + seed), seed)
         known = measured_information(problem, first)
         other = random_postures(robot, plate, NEXT, PER, 2000 + seed)
-        for name in NAMES:
+        for name in settings.only:
             best = chosen(problem, goals[name], first, seed)
             values = []
             for ten in (other, best):
@@ -65,14 +68,10 @@ def main() -> None:
             ratios[name].append((best_values / random).tolist())
             print(
                 f"seed {seed} {name}: planned {ratios[name][-1][0]:.3f}, held {ratios[name][-1][1]:.3f}",
-                flush=True,
+                file=sys.stderr,
             )
-    print(header("objective", "median", "smallest", "largest", "median of those that could be held"))
+    yield header("objective", "median", "smallest", "largest", "median of those that could be held")
     for name, found in ratios.items():
         planned, held = np.array(found).T
         figures = (np.median(planned), planned.min(), planned.max(), np.median(held))
-        print(row(name, *(f"{x:.2f}" for x in figures)))
-
-
-if __name__ == "__main__":
-    main()
+        yield row(name, *(f"{x:.2f}" for x in figures))

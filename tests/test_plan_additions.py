@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from studies.improve.one_foot import holding_torques
+from studies.improve.single_support import holding_torques
 from tulip_testbed.experiments.atlas.planned_experiment import usable
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.plan_description import described_plan, regressor_by_mujoco

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from studies.improve import accuracy, conditioning, designs, postures, simplified, single_support
-from studies.improve.one_foot import MARGIN, holding_torques, one_foot_postures
-from studies.improve.output import write_csv
+from studies.improve import accuracy, conditioning, postures, simplified, single_support
+from studies.improve.output import table
 from studies.improve.repeat import monte_carlo_error, rms
+from studies.improve.single_support import MARGIN, holding_torques, one_foot_postures
 from studies.runner import shipped_plan
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
 from tulip_testbed.sim.measurements import PosturePlan
@@ -57,7 +57,8 @@ def test_better_sensors_give_smaller_errors(
     rows = accuracy.study(rig, plan, parameters, 2, SEED, steps=2)
     assert rows[1]["full_median_rms_mm"] < 0.3 * rows[0]["full_median_rms_mm"]
     accuracy.draw(rows, tmp_path / "a.png")
-    write_csv(tmp_path / "a.csv", rows)
+    lines = list(table(tmp_path / "a.csv", rows))
+    assert [line.split(" | ")[0] for line in lines[1:]] == [f"| {r['sensors']}" for r in rows]
     with (tmp_path / "a.csv").open() as file:
         assert [r["sensors"] for r in csv.DictReader(file)] == [r["sensors"] for r in rows]
 
@@ -72,21 +73,23 @@ def test_postures_study(rig: Rig, plan: PosturePlan, parameters: BaseParameters,
 
 
 def test_exchange_lowers_what_it_is_told_to(plan: PosturePlan, parameters: BaseParameters) -> None:
-    blocks = designs.placement_blocks(parameters, plan)
+    blocks = conditioning.placement_blocks(parameters, plan)
     rng = np.random.default_rng(SEED)
-    start = designs.random_choices(blocks, 4, 10, rng)[-1]
-    for criterion in designs.CRITERIA.values():
-        found = designs.exchanged(blocks, start, criterion, 60, rng)
-        assert criterion(designs.joined(blocks, found)) < criterion(designs.joined(blocks, start))
+    start = conditioning.random_choices(blocks, 4, 10, rng)[-1]
+    for criterion in conditioning.CRITERIA.values():
+        found = conditioning.exchanged(blocks, start, criterion, 60, rng)
+        assert criterion(conditioning.joined(blocks, found)) < criterion(conditioning.joined(blocks, start))
         assert len(set(found)) == 4
-        assert len(designs.plan_of(plan, found)) == 20
+        assert len(conditioning.plan_of(plan, found)) == 20
 
 
 def test_scaling_of_columns_leaves_the_scaled_condition_number() -> None:
     matrix = np.random.default_rng(SEED).standard_normal((40, 5))
     scaled = matrix * [1.0, 10.0, 1.0, 0.1, 5.0]
-    assert designs.scaled_condition_number(scaled) == pytest.approx(designs.scaled_condition_number(matrix))
-    assert designs.condition_number(scaled) > 2 * designs.condition_number(matrix)
+    assert conditioning.scaled_condition_number(scaled) == pytest.approx(
+        conditioning.scaled_condition_number(matrix)
+    )
+    assert conditioning.condition_number(scaled) > 2 * conditioning.condition_number(matrix)
 
 
 def test_conditioning_study(rig: Rig, plan: PosturePlan, parameters: BaseParameters, tmp_path: Path) -> None:

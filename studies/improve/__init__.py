@@ -1,1 +1,1 @@
-"""The paper's possible ways to improve, each as a study: docs/improve.md."""
+"""The parts of the study `improve`: one module for each of the paper's ways to improve."""

@@ -1,4 +1,4 @@
-"""First way: a more accurate centre of pressure, from balance boards to force plates."""
+"""Make the centre of pressure more accurate, from balance boards to force plates (first way)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from studies.improve.output import BLACK, BLUE, ORANGE, Rows, panels, save
+from studies.improve.output import BLACK, BLUE, ORANGE, Rows, log_axis, panels, save
 from studies.improve.repeat import Model, monte_carlo_error, repeat, rms
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.sim.measurements import PosturePlan
@@ -15,7 +15,7 @@ from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.sensors import PRESETS, Sensors
 
 NON_ZERO = 13  # of the nominal robot's base parameters; they are the simplified model's
-# What makes a centre of pressure or its model uncertain.
+# Parts of the sensors that add to the uncertainty of a centre of pressure or of its model.
 PARTS = {
     "cells": ("cell_repeatability", "cell_noise", "cell_resolution"),
     "plate records": ("placement_sd", "mark_sd"),
@@ -24,7 +24,7 @@ PARTS = {
 
 
 def between(part: float) -> Sensors:
-    """All figures of the sensors on geometric steps from `wii` (0) to `force-plate` (1)."""
+    """Interpolate all figures of the sensors geometrically from `wii` (0) to `force-plate` (1)."""
     worse, better = PRESETS["wii"], PRESETS["force-plate"]
     scaled = {}
     for field in dataclasses.fields(Sensors):
@@ -37,7 +37,7 @@ def between(part: float) -> Sensors:
 
 
 def improved(part: str) -> Sensors:
-    """`wii` with one part of its sensors as good as `force-plate`."""
+    """Return `wii` with one part of its sensors as good as that of `force-plate`."""
     better = {name: getattr(PRESETS["force-plate"], name) for name in PARTS[part]}
     return dataclasses.replace(PRESETS["wii"], **better)
 
@@ -45,7 +45,7 @@ def improved(part: str) -> Sensors:
 def study(
     rig: Rig, plan: PosturePlan, parameters: BaseParameters, runs: int, seed: int, steps: int = 6
 ) -> Rows:
-    """A row a set of sensors; every set sees the same draws of noise."""
+    """Return a row for each set of sensors; every set sees the same draws of noise."""
     arms = {f"{step}/{steps - 1}": between(step / (steps - 1)) for step in range(steps)}
     arms |= {f"wii, better {part}": improved(part) for part in PARTS}
     rows = []
@@ -79,7 +79,7 @@ def _columns(name: str, model: Model) -> dict[str, float]:
 
 
 def draw(rows: Rows, path: Path) -> None:
-    """Errors and counts against the accuracy of the centre of pressure."""
+    """Draw errors and counts over the accuracy of the centre of pressure."""
     steps = [r for r in rows if "/" in r["sensors"]]
     figure, (errors, counts) = panels(2)
     sigma = [r["sigma_mm"] for r in steps]
@@ -98,15 +98,11 @@ def draw(rows: Rows, path: Path) -> None:
         )
     counts.axhline(NON_ZERO, color=BLACK, linestyle=":", label="not zero in the true robot (13)")
     for ax in (errors, counts):
-        ax.set_xscale("log")
-        ax.set_xticks([0.5, 1, 2, 4], ["0.5", "1", "2", "4"])
-        ax.minorticks_off()
+        log_axis(ax, "x", (0.5, 1, 2, 4))
         ax.set_xlabel("residual sigma of the CoP (eq. 14), mm")
         ax.invert_xaxis()
-    errors.set_yscale("log")
-    errors.set_yticks([0.1, 0.3, 1, 3, 10, 30, 100], ["0.1", "0.3", "1", "3", "10", "30", "100"])
+    log_axis(errors, "y", (0.1, 0.3, 1, 3, 10, 30, 100))
     errors.set_ylim(0.1, 100)
-    errors.minorticks_off()
     better = next(r for r in rows if r["sensors"] == "wii, better cells")
     errors.plot(
         better["sigma_mm"],

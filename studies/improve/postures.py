@@ -1,4 +1,4 @@
-"""Second way: more postures, up to 500 data points a parameter."""
+"""Measure more postures, up to 500 data points a parameter (second way)."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from studies.improve.output import BLACK, BLUE, GREEN, ORANGE, Rows, panels, save
+from studies.improve.output import BLACK, BLUE, GREEN, ORANGE, Rows, log_axis, panels, save
 from studies.improve.repeat import Repeated, monte_carlo_error, repeat, rms
-from studies.runner import part_of
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED
 from tulip_testbed.sim.measurements import PosturePlan
@@ -22,7 +21,7 @@ NEGLIGIBLE = 1e-4  # m: a true value that no relative error can be measured by
 def study(
     rig: Rig, pool: PosturePlan, parameters: BaseParameters, sizes: dict[int, int], seed: int
 ) -> tuple[Rows, Rows]:
-    """A row a size, and a row a parameter.
+    """Return a row for each size and a row for each parameter.
 
     Args:
         pool: random postures; a plan is its first ones.
@@ -30,7 +29,7 @@ def study(
     """
     found = {}
     for size, runs in sizes.items():
-        plan = part_of(pool, pool.placement <= size // PER_PLACEMENT)
+        plan = pool.take(pool.placement <= size // PER_PLACEMENT)
         found[size] = repeat(rig, plan, parameters, runs, seed + size)
     return [_size(size, result) for size, result in found.items()], _parameters(found, parameters)
 
@@ -51,7 +50,7 @@ def _size(size: int, found: Repeated) -> dict[str, float | int]:
 
 
 def _parameters(found: dict[int, Repeated], parameters: BaseParameters) -> Rows:
-    """RMS error by size, the slope of its logarithm, and the postures needed to fall below 15 %."""
+    """Return the RMS errors by size, the slope of their logarithm, and the postures that 15 % needs."""
     sizes = np.array(list(found))
     truth = next(iter(found.values())).full.truth[0]
     root = np.array([rms(f.full.off) for f in found.values()])
@@ -79,7 +78,7 @@ def _parameters(found: dict[int, Repeated], parameters: BaseParameters) -> Rows:
 
 
 def draw(sizes: Rows, rows: Rows, path: Path) -> None:
-    """Errors against the number of postures, and what each parameter needs."""
+    """Draw the errors over the number of postures, and the number that each parameter needs."""
     figure, (errors, needs) = panels(2, 5.2)
     count = np.array([r["postures"] for r in sizes], float)
     curves = (
@@ -90,12 +89,11 @@ def draw(sizes: Rows, rows: Rows, path: Path) -> None:
     )
     for key, style, colour, label in curves:
         values = np.array([r[key] for r in sizes])
-        errors.loglog(count, values, style, color=colour, label=label)
-        errors.loglog(count, values[-1] * np.sqrt(count[-1] / count), ":", color=BLACK, linewidth=1)
+        errors.plot(count, values, style, color=colour, label=label)
+        errors.plot(count, values[-1] * np.sqrt(count[-1] / count), ":", color=BLACK, linewidth=1)
     errors.plot([], [], ":", color=BLACK, label="1/√n through the last")
-    errors.set_xticks(count, [f"{int(n)}" for n in count])
-    errors.set_yticks([0.3, 1, 3, 10, 30, 100], ["0.3", "1", "3", "10", "30", "100"])
-    errors.minorticks_off()
+    log_axis(errors, "x", count)
+    log_axis(errors, "y", (0.3, 1, 3, 10, 30, 100))
     errors.set_xlabel("number of postures n")
     errors.set_ylabel("RMS error of a parameter, mm")
     errors.legend(frameon=False, fontsize=9)

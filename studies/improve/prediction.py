@@ -1,4 +1,4 @@
-"""What generalised least squares must reach by the sensors' s.d., without any Monte Carlo."""
+"""Predict the covariance of generalised least squares from the sensors' s.d., without any Monte Carlo."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tulip_testbed.sim.sensors import averaged_sd
 def predicted_covariance(
     rig: Rig, measured: Measurements, parameters: BaseParameters, value: np.ndarray
 ) -> np.ndarray:
-    """Covariance of generalised least squares, (H' V^-1 H)^-1 with V by the sensors' true s.d., (p, p) [m2].
+    """Compute (H' V^-1 H)^-1 of generalised least squares with V by the sensors' true s.d., (p, p) [m2].
 
     Args:
         value: true parameters, (p,) [m].
@@ -36,7 +36,7 @@ def predicted_covariance(
 
 
 def _covariance(own: np.ndarray, levers: np.ndarray) -> np.ndarray:
-    """Of one placement's CoP, (2m, 2m)."""
+    """Assemble the covariance of the CoP of one placement, (2m, 2m)."""
     size = 2 * len(own)
     rows, flat = np.arange(size).reshape(-1, 2), levers.reshape(size, -1)
     covariance = flat @ flat.T

@@ -1,4 +1,4 @@
-"""Many experiments in the static laboratory, each identified by both models, beside their truth."""
+"""Repeat an experiment in the static laboratory and identify each run by both models."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from tulip_testbed.experiments.identify import identify
-from tulip_testbed.experiments.montecarlo.laboratory_runs import Run, laboratory, stream_of
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stream_of
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.estimators import DEFAULT, Estimate
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED, relative_standard_errors, standard_errors
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.rig import Rig
 
 POSTURES_AT_ONCE = 3000  # solved in one batch
@@ -38,18 +40,18 @@ class Model:
 
     @property
     def off(self) -> np.ndarray:
-        """Estimate minus truth, (runs, p) [m]."""
+        """Return estimate minus truth, (runs, p) [m]."""
         return self.value - self.truth
 
     @property
     def well(self) -> np.ndarray:
-        """Parameters that a run calls well identified: relative s.e. (eq. 13) below 15 %, (runs,)."""
+        """Count the well identified parameters of each run: relative s.e. (eq. 13) below 15 %, (runs,)."""
         return (relative_standard_errors(self.value, self.error) < WELL_IDENTIFIED).sum(axis=1)
 
 
 @dataclass(frozen=True)
 class Repeated:
-    """Both models over all runs, what the runs measured, and how many runs gave no estimate."""
+    """Both models over all runs, the rows that each run measured, and how many runs gave no estimate."""
 
     full: Model
     simplified: Model
@@ -73,9 +75,9 @@ def repeat(
     Raises:
         InputError: a plan that the laboratory cannot stand on, or no run with an estimate.
     """
-    hold = laboratory(Scenario(rig, plan, seed, "study"), spread, dynamics=False)
+    hold = source_of(Laboratory(rig.robot, nominal=rig), plan, spread, "statics")
     batch = max(1, POSTURES_AT_ONCE // len(plan))
-    found: list[tuple[Run, Estimate, Estimate]] = []
+    found: list[tuple[Outcome, Estimate, Estimate]] = []
     for first in range(0, runs, batch):
         streams = [stream_of(seed, run) for run in range(first, min(first + batch, runs))]
         for outcome in hold(streams):
@@ -88,7 +90,7 @@ def repeat(
             found.append((outcome, fit.full, fit.simplified))
     if not found:
         raise InputError(f"none of {runs} runs with {len(plan)} postures could be identified")
-    truth = np.array([parameters.values(run.standard) for run, _, _ in found])
+    truth = np.array([parameters.values(run.truth.standard) for run, _, _ in found])
     return Repeated(
         full=_model([full for _, full, _ in found], truth),
         simplified=_model([simple for _, _, simple in found], truth),
@@ -109,12 +111,12 @@ def _model(estimates: list[Estimate], truth: np.ndarray) -> Model:
 
 
 def rms(off: np.ndarray) -> np.ndarray:
-    """Root mean square over the runs, (..., runs, p) -> (..., p)."""
+    """Compute the root mean square over the runs, (..., runs, p) -> (..., p)."""
     return np.sqrt((off**2).mean(axis=-2))
 
 
 def monte_carlo_error(statistic: Callable[[np.ndarray], float], off: np.ndarray) -> float:
-    """Standard error of a statistic of all runs, by resampling the runs (Efron 1979).
+    """Compute the standard error of a statistic of all runs by resampling the runs (Efron 1979).
 
     Args:
         statistic: of errors (runs, p).

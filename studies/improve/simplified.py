@@ -1,4 +1,4 @@
-"""The simplified model against the full one: bias brought in against variance saved."""
+"""Compare the simplified model with the full one: added bias against saved variance."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from studies.improve.output import BLUE, GREEN, ORANGE, RED, Rows, panels, save
+from studies.improve.output import BLUE, GREEN, ORANGE, RED, Rows, log_axis, panels, save
 from studies.improve.repeat import Model, Repeated, monte_carlo_error, repeat, rms
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.regressor import stacked_regressor
@@ -24,7 +24,7 @@ def study(
     parameters: BaseParameters,
     seed: int,
 ) -> Rows:
-    """A row an arm and spread; all arms meet the same robots.
+    """Return a row for each arm and spread; all arms have the same robots.
 
     Args:
         arms: laboratory, plan and number of robots by name.
@@ -68,24 +68,24 @@ def _row(found: Repeated, matrix: np.ndarray) -> dict[str, float | int]:
 
 
 def _prediction(matrix: np.ndarray, model: Model, truth: np.ndarray) -> np.ndarray:
-    """RMS distance of predicted and true CoP over the postures, by run, (runs, 1) [m]."""
+    """Compute the RMS distance of predicted and true CoP over the postures in each run, (runs, 1) [m]."""
     off = matrix[:, model.numbers - 1] @ model.value.T - matrix @ truth.T
     return np.sqrt(2 * (off**2).mean(axis=0))[:, None]
 
 
 def _ratio(pairs: np.ndarray) -> float:
-    """RMS error, simplified over full model, geometric mean over k; full first, (runs, 2 k)."""
+    """Compute the geometric mean over k of RMS error, simplified over full; full first, (runs, 2 k)."""
     full, simple = np.split(rms(pairs), 2)
     return float(np.exp(np.log(simple / full).mean()))
 
 
 def _coverage(model: Model) -> float:
-    """Share of true values within 1.96 reported standard errors [%]."""
+    """Compute the share of true values within 1.96 reported standard errors [%]."""
     return 100 * float((np.abs(model.off) < 1.96 * model.error).mean())
 
 
 def crossings(rows: Rows) -> Rows:
-    """The spread at which both models are alike, by log-linear interpolation of the ratio."""
+    """Find the spread at which both models are equal, by log-linear interpolation of the ratio."""
     table = []
     for arm in dict.fromkeys(r["arm"] for r in rows):
         mine = [r for r in rows if r["arm"] == arm]
@@ -109,7 +109,7 @@ def _crossing(x: np.ndarray, y: np.ndarray, rows: Rows) -> str:
 
 
 def draw(rows: Rows, path: Path) -> None:
-    """Ratio of the errors against the spread of the robots."""
+    """Draw the ratio of the errors over the spread of the robots."""
     figure, (errors, predictions) = panels(2, 4.2)
     spreads = sorted({r["spread"] for r in rows})
     for number, arm in enumerate(dict.fromkeys(r["arm"] for r in rows)):
@@ -124,11 +124,8 @@ def draw(rows: Rows, path: Path) -> None:
                 label=arm,
             )
     for ax, title in ((errors, "the 13 kept parameters"), (predictions, "CoP predicted at new postures")):
-        ax.set_xscale("log")
-        ax.set_yscale("log")
-        ax.set_xticks(spreads, [f"{s:g}" for s in spreads])
-        ax.set_yticks(TICKS, [f"{tick:g}" for tick in TICKS])
-        ax.minorticks_off()
+        log_axis(ax, "x", spreads)
+        log_axis(ax, "y", TICKS)
         ax.axhline(1, color="black", linewidth=1)
         ax.set_xlabel("spread of the true robots (s.d. of ln mass)")
         ax.set_ylabel("RMS error, simplified over full")
