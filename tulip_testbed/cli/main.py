@@ -6,6 +6,7 @@ import difflib
 import errno
 import os
 import sys
+from inspect import signature
 from collections.abc import Callable
 
 import tyro
@@ -52,8 +53,9 @@ COMMANDS: dict[str, Callable[..., int]] = {
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point; returns the exit code."""
+    given = sys.argv[1:] if arguments is None else arguments
     try:
-        _known_command((sys.argv[1:] if arguments is None else arguments)[:1])
+        _known_command(given[:1])
         return tyro.extras.subcommand_cli_from_dict(
             COMMANDS,
             prog="tulip",
@@ -62,11 +64,21 @@ def main(arguments: list[str] | None = None) -> int:
         )
     except InputError as error:
         ERR.print("tulip:", style="bold red", end=" ")
-        ERR.print(printable(str(error)), highlight=False, soft_wrap=True, markup=False)
+        ERR.print(printable(_with_flags(str(error), given[0])), highlight=False, soft_wrap=True, markup=False)
         return 2
     except KeyboardInterrupt:
         ERR.print("tulip: interrupted; nothing was written")
         return 130
+
+
+def _with_flags(message: str, command: str) -> str:
+    """Write the parameters that a library's message begins with as the flags that they are here."""
+    names = signature(COMMANDS[command]).parameters if command in COMMANDS else {}
+    place, colon, rest = message.partition(": ")
+    words = place.split(", ")
+    if not colon or any(word.split(" ")[0] not in names for word in words):
+        return message
+    return ", ".join(f"--{w.replace('_', '-')}" for w in words) + colon + rest
 
 
 def _known_command(first: list[str]) -> None:
