@@ -1,4 +1,4 @@
-"""Effects on the command line: explained, hidden, drawn; the truth stands in its own file alone."""
+"""Effects on the command line: explained, simulated, drawn; only the truth file names them."""
 
 import json
 from pathlib import Path
