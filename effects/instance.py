@@ -243,8 +243,8 @@ def check_laboratory(found: EffectInstance, statics: bool, where: str) -> None:
     if statics and not found.effect.statics:
         known = listed(effect.name for effect in catalogue().values() if effect.statics)
         raise InputError(
-            f"{where}: found {found.effect.name}, which acts in the full dynamics alone; "
-            f"the static laboratory knows {known}"
+            f"{where}: found {found.effect.name}, which only the full dynamics can simulate; "
+            f"the static laboratory can simulate {known}"
         )
 
 

@@ -1,4 +1,4 @@
-"""Random effects, and the effects that a user asks for by name or at random."""
+"""Read effects that are asked for by name, and draw random ones."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ def corrected(observed: Observation) -> Measurements:
     """Return measurements that would show the observation in the nominal laboratory.
 
     A shift of the centre of pressure that the cells do not explain (`shift`, a tilted stance foot) becomes
-    the same shift of both plates. A vertical force beside the weight (`lift`) is taken off all cells in
+    the same shift of both plates. A vertical force other than the weight (`lift`) is taken off all cells in
     proportion, which leaves the centre of pressure where it is. Link lengths that differ from the nominal
     ones remain in `observed.tree`.
     """

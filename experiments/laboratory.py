@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.effects.injection import check_built
-from tulip_testbed.effects.instance import EffectInstance, check_instance, injected
-from tulip_testbed.effects.random_effects import check_laboratory
+from tulip_testbed.effects.instance import EffectInstance, check_instance, check_laboratory, injected
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,

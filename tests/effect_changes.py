@@ -1,4 +1,4 @@
-"""What effects change in a simulation, and what is predicted of it."""
+"""Compare what an effect changes in a simulation with its prediction."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from tulip_testbed.sim.statics.static_run import run_statics
 
 SEED = 103  # bounds were set on seed 1
 DISCOVERY_SEED = 7001  # no development seed
-# What a millimetre, a newton and a milliradian are worth to each other.
+# A millimetre, a newton and a milliradian count the same.
 UNIT = np.array([1e-3, 1e-3, 1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 1e-3])
 
 
 def first(plan, count):
-    """The first placements of a plan."""
+    """Take the first placements of a plan."""
     return plan.take(np.isin(plan.placement, np.unique(plan.placement)[:count]))
 
 
@@ -28,7 +28,7 @@ def statically(rig, plan) -> Measurements:
 
 
 def measured(robot, plan, preset, *hidden, seed=DISCOVERY_SEED):
-    """Measurements of a laboratory in which effects are hidden: (name, target, values)."""
+    """Simulate measurements of a laboratory with effects: (name, target, values)."""
     rig = preset_rig(preset, robot)
     for name, target, values in hidden:
         rig = catalogue()[name].inject(rig, target, values)
@@ -36,11 +36,11 @@ def measured(robot, plan, preset, *hidden, seed=DISCOVERY_SEED):
 
 
 def changes(nominal, base, with_it, effect, target, values, absorbed=True, physics=True):
-    """What the simulation changed in the residuals and what is predicted, both (k, 11).
+    """Compute the simulated and the predicted change of the residuals, both (k, 11).
 
-    Of the postures in both experiments; what base parameters (if `absorbed`) and a stance's constants
-    absorb is taken out of both, as whoever looks for the effect does. Where it is `physics`, postures in
-    which a board stands on three cells are left out: which these are, loads at its edge decide.
+    Only postures in both experiments count. What the base parameters (if `absorbed`) and the constants of a
+    stance absorb is projected out of both, as a discovery does. For an effect of the `physics`, postures in
+    which a board rests on three cells are left out, because small loads decide which these are.
     """
     observed, before = observe(with_it, nominal), observe(base, nominal)
     rows = {key: k for k, key in enumerate(_keys(base))}
@@ -72,7 +72,7 @@ def changes(nominal, base, with_it, effect, target, values, absorbed=True, physi
 
 
 def _keys(measurements):
-    """Posture and its how-manieth measurement."""
+    """Return each row's posture and the count of its measurements so far."""
     observed: dict[int, int] = {}
     keys = []
     for number in measurements.posture.tolist():
@@ -82,6 +82,6 @@ def _keys(measurements):
 
 
 def agreement(simulated, predicted):
-    """Cosine, and slope of the simulated on the predicted change."""
+    """Compute the cosine, and the slope of the simulated on the predicted change."""
     a, b = simulated.ravel(), predicted.ravel()
     return a @ b / np.linalg.norm(a) / np.linalg.norm(b), a @ b / (b @ b)

@@ -1,4 +1,4 @@
-"""The catalogue: every effect's prediction against simulations with and without it."""
+"""Compare the prediction of every effect of the catalogue with simulations with and without it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import CORNERS
 
-SENSORS = {  # of readings alone: predict undoes inject to rounding
+SENSORS = {  # readings alone: the prediction removes the effect up to rounding
     "encoder-offset:right_knee": (0.01,),
     "encoder-gain:left_hip_pitch": (0.01,),
     "encoder-slip:left_knee": (0.01, 0.3),
@@ -35,12 +35,12 @@ SENSORS = {  # of readings alone: predict undoes inject to rounding
     "cell-hysteresis": (0.01,),
     "swapped-cells:left": (1, 3),
 }
-PHYSICS = {  # smallest cosine asked for
+PHYSICS = {  # values and the least cosine
     "joint-compliance:right_knee": ((0.0005,), 0.95),
     "joint-compliance:left_ankle_roll": ((0.001,), 0.95),
     "backlash:right_hip_pitch": ((0.005,), 0.95),
     "backlash:left_hip_pitch": ((0.005,), 0.95),
-    # Its load is what the sole's centre of pressure says, which the play itself brings towards zero.
+    # The sole's centre of pressure gives its load, which the play itself brings towards zero.
     "backlash:left_ankle_roll": ((0.003,), 0.8),
     "tilt": ((0.01, 0.02), 0.95),
     "sole-compliance": ((0.0005,), 0.95),
@@ -53,15 +53,15 @@ PHYSICS = {  # smallest cosine asked for
     "tether-spring": ((20.0,), 0.95),
 }
 DYNAMICS = {
-    "lifted-corner:left_foot.front_left": ((0.0003,), 0.85),  # where a foot rocks, no load tells
+    "lifted-corner:left_foot.front_left": ((0.0003,), 0.85),  # the loads do not show how far a foot rocked
     "joint-compliance:right_knee": ((0.0005,), 0.95),
     "tether-spring": ((20.0,), 0.95),
     "payload-step:torso": ((0.5, 0.7), 0.95),
 }
 
 
-# Not among them: a length, which changes base parameters too, and two placements cannot tell; play in an
-# ankle, whose load it takes away itself: cosine 0.89, 1.00 and (here) 0.74, slope 0.71: no close bound.
+# Left out: link lengths, which also change base parameters that two placements cannot identify, and play in
+# an ankle, which takes its own load away (cosine 0.89, 1.00 and, here, 0.74, slope 0.71: no close bound).
 LEFT_OUT = ("link-length:right_lower_leg", "link-length:left_hip", "backlash:left_ankle_roll")
 SLOWLY = {k: v for k, v in PHYSICS.items() if k not in DYNAMICS and k not in LEFT_OUT}
 SLOWLY["backlash:left_hip_pitch"] = ((0.005,), 0.9)  # friction decides where in its play a joint rests
@@ -179,7 +179,7 @@ def test_predict_points_where_the_full_dynamics_goes(text, noiseless, two, moved
 
 
 def zero(effect):
-    """Values of an effect that is not there."""
+    """Return values with which an effect does nothing."""
     values = tuple((parameter.grid or (0.0,))[-1] for parameter in effect.parameters)
     return values if effect.sizes else (2, 2)
 
@@ -205,7 +205,7 @@ def test_no_effect_changes_nothing_in_the_laboratory(name, noiseless, robot, two
 
 
 def test_a_creeping_robot_stands_in_equilibrium(noiseless, two, nominal):
-    """Read as soon as friction holds it, it shows in no channel (but for a placement's constants)."""
+    """Readings taken as soon as friction holds show no residual, apart from a placement's constants."""
     short = dataclasses.replace(noiseless, protocol=dataclasses.replace(noiseless.protocol, window=2.0))
     found = run_dynamics(catalogue()["unsettled"].inject(short, "", (0.5,)), two, SEED)
     assert max(held.settled_after for held in found.truth.held) < 0.5

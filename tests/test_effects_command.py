@@ -1,4 +1,4 @@
-"""Effects on the command line: explained, hidden, drawn; the truth stands in its own file alone."""
+"""Effects on the command line: explained, simulated, drawn; only the truth file names them."""
 
 import json
 from pathlib import Path
@@ -56,6 +56,8 @@ def test_one_effect_is_explained(capsys):
         ("encoder-offset:right_knee=36", "found 36, expected at most 1.75 in size"),
         ("joint-compliance:right_knee=-1e-4", "compliance [rad/Nm]: found -0.0001, expected 0 or more"),
         ("", "unknown effect ''"),
+        ("random=3", "--effect random=3: found a target or values, expected `random` alone"),
+        ("randm", "unsettled, random"),
     ],
 )
 def test_what_is_wrong_is_named(text, message, tmp_path, capsys):
@@ -96,7 +98,7 @@ def test_what_is_far_beyond_plausible_is_doubted(tmp_path, capsys):
 def test_who_takes_more_than_there_is_is_named(tmp_path, capsys):
     text = "payload-step:torso=-20,0.5"
     message = refused(capsys, "simulate", "--out", tmp_path / "data", "--effect", text)
-    assert f"--effect {text}: found a laboratory that cannot be built" in message
+    assert f"effect {text}: found a laboratory that cannot be built" in message
     assert list(tmp_path.iterdir()) == []
 
 
@@ -136,7 +138,7 @@ def test_a_random_effect_that_cannot_be_simulated_is_not_named(tmp_path, capsys,
     def fail(*_):
         raise InputError("joint-compliance at left_knee is too soft")
 
-    monkeypatch.setattr("tulip_testbed.cli.simulate_command.run_statics", fail)
+    monkeypatch.setattr("tulip_testbed.experiments.laboratory.run_statics", fail)
     more = ("--statics", "--effect", "random", "--truth", tmp_path / "truth.json")
     message = refused(capsys, "simulate", "--out", tmp_path / "data", *more)
     assert "give another --seed" in message

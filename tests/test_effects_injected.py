@@ -1,4 +1,4 @@
-"""Effects in the laboratory: what they change there, what stays, and when."""
+"""Effects in the laboratory: what they change, what they leave, and when."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tulip_testbed.sim.statics.static_run import run_statics
 
 
 def test_loads_in_the_joints_are_what_the_servos_bear(moved, model, nominal):
-    """But for dry friction: of the joint itself, and what it leaves of push between the feet."""
+    """Apart from dry friction in the joint and the push that it leaves between the feet."""
     torques = observe(moved.measurements, nominal).torques
     servos = np.array([held.torques for held in moved.truth.held])
     dry = np.array(
@@ -50,7 +50,7 @@ def test_a_tilt_turns_about_x_then_about_y(noiseless):
 
 @pytest.mark.parametrize("name", ["random", "optimal"])
 def test_the_nominal_laboratory_asked_again_shows_what_was_measured(name, robot, model, nominal):
-    """Also where the plan has feed-forward, which the commands hold."""
+    """Also if the plan has feed-forward torques, which the commands contain."""
     plan = first(read_plan(DEFAULT_PLAN.parent / name, robot), 8)
     run = run_statics(solve_plan(preset_rig("wii", robot), plan), np.random.SeedSequence(SEED).spawn(1))[0]
     observed = observe(run.measurements, nominal)
@@ -77,8 +77,8 @@ def test_what_an_effect_adds_is_no_part_of_the_true_robot(name, target, values, 
     assert truth == pytest.approx(nominal.value, abs=1e-12)
 
 
-def test_effects_are_undone_as_they_act_in_whatever_order_they_are_listed(noiseless, few, nominal):
-    """Else a sole's yielding would be taken from cells that are still exchanged."""
+def test_effects_are_removed_in_the_reverse_order_of_their_stages(noiseless, few, nominal):
+    """Otherwise the compliance of a sole would be computed from cells that are still swapped."""
     listed = [
         EffectInstance(catalogue()["swapped-cells"], "left", (1, 3)),
         EffectInstance(catalogue()["cell-gain"], "right.front_left", (0.1,)),

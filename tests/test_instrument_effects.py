@@ -135,7 +135,7 @@ def test_instruments_misread_by_definition(text, measured, robot):
 
 
 @pytest.mark.parametrize("text", READINGS)
-def test_a_misreading_is_undone_by_definition(text, measured, nominal, robot):
+def test_misreadings_are_corrected_by_definition(text, measured, nominal, robot):
     mechanism, target, values = misreading(text, robot)
     observed = observe(measured(**READINGS[text]), nominal)
     assert_same(mechanism.undo(observed, target, values), measured())

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from tests.test_cli import edit, refused
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.instance import EffectInstance, injected
-from tulip_testbed.effects.random_effects import read_effects
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.rig_folder import (
@@ -34,7 +33,7 @@ TEXTS = ("encoder-offset:right_knee=0.01", "joint-compliance:left_ankle_roll=0.0
 
 @pytest.fixture(scope="module")
 def found(robot):
-    return read_effects(TEXTS, robot, range(30), SEED, True)
+    return tuple(EffectInstance.parse(text, robot, range(30)) for text in TEXTS)
 
 
 @pytest.fixture
@@ -89,7 +88,7 @@ def test_an_adopted_encoder_offset_gives_back_the_parameters_of_the_data_without
 
 def test_an_adopted_effect_of_the_physics_takes_its_bias_away(robot, plan, plain):
     texts = ("joint-compliance:right_ankle_pitch=0.0005", "cell-gain:right.rear_left=0.03")
-    effects = read_effects(texts, robot, range(30), SEED, True)
+    effects = tuple(EffectInstance.parse(text, robot, range(30)) for text in texts)
     hidden = measured(robot, plan, effects)
     truth = np.sqrt(np.diag(plain.covariance))
     biased = np.abs((identify(hidden, robot).full.value - plain.value) / truth)

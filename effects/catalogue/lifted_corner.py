@@ -56,7 +56,7 @@ def _center(observed: Observation, side: int) -> np.ndarray:
 
 
 def _stand(corners: np.ndarray, lifted: int, center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compute how a foot stands per thickness under one of its corners.
+    """Compute the attitude of a foot per thickness under one of its corners.
 
     Args:
         corners: of the sole from the sole point, (4, 2) [m].
