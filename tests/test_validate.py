@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.experiments.checks import within
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.run_folder import write_run

@@ -7,7 +7,7 @@
     run = lab.run(tt.plans.random, seed=3)
     fit = tt.identify(run.measurements, robot)
 
-Names are loaded when they are first used: `import tulip_testbed` by itself loads neither NumPy nor a simulator.
+A name is loaded when it is first used: `import tulip_testbed` alone loads neither NumPy nor a simulator.
 """
 
 from importlib import import_module

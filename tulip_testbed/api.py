@@ -68,7 +68,7 @@ def read_measurements(folder: str | Path) -> Measurements:
 
 
 def write_measurements(folder: str | Path, measurements: Measurements) -> None:
-    """Write a measurement folder, which appears whole or not at all; it holds nothing of a simulation's truth.
+    """Write a measurement folder, which appears whole or not at all.
 
     Raises:
         InputError: the folder exists or cannot be written.
@@ -173,8 +173,8 @@ def monte_carlo(
     Args:
         runs: how many.
         estimator: see `identify`.
-        random_robots: s.d. of the logarithm of each link's mass, and of its centre of mass in half edges of its
-            inertia box: a random true robot in every run; None: the nominal one.
+        random_robots: s.d. of the logarithm of each link's mass, and of its centre of mass in half edges of
+            its inertia box: a random true robot in every run; None: the nominal one.
         engine: "statics", or "dynamics": about a minute a run.
         workers: processes. Results do not depend on it.
         folder: keeps the runs; the same call resumes what was stopped. None: a temporary one.
@@ -230,7 +230,7 @@ def check(
     robot: Robot | None = None,
     corrections: Sequence[EffectInstance | str] = (),
 ) -> Preflight:
-    """Check measurements for faults before they are identified from: weights, drift, plates, legs, units and more.
+    """Check measurements for faults: weights, drift, plates, legs, units and more.
 
     Args:
         measurements: or their folder, whose complaints about missing columns are listed too.

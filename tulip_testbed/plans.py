@@ -1,7 +1,7 @@
 """The posture plans that come with TULip, and plans of one's own.
 
-`plans.random` holds 150 random postures on 30 foot placements, `plans.optimal` 150 optimised ones; both are read
-when they are first asked for.
+`plans.random` holds 150 random postures on 30 foot placements, `plans.optimal` 150 optimised ones; both are
+read when they are first asked for.
 """
 
 from __future__ import annotations

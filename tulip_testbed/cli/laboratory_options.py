@@ -45,14 +45,11 @@ def laboratory_and_plan(
     for text, instance in zip(effects, hidden, strict=True):
         try:
             laboratory = laboratory.with_effects(instance)
-        except InputError as error:
-            # What was drawn is a secret.
-            raise (
-                error
-                if text != RANDOM
-                else InputError(
-                    "--effect random: found a laboratory that cannot be built, expected one that can; give another "
-                    "--seed"
-                )
+        except InputError:
+            if text != RANDOM:
+                raise
+            raise InputError(
+                "--effect random: found a laboratory that cannot be built, expected one that can; give "
+                "another --seed"
             ) from None
     return laboratory, made

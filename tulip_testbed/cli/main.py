@@ -6,8 +6,8 @@ import difflib
 import errno
 import os
 import sys
-from inspect import signature
 from collections.abc import Callable
+from inspect import signature
 
 import tyro
 
