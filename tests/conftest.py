@@ -8,6 +8,8 @@ import os
 os.environ.setdefault("MUJOCO_GL", "disable")
 # As the command line has it: with more threads sums come out in another order than in the workers.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# pytest-xdist tells its workers the width of the terminal; tables would follow it.
+os.environ.pop("COLUMNS", None)
 
 
 import numpy as np

@@ -55,7 +55,9 @@ def test_a_check_without_power_does_not_pass(wii, nominal):
 
 def test_another_robots_folder_is_said_to_be_one(wii, tmp_path, foreign):
     write_measurements(tmp_path / "data", wii.run.measurements)
-    with pytest.raises(InputError, match=r"found robot 'tulip.xml' with other joints, .*--robot FILE"):
+    with pytest.raises(
+        InputError, match=r"found robot 'tulip.xml' with other joints, .*give the robot that was measured"
+    ):
         check_folder(tmp_path / "data", foreign["humanoid"])
 
 

@@ -16,6 +16,7 @@ from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics, run_placement
 from tulip_testbed.sim.dynamics.hold import hold, move, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.measurements import lay_boards
+from tulip_testbed.sim.outcome import dropped_postures
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.plates import tare
 from tulip_testbed.sim.rig import preset_rig
@@ -283,12 +284,12 @@ def test_presets_hold_no_systematic_effect():
 
 def test_a_posture_whose_repeat_could_be_used_is_not_dropped(ideal):
     """As the preflight counts: a posture is there if any of its rows is."""
-    experiment = ideal.run
-    repeated = next(a.posture for a in experiment.truth.attempts if a.repeat and a.held)
+    truth = ideal.run.truth
+    repeated = next(a.posture for a in truth.attempts if a.repeat and a.held)
     attempts = tuple(
         dataclasses.replace(a, held=None, reason="tipped") if a.posture == repeated and not a.repeat else a
-        for a in experiment.truth.attempts
+        for a in truth.attempts
     )
-    again = dataclasses.replace(experiment, attempts=attempts)
-    assert repeated not in [posture for posture, _ in again.truth.dropped]
-    assert again.truth.dropped == experiment.truth.dropped
+    dropped = dropped_postures(attempts)
+    assert repeated not in [posture for posture, _ in dropped]
+    assert dropped == truth.dropped

@@ -116,8 +116,10 @@ def test_bad_options_are_refused_before_the_work(tmp_path, capsys):
     message = refused(capsys, *asked, 5, "--estimator", "magic")
     assert "unknown estimator 'magic'; valid: mixed-model, least-squares" in message
     assert "unknown engine 'ray'; valid: loky, dask" in refused(capsys, *asked, 5, "--engine", "ray")
-    assert "found no --address" in refused(capsys, *asked, 5, "--engine", "dask")
-    assert "with --engine dask only" in refused(capsys, *asked, 5, "--address", "tcp://127.0.0.1:9")
+    assert "engine dask: found no address" in refused(capsys, *asked, 5, "--engine", "dask")
+    assert "expected one with engine dask only" in refused(
+        capsys, *asked, 5, "--address", "tcp://127.0.0.1:9"
+    )
     assert "--random-robots: found 2.0" in refused(capsys, *asked, 5, "--random-robots", 2.0)
     assert list(tmp_path.iterdir()) == []
 

@@ -81,7 +81,9 @@ def test_the_next_postures_and_their_description(data, tmp_path, capsys):
 def test_options_that_do_not_go_together(data, tmp_path, capsys):
     new = ("plan", "--out", tmp_path / "new")
     assert "--after: found with --table1" in refused(capsys, *new, "--table1", "--after", data)
-    assert "found ipopt with --after" in refused(capsys, *new, "--solver", "ipopt", "--after", data)
+    assert "--solver: found ipopt for a plan after measurements" in refused(
+        capsys, *new, "--solver", "ipopt", "--after", data
+    )
     assert "unknown solver 'snopt'; valid: slsqp, ipopt" in refused(capsys, *new, "--solver", "snopt")
     assert "--repeats: found 99, expected at most" in refused(capsys, *new, "--repeats", 99)
     few = refused(capsys, *new, "--placements", 2, "--postures-per-placement", 7, "--seed", 901)

@@ -56,6 +56,6 @@ def check_settings(settings: Settings) -> None:
     look_up("engine", settings.engine, ENGINES, "engine")
     if settings.spread is not None and not 0 < settings.spread <= 1:
         raise InputError(
-            f"random robots: found a spread of {settings.spread}, expected more than 0 and at most 1 "
+            f"random_robots: found {settings.spread}, expected more than 0 and at most 1 "
             "(s.d. of the logarithm of a link's mass, and of its centre of mass in half edges of its box)"
         )

@@ -59,8 +59,9 @@ def model_command(
         return 0
     screen = console()
     screen.print(
-        f"{described.model_file.name}: {counts['standard']} standard parameters -> {counts['columns']} "
-        f"columns -> {counts['joined']} -> {counts['base']} base parameters in {support} support"
+        f"{described.model_file.name}: {counts['standard']} standard parameters -> "
+        f"{counts['columns']} columns -> {counts['joined']} -> {counts['base']} base parameters in {support} support",
+        soft_wrap=True,
     )
     screen.print("Standard parameters m, m c_x, m c_y, m c_z (kg, kg m):")
     for row in document["standard"]:

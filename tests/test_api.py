@@ -1,0 +1,202 @@
+"""The door: what a researcher's notebook calls."""
+
+import inspect
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tulip_testbed as tt
+from tulip_testbed.cli.main import COMMANDS
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.sim import robot as robot_module
+from tulip_testbed.sim.measurements import PosturePlan
+
+ROOT = Path(__file__).parent.parent
+
+# The notebook's block, whole; README.md shows its first half.
+FIRST_HALF = """
+import tulip_testbed as tt
+
+robot = tt.load_robot()                               # TULip; or the path of a description
+data = tt.read_measurements("data/first")
+fit = tt.identify(data, robot)                        # prints as Table II
+fit["torso.x"].value, fit["torso.x"].standard_error   # m
+fit.correlations.above(0.85); fit.to_frame()
+"""
+SECOND_HALF = """
+lab = tt.Laboratory(robot, sensors="force-plate")
+run = lab.with_effects("encoder-offset:right_knee=0.01").run(tt.plans.random, seed=3)      # engine="statics" | "dynamics"
+found = tt.discover(run.measurements, robot); print(found)
+tt.identify(run.measurements, robot, corrections=found.adopted)
+tt.validate(lab, tt.plans.random, seed=1).verdict
+tt.monte_carlo(lab, tt.plans.random, runs=1000)
+tt.view(run); tt.report(run, "first.html")
+"""
+
+
+@pytest.fixture
+def notebook(tmp_path, monkeypatch):
+    """A folder to work in, with one's own measurements in it."""
+    monkeypatch.chdir(tmp_path)
+    run = tt.Laboratory(sensors="force-plate").run(tt.plans.random, seed=2, engine="statics")
+    tt.write_measurements("data/first", run.measurements)
+    return tmp_path
+
+
+def test_the_readme_shows_the_first_half():
+    assert FIRST_HALF.strip() in (ROOT / "README.md").read_text()
+
+
+def test_the_block_in_statics_without_a_screen(notebook):
+    quick = SECOND_HALF.replace("seed=3)  ", 'seed=3, engine="statics")  ').replace("runs=1000", "runs=20")
+    quick = quick.replace("seed=1).verdict", 'seed=1, engine="statics").verdict')
+    quick = quick.replace("tt.view(run)", 'tt.view(run, save="first.rrd")')
+    names: dict = {}
+    exec(FIRST_HALF + quick, names)
+    assert names["found"].verdict == "named"
+    assert [str(effect).partition("=")[0] for effect in names["found"].adopted] == [
+        "encoder-offset:right_knee"
+    ]
+    assert names["fit"]["torso.x"].value == pytest.approx(names["fit"].full.value[0])
+    for file in ("first.html", "first.rrd"):
+        assert (notebook / file).stat().st_size > 1e5
+    # A second time: no subpackage takes the place of a function.
+    for k in range(2):
+        tt.report(names["run"], f"again{k}.html")
+        tt.view(names["run"], save=f"again{k}.rrd")
+
+
+@pytest.mark.slow
+def test_the_block_letter_by_letter(notebook, screen):
+    names: dict = {}
+    exec(FIRST_HALF + SECOND_HALF, names)
+    assert names["found"].verdict == "named"
+
+
+def test_every_name_is_documented_and_found_by_completion():
+    assert set(dir(tt)) == set(tt.__all__)
+    stub = (ROOT / "tulip_testbed" / "__init__.pyi").read_text()
+    assert set(re.findall(r"import \w+ as (\w+)", stub)) == set(tt.__all__)
+    for name in tt.__all__:
+        assert len(inspect.getdoc(getattr(tt, name)) or "") > 20, name
+
+
+def test_importing_the_library_loads_no_simulator():
+    code = "import sys, tulip_testbed; print(sorted({'numpy', 'mujoco', 'rich'} & set(sys.modules)))"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+        == "[]\n"
+    )
+
+
+def test_the_environment_is_left_alone():
+    code = (
+        "import os; before = dict(os.environ); import tulip_testbed as tt; tt.load_robot; tt.plans; tt.effects;"
+        "print(before == dict(os.environ))"
+    )
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+        == "True\n"
+    )
+
+
+def test_unknown_names_list_the_valid_ones(robot):
+    with pytest.raises(AttributeError, match="no plan 'rondom'; valid: random, optimal"):
+        tt.plans.rondom  # noqa: B018
+    with pytest.raises(AttributeError, match="no attribute 'discovery_of'; valid: load_robot"):
+        tt.discovery_of  # noqa: B018
+    with pytest.raises(tt.InputError, match="unknown preset 'wij'; valid: ideal, force-plate, wii"):
+        tt.Laboratory(robot, sensors="wij")
+    with pytest.raises(tt.InputError, match="unknown effect 'encoder-ofset'; valid: backlash"):
+        tt.Laboratory(robot).with_effects("encoder-ofset:right_knee=0.01")
+    with pytest.raises(tt.InputError, match="unknown target 'right_kne'; valid: .*right_knee"):
+        tt.Laboratory(robot).with_effects("encoder-offset:right_kne=0.01")
+    with pytest.raises(tt.InputError, match="unknown engine 'static'; valid: dynamics, statics"):
+        tt.Laboratory(robot).run(tt.plans.random, engine="static")
+    with pytest.raises(tt.InputError, match="unknown estimator 'magic'; valid: mixed-model"):
+        tt.validate(tt.Laboratory(robot), tt.plans.random, estimator="magic")
+
+
+def test_no_error_of_the_library_names_a_flag():
+    """Every message in the rooms below the command line is free of flags."""
+    for room in ("sim", "identification", "effects", "discovery", "experiments"):
+        for path in (ROOT / room).rglob("*.py"):
+            for raised in re.findall(r"raise \w+\((.*?)\)\n", path.read_text(), re.DOTALL):
+                assert not re.search(r"(?<![\w-])--[a-z]", raised), f"{path}: {raised[:120]}"
+
+
+def test_one_discovery_reads_and_compiles_the_robot_once(monkeypatch):
+    """Counts compilations of the robot alone and reads of each of its files."""
+    read, compiled = [], []
+    read_bytes, compile_spec = robot_module.read_bytes, robot_module.compile_spec
+    monkeypatch.setattr(
+        robot_module, "read_bytes", lambda p, *a: read.append(Path(p).name) or read_bytes(p, *a)
+    )
+
+    def counted(spec, where):
+        compiled.append(spec.modelname)
+        return compile_spec(spec, where)
+
+    monkeypatch.setattr(robot_module, "compile_spec", counted)
+    robot = tt.load_robot()
+    run = (
+        tt.Laboratory(robot, "force-plate")
+        .with_effects("encoder-offset:right_knee=0.01")
+        .run(tt.plans.random, seed=3, engine="statics")
+    )
+    tt.discover(run.measurements, robot)
+    assert compiled.count(robot.model_file.stem) <= 1
+    assert all(read.count(path.name) <= 1 for path in robot.files)
+
+
+def test_effects_are_written_as_they_are_read(robot):
+    lab = tt.Laboratory(robot).with_effects(
+        "tilt=0.01,-0.02", EffectInstance.parse("cell-tare:left.rear_left=2", robot)
+    )
+    assert [str(effect) for effect in lab.hidden] == ["tilt=0.01,-0.02", "cell-tare:left.rear_left=2"]
+    assert "encoder-offset" in repr(tt.effects.catalogue())
+
+
+def test_a_notebook_and_the_command_line_give_the_same_bits(notebook, capsys):
+    from tulip_testbed.cli.main import main
+
+    assert main(["identify", "data/first", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["full"]["parameters"]
+    fit = tt.identify(tt.read_measurements("data/first"))
+    assert [row["estimate"] for row in told] == fit.full.value.tolist()
+
+
+def test_every_command_has_its_function():
+    """What a command does, a notebook can do."""
+    offered = {
+
+            "validate": tt.validate,
+            "simulate": tt.Laboratory.run,
+            "montecarlo": tt.monte_carlo,
+            "check": tt.check
+        ,
+        "identify": tt.identify, "postures": tt.plans.read, "plan": tt.plan, "discover": tt.discover,
+        "effects": tt.effects.catalogue, "atlas": tt.atlas, "view": tt.view, "report": tt.report,
+    }
+    assert all(callable(function) for function in offered.values())
+    assert set(COMMANDS) - set(offered) == {"model", "tolerance", "compare", "benchmark"}
+
+
+def test_a_plan_is_searched_for(robot):
+    plan = tt.plan(robot, seed=901, placements=4, hops=0)
+    assert isinstance(plan, PosturePlan)
+    assert len(plan) == 20
+    assert np.isfinite(plan.joint_angles).all()
+
+
+def test_the_atlas_and_the_preflight(robot, notebook):
+    few = tt.plans.random.take(tt.plans.random.placement <= 12)
+    seen = {row.candidate.label for row in tt.atlas(few, robot, "force-plate").rows if row.visible}
+    assert "encoder-offset:right_knee" in seen
+    assert tt.check("data/first").verdict in ("pass", "warn")
+    assert tt.check(tt.read_measurements("data/first")).verdict in ("pass", "warn")
