@@ -142,7 +142,7 @@ def header(*cells: str) -> str:
 def shipped_plan(robot: Robot, placements: int | None = None) -> PosturePlan:
     """Return the shipped plan, or its first placements."""
     plan = read_plan(DEFAULT_PLAN, robot)
-    return plan if placements is None else part_of(plan, plan.placement <= placements)
+    return plan if placements is None else plan.take(plan.placement <= placements)
 
 
 def part_of(plan: PosturePlan, rows: np.ndarray) -> PosturePlan:
