@@ -30,7 +30,7 @@ fit.correlations.above(0.85); fit.to_frame()
 """
 SECOND_HALF = """
 lab = tt.Laboratory(robot, sensors="force-plate")
-run = lab.with_effects("encoder-offset:right_knee=0.01").run(tt.plans.random, seed=3)      # engine="statics" | "dynamics"
+run = lab.with_effects("encoder-offset:right_knee=0.01").run(tt.plans.random, seed=3)  # engine="statics"
 found = tt.discover(run.measurements, robot); print(found)
 tt.identify(run.measurements, robot, corrections=found.adopted)
 tt.validate(lab, tt.plans.random, seed=1).verdict
@@ -96,8 +96,8 @@ def test_importing_the_library_loads_no_simulator():
 
 def test_the_environment_is_left_alone():
     code = (
-        "import os; before = dict(os.environ); import tulip_testbed as tt; tt.load_robot; tt.plans; tt.effects;"
-        "print(before == dict(os.environ))"
+        "import os; before = dict(os.environ); import tulip_testbed as tt;"
+        "tt.load_robot; tt.plans; tt.effects; print(before == dict(os.environ))"
     )
     assert (
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
@@ -174,14 +174,18 @@ def test_a_notebook_and_the_command_line_give_the_same_bits(notebook, capsys):
 def test_every_command_has_its_function():
     """What a command does, a notebook can do."""
     offered = {
-
-            "validate": tt.validate,
-            "simulate": tt.Laboratory.run,
-            "montecarlo": tt.monte_carlo,
-            "check": tt.check
-        ,
-        "identify": tt.identify, "postures": tt.plans.read, "plan": tt.plan, "discover": tt.discover,
-        "effects": tt.effects.catalogue, "atlas": tt.atlas, "view": tt.view, "report": tt.report,
+        "validate": tt.validate,
+        "simulate": tt.Laboratory.run,
+        "montecarlo": tt.monte_carlo,
+        "check": tt.check,
+        "identify": tt.identify,
+        "postures": tt.plans.read,
+        "plan": tt.plan,
+        "discover": tt.discover,
+        "effects": tt.effects.catalogue,
+        "atlas": tt.atlas,
+        "view": tt.view,
+        "report": tt.report,
     }
     assert all(callable(function) for function in offered.values())
     assert set(COMMANDS) - set(offered) == {"model", "tolerance", "compare", "benchmark"}

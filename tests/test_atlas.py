@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from studies.runner import part_of, shipped_plan
+from studies.runner import shipped_plan
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.candidates import candidates
 from tulip_testbed.discovery.evidence import field, score
@@ -204,7 +204,7 @@ def test_document_is_what_the_rows_say(found):
 def small_plan(tmp_path_factory):
     folder = tmp_path_factory.mktemp("plans") / "small"
     whole = shipped_plan(load_robot())
-    write_plan(folder, part_of(whole, whole.placement <= 6))
+    write_plan(folder, whole.take(whole.placement <= 6))
     return folder
 
 

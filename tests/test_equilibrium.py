@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import ks_2samp
 
-from studies.runner import part_of
 from studies.study_equilibrium import (
     EDGE,
     centers_at,
@@ -267,7 +266,7 @@ def test_the_feet_stay_when_the_last_posture_is_measured_again(rig, plan):
     """A repeat that follows its own first try is a move, not a new set-up."""
     one = plan.take(np.flatnonzero(plan.placement == 2))
     every = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=len(one)))
-    measured = run_statics(solve_plan(every, part_of(one, np.array([0]))), [np.random.SeedSequence(1)])[0]
+    measured = run_statics(solve_plan(every, one.take(np.array([0]))), [np.random.SeedSequence(1)])[0]
     nominal = nominal_robot(rig.robot)
     place = nominal.swing_sole(measured.measurements.joint_angles)[:, [0, 1, 5]]
     assert len(place) == 2

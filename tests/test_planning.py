@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from studies.runner import part_of
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
 from tulip_testbed.identification.planning.blocks import information, information_slope
@@ -185,7 +184,7 @@ def test_optimal_postures_stand_in_the_full_dynamics(robot, model):
     plan = read_plan(OPTIMAL, robot)
     rig = preset_rig("wii", robot)
     rig = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0))
-    done = run_dynamics(rig, part_of(plan, np.isin(plan.placement, (2, 12, 22))), 214)
+    done = run_dynamics(rig, plan.take(np.isin(plan.placement, (2, 12, 22))), 214)
     assert len(done.truth.dropped) <= 1
 
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from studies.runner import part_of
 from studies.study_equilibrium import compare, without_friction
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -54,7 +53,7 @@ def balanced(robot, model, plan) -> PosturePlan:
 
 def test_statics_is_where_the_dynamics_come_to_rest(robot, balanced):
     rig = preset_rig("ideal", robot)
-    few = part_of(balanced, np.arange(5))
+    few = balanced.take(np.arange(5))
     quiet = dataclasses.replace(
         rig, edit=without_friction(), protocol=dataclasses.replace(rig.protocol, repeats=0)
     )
@@ -108,7 +107,7 @@ def test_on_both_feet_the_26th_parameter_has_no_effect(robot, plan, model):
 
 @pytest.mark.slow
 def test_the_whole_job_in_full_dynamics(robot, plan, balanced):
-    mixed = joined(plan.take(plan.placement <= 8), part_of(balanced, np.arange(5)))
+    mixed = joined(plan.take(plan.placement <= 8), balanced.take(np.arange(5)))
     result = validate(Laboratory(robot, "ideal"), mixed, 4, workers=2)
     by_name = {check.name: check.result for check in result.checks}
     assert len(result.identification.full.value) == 26
