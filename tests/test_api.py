@@ -114,7 +114,7 @@ def test_unknown_names_list_the_valid_ones(robot):
         tt.Laboratory(robot, sensors="wij")
     with pytest.raises(tt.InputError, match="unknown effect 'encoder-ofset'; valid: backlash"):
         tt.Laboratory(robot).with_effects("encoder-ofset:right_knee=0.01")
-    with pytest.raises(tt.InputError, match="unknown target 'right_kne'; valid: .*right_knee"):
+    with pytest.raises(tt.InputError, match=r"unknown target 'right_kne'; valid: .*right_knee"):
         tt.Laboratory(robot).with_effects("encoder-offset:right_kne=0.01")
     with pytest.raises(tt.InputError, match="unknown engine 'static'; valid: dynamics, statics"):
         tt.Laboratory(robot).run(tt.plans.random, engine="static")
