@@ -1,1 +1,1 @@
-"""Where simulation and measurement disagree, what is missing, added, and the gap shown to shrink."""
+"""Find the effects that the nominal model lacks: candidates, evidence, selection, validation, verdict."""

@@ -1,4 +1,4 @@
-"""What might be missing: every effect of the catalogue on every target, and its columns."""
+"""An effect on a target, before and after its sizes are fitted."""
 
 from __future__ import annotations
 
@@ -7,21 +7,18 @@ from itertools import product
 
 import numpy as np
 
-from tulip_testbed.discovery.linear_model import Linear
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect, Values
+from tulip_testbed.effects.instance import EffectInstance, effect_label
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import packed, residuals
-
-STEP = 1e-2  # of the prior s.d., at which an effect's column is taken
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Candidate:
-    """An effect on a target, with what its sizes may be.
+    """An effect on a target, before a fit.
 
     Attributes:
-        settings: values of all parameters with sizes zero, one for every point of the grid, (g, k).
+        settings: values of all parameters with the sizes zero, one row for each point of the grid, (g, k).
     """
 
     effect: Effect
@@ -30,31 +27,83 @@ class Candidate:
 
     @property
     def label(self) -> str:
-        """As on the command line."""
-        return f"{self.effect.name}:{self.target}" if self.target else self.effect.name
+        """Return `name:target`."""
+        return effect_label(self.effect.name, self.target)
 
     @property
     def prior(self) -> np.ndarray:
-        """Prior s.d. of the sizes, (s,)."""
+        """Return the prior standard deviation of each size, (s,)."""
         return np.array([self.effect.parameters[k].prior for k in self.effect.sizes])
 
     @property
     def positive(self) -> np.ndarray:
-        """Which sizes cannot be negative, (s,) bool."""
+        """Return which sizes cannot be negative, (s,) bool."""
         return np.array([self.effect.parameters[k].positive for k in self.effect.sizes], bool)
 
+    @property
+    def time_parameter(self) -> int | None:
+        """Return the index of the parameter that is a time of the experiment; None: it has none."""
+        timed = [k for k, p in enumerate(self.effect.parameters) if p.grid and not p.choices]
+        return timed[0] if timed else None
+
     def values(self, sizes: np.ndarray, point: int = 0) -> Values:
-        """All parameters, from the sizes and the number of a grid point."""
+        """Return the values of all parameters for given sizes, (s,), at a point of the grid."""
         values = self.settings[point].copy()
         values[list(self.effect.sizes)] = sizes
         return tuple(float(value) for value in values)
 
 
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A candidate at a point of its grid, with fitted sizes.
+
+    Attributes:
+        sizes: estimates, (s,).
+        log_bayes_factor: ln of the Bayes factor against the same model without the effect; minus infinity:
+            the experiment cannot show the effect.
+        covariance: of the sizes, (s, s); None: not known.
+        gain: decrease of chi-square by the best sizes.
+        p: probability of as large a gain without the effect, at this point of the grid alone.
+    """
+
+    candidate: Candidate
+    point: int
+    sizes: np.ndarray
+    log_bayes_factor: float = np.nan
+    covariance: np.ndarray | None = None
+    gain: float = np.nan
+    p: float = np.nan
+
+    @property
+    def label(self) -> str:
+        """Return `name:target`."""
+        return self.candidate.label
+
+    @property
+    def detectable(self) -> bool:
+        """Whether the experiment can show the effect at a plausible size."""
+        return self.log_bayes_factor > -np.inf
+
+    @property
+    def values(self) -> Values:
+        """Return the values of all parameters."""
+        return self.candidate.values(self.sizes, self.point)
+
+    @property
+    def instance(self) -> EffectInstance:
+        """Return the effect without what only a search needs."""
+        return EffectInstance(self.candidate.effect, self.candidate.target, self.values)
+
+    def removed(self, observed: Observation) -> Observation:
+        """Return the observation with the effect removed."""
+        return self.candidate.effect.predict(observed, self.candidate.target, self.values)
+
+
 def candidates(observed: Observation, effects: dict[str, Effect] | None = None) -> list[Candidate]:
-    """All of the catalogue that may concern an experiment.
+    """List every effect on every target that an experiment has.
 
     Args:
-        effects: by name; the catalogue if None.
+        effects: by name; None: the whole catalogue.
     """
     numbers = tuple(int(number) for number in np.unique(observed.measurements.placement))
     out = []
@@ -68,35 +117,19 @@ def candidates(observed: Observation, effects: dict[str, Effect] | None = None) 
     return out
 
 
-def columns(linear: Linear, candidate: Candidate, point: int, sizes: np.ndarray | None = None) -> np.ndarray:
-    """How the residuals change with an effect's sizes, whitened, (r, s) per unit of each size.
+def change_times(candidate: Candidate, observed: Observation) -> np.ndarray:
+    """Compute the times at which a change would lie between two successive postures, within the grid, (t,).
 
-    Args:
-        point: of the candidate's grid. sizes: about which; zero if None.
+    Empty where the effect does not change in time.
     """
-    smooth, effect = linear.smooth, candidate.effect
-    if not effect.sizes:
-        return np.zeros((len(linear.white.rows), 0))
-    start = np.zeros(len(effect.sizes)) if sizes is None else sizes
-    before = _removed(smooth, candidate, start, point)
-    out = []
-    for k, prior in enumerate(candidate.prior):
-        step = STEP * prior
-        after = _removed(smooth, candidate, start + step * (np.arange(len(start)) == k), point)
-        if after.tree is before.tree and after.cells is before.cells:
-            change = (packed(after) - packed(before)) / step
-            raw = (linear.white.sensitivity @ change[..., None])[..., 0]
-        else:
-            raw = (residuals(after, linear.theta) - residuals(before, linear.theta)) / step
-        out.append(-raw)
-    return linear.white(np.stack(out, axis=-1))
+    timed = candidate.time_parameter
+    if timed is None:
+        return np.zeros(0)
+    time, grid = np.unique(observed.part), candidate.effect.parameters[timed].grid
+    middles = (time[1:] + time[:-1]) / 2
+    return middles[(middles >= min(grid)) & (middles <= max(grid))]
 
 
-def whole_change(linear: Linear, candidate: Candidate, point: int) -> np.ndarray:
-    """How the residuals change with an effect that has no size: it is there or not, whitened, (r, 1)."""
-    after = _removed(linear.observed, candidate, np.zeros(0), point)
-    return linear.white(residuals(linear.observed, linear.theta) - residuals(after, linear.theta))[:, None]
-
-
-def _removed(smooth: Observation, candidate: Candidate, sizes: np.ndarray, point: int) -> Observation:
-    return candidate.effect.predict(smooth, candidate.target, candidate.values(sizes, point))
+def log_choices(candidate: Candidate, observed: Observation) -> float:
+    """Compute ln of the number of times, or of grid points, among which a fit chooses."""
+    return float(np.log(len(change_times(candidate, observed)) or len(candidate.settings)))

@@ -1,6 +1,6 @@
-"""The adopted model in the full dynamics: beside what was measured, and beside its own prediction there.
+"""Simulate the adopted effects in the full dynamics and compare with the measurements and the predictions.
 
-Of what instruments alone make of readings, the second says nothing: prediction and injection undo each other.
+The comparison with the predictions says nothing about misreadings, because prediction and injection cancel.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ PLACEMENTS = 8
 
 @dataclass(frozen=True)
 class DynamicsCheck:
-    """Some placements simulated anew with the adopted effects.
+    """Some placements, simulated again with the adopted effects.
 
     Attributes:
-        postures: that stood. tried: that were tried.
-        left: what the effects' removal leaves in the dynamics, r.m.s. over the noise; well below 1: the
-            adopted model is the same in statics and dynamics.
-        cells: r.m.s. difference of measured and simulated cells without and with the effects [N].
+        postures: number that stood. tried: number that were tried.
+        left: root mean square of the residuals after the effects are removed from the simulated dynamics,
+            relative to the noise; well below 1 if statics and dynamics agree about the adopted effects.
+        cells: root mean square difference of measured and simulated cells without and with the effects [N].
         reason: why nothing could be compared, or "".
     """
 
@@ -40,7 +40,7 @@ class DynamicsCheck:
     reason: str
 
     def document(self) -> dict[str, object]:
-        """For JSON."""
+        """Return the check for JSON."""
         return {
             "postures": self.postures,
             "tried": self.tried,
@@ -56,7 +56,7 @@ def check_in_dynamics(
     workers: int = 1,
     progress: Callable[[int], None] = lambda count: None,
 ) -> DynamicsCheck:
-    """Simulate some placements in full dynamics, without and with the adopted effects."""
+    """Simulate some placements in the full dynamics, without and with the adopted effects."""
     observed = found.observed
     numbers = np.unique(observed.stance)
     chosen = numbers[np.linspace(0, len(numbers) - 1, min(PLACEMENTS, len(numbers))).astype(int)]
@@ -76,7 +76,7 @@ def check_in_dynamics(
     plain, changed = (observe(shown[key], observed.nominal) for key in ("before", "after"))
     theta = observed.nominal.value
     left = residuals(removed(changed, adopted), theta)[at["after"]] - residuals(plain, theta)[at["before"]]
-    white = found.explanation.before.linear.white
+    white = found.selection.null.linear.whitening
     full = np.zeros((len(observed), SIZE))
     full[common - 1] = left
     full[common - 1, 3:5] *= changed.on_four_cells[at["after"]] & plain.on_four_cells[at["before"]]

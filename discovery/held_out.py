@@ -1,4 +1,4 @@
-"""The gap on placements that were not looked at, before and after: does what was found predict?"""
+"""Cross-validation over placements: do the effects predict placements that took no part in the fit?"""
 
 from __future__ import annotations
 
@@ -7,8 +7,16 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from tulip_testbed.discovery.fit import Fit, Term, fit, removed, through_effects, with_constant
-from tulip_testbed.discovery.linear_model import linear_model, nuisances, weighing
+from tulip_testbed.discovery.candidates import Fitted
+from tulip_testbed.discovery.joint_fit import (
+    Data,
+    JointFit,
+    joint_fit,
+    propagation,
+    remove_terms,
+    with_constant,
+)
+from tulip_testbed.discovery.linear_model import LinearModel, linear_model, nuisances, weighing
 from tulip_testbed.effects.targets import PLACEMENTS
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import ROWS, packed, residuals, unpacked
@@ -26,9 +34,11 @@ class HeldOut:
     """Residuals of placements that took no part in the fit.
 
     Attributes:
-        before, after: whitened root mean squares by channel and all together ("AFTC"), 1 is the noise.
-        millimetres: of the centre of pressure, r.m.s. before, after, and by the noise, (3,) [mm].
-        floor: what `after` may be by chance, its 97.5 % quantile, by channel.
+        before, after: root mean squares of the whitened residuals without and with the effects, by channel
+            and of all channels ("AFTC"); 1 is the noise.
+        millimetres: root mean square of the centre of pressure's residuals before, after, and by the noise
+            alone, (3,) [mm].
+        floor: 97.5 % quantile of `after` by chance, by channel.
     """
 
     before: dict[str, float]
@@ -38,7 +48,7 @@ class HeldOut:
 
 
 def rows_of(observed: Observation, rows: np.ndarray) -> Observation:
-    """Some postures of an experiment."""
+    """Return some postures of an experiment."""
     count = len(observed)
     m = observed.measurements
     cut = {
@@ -59,10 +69,10 @@ def rows_of(observed: Observation, rows: np.ndarray) -> Observation:
 
 
 def check_placements(measurements: Measurements) -> None:
-    """Refuse fewer placements than can be held out.
+    """Refuse measurements with too few placements for cross-validation.
 
     Raises:
-        InputError: says how many are needed.
+        InputError: with the number that was found and the number that is needed.
     """
     count = len(np.unique(measurements.placement))
     if count < LEAST_PLACEMENTS:
@@ -72,38 +82,44 @@ def check_placements(measurements: Measurements) -> None:
         )
 
 
-def held_out(observed: Observation, noise: Noise, terms: Sequence[Term], bend: np.ndarray) -> HeldOut:
-    """Cross-validate over placements: base parameters and sizes from the others alone.
+def held_out(data: Data, terms: Sequence[Fitted], model_error: np.ndarray) -> HeldOut:
+    """Cross-validate over placements: fit base parameters and sizes to the other placements alone.
+
+    Args:
+        model_error: of the terms' predictions, see `gauss_newton`.
 
     Raises:
-        InputError: fewer placements than can be held out.
+        InputError: fewer placements than cross-validation needs.
     """
+    observed, noise = data.observed, data.noise
     check_placements(observed.measurements)
     placements = np.unique(observed.measurements.placement)
-    # What happened to one placement alone, the others cannot tell: it is taken as fitted to all.
+    # An effect on a single placement cannot be learnt from the others. It is removed as fitted to all.
     single = [term.candidate.effect.targets is PLACEMENTS for term in terms]
-    mended = removed(observed, observed, [term for term, alone in zip(terms, single, strict=True) if alone])
+    corrected = remove_terms(observed, observed, [t for t, alone in zip(terms, single, strict=True) if alone])
     own = np.repeat(single, [len(term.sizes) for term in terms]).astype(bool)
-    mended_bend = bend[..., np.append(~own, True)]
+    general_error = model_error[..., np.append(~own, True)]
     general = tuple(term for term, alone in zip(terms, single, strict=True) if not alone)
     fold = np.searchsorted(placements, observed.measurements.placement) % FOLDS
     sums = {key: np.zeros(3) for key in CHANNELS}
     square, count = np.zeros(3), 0
     for k in range(FOLDS):
         inside = fold == k
-        plain = fit(rows_of(observed, ~inside), noise, ())
-        fitted = fit(rows_of(mended, ~inside), noise, general, mended_bend[~inside] if general else None)
+        plain = joint_fit(Data(rows_of(observed, ~inside), noise), ())
+        fitted = joint_fit(
+            Data(rows_of(corrected, ~inside), noise), general, general_error[~inside] if general else None
+        )
         sides = (
             (rows_of(observed, inside), plain, None),
-            (rows_of(mended, inside), fitted, mended_bend[inside]),
+            (rows_of(corrected, inside), fitted, general_error[inside]),
         )
         for key in CHANNELS:
-            for column, (test, model, more) in enumerate(sides):
-                size, freedom, raw = _left(test, noise, model, more, key)
-                sums[key] += np.array([size * (column == 0), size * (column == 1), freedom * column])
+            for column, (test, model, errors) in enumerate(sides):
+                size, dof, squares = _tested(test, noise, model, errors, key)
+                sums[key] += np.array([size * (column == 0), size * (column == 1), dof * column])
                 if key == "A":
-                    square[column] += raw[0]
-                    square[2] += raw[1] * column
+                    square[column] += squares[0]
+                    square[2] += squares[1] * column
         count += 2 * int(inside.sum())
     before = {key: float(np.sqrt(v[0] / v[2])) for key, v in sums.items() if v[2] > 0}
     after = {key: float(np.sqrt(v[1] / v[2])) for key, v in sums.items() if v[2] > 0}
@@ -112,31 +128,34 @@ def held_out(observed: Observation, noise: Noise, terms: Sequence[Term], bend: n
     return HeldOut(before, after, floor, (float(first), float(last), float(least)))
 
 
-def _left(
-    test: Observation, noise: Noise, model: Fit, bend: np.ndarray | None, channels: str
+def _tested(
+    test: Observation, noise: Noise, model: JointFit, model_error: np.ndarray | None, channels: str
 ) -> tuple[float, int, tuple[float, float]]:
-    """Chi-square of held-out postures under a fit to others, its freedom, and channel A's squares [m2].
+    """Compute chi-square of held-out postures under a fit to the others.
 
-    What the fit does not know of them (the swing foot's place) is projected out, what it knows
-    badly (base parameters, weight) widens the expected residual.
+    Parameters of the held-out postures that the fit does not contain (the swing foot's pose) are projected
+    out. Those that it estimates with an error (base parameters, weight) widen the expected residual.
+
+    Returns:
+        chi-square, its degrees of freedom, and the sum of squares of channel A and of its noise [m2].
     """
     trained = model.linear
-    beside = bend @ with_constant(model.terms) if bend is not None and model.terms else None
-    # Readings are smoothed freed of the effects: under the wrong model, what is no noise would be taken off.
+    explained = model_error @ with_constant(model.terms) if model_error is not None and model.terms else None
+    # Readings are smoothed with the effects removed; under the wrong model, smoothing would take off signal.
     about = linear_model(
-        removed(test, test, model.terms),
+        remove_terms(test, test, model.terms),
         noise,
-        through=through_effects(test, model.terms) if model.terms else None,
-        beside=beside,
+        propagation=propagation(test, model.terms) if model.terms else None,
+        explained=explained,
     )
-    smooth = unpacked(test, packed(test) - (packed(about.observed) - packed(about.smooth)))
-    clean = removed(test, test, model.terms)
-    still = removed(smooth, smooth, model.terms)
-    through = through_effects(smooth, model.terms) if model.terms else None
-    white = whitening(still, trained.theta, noise, channels, through)
+    smoothed = unpacked(test, packed(test) - (packed(about.observed) - packed(about.smoothed)))
+    clean = remove_terms(test, test, model.terms)
+    still = remove_terms(smoothed, smoothed, model.terms)
+    derivative = propagation(smoothed, model.terms) if model.terms else None
+    white = whitening(still, trained.theta, noise, channels, derivative)
     raw = residuals(clean, trained.theta)
-    if beside is not None:
-        raw = raw - beside
+    if explained is not None:
+        raw = raw - explained
     columns = nuisances(still, channels)
     p = len(trained.theta)
     shared = np.append(np.arange(p), columns.shape[-1] - 1)
@@ -160,16 +179,23 @@ def _left(
     return size, len(start) - basis.shape[1], squares
 
 
-def _shared(linear, p: int) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance of base parameters and weight error by a fit, and their last step, (p + 1, ...)."""
-    observed = linear.smooth
-    columns = nuisances(observed, "AFTC")
-    whole = np.vstack([linear.white(columns), weighing(observed)[None]])
+def _shared(linear: LinearModel, p: int) -> tuple[np.ndarray, np.ndarray]:
+    """Estimate the base parameters and the weight error by a fit.
+
+    Args:
+        p: number of base parameters.
+
+    Returns:
+        their covariance, (p + 1, p + 1), and their last step, (p + 1,).
+    """
+    smoothed = linear.smoothed
+    columns = nuisances(smoothed, "AFTC")
+    whole = np.vstack([linear.whitening(columns), weighing(smoothed)[None]])
     used = np.abs(whole).max(axis=0) > 0
     shared = np.append(np.arange(p), whole.shape[1] - 1)
     places = np.setdiff1d(np.flatnonzero(used), shared)
     basis = np.linalg.qr(whole[:, places])[0]
     known = whole[:, shared] - basis @ (basis.T @ whole[:, shared])
-    start = np.append(linear.white(residuals(linear.observed, linear.theta)), 0.0)
+    start = np.append(linear.whitening(residuals(linear.observed, linear.theta)), 0.0)
     spread = np.linalg.pinv(known.T @ known, hermitian=True)
     return spread, -spread @ (known.T @ start)

@@ -1,4 +1,4 @@
-"""Unnamed rivals: patterns in the residuals that show whether anything is left, and where."""
+"""Patterns without a name in the residuals: they show whether anything is unexplained, and where."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from tulip_testbed.discovery.linear_model import Linear
+from tulip_testbed.discovery.linear_model import LinearModel
 from tulip_testbed.identification.residual_channels import SIZE, fields
 from tulip_testbed.sim.robot import CELLS
 
-# Rows of the residuals with their channel and a word for a person.
+# Channel, rows of the residuals, and their name.
 PARTS = (
     ("A", slice(0, 2), "the centre of pressure"),
     ("F", slice(2, 3), "the sum of the cells"),
@@ -32,50 +32,53 @@ class Pattern:
     Attributes:
         channel: A, F, T or C, or several, as "AC".
         words: "the twist of the left plate depends on right_knee".
-        gain: of chi-square. freedom: number of its columns. p: among all patterns (Bonferroni).
+        gain: decrease of chi-square. dof: number of its columns. p: adjusted for all patterns (Bonferroni).
     """
 
     channel: str
     words: str
     gain: float
-    freedom: int
+    dof: int
     p: float
 
 
 def in_channels(pattern: Pattern) -> str:
-    """As "channel C" or "channels A and C"."""
+    """Name the channels of a pattern, as "channel C" or "channels A and C"."""
     *first, last = pattern.channel
     return f"channels {', '.join(first)} and {last}" if first else f"channel {last}"
 
 
-def patterns(linear: Linear, residual: np.ndarray, taken: np.ndarray) -> list[Pattern]:
-    """All patterns, the least probable first.
+def patterns(linear: LinearModel, residual: np.ndarray, fitted: np.ndarray) -> list[Pattern]:
+    """Test all patterns.
 
     Args:
         residual: whitened and projected, (r + 1,).
-        taken: columns that are fitted already, whitened and projected, (r + 1, s).
+        fitted: columns that are in the model already, whitened and projected, (r + 1, s).
+
+    Returns:
+        the least probable first.
     """
-    basis = np.linalg.qr(taken)[0] if taken.shape[1] else taken
+    basis = np.linalg.qr(fitted)[0] if fitted.shape[1] else fitted
     out = []
     for channel, words, raw in [*_of_residuals(linear), *_of_readings(linear)]:
-        whole = linear.white(raw)
+        whole = linear.whitening(raw)
         columns = linear.project(whole)
         columns = columns - basis @ (basis.T @ columns)
         left, size, _ = np.linalg.svd(columns, full_matrices=False)
-        # What the model takes up all but for a little is no pattern of its own.
+        # Directions that the model explains almost entirely are no pattern of their own.
         left = left[:, size > DISTINCT * max(float(np.linalg.norm(whole, 2)), 1e-12)]
         gain = float(((left.T @ residual) ** 2).sum())
         out.append(Pattern(channel, words, gain, left.shape[1], 0.0))
     count = len(out)
-    found = [replace(p, p=min(1.0, count * float(chi2.sf(p.gain, p.freedom)))) for p in out if p.freedom]
+    found = [replace(p, p=min(1.0, count * float(chi2.sf(p.gain, p.dof)))) for p in out if p.dof]
     return sorted(found, key=lambda p: (p.p, -p.gain))
 
 
-def _of_residuals(linear: Linear) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Every part of the residuals as a function of what it might depend on: channel, words, (m, 11, k)."""
+def _of_residuals(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
+    """Yield each part of the residuals as a function of each quantity: channel, words, (m, 11, k)."""
     observed = linear.observed
     there = np.zeros(len(observed) * SIZE, bool)
-    there[linear.white.rows] = True
+    there[linear.whitening.rows] = True
     for channel, part, what in PARTS:
         if not there.reshape(-1, SIZE)[:, part].any():
             continue
@@ -87,9 +90,9 @@ def _of_residuals(linear: Linear) -> Iterator[tuple[str, str, np.ndarray]]:
             yield channel, f"{what} {how}", raw
 
 
-def _of_readings(linear: Linear) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Every reading's error as such a function, in all channels at once: channel, words, (m, 11, k)."""
-    observed, slope, at = linear.smooth, linear.white.sensitivity, fields(linear.observed.nominal)
+def _of_readings(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
+    """Yield each reading's error as such a function, in all channels at once: channel, words, (m, 11, k)."""
+    observed, slope, at = linear.smoothed, linear.whitening.sensitivity, fields(linear.observed.nominal)
     time = _powers(observed.part)
     for k, joint in enumerate(observed.tree.joints):
         angle, torque = observed.joint_angles[:, k], observed.torques[:, k]
@@ -120,19 +123,20 @@ def _of_readings(linear: Linear) -> Iterator[tuple[str, str, np.ndarray]]:
 
 
 def _powers(values: np.ndarray, most: int = 2) -> np.ndarray:
-    """Powers of standardised values less their means, (m, most)."""
+    """Compute powers of standardised values less their means, (m, most)."""
     spread = float(values.std())
     z = (values - values.mean()) / (spread if spread > 0 else 1.0)
     out = z[:, None] ** np.arange(1, most + 1)
     return out - out.mean(axis=0)
 
 
-def _functions(linear: Linear) -> list[tuple[str, np.ndarray]]:
-    """What residuals might depend on, with its columns, (m, k).
+def _functions(linear: LinearModel) -> list[tuple[str, np.ndarray]]:
+    """List the quantities on which residuals might depend, with their columns, (m, k).
 
-    Of smoothed readings: the load share's own noise is the centre of pressure's.
+    They are taken from smoothed readings, because the noise of the load share is that of the centre of
+    pressure.
     """
-    observed = linear.smooth
+    observed = linear.smoothed
     out = [
         (f"depends on {joint}", _powers(observed.joint_angles[:, k]))
         for k, joint in enumerate(observed.tree.joints)

@@ -1,4 +1,4 @@
-"""The experiment that would separate explanations that are alike."""
+"""Experiments that would separate equivalent explanations."""
 
 from __future__ import annotations
 
@@ -8,25 +8,26 @@ from itertools import permutations
 
 import numpy as np
 
-from tulip_testbed.discovery.candidates import Candidate, columns, whole_change
-from tulip_testbed.discovery.fit import Term
-from tulip_testbed.discovery.linear_model import Linear
+from tulip_testbed.discovery.candidates import Candidate, Fitted
+from tulip_testbed.discovery.columns import effect_columns, presence_column
+from tulip_testbed.discovery.linear_model import LinearModel
 from tulip_testbed.effects.targets import CELL_NAMES
 from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES
 
-WORTH = 0.5  # ln of the Bayes factor, from which an experiment is worth proposing
-# Effects of the room, not of the robot or the plates: observed from a robot that is turned, they turn.
+LEAST_SEPARATION = 0.5  # ln of the Bayes factor, from which an experiment is proposed
+# Effects of the room rather than of the robot or the plates: for a robot that is turned they turn.
 OF_THE_ROOM = ("tilt", "tether")
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """What to do, and how well it would tell the explanations apart.
+    """An experiment, and how well it would separate the explanations.
 
     Attributes:
-        separation: ln of the Bayes factor that is to be expected between the two that are hardest to
-            tell apart, were the foremost one true.
-        gain: over that of the experiment as it is.
+        words: what to do.
+        separation: expected ln of the Bayes factor between the two explanations that are hardest to tell
+            apart, if the first of them is true.
+        gain: ratio to the separation by the experiment as it is.
     """
 
     words: str
@@ -34,12 +35,12 @@ class Proposal:
     gain: float
 
 
-def proposals(linear: Linear, rivals: Sequence[Term]) -> list[Proposal]:
-    """Experiments that separate explanations, the best first.
+def proposals(linear: LinearModel, explanations: Sequence[Fitted]) -> list[Proposal]:
+    """Propose experiments that separate explanations, the best first.
 
-    Half of the placements are taken to be measured in another way; the postures stay.
+    In each of them half of the placements are measured in another way, in the same postures.
     """
-    now = _separation(linear, rivals, lambda candidate: (candidate, 1.0))
+    now = _separation(linear, explanations, lambda candidate: (candidate, 1.0))
     ways: list[tuple[str, Callable[[Candidate], tuple[Candidate, float]]]] = [
         ("Turn the robot by 180 deg on the plates for half of the placements.", _turned),
         ("Exchange the two plates for half of the placements.", lambda c: (_on_other_plate(c), 1.0)),
@@ -48,44 +49,43 @@ def proposals(linear: Linear, rivals: Sequence[Term]) -> list[Proposal]:
             lambda c: (_opposite(c), 1.0),
         ),
     ]
-    found = [(words, _separation(linear, rivals, way)) for words, way in ways]
+    found = [(words, _separation(linear, explanations, way)) for words, way in ways]
     found.append(("Measure twice as many placements.", 2 * now))
-    out = [
-        Proposal(words, size, size / max(now, 1e-9)) for words, size in found if size > max(1.05 * now, WORTH)
-    ]
+    least = max(1.05 * now, LEAST_SEPARATION)
+    out = [Proposal(words, size, size / max(now, 1e-9)) for words, size in found if size > least]
     return sorted(out, key=lambda p: -p.separation)
 
 
 def _separation(
-    linear: Linear, rivals: Sequence[Term], way: Callable[[Candidate], tuple[Candidate, float]]
+    linear: LinearModel, explanations: Sequence[Fitted], way: Callable[[Candidate], tuple[Candidate, float]]
 ) -> float:
-    """Least expected ln Bayes factor between two explanations."""
+    """Compute the least expected ln Bayes factor between two explanations."""
     numbers = np.unique(linear.observed.measurements.placement)
     other = np.isin(linear.observed.measurements.placement, numbers[1::2])
-    rows = np.repeat(other, 11)[linear.white.rows]
+    rows = np.repeat(other, 11)[linear.whitening.rows]
     columns_of = []
-    for term in rivals:
+    for term in explanations:
         candidate, sign = way(term.candidate)
         own = _columns(linear, term.candidate, term)
         own[rows] = sign * _columns(linear, candidate, term)[rows]
         columns_of.append(linear.project(own))
     least = np.inf
-    for i, j in permutations(range(len(rivals)), 2):
-        size = rivals[i].sizes if rivals[i].sizes.size else np.ones(1)
-        signal = columns_of[i] @ size
+    for i, j in permutations(range(len(explanations)), 2):
+        sizes = explanations[i].sizes if explanations[i].sizes.size else np.ones(1)
+        signal = columns_of[i] @ sizes
         basis = np.linalg.qr(columns_of[j])[0]
         least = min(least, 0.5 * float(((signal - basis @ (basis.T @ signal)) ** 2).sum()))
     return float(least)
 
 
-def _columns(linear: Linear, candidate: Candidate, term: Term) -> np.ndarray:
+def _columns(linear: LinearModel, candidate: Candidate, term: Fitted) -> np.ndarray:
     if not candidate.effect.sizes:
-        return whole_change(linear, candidate, term.point)
-    return columns(linear, candidate, term.point)
+        return presence_column(linear, candidate, term.point)
+    return effect_columns(linear, candidate, term.point)
 
 
 def _turned(candidate: Candidate) -> tuple[Candidate, float]:
-    """Seen from a robot turned by 180 deg: its right foot stands on the left plate, which is turned too."""
+    """Return the candidate as seen by a robot turned by 180 deg: it stands on exchanged, turned plates."""
     if candidate.effect.name in OF_THE_ROOM:
         return candidate, -1.0
     return _opposite(_on_other_plate(candidate)), 1.0

@@ -1,4 +1,4 @@
-"""What repeated postures say of the noise, whatever the model: pure error."""
+"""Pure error: what repeated postures say about the noise, whatever the model."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import CHANNELS, ROWS, residuals
 from tulip_testbed.identification.residual_noise import Noise, cell_by_twist, encoder_by_closure, whitening
 
-CONTRADICTED = 1e-3  # level at which repeats overrule a data sheet
+CONTRADICTED = 1e-3  # level below which repeats overrule a data sheet
 
 
 @dataclass(frozen=True)
 class PureError:
-    """Differences between repeated readings, over what the stated noise makes of them.
+    """Differences between repeated readings, relative to the stated noise.
 
     Attributes:
-        pairs: of repeated readings within a stance.
-        ratio: chi-square per degree of freedom by channel. p: probability of more.
+        pairs: number of pairs of repeated readings within a stance.
+        ratio: chi-square per degree of freedom by channel. p: probability of a larger one.
     """
 
     pairs: int
@@ -29,9 +29,9 @@ class PureError:
 
 
 def pure_error(observed: Observation, theta: np.ndarray, noise: Noise) -> PureError:
-    """Compare repeats within a stance: what their postures share cancels.
+    """Compare repeats within a stance, where errors that their postures share cancel.
 
-    The commanded posture is the same, the held one differs: residuals are compared, not readings.
+    The commanded posture is the same but the held one differs, so residuals are compared, not readings.
 
     Args:
         theta: base parameters, (p,) [m].
@@ -56,20 +56,20 @@ def pure_error(observed: Observation, theta: np.ndarray, noise: Noise) -> PureEr
         use = keep if channel == "T" else np.ones(len(first), bool)
         solved = np.linalg.solve(covariance, apart[..., None])[..., 0]
         size = float((apart * solved)[use].sum())
-        freedom = int(use.sum()) * (rows.stop - rows.start)
-        if freedom:
-            ratio[channel], p[channel] = size / freedom, float(chi2.sf(size, freedom))
+        dof = int(use.sum()) * (rows.stop - rows.start)
+        if dof:
+            ratio[channel], p[channel] = size / dof, float(chi2.sf(size, dof))
     return PureError(len(pairs), ratio, p)
 
 
 def widened(observed: Observation, noise: Noise, repeats: PureError) -> Noise:
-    """The stated noise, or more where repeats contradict it: cells by F and T, encoders by C.
+    """Return the stated noise, or a larger one where repeats contradict it: cells by F and T, encoders by C.
 
-    Few repeats tell that a data sheet is wrong, not by how much: that is told by all postures, the
-    cells' noise by the plates' twist, the encoders' by the closure of the legs.
+    Few repeats show that a data sheet is wrong, but not by how much. The noise of the cells then follows from
+    the twist of the plates in all postures, that of the encoders from the closure of the legs.
 
     Args:
-        observed: freed of what was found.
+        observed: the experiment with the effects that were found removed.
     """
     cells = [repeats.ratio[c] for c in "FT" if repeats.p.get(c, 1.0) < CONTRADICTED]
     encoders = [repeats.ratio["C"]] if repeats.p.get("C", 1.0) < CONTRADICTED else []

@@ -1,8 +1,8 @@
-"""The virtual laboratory asked about an effect: what its prediction misses there.
+"""Refit effects through the static laboratory, which shows the error of their predictions.
 
-An effect's prediction is a formula, the laboratory a mechanism: a hinge on a spring lets the whole robot
-sink and shift its load. The difference is simulated for the measured postures, with sensors that err
-in nothing, and added to the prediction.
+The prediction of an effect is a formula, the laboratory a mechanism: with one compliant joint the whole robot
+sinks and shifts its load. The difference is simulated for the measured postures with exact sensors and added
+to the prediction.
 """
 
 from __future__ import annotations
@@ -12,12 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from tulip_testbed.discovery.fit import Fit, Term, fit
-from tulip_testbed.discovery.fit import removed as without_terms
+from tulip_testbed.discovery.candidates import Fitted
+from tulip_testbed.discovery.joint_fit import JointFit, joint_fit, remove_terms
 from tulip_testbed.effects.instance import injected, removed
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.residual_channels import ROWS, residuals, swing_pose
-from tulip_testbed.identification.residual_noise import Noise
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.rig import Rig, preset_rig
@@ -27,18 +26,18 @@ from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
 ROUNDS = 3
-LEAST_STEP = 1e-4  # prior s.d., from which a difference of what is missed is worth something
+LEAST_STEP = 1e-4  # prior s.d., from which a change of the model error with the sizes is learnt
 CLOSE = 0.1  # posterior s.d.: a smaller change of the sizes ends the refit
 STREAM = 0  # of friction and swaying: the same with and without the effect
 
 
 def exact_rig(observed: Observation) -> Rig:
-    """The nominal laboratory of an experiment, with nothing random but friction."""
+    """Return the nominal laboratory of an experiment, with nothing random but friction."""
     return without_noise(preset_rig("ideal", observed.nominal.robot))
 
 
 def without_noise(rig: Rig) -> Rig:
-    """A laboratory with nothing random but friction, and no repeats."""
+    """Return a laboratory with nothing random but friction, and without repeats."""
     return replace(
         rig,
         sensors=PRESETS["ideal"],
@@ -48,9 +47,10 @@ def without_noise(rig: Rig) -> Rig:
 
 
 def measured_plan(observed: Observation) -> PosturePlan:
-    """The postures as they were measured, one a row, with the torques that their commands exert there.
+    """Return the measured postures as a plan, one a row, with the torques that their commands exert there.
 
-    A command holds the plan's feed-forward, which by itself says nothing of where the foot was put.
+    The swing foot of each stance stands where the angles of its first posture put it. A command cannot tell
+    that, because it contains the plan's feed-forward.
     """
     m = observed.measurements
     gain = mechanism(exact_rig(observed)).gain
@@ -69,78 +69,78 @@ def measured_plan(observed: Observation) -> PosturePlan:
 
 
 def simulated(rig: Rig, plan: PosturePlan) -> Measurements:
-    """What a rig shows of a plan, every posture that has an equilibrium."""
-    return run_statics(solve_plan(rig, plan), [np.random.SeedSequence(STREAM)], all_solved=True)[
-        0
-    ].measurements
+    """Simulate a plan in a laboratory; every posture that has an equilibrium is measured."""
+    run = run_statics(solve_plan(rig, plan), [np.random.SeedSequence(STREAM)], all_solved=True)[0]
+    return run.measurements
 
 
-def missed(observed: Observation, rig: Rig, terms: Sequence[Term]) -> np.ndarray:
-    """Residuals that the laboratory keeps when the terms' predictions are taken away, (m, 11).
+def residuals_left(observed: Observation, rig: Rig, terms: Sequence[Fitted]) -> np.ndarray:
+    """Simulate the residuals that are left when the terms are removed as predicted, (m, 11).
 
-    Zero where the posture has no equilibrium with them.
+    They are zero where the posture has no equilibrium with the terms.
     """
     theta = observed.nominal.value
-    there = [term.instance for term in terms]
-    # Feet stand where the links put them, not where encoders that err say.
-    plan = measured_plan(without_terms(observed, observed, terms))
-    shown, without = (observe(simulated(one, plan), observed.nominal) for one in (injected(rig, there), rig))
-    clean = removed(shown, there)
+    instances = [term.instance for term in terms]
+    # The feet stand where the links put them, not where encoders with errors say.
+    plan = measured_plan(remove_terms(observed, observed, terms))
+    with_terms, without = (
+        observe(simulated(one, plan), observed.nominal) for one in (injected(rig, instances), rig)
+    )
+    clean = removed(with_terms, instances)
     out = np.zeros((len(observed), 11))
     after, before = residuals(clean, theta), residuals(without, theta)
     rows = {int(number): k for k, number in enumerate(without.measurements.posture)}
-    for k, number in enumerate(shown.measurements.posture):
+    for k, number in enumerate(with_terms.measurements.posture):
         if (at := rows.get(int(number))) is None:
             continue
         change = after[k] - before[at]
-        change[ROWS["T"]] *= shown.on_four_cells[k] & without.on_four_cells[at]
+        change[ROWS["T"]] *= with_terms.on_four_cells[k] & without.on_four_cells[at]
         out[int(number) - 1] = change
     return out
 
 
-def refit(observed: Observation, noise: Noise, found: Fit) -> tuple[Fit, np.ndarray]:
-    """Fit the sizes anew through the laboratory.
+def refit(found: JointFit) -> tuple[JointFit, np.ndarray]:
+    """Fit the sizes again through the static laboratory.
 
     Returns:
-        the fit, and what the predictions miss by size and beside it, (m, 11, s + 1).
+        the fit and the model error of its predictions, see `gauss_newton`. Where the laboratory cannot
+        simulate the terms or adds nothing to their predictions, the fit as it is and no model error.
     """
-    rig = exact_rig(observed)
-    s = sum(len(term.sizes) for term in found.terms)
-    bend = np.zeros((len(observed), 11, s + 1))
+    data, rig = found.data, exact_rig(found.data.observed)
+    exact = data.no_model_error(found.terms)
     changed = injected(rig, [term.instance for term in found.terms])
     misread_only = replace(changed, misread=None) == rig
     known = all(term.candidate.effect.statics for term in found.terms)
-    # What instruments make of readings, predictions undo exactly; times are not those of the simulation.
+    # Predictions undo misreadings exactly. The times of the simulation are not those of the experiment.
     if misread_only or not known or changed.later is not None:
-        return found, bend
-    prior = np.concatenate([term.candidate.prior for term in found.terms])
-    before, formula = np.zeros(s), found
+        return found, exact
+    before, formula, model_error = np.zeros(len(found.sizes)), found, exact
     try:
         for _ in range(ROUNDS):
-            sizes = np.concatenate([term.sizes for term in found.terms])
-            left = missed(observed, rig, found.terms)
-            bend = _learnt(bend, left, sizes, before, prior)
-            before, found = sizes, fit(observed, noise, found.terms, bend)
-            change = np.concatenate([term.sizes for term in found.terms]) - sizes
-            if (np.abs(change) < CLOSE * np.sqrt(np.diag(found.covariance))).all():
+            sizes = found.sizes
+            left = residuals_left(data.observed, rig, found.terms)
+            model_error = _updated(model_error, left, sizes, before, found.prior)
+            before, found = sizes, joint_fit(data, found.terms, model_error)
+            if (np.abs(found.sizes - sizes) < CLOSE * np.sqrt(np.diag(found.covariance))).all():
                 break
     except InputError:
-        return formula, np.zeros_like(bend)
-    return found, bend
+        return formula, exact
+    return found, model_error
 
 
-def _learnt(
-    bend: np.ndarray, left: np.ndarray, sizes: np.ndarray, before: np.ndarray, prior: np.ndarray
+def _updated(
+    model_error: np.ndarray, left: np.ndarray, sizes: np.ndarray, before: np.ndarray, prior: np.ndarray
 ) -> np.ndarray:
-    """What is missed by size, so that it is right here and changed least elsewhere (Broyden 1965).
+    """Update the model error so that it holds at these sizes and changes least elsewhere (Broyden 1965).
 
     Args:
-        bend: as learnt so far, (m, 11, s + 1). left: what is missed at these sizes, (m, 11).
-        before: the last sizes, (s,); what is missed without the effect is nothing.
+        model_error: as learnt so far, (m, 11, s + 1).
+        left: residuals that are left at these sizes, (m, 11).
+        sizes, before: now and in the last round, (s,). Without the effect the model error is zero.
     """
     step = (sizes - before) / prior
-    out = bend.copy()
-    off = left - bend @ np.append(sizes, 1.0)
+    out = model_error.copy()
+    off = left - model_error @ np.append(sizes, 1.0)
     if step @ step > LEAST_STEP**2:
         out[..., :-1] += off[..., None] * (step / prior) / (step @ step)
     out[..., -1] += left - out @ np.append(sizes, 1.0)

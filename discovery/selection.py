@@ -1,216 +1,221 @@
-"""Which effects explain an experiment: forward steps, looked back upon, and what else would do as well."""
+"""Select the effects that explain an experiment: forward selection with backward elimination."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 from scipy.stats import chi2
 
-from tulip_testbed.discovery.candidates import Candidate, candidates
-from tulip_testbed.discovery.evidence import Field, Score, adjusted, family, field, scores
-from tulip_testbed.discovery.fit import Fit, fit, search
+from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates
+from tulip_testbed.discovery.columns import candidate_columns
+from tulip_testbed.discovery.evidence import effective_tests, ranked, sidak
+from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
 from tulip_testbed.discovery.linear_model import linear_model
-from tulip_testbed.discovery.ranking import Rival, about_fit, again, best_of, price, worth
 from tulip_testbed.discovery.refit import refit
+from tulip_testbed.discovery.shortlist import best_addition, fit_in_addition, shortlist
 from tulip_testbed.effects.effect import Effect
-from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_noise import Noise
 
-LEVEL = 0.005  # of the effects' family, and of the four channels together: 0.01 in all
-DECISIVE = 3.0  # ln of the Bayes factor below which two explanations are alike
+LEVEL = 0.005  # of the test of all effects, and of that of the four channels: 0.01 in all
+DECISIVE = 3.0  # ln of the Bayes factor, below which two explanations are equivalent
 MOST_TERMS = 4
 
 
 @dataclass(frozen=True)
-class Gap:
-    """One channel against its noise.
+class LackOfFit:
+    """The chi-square test of one channel.
 
     Attributes:
-        chi_square, freedom, p: of its residuals alone, the base parameters fitted to it.
+        chi_square, dof, p: of its residuals alone, with the base parameters fitted to it.
     """
 
     channel: str
     chi_square: float
-    freedom: int
+    dof: int
     p: float
 
 
 @dataclass(frozen=True)
-class Explanation:
-    """What was found.
+class Selection:
+    """The effects that were selected.
 
     Attributes:
-        found: the adopted terms, fitted. before: without any.
-        rivals: for every term what else might explain it, by formulas, the best first; itself among them.
-        gaps: by channel, before.
-        alarm: probability of as strong an effect among noise alone, over all candidates.
-        undetectable: candidates that these postures cannot show.
+        fit: of the selected effects. null: without any effect.
+        alternatives: what else might explain each term, by predictions, the best first; itself among them.
+        lack_of_fit: of each channel without any effect.
+        p: probability of as strong an effect among noise alone, over all candidates.
+        undetectable: candidates that the experiment cannot show.
     """
 
-    found: Fit
-    before: Fit
-    rivals: tuple[tuple[Rival, ...], ...]
-    gaps: tuple[Gap, ...]
-    alarm: float
+    fit: JointFit
+    null: JointFit
+    alternatives: tuple[tuple[Fitted, ...], ...]
+    lack_of_fit: tuple[LackOfFit, ...]
+    p: float
     undetectable: tuple[Candidate, ...]
 
+    @property
+    def lacks_fit(self) -> bool:
+        """Whether the nominal model does not explain the experiment, at 1 % in all."""
+        least = min(test.p for test in self.lack_of_fit)
+        return self.p < LEVEL or least < LEVEL / len(self.lack_of_fit)
 
-def gaps_of(observed: Observation, noise: Noise) -> tuple[Gap, ...]:
-    """Every channel by itself."""
+
+def lack_of_fit(data: Data) -> tuple[LackOfFit, ...]:
+    """Test each channel by itself."""
     out = []
     for channel in "AFTC":
-        linear = linear_model(observed, noise, channel)
-        size, freedom = float(linear.residual @ linear.residual), linear.freedom
-        if freedom > 0:
-            out.append(Gap(channel, size, freedom, float(chi2.sf(size, freedom))))
+        linear = linear_model(data.observed, data.noise, channel)
+        if linear.dof > 0:
+            p = float(chi2.sf(linear.chi_square, linear.dof))
+            out.append(LackOfFit(channel, linear.chi_square, linear.dof, p))
     return tuple(out)
 
 
-def explain(
-    observed: Observation,
-    noise: Noise,
+def select(
+    data: Data,
     rng: np.random.Generator,
     effects: dict[str, Effect] | None = None,
     through_laboratory: bool = True,
     progress: Callable[[int], None] = lambda count: None,
-) -> Explanation:
-    """Find the effects of an experiment.
+) -> Selection:
+    """Select the effects of an experiment.
 
     Args:
+        rng: for the number of independent tests.
         effects: the catalogue by name; all of it if None.
-        through_laboratory: before a second effect is taken on, see whether the laboratory explains by the
-            first what its formula does not.
+        through_laboratory: before a second effect is added, fit the first one through the laboratory, which
+            may explain by it what its prediction does not.
         progress: called with 1 after every step.
     """
-    among = candidates(observed, effects)
-    before = fit(observed, noise, ())
-    gaps = gaps_of(observed, noise)
-    board = field(before.linear, among)
-    tests = family(board, rng)
-    ranked = scores(board, before.residual)
-    undetectable = tuple(s.candidate for s in ranked if not s.visible)
-    alarm = min(adjusted(s.p, tests) for s in ranked) if ranked else 1.0
+    null, among = data.null, candidates(data.observed, effects)
+    columns = candidate_columns(null.linear, among)
+    search = _Search(null, among, ranked(columns, null.residual), effective_tests(columns, rng))
+    selection = Selection(
+        fit=null,
+        null=null,
+        alternatives=(),
+        lack_of_fit=lack_of_fit(data),
+        p=min((sidak(one.p, search.tests) for one in search.first), default=1.0),
+        undetectable=tuple(one.candidate for one in search.first if not one.detectable),
+    )
     progress(1)
-    found = before
-    if alarm < LEVEL or min(gap.p for gap in gaps) < LEVEL / len(gaps):
-        found = _forward(observed, noise, among, before, ranked, tests, through_laboratory, progress)
-    rivals = tuple(_alternatives(observed, noise, among, found, k) for k in range(len(found.terms)))
+    if selection.lacks_fit:
+        found = _forward(search, through_laboratory, progress)
+        alternatives = tuple(_alternatives(search, found, k) for k in range(len(found.terms)))
+        selection = replace(selection, fit=found, alternatives=alternatives)
     progress(1)
-    return Explanation(found, before, rivals, gaps, alarm, undetectable)
+    return selection
 
 
-def _forward(
-    observed: Observation,
-    noise: Noise,
-    among: list[Candidate],
-    found: Fit,
-    ranked: list[Score],
-    tests: float,
-    through_laboratory: bool,
-    progress: Callable[[int], None],
-) -> Fit:
-    """Add the best explanation as long as one is decisive, look back after every step."""
-    exact, bend, before = not through_laboratory, None, []
+@dataclass(frozen=True)
+class _Search:
+    """What a selection needs at every step.
+
+    Attributes:
+        first: all candidates, ranked without any effect.
+        tests: effective number of independent tests among them.
+    """
+
+    null: JointFit
+    candidates: list[Candidate]
+    first: list[Fitted]
+    tests: float
+
+    def ranked(self, adopted: JointFit) -> list[Fitted]:
+        """Rank all other candidates in addition to the adopted terms."""
+        if not adopted.terms:
+            return self.first
+        others = [candidate for candidate in self.candidates if candidate.label not in adopted.labels]
+        linear = adopted.partialled_out
+        return ranked(candidate_columns(linear, others), linear.residual)
+
+    def p(self, adopted: JointFit, best: Fitted, ranking: list[Fitted]) -> float:
+        """Compute the probability of as large a gain by chance, over all candidates.
+
+        The gain is that by linear columns or without linearising, whichever is larger, because the latter
+        shrinks sizes towards zero.
+        """
+        gain = fit_in_addition(adopted, best).gain
+        p = float(chi2.sf(max(gain, 0.0), max(len(best.sizes), 1)))
+        (linear,) = (one.p for one in ranking if one.label == best.label)
+        return sidak(min(p, linear), self.tests)
+
+
+def _forward(search: _Search, through_laboratory: bool, progress: Callable[[int], None]) -> JointFit:
+    """Add the best candidate while it is decisive; after each step eliminate terms that are not."""
+    found, ranking = search.null, search.first
+    exact, model_error, before = not through_laboratory, None, []
     while len(found.terms) < MOST_TERMS:
-        best = best_of(observed, noise, found, ranked, bend)
-        if best is None or best.log_bayes_factor < DECISIVE or _chance(found, best, ranked, tests) > LEVEL:
+        best = best_addition(found, ranking, model_error)
+        if best is None or best.log_bayes_factor < DECISIVE or search.p(found, best, ranking) > LEVEL:
             break
         if found.terms and not exact:
-            found, bend = refit(observed, noise, found)
-            ranked, exact = _ranked_after(found, among), True
+            found, model_error = refit(found)
+            ranking, exact = search.ranked(found), True
             continue
-        tried = _look_back(observed, noise, fit(observed, noise, (*found.terms, best.term)))
+        tried = _backward(joint_fit(found.data, (*found.terms, best)))
         progress(1)
-        before.append({t.candidate.label for t in found.terms})
-        if {t.candidate.label for t in tried.terms} in before:
+        before.append(set(found.labels))
+        if set(tried.labels) in before:
             break
-        found, exact, bend = tried, not through_laboratory, None
-        ranked = _ranked_after(found, among)
-    found = _fewer(observed, noise, among, found)
-    return _alone(observed, noise, found) if through_laboratory else found
+        found, exact, model_error = tried, not through_laboratory, None
+        ranking = search.ranked(found)
+    found = _pairs_merged(search, found)
+    return _one_effect_a_target(found) if through_laboratory else found
 
 
-def _fewer(observed: Observation, noise: Noise, among: list[Candidate], found: Fit) -> Fit:
-    """Two terms replaced by one that explains as much: steps forward may have begun with a look-alike."""
-    pairs = list(combinations(found.terms, 2))
-    enough = worth(fit(observed, noise, found.terms)) - DECISIVE if pairs else 0.0
-    for pair in pairs:
-        others = fit(observed, noise, [term for term in found.terms if not any(term is one for one in pair)])
-        best = best_of(observed, noise, others, _ranked_after(others, among))
-        if best is None:
-            continue
-        single = fit(observed, noise, (*others.terms, best.term))
-        if worth(single) > enough:
-            return _fewer(observed, noise, among, single)
+def _backward(found: JointFit) -> JointFit:
+    """Eliminate the terms that are not decisive in addition to the others, the least decisive first."""
+    while len(found.terms) > 1:
+        factors = [
+            fit_in_addition(found.without(k), term).log_bayes_factor for k, term in enumerate(found.terms)
+        ]
+        least = int(np.argmin(factors))
+        if factors[least] >= DECISIVE:
+            return found
+        found = found.without(least)
     return found
 
 
-def _alone(observed: Observation, noise: Noise, found: Fit) -> Fit:
-    """Of two effects of one target, the one that the laboratory shows to do the work of both.
+def _pairs_merged(search: _Search, found: JointFit) -> JointFit:
+    """Replace two terms by one that explains as much; forward selection may start with a look-alike."""
+    pairs = list(combinations(found.terms, 2))
+    enough = joint_fit(found.data, found.terms).log_evidence - DECISIVE if pairs else 0.0
+    for pair in pairs:
+        others = joint_fit(found.data, [term for term in found.terms if term not in pair])
+        best = best_addition(others, search.ranked(others))
+        if best is None:
+            continue
+        single = joint_fit(found.data, (*others.terms, best))
+        if single.log_evidence > enough:
+            return _pairs_merged(search, single)
+    return found
 
-    A formula that misses part of its effect leaves something for its neighbour.
+
+def _one_effect_a_target(found: JointFit) -> JointFit:
+    """Of several effects on one target, keep the one that in the laboratory explains as much as all.
+
+    A prediction that misses a part of its effect leaves something for a second effect on the same target.
     """
     targets = [term.candidate.target for term in found.terms]
     for target in sorted({t for t in targets if t and targets.count(t) > 1}):
         mine = [term for term in found.terms if term.candidate.target == target]
         others = tuple(term for term in found.terms if term.candidate.target != target)
-        both, _ = refit(observed, noise, found)
-        singles = [refit(observed, noise, fit(observed, noise, (*others, term)))[0] for term in mine]
-        best = max(singles, key=worth)
-        if worth(best) > worth(both) - DECISIVE:
+        together, _ = refit(found)
+        singles = [refit(joint_fit(found.data, (*others, term)))[0] for term in mine]
+        best = max(singles, key=lambda single: single.log_evidence)
+        if best.log_evidence > together.log_evidence - DECISIVE:
             found = best
     return found
 
 
-def _chance(found: Fit, best: Rival, ranked: list[Score], tests: float) -> float:
-    """Probability of as large a gain by chance, over the catalogue.
-
-    By linear columns or without linearising, whichever explains more: there sizes are drawn to zero.
-    """
-    about = about_fit(found)
-    gain = float(about.residual @ about.residual) - search(about, (best.term,)).chi_square
-    p = float(chi2.sf(max(gain, 0.0), max(len(best.term.sizes), 1)))
-    (linear,) = (s.p for s in ranked if s.candidate.label == best.label)
-    return adjusted(min(p, linear), tests)
-
-
-def _ranked_after(found: Fit, among: list[Candidate]) -> list[Score]:
-    """All candidates against what the adopted ones leave."""
-    have = {term.candidate.label for term in found.terms}
-    linear = about_fit(found)
-    board: Field = field(linear, [c for c in among if c.label not in have])
-    return scores(board, linear.residual)
-
-
-def _look_back(observed: Observation, noise: Noise, found: Fit) -> Fit:
-    """Take out every term that is not decisive beside the others."""
-    while len(found.terms) > 1:
-        factors = []
-        for k in range(len(found.terms)):
-            others = fit(observed, noise, found.terms[:k] + found.terms[k + 1 :])
-            linear, term = about_fit(others), found.terms[k]
-            factors.append(search(linear, (term,)).log_bayes_factor - price(linear, term.candidate))
-        least = int(np.argmin(factors))
-        if factors[least] >= DECISIVE:
-            return found
-        found = fit(observed, noise, found.terms[:least] + found.terms[least + 1 :])
-    return found
-
-
-def _alternatives(
-    observed: Observation, noise: Noise, among: list[Candidate], found: Fit, k: int
-) -> tuple[Rival, ...]:
-    """What else would explain what term k does, the others staying; the best first."""
-    others = fit(observed, noise, found.terms[:k] + found.terms[k + 1 :])
-    linear = about_fit(others)
-    have = {term.candidate.label for term in others.terms}
-    board = field(linear, [c for c in among if c.label not in have])
-    rivals = again(others, scores(board, linear.residual))
-    term = found.terms[k]
-    if term.candidate.label not in {rival.label for rival in rivals}:
-        factor = search(linear, (term,)).log_bayes_factor - price(linear, term.candidate)
-        rivals.append(Rival(term, factor))
-    return tuple(sorted(rivals, key=lambda rival: -rival.log_bayes_factor))
+def _alternatives(search: _Search, found: JointFit, k: int) -> tuple[Fitted, ...]:
+    """List what else would explain what term k explains, with the other terms kept; the best first."""
+    others, term = found.without(k), found.terms[k]
+    out = shortlist(others, search.ranked(others))
+    if term.label not in [one.label for one in out]:
+        out.append(replace(term, log_bayes_factor=fit_in_addition(others, term).log_bayes_factor))
+    return tuple(sorted(out, key=lambda one: -one.log_bayes_factor))

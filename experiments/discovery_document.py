@@ -7,42 +7,40 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.discovery.discover import AMBIGUOUS, Discovery, instance_of
-from tulip_testbed.discovery.linear_model import Linear
+from tulip_testbed.discovery.candidates import Fitted
+from tulip_testbed.discovery.discover import AMBIGUOUS, Discovery
+from tulip_testbed.discovery.effect_intervals import with_intervals
 from tulip_testbed.discovery.proposals import Proposal, proposals
-from tulip_testbed.discovery.ranking import Rival
-from tulip_testbed.effects.instance import EffectInstance, split_label
 from tulip_testbed.experiments.identify import Identification
 
 
 def next_experiments(found: Discovery) -> list[Proposal]:
-    """For what is ambiguous; empty else."""
+    """Propose experiments that would separate the equivalent explanations of an ambiguous discovery."""
     if found.verdict != AMBIGUOUS:
         return []
-    linear: Linear = found.explanation.before.linear
     out: list[Proposal] = []
-    for rivals in found.rivals:
-        if len(rivals) > 1:
-            out += proposals(linear, [rival.term for rival in rivals])
+    for explanations in found.equivalents:
+        if len(explanations) > 1:
+            out += proposals(found.selection.null.linear, explanations)
     return sorted({p.words: p for p in out}.values(), key=lambda p: -p.separation)
 
 
 def discovery_document(
     found: Discovery,
     next_experiment: list[Proposal],
-    told: list[str],
+    sentences: list[str],
     rig: Path | None,
     before: Identification | None = None,
     after: Identification | None = None,
     check: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """What `tulip discover --json` prints.
+    """Return what `tulip discover --json` prints.
 
     Args:
-        told: `story`. rig: folder of the adopted model. before, after: base parameters without and with it.
-        check: of the adopted model in full dynamics.
+        sentences: of `story`. rig: folder of the adopted model.
+        before, after: base parameters without and with it. check: of the adopted model in full dynamics.
     """
-    factors = [rivals[0].log_bayes_factor for rivals in found.rivals]
+    factors = [explanations[0].log_bayes_factor for explanations in found.equivalents]
     adopted = [
         instance.document() | {"log_bayes_factor": factor}
         for instance, factor in zip(found.adopted, factors, strict=False)
@@ -50,16 +48,17 @@ def discovery_document(
     return {
         "verdict": found.verdict,
         "effects": adopted,
-        "candidates": [_candidate(found, k, rival) for k, r in enumerate(found.rivals) for rival in r],
+        "candidates": [
+            _candidate(found, k, one) for k, several in enumerate(found.equivalents) for one in several
+        ],
         "undetectable": [
             {
-                "name": name,
-                "target": target or None,
+                "name": u.candidate.effect.name,
+                "target": u.candidate.target or None,
                 "parameter": u.parameter or None,
                 "bias_mm_per_prior_sd": 1e3 * u.bias if u.parameter else None,
             }
-            for u in found.unseen
-            for name, target in [split_label(u.label)]
+            for u in found.undetectable
         ],
         "where": found.where,
         "gap": _gap(found),
@@ -76,32 +75,28 @@ def discovery_document(
             "placement_sd": found.noise.plates.tolist(),
             "not_as_stated": list(found.noise.assumed),
         },
-        "alarm_p": found.explanation.alarm,
-        "left": [{"channel": p.channel, "pattern": p.words, "p": p.p} for p in found.left],
-        "story": told,
+        "alarm_p": found.selection.p,
+        "left": [{"channel": p.channel, "pattern": p.words, "p": p.p} for p in found.patterns],
+        "story": sentences,
         "check": check,
         "rig": None if rig is None else str(rig),
         "wall_s": found.wall_s,
     }
 
 
-def _candidate(found: Discovery, k: int, rival: Rival) -> dict[str, Any]:
-    adopted = rival.label == found.found.terms[k].candidate.label
-    instance = (
-        instance_of(found.found.terms[k], found.found, k)
-        if adopted
-        else EffectInstance(rival.term.candidate.effect, rival.term.candidate.target, rival.term.values)
-    )
-    return {"gap": k + 1} | instance.document() | {"log_bayes_factor": rival.log_bayes_factor}
+def _candidate(found: Discovery, k: int, explanation: Fitted) -> dict[str, Any]:
+    adopted = explanation.label == found.fit.terms[k].label
+    instance = with_intervals(found.fit, k) if adopted else explanation.instance
+    return {"gap": k + 1, **instance.document(), "log_bayes_factor": explanation.log_bayes_factor}
 
 
 def _gap(found: Discovery) -> dict[str, Any]:
-    """By channel, whitened r.m.s. on held-out placements: 1 is the noise; floor: 97.5 % by chance."""
+    """Return the whitened r.m.s. on held-out placements by channel, and its 97.5 % quantile by chance."""
     held = found.heldout
     if held is None:
         return {
-            g.channel: {"before": float(np.sqrt(g.chi_square / g.freedom)), "after": None, "floor": 1.0}
-            for g in found.explanation.gaps
+            test.channel: {"before": float(np.sqrt(test.chi_square / test.dof)), "after": None, "floor": 1.0}
+            for test in found.selection.lack_of_fit
         } | {"heldout_rms_mm": None}
     document: dict[str, Any] = {
         channel: {"before": held.before[channel], "after": held.after[channel], "floor": held.floor[channel]}

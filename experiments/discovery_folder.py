@@ -53,10 +53,10 @@ def write_discovery(
 
 
 def _write_residuals(path: Path, found: Discovery) -> None:
-    """Raw residuals of every posture, as measured and freed of what was found."""
+    """Write the raw residuals of every posture, as measured and with the effects removed."""
     sides = {
-        "before": residuals(found.observed, found.explanation.before.linear.theta),
-        "after": residuals(found.found.linear.observed, found.found.linear.theta),
+        "before": residuals(found.observed, found.selection.null.linear.theta),
+        "after": residuals(found.fit.linear.observed, found.fit.linear.theta),
     }
     m = found.observed.measurements
     with path.open("w", newline="", encoding="utf-8") as file:

@@ -90,7 +90,7 @@ def cell_by_twist(observed: Observation) -> float | None:
 
 
 @dataclass(frozen=True)
-class White:
+class Whitening:
     """Coordinates in which the residuals' noise is independent, of unit variance.
 
     Attributes:
@@ -121,8 +121,8 @@ class White:
         """Ln of the determinant of the residuals' covariance."""
         return -2 * sum(float(np.log(np.diag(factor)).sum()) for _, factor in self.blocks)
 
-    def back(self, white: np.ndarray) -> np.ndarray:
-        """V^-1 times residuals, from the whitened ones, (r,) -> (m, 11)."""
+    def precision_weighted(self, white: np.ndarray) -> np.ndarray:
+        """Compute V^-1 times the residuals from the whitened ones, (r,) -> (m, 11)."""
         flat = np.zeros(self.own.shape[0] * SIZE)
         for where, factor in self.blocks:
             flat[self.rows[where]] = factor.T @ white[where]
@@ -134,17 +134,17 @@ def whitening(
     theta: np.ndarray,
     noise: Noise,
     channels: str = "AFTC",
-    through: np.ndarray | None = None,
-) -> White:
+    propagation: np.ndarray | None = None,
+) -> Whitening:
     """Coordinates for some channels of an experiment.
 
     Args:
-        through: derivative of all fields by the readings, (m, k, n_joints + 14), where the experiment was
-            freed of effects; None: the readings are fields as they are.
+        propagation: derivative of all fields with respect to the readings, (m, k, n_joints + 14), where
+            effects were removed from the experiment; None: the fields are the readings.
     """
     slope, at = sensitivity(observed, theta), fields(observed.nominal)
     m = len(observed)
-    reach = slope[..., : at["plates"].stop] if through is None else slope @ through
+    reach = slope[..., : at["plates"].stop] if propagation is None else slope @ propagation
     angles, cells = reach[..., at["angles"]], reach[..., at["cells"]]
     own = noise.encoder**2 * angles @ angles.mT + noise.cell**2 * cells @ cells.mT + np.diag(FLOOR**2)
     levers = reach[..., at["plates"]] * noise.plates
@@ -168,4 +168,4 @@ def whitening(
         blocks.append((slice(at_row, at_row + len(block)), factor))
         rows.append(numbers[keep])
         at_row += len(block)
-    return White(np.concatenate(rows), tuple(blocks), slope, reach, own)
+    return Whitening(np.concatenate(rows), tuple(blocks), slope, reach, own)

@@ -12,8 +12,9 @@ from itertools import pairwise
 import numpy as np
 
 from studies.runner import Settings, header, row
-from tulip_testbed.discovery.evidence import Field, field, scores
-from tulip_testbed.discovery.linear_model import Linear, linear_model
+from tulip_testbed.discovery.columns import CandidateColumns, candidate_columns
+from tulip_testbed.discovery.evidence import ranked
+from tulip_testbed.discovery.linear_model import LinearModel, linear_model
 from tulip_testbed.discovery.selection import DECISIVE
 from tulip_testbed.effects.targets import PLACEMENTS
 from tulip_testbed.experiments.atlas.detectability import noncentrality
@@ -30,7 +31,7 @@ TIMES = 2.0  # the detectable size
 
 
 def drawn(
-    found: Atlas, linear: Linear, board: Field, rng: np.random.Generator
+    found: Atlas, linear: LinearModel, columns: CandidateColumns, rng: np.random.Generator
 ) -> Iterator[tuple[float, bool, bool]]:
     """Draw some effects and rank the catalogue for each.
 
@@ -39,10 +40,10 @@ def drawn(
         one led it by decisive evidence.
     """
     among = [k for k, c in enumerate(found.shown) if c.effect.sizes and c.effect.targets is not PLACEMENTS]
-    label = [candidate.label for candidate in board.candidates]
+    label = [candidate.label for candidate in columns.candidates]
     for k in rng.choice(among, PER_SEED, replace=False):
         candidate = found.shown[k]
-        points = board.projected[label.index(candidate.label)]
+        points = columns.projected[label.index(candidate.label)]
         column = points[rng.integers(len(points))]
         way = candidate.prior * rng.standard_normal(len(candidate.prior))
         way = np.where(candidate.positive, np.abs(way), way)
@@ -50,10 +51,10 @@ def drawn(
         length = TIMES * np.sqrt(noncentrality(len(way), level))
         signal = column @ way
         noise = linear.project(rng.standard_normal(len(signal) - 1))
-        ranked = scores(board, signal * length / np.linalg.norm(signal) + noise)
-        mine = next(s for s in ranked if s.candidate.label == candidate.label)
-        right = ranked[0] is mine
-        wrong = ranked[0].log_bayes_factor - mine.log_bayes_factor > DECISIVE
+        ranking = ranked(columns, signal * length / np.linalg.norm(signal) + noise)
+        mine = next(s for s in ranking if s.candidate.label == candidate.label)
+        right = ranking[0] is mine
+        wrong = ranking[0].log_bayes_factor - mine.log_bayes_factor > DECISIVE
         yield float(np.degrees(found.nearest(k)[1])), right, wrong
 
 
@@ -65,9 +66,9 @@ def study(settings: Settings) -> Iterator[str]:
         plan = planned(plan_for(robot, None), preset, robot, settings.seed)
         found = atlas(plan, np.random.default_rng(settings.seed))
         linear = linear_model(plan.observed, plan.noise)
-        board = field(linear, [row.candidate for row in found.rows if row.size in (0, None)])
+        columns = candidate_columns(linear, [row.candidate for row in found.rows if row.size in (0, None)])
         every = np.array(
-            [line for seed in seeds for line in drawn(found, linear, board, np.random.default_rng(seed))]
+            [line for seed in seeds for line in drawn(found, linear, columns, np.random.default_rng(seed))]
         )
         yield f"\n{preset}\n\n{header('angle [deg]', 'data sets', 'right first [%]', 'wrong [%]')}"
         for low, high in pairwise(EDGES):

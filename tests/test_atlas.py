@@ -9,7 +9,8 @@ import pytest
 from studies.runner import shipped_plan
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.candidates import candidates
-from tulip_testbed.discovery.evidence import field, score
+from tulip_testbed.discovery.columns import candidate_columns
+from tulip_testbed.discovery.evidence import marginal_fit
 from tulip_testbed.discovery.linear_model import linear_model
 from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.effects.catalogue import catalogue
@@ -60,8 +61,8 @@ def test_detectable_sizes_are_found_by_nine_of_ten_simulated_experiments(plan, f
         for run in noisy(solved_plan, streams(SEED + 1, runs)):
             observed = observe(run, plan.nominal)
             linear = linear_model(observed, noise_of(observed))
-            board = field(linear, [row.candidate])
-            hits.append(score(row.candidate, board.projected[0], linear.residual).p < found.level)
+            columns = candidate_columns(linear, [row.candidate])
+            hits.append(marginal_fit(row.candidate, columns.projected[0], linear.residual).p < found.level)
     # 90 % of 48, less 2.7 standard deviations of the binomial; at half the size it would be about 10 %.
     assert sum(hits) >= 38
     assert sum(hits) < len(hits)
@@ -123,7 +124,7 @@ def test_biases_by_what_yields_agree_with_the_laboratory(plan, name, target):
     assert (shown.posture == plan.observed.measurements.posture).all()
     theta = estimator.linear.theta
     added = residuals(observe(shown, plan.nominal), theta) - residuals(plan.observed, theta)
-    moved = np.linalg.lstsq(estimator.regressor, estimator.linear.white(added), rcond=None)[0] / part
+    moved = np.linalg.lstsq(estimator.regressor, estimator.linear.whitening(added), rcond=None)[0] / part
     assert alike(predicted / plan.standard_errors, moved / plan.standard_errors)
 
 

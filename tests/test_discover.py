@@ -10,10 +10,11 @@ import pytest
 from studies.runner import rows_of
 from tests.effect_changes import DISCOVERY_SEED as SEED
 from tests.effect_changes import measured
-from tulip_testbed.discovery.candidates import candidates
+from tulip_testbed.discovery.candidates import Fitted, candidates
+from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.discover import _verdict, discover
-from tulip_testbed.discovery.evidence import field, scores
-from tulip_testbed.discovery.fit import Term, fit
+from tulip_testbed.discovery.evidence import ranked
+from tulip_testbed.discovery.joint_fit import Data, joint_fit
 from tulip_testbed.discovery.linear_model import linear_model
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.discovery.story import story
@@ -96,9 +97,9 @@ def test_noise_alone_is_what_the_noise_model_says(solved_plan, nominal, preset):
     for run in runs:
         observed = observe(run.measurements, nominal)
         linear = linear_model(observed, noise_of(observed))
-        ratios.append(float(linear.residual @ linear.residual) / linear.freedom)
+        ratios.append(float(linear.residual @ linear.residual) / linear.dof)
     assert abs(np.mean(ratios) - 1) < 0.02
-    assert np.std(ratios) < 1.7 * np.sqrt(2 / linear.freedom)
+    assert np.std(ratios) < 1.7 * np.sqrt(2 / linear.dof)
 
 
 @pytest.mark.parametrize("preset", ["force-plate", "wii"])
@@ -156,9 +157,9 @@ def test_what_an_instrument_does_leaves_the_noise_as_it_was(solved_plan, nominal
         else:
             (found,) = (c for c in candidates(observed) if (c.effect.name, c.target) == (name, target))
             point = 0 if effect.sizes else [tuple(s) for s in found.settings].index(value)
-            terms = (Term(found, point, np.array(value if effect.sizes else ())),)
-        fitted = fit(observed, noise_of(observed), terms)
-        sizes.append(fitted.chi_square - fitted.linear.freedom)
+            terms = (Fitted(found, point, np.array(value if effect.sizes else ())),)
+        fitted = joint_fit(Data(observed, noise_of(observed)), terms)
+        sizes.append(fitted.chi_square - fitted.linear.dof)
     assert abs(sizes[1] - sizes[0]) < 10
 
 
@@ -208,7 +209,7 @@ def test_a_hidden_effect_is_named_sized_and_predicts(robot, plan, preset, name, 
     assert after(found)["AFTC"] < min(1.1, before(found)["AFTC"])
     assert found.heldout is not None
     worse = dataclasses.replace(found.heldout, after=after(found) | {"AFTC": 1.2})
-    assert _verdict(found.explanation, found.found, found.rivals, found.left[0], worse) == "unknown"
+    assert _verdict(found.selection, found.fit, found.equivalents, found.patterns[0], worse) == "unknown"
 
 
 def test_without_times_a_lost_posture_may_mean_a_foot_put_down_anew(robot, plan, nominal):
@@ -257,7 +258,7 @@ def test_twins_are_not_named_and_an_experiment_is_proposed(robot, plan):
     found = discover(measured(robot, plan, "wii", ("cell-tare", "left.rear_left", (4.0,))), robot)
     assert found.verdict == "ambiguous"
     assert found.adopted == ()
-    labels = {rival.label for rival in found.rivals[0]}
+    labels = {one.label for one in found.equivalents[0]}
     assert {"cell-tare:left.rear_left", "cell-tare:left.front_right"} <= labels
     proposed = next_experiments(found)
     assert proposed
@@ -299,12 +300,12 @@ def test_columns_hold_no_noise_of_the_residuals(solved_plan, nominal):
     pulls = []
     for run in run_statics(solved_plan["wii"], [np.random.SeedSequence([SEED, 100 + k]) for k in range(20)]):
         observed = observe(run.measurements, nominal)
-        plain = fit(observed, noise_of(observed), ())
-        board = field(plain.linear, [c for c in candidates(observed) if c.effect.name == "cell-gain"])
-        pulls.append([s.sizes[0] / np.sqrt(s.covariance[0, 0]) for s in _in_order(board, plain)])
+        plain = linear_model(observed, noise_of(observed))
+        columns = candidate_columns(plain, [c for c in candidates(observed) if c.effect.name == "cell-gain"])
+        pulls.append([one.sizes[0] / np.sqrt(one.covariance[0, 0]) for one in _in_order(columns, plain)])  # pyrefly: ignore
     assert (np.abs(np.mean(pulls, axis=0)) * np.sqrt(20) < 3.5).all()
 
 
-def _in_order(board, plain):
-    by_label = {s.candidate.label: s for s in scores(board, plain.residual)}
-    return [by_label[c.label] for c in board.candidates]
+def _in_order(columns, plain):
+    by_label = {one.label: one for one in ranked(columns, plain.residual)}
+    return [by_label[c.label] for c in columns.candidates]

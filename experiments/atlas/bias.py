@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.discovery.candidates import Candidate, columns, whole_change
-from tulip_testbed.discovery.linear_model import Linear, linear_model
+from tulip_testbed.discovery.candidates import Candidate
+from tulip_testbed.discovery.columns import effect_columns, presence_column
+from tulip_testbed.discovery.linear_model import LinearModel, linear_model
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.experiments.atlas.planned_experiment import Planned
 from tulip_testbed.identification.residual_channels import ROWS, SIZE
@@ -28,26 +29,26 @@ class Weights:
         regressor: whitened, (r, p).
     """
 
-    linear: Linear
+    linear: LinearModel
     regressor: np.ndarray
 
     def change(self, candidate: Candidate, point: int) -> np.ndarray:
         """Of the estimate by an effect, (p, s) [m per unit of each size]; one without size: (p, 1) [m]."""
         if candidate.effect.sizes:
-            added = columns(self.linear, candidate, point)
+            added = effect_columns(self.linear, candidate, point)
         else:
             # The planned readings are free of it; taking it away from them brings it in.
-            added = -whole_change(self.linear, candidate, point)
+            added = -presence_column(self.linear, candidate, point)
         return np.linalg.lstsq(self.regressor, added, rcond=None)[0]
 
 
 def weights(planned: Planned) -> Weights:
     """The default estimator's, with the noise that the data sheets state."""
     linear = linear_model(planned.observed, planned.noise, "A")
-    regressor = planned.nominal.parameters.regressor(linear.smooth.joint_angles)
+    regressor = planned.nominal.parameters.regressor(linear.smoothed.joint_angles)
     rows = np.zeros((len(planned.observed), SIZE, regressor.shape[2]))
     rows[:, ROWS["A"]] = regressor
-    return Weights(linear, linear.white(rows))
+    return Weights(linear, linear.whitening(rows))
 
 
 def own_change(planned: Planned, candidate: Candidate, point: int) -> np.ndarray:

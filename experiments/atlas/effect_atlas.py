@@ -9,7 +9,8 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from tulip_testbed.discovery.candidates import Candidate, candidates
-from tulip_testbed.discovery.evidence import VISIBLE, Field, family, field
+from tulip_testbed.discovery.columns import CandidateColumns, candidate_columns
+from tulip_testbed.discovery.evidence import DETECTABLE, effective_tests
 from tulip_testbed.discovery.linear_model import linear_model
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.effect import Parameter
@@ -96,29 +97,29 @@ def atlas(planned: Planned, rng: np.random.Generator) -> Atlas:
         rng: for the number of independent tests.
     """
     among = candidates(planned.observed)
-    board = field(linear_model(planned.observed, planned.noise), among)
-    single = {c: field(linear_model(planned.observed, planned.noise, c), among) for c in CHANNELS}
-    tests = family(board, rng)
+    columns = candidate_columns(linear_model(planned.observed, planned.noise), among)
+    single = {c: candidate_columns(linear_model(planned.observed, planned.noise, c), among) for c in CHANNELS}
+    tests = effective_tests(columns, rng)
     level = single_level(LEVEL, tests)
     estimator, rows = weights(planned), []
     for k, candidate in enumerate(among):
-        point = _point(board, k)
+        point = _point(columns, k)
         moved = bias(planned, estimator, candidate, point)
         for size in range(len(candidate.effect.sizes)) if candidate.effect.sizes else (None,):
-            column = board.projected[k][point][:, [size or 0]]
+            column = columns.projected[k][point][:, [size or 0]]
             prior = 1.0 if size is None else candidate.prior[size]
             rows.append(
                 Row(
                     candidate,
                     size,
-                    _detectable(board, k, point, size, level),
+                    _detectable(columns, k, point, size, level),
                     {c: _detectable(single[c], k, point, size, level) for c in CHANNELS},
-                    bool(np.linalg.norm(column) * prior > VISIBLE),
+                    bool(np.linalg.norm(column) * prior > DETECTABLE),
                     moved[:, size or 0],
                 )
             )
     shown = [k for k in range(len(among)) if any(r.visible for r in rows if r.candidate is among[k])]
-    angle = angles([_distinct(board.projected[k]) for k in shown])
+    angle = angles([_distinct(columns.projected[k]) for k in shown])
     return Atlas(
         planned,
         tuple(rows),
@@ -130,10 +131,10 @@ def atlas(planned: Planned, rng: np.random.Generator) -> Atlas:
     )
 
 
-def _point(board: Field, k: int) -> int:
+def _point(columns: CandidateColumns, k: int) -> int:
     """Of the grid: the middle one of a time, the least visible one of a choice that changes anything."""
-    points = board.projected[k]
-    if board.candidates[k].effect.sizes:
+    points = columns.projected[k]
+    if columns.candidates[k].effect.sizes:
         return len(points) // 2
     length = np.array([np.linalg.norm(column) for column in points])
     return int(np.where(length > SAME * length.max(), length, np.inf).argmin())
@@ -145,14 +146,14 @@ def _distinct(points: list[np.ndarray]) -> list[np.ndarray]:
     return [column for column, size in zip(points, length, strict=True) if size > SAME * length.max()]
 
 
-def _detectable(board: Field, k: int, point: int, size: int | None, level: float) -> float:
-    column = board.projected[k][point]
+def _detectable(columns: CandidateColumns, k: int, point: int, size: int | None, level: float) -> float:
+    column = columns.projected[k][point]
     if size is None:
         # The gain 2 g'r - g'g has mean g'g and variance 4 g'g where the effect is there.
         length = float(np.linalg.norm(column))
         needed = chi2.isf(2 * level, 1)
         return 1.0 if length**2 - 2 * norm.isf(1 - POWER) * length > needed else np.inf
-    candidate = board.candidates[k]
+    candidate = columns.candidates[k]
     direction = (np.arange(column.shape[1]) == size).astype(float)
     found = detectable_size(candidate, column, level, direction)
     return found if found < MOST_PRIORS * candidate.prior[size] else np.inf

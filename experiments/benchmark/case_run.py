@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2, ncx2
 
-from tulip_testbed.discovery.discover import AMBIGUOUS, NAMED, Discovery, discover, instance_of
+from tulip_testbed.discovery.discover import AMBIGUOUS, NAMED, Discovery, discover
+from tulip_testbed.discovery.effect_intervals import with_intervals
 from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, effect_label, injected
@@ -164,12 +165,12 @@ def _judged(
     case: Case,
     board: Board,
 ) -> dict[str, Any]:
-    listed = [u for u in found.unseen if u.label in known.hidden]
+    listed = [u for u in found.undetectable if u.candidate.label in known.hidden]
     held = found.heldout
     biased = case.arm == arms.SINGLE and not case.dynamics and trial.multiple >= 1
     return {
         "verdict": found.verdict,
-        "found": tuple(_found(found, k) for k in range(len(found.found.terms))),
+        "found": tuple(_found(found, k) for k in range(len(found.fit.terms))),
         "unseen": bool(listed),
         "biased": listed[0].parameter if listed else 0,
         "held": held and (held.before["AFTC"], held.after["AFTC"], held.floor["AFTC"]),
@@ -181,11 +182,10 @@ def _judged(
 
 
 def _found(found: Discovery, k: int) -> Found:
-    term = found.found.terms[k]
-    instance = instance_of(term, found.found, k)
+    term, instance = found.fit.terms[k], with_intervals(found.fit, k)
     low, high = zip(*(interval or (None, None) for interval in instance.intervals), strict=True)
-    alike = tuple(rival.label for rival in found.rivals[k])
-    return Found(term.candidate.label, term.values, low, high, alike)
+    alike = tuple(one.label for one in found.equivalents[k])
+    return Found(term.label, term.values, low, high, alike)
 
 
 def _covered(found: Discovery, hidden: Hidden, of_time: bool) -> list[bool]:
@@ -194,9 +194,9 @@ def _covered(found: Discovery, hidden: Hidden, of_time: bool) -> list[bool]:
     if found.verdict not in (NAMED, AMBIGUOUS):
         return out
     wanted = [k for k in range(len(effect.parameters)) if (k not in effect.sizes) == of_time]
-    for k, term in enumerate(found.found.terms):
-        if term.candidate.label == hidden.label:
-            intervals = instance_of(term, found.found, k).intervals
+    for k, term in enumerate(found.fit.terms):
+        if term.label == hidden.label:
+            intervals = with_intervals(found.fit, k).intervals
             pairs = [(intervals[at], hidden.instance.values[at]) for at in wanted]
             out += [interval[0] <= true <= interval[1] for interval, true in pairs if interval]
     return out

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tulip_testbed.discovery.candidates import Candidate
-from tulip_testbed.discovery.evidence import VISIBLE
+from tulip_testbed.discovery.evidence import DETECTABLE
 from tulip_testbed.effects.injection import check_built
 from tulip_testbed.effects.instance import EffectInstance, injected
 from tulip_testbed.experiments.benchmark.scoreboard import Board
@@ -69,7 +69,7 @@ def absorbed(board: Board, kind: str) -> list[Candidate]:
     return [
         candidate
         for candidate, points in _of_kind(board, kind)
-        if all(_strength(candidate, columns) <= VISIBLE for columns in points)
+        if all(_strength(candidate, columns) <= DETECTABLE for columns in points)
     ]
 
 

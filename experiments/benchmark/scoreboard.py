@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from tulip_testbed.discovery.candidates import Candidate, candidates
-from tulip_testbed.discovery.evidence import VISIBLE, family, field
-from tulip_testbed.discovery.linear_model import Linear, linear_model
+from tulip_testbed.discovery.columns import candidate_columns
+from tulip_testbed.discovery.evidence import DETECTABLE, effective_tests
+from tulip_testbed.discovery.linear_model import LinearModel, linear_model
 from tulip_testbed.discovery.refit import exact_rig, measured_plan, simulated, without_noise
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.instance import split_label
@@ -50,7 +51,7 @@ class Board:
     plan: PosturePlan
     solved_plan: SolvedPlan
     quiet: SolvedPlan
-    linear: Linear
+    linear: LinearModel
     candidates: list[Candidate]
     projected: list[list[np.ndarray]]
     bases: list[list[np.ndarray]]
@@ -98,7 +99,7 @@ class Board:
             if (at := rows.get(int(number))) is not None:
                 out[int(number) - 1] = after[k] - before[at]
                 out[int(number) - 1, 3:5] *= with_it.on_four_cells[k] & without.on_four_cells[at]
-        return self.linear.project(self.linear.white(out))
+        return self.linear.project(self.linear.whitening(out))
 
 
 @cache
@@ -114,11 +115,11 @@ def board(preset: str, folder: Path = DEFAULT_PLAN) -> Board:
     measured = run_statics(solved_plan, [np.random.SeedSequence(REFERENCE)])[0].measurements
     observed = observe(measured, nominal_robot(robot))
     linear = linear_model(observed, noise_of(observed))
-    found = field(linear, candidates(observed))
-    level = single_level(LEVEL, family(found, np.random.default_rng(0)))
+    columns = candidate_columns(linear, candidates(observed))
+    level = single_level(LEVEL, effective_tests(columns, np.random.default_rng(0)))
     bases = [
         [_visible(candidate, column) for column in points]
-        for candidate, points in zip(found.candidates, found.projected, strict=True)
+        for candidate, points in zip(columns.candidates, columns.projected, strict=True)
     ]
     return Board(
         rig,
@@ -126,8 +127,8 @@ def board(preset: str, folder: Path = DEFAULT_PLAN) -> Board:
         solved_plan,
         solve_plan(without_noise(rig), plan),
         linear,
-        found.candidates,
-        found.projected,
+        columns.candidates,
+        columns.projected,
         bases,
         level,
     )
@@ -137,4 +138,4 @@ def _visible(candidate: Candidate, columns: np.ndarray) -> np.ndarray:
     """Orthonormal basis of what a candidate can show, (r + 1, k)."""
     scaled = columns * candidate.prior if candidate.effect.sizes else columns
     left, size, _ = np.linalg.svd(scaled, full_matrices=False)
-    return left[:, size > VISIBLE]
+    return left[:, size > DETECTABLE]

@@ -1,0 +1,85 @@
+"""Columns of the design matrix: how the whitened residuals change with each candidate's sizes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tulip_testbed.discovery.candidates import Candidate
+from tulip_testbed.discovery.linear_model import LinearModel
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_channels import packed, residuals
+
+STEP = 1e-2  # prior s.d., of the difference quotient
+
+
+@dataclass(frozen=True)
+class CandidateColumns:
+    """The columns of many candidates in one experiment.
+
+    Attributes:
+        projected: columns of each candidate at each point of its grid, whitened and projected, (r + 1, s).
+            An effect without a size has one column, its whole change of the residuals.
+    """
+
+    candidates: list[Candidate]
+    projected: list[list[np.ndarray]]
+
+
+def candidate_columns(linear: LinearModel, candidates: list[Candidate]) -> CandidateColumns:
+    """Compute the columns of many candidates."""
+    raw = [
+        [
+            (effect_columns if c.effect.sizes else presence_column)(linear, c, point)
+            for point in range(len(c.settings))
+        ]
+        for c in candidates
+    ]
+    flat = [column for points in raw for column in points]
+    sizes = [column.shape[1] for column in flat]
+    whole = linear.project(np.concatenate(flat, axis=1))
+    parts = iter(np.split(whole, np.cumsum(sizes)[:-1], axis=1))
+    return CandidateColumns(candidates, [[next(parts) for _ in points] for points in raw])
+
+
+def effect_columns(
+    linear: LinearModel, candidate: Candidate, point: int, sizes: np.ndarray | None = None
+) -> np.ndarray:
+    """Differentiate the residuals with respect to a candidate's sizes.
+
+    Args:
+        point: of the candidate's grid.
+        sizes: at which the derivative is taken, (s,); zero if None.
+
+    Returns:
+        whitened columns, (r, s) per unit of each size.
+    """
+    smoothed, effect = linear.smoothed, candidate.effect
+    if not effect.sizes:
+        return np.zeros((len(linear.whitening.rows), 0))
+    start = np.zeros(len(effect.sizes)) if sizes is None else sizes
+    before = _removed(smoothed, candidate, start, point)
+    out = []
+    for k, prior in enumerate(candidate.prior):
+        step = STEP * prior
+        after = _removed(smoothed, candidate, start + step * (np.arange(len(start)) == k), point)
+        if after.tree is before.tree and after.cells is before.cells:
+            change = (packed(after) - packed(before)) / step
+            raw = (linear.whitening.sensitivity @ change[..., None])[..., 0]
+        else:
+            raw = (residuals(after, linear.theta) - residuals(before, linear.theta)) / step
+        out.append(-raw)
+    return linear.whitening(np.stack(out, axis=-1))
+
+
+def presence_column(linear: LinearModel, candidate: Candidate, point: int) -> np.ndarray:
+    """Compute how the residuals change with an effect that has no size, whitened, (r, 1)."""
+    after = _removed(linear.observed, candidate, np.zeros(0), point)
+    return linear.whitening(residuals(linear.observed, linear.theta) - residuals(after, linear.theta))[
+        :, None
+    ]
+
+
+def _removed(observed: Observation, candidate: Candidate, sizes: np.ndarray, point: int) -> Observation:
+    return candidate.effect.predict(observed, candidate.target, candidate.values(sizes, point))

@@ -1,0 +1,317 @@
+"""Fit the sizes of several effects together, by Gauss-Newton through their predictions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.stats import norm
+
+from tulip_testbed.discovery.candidates import Fitted, log_choices
+from tulip_testbed.discovery.columns import effect_columns
+from tulip_testbed.discovery.linear_model import LinearModel, linear_model
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_channels import packed, unpacked
+from tulip_testbed.identification.residual_noise import Noise
+
+STEPS = 6
+ANGLE_STEP = 1e-5  # rad or m, of differences
+FORCE_STEP = 1e-2  # N
+NEGLIGIBLE = 1e-9
+INFORMED = 1.0  # information on a size over that of its prior, from which the data alone determine it
+CONVERGED = 1e-3  # posterior s.d.
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """An experiment and its noise, to which effects are fitted."""
+
+    observed: Observation
+    noise: Noise
+
+    @cached_property
+    def null(self) -> JointFit:
+        """Return the fit without any effect."""
+        linear = linear_model(self.observed, self.noise)
+        empty = np.zeros((len(linear.residual), 0))
+        return JointFit(self, (), np.zeros((0, 0)), linear, empty, linear.residual, 0.0)
+
+    def no_model_error(self, terms: Sequence[Fitted]) -> np.ndarray:
+        """Return the model error of predictions that hold, (m, 11, s + 1) of zeros."""
+        return np.zeros((len(self.observed), 11, sum(len(term.sizes) for term in terms) + 1))
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit:
+    """Effects fitted together to an experiment.
+
+    Attributes:
+        data: what they were fitted to.
+        terms: the effects with their sizes (maximum a posteriori).
+        covariance: of all sizes, (s, s).
+        linear: the experiment with the terms removed.
+        columns: of the terms, whitened and projected, (r + 1, s).
+        residual: of the experiment with the terms removed, whitened and projected, (r + 1,).
+        log_bayes_factor: ln of the Bayes factor against no effect, about one linear model.
+    """
+
+    data: Data
+    terms: tuple[Fitted, ...]
+    covariance: np.ndarray
+    linear: LinearModel
+    columns: np.ndarray
+    residual: np.ndarray
+    log_bayes_factor: float
+
+    @property
+    def chi_square(self) -> float:
+        """Return the sum of squares of the residual."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def labels(self) -> list[str]:
+        """Return the labels of the terms."""
+        return [term.label for term in self.terms]
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """Return the sizes of all terms, (s,)."""
+        return _joined([term.sizes for term in self.terms])
+
+    @property
+    def prior(self) -> np.ndarray:
+        """Return the prior standard deviation of all sizes, (s,)."""
+        return _joined([term.candidate.prior for term in self.terms])
+
+    @property
+    def positive(self) -> np.ndarray:
+        """Return which sizes cannot be negative, (s,) bool."""
+        return _joined([term.candidate.positive for term in self.terms]).astype(bool)
+
+    def without(self, k: int) -> JointFit:
+        """Fit the other terms again without term k."""
+        return joint_fit(self.data, self.terms[:k] + self.terms[k + 1 :])
+
+    @cached_property
+    def partialled_out(self) -> LinearModel:
+        """Return the linear model in which the terms are nuisances: their sizes may still change."""
+        linear = self.linear
+        if not self.columns.shape[1]:
+            return linear
+        basis = np.linalg.qr(self.columns)[0]
+        whole = np.concatenate([linear.basis, basis], axis=1)
+        residual = self.residual - basis @ (basis.T @ self.residual)
+        return replace(linear, basis=np.linalg.qr(whole)[0], residual=residual)
+
+    @cached_property
+    def log_evidence(self) -> float:
+        """Return ln of the evidence for all terms, up to a constant that all fits of one experiment share.
+
+        It follows from the residual that is left, because each fit estimates the noise covariance anew.
+        """
+        out = -0.5 * (self.chi_square + self.linear.whitening.log_volume)
+        out -= sum(log_choices(term.candidate, self.linear.observed) for term in self.terms)
+        if not self.columns.shape[1]:
+            return out
+        prior, positive, sizes = self.prior, self.positive, self.sizes
+        information, turn = np.linalg.eigh(prior[:, None] * (self.columns.T @ self.columns) * prior)
+        information = np.maximum(information, 0.0)
+        # Where the data say more than the prior, `_unshrunk` has lengthened the sizes and less is left.
+        shrunk = np.where(information > INFORMED, information / (1 + information), 1.0)
+        out -= 0.5 * float((shrunk * (turn.T @ (sizes / prior)) ** 2 + np.log1p(information)).sum())
+        spread = np.sqrt(np.diag(self.covariance))
+        return out + float((norm.logcdf(sizes / spread) + np.log(2))[positive].sum())
+
+
+def joint_fit(data: Data, terms: Sequence[Fitted], model_error: np.ndarray | None = None) -> JointFit:
+    """Fit terms and estimate all that depends on them anew: noise covariance, base parameters, smoothing.
+
+    Args:
+        terms: at the sizes where the search starts.
+        model_error: see `gauss_newton`.
+
+    Returns:
+        the fit; its residual, columns and linear model are those of the experiment with the terms removed.
+    """
+    terms, observed = tuple(terms), data.observed
+    if not terms:
+        return data.null
+    smoothed, clean = observed, None
+    for _ in range(2):
+        linear = linear_model(
+            remove_terms(observed, observed, terms),
+            data.noise,
+            smoothed=clean,
+            rounds=2 if clean is None else 1,
+            propagation=propagation(smoothed, terms),
+            explained=_explained(model_error, terms),
+        )
+        errors = packed(linear.observed) - packed(linear.smoothed)
+        smoothed = unpacked(observed, packed(observed) - errors)
+        about = replace(linear, observed=observed, smoothed=smoothed)
+        about = replace(about, residual=about.residual_of(observed))
+        found = _unshrunk(gauss_newton(about, terms, model_error))
+        terms = found.terms
+        clean = remove_terms(smoothed, smoothed, terms)
+    final = linear_model(
+        remove_terms(observed, observed, terms),
+        data.noise,
+        smoothed=clean,
+        rounds=1,
+        propagation=propagation(smoothed, terms),
+        explained=_explained(model_error, terms),
+    )
+    return replace(found, data=data, linear=final, residual=final.residual)
+
+
+def gauss_newton(
+    linear: LinearModel, terms: Sequence[Fitted], model_error: np.ndarray | None = None
+) -> JointFit:
+    """Fit the sizes about one linear model, whose noise and nuisance parameters stay as they are.
+
+    Args:
+        terms: at the sizes where the search starts.
+        model_error: residuals that are left in the laboratory when the terms are removed as predicted, by
+            each size and, last, a constant, (m, 11, s + 1); None: the predictions hold.
+    """
+    terms = tuple(terms)
+    prior = _joined([term.candidate.prior for term in terms])
+    positive = _joined([term.candidate.positive for term in terms]).astype(bool)
+    errors = (
+        np.zeros((len(linear.residual), len(prior) + 1))
+        if model_error is None
+        else linear.project(linear.whitening(model_error))
+    )
+    before = linear.residual
+    residual, gram, matrix = before, np.eye(len(prior)), np.zeros((len(before), len(prior)))
+    for _ in range(STEPS if len(prior) else 0):
+        matrix = linear.project(_joint_columns(linear, terms)) + errors[:, :-1]
+        residual = _residual_without(linear, terms, errors)
+        sizes = _joined([term.sizes for term in terms])
+        gram = matrix.T @ matrix + np.diag(prior**-2.0)
+        step = np.linalg.solve(gram, matrix.T @ residual - sizes / prior**2)
+        moved = np.where(positive, np.maximum(sizes + step, 0.0), sizes + step)
+        done = (np.abs(moved - sizes) < CONVERGED * np.sqrt(np.diag(np.linalg.inv(gram)))).all()
+        terms = _with_sizes(terms, moved)
+        if done:
+            break
+    sizes = _joined([term.sizes for term in terms])
+    residual = _residual_without(linear, terms, errors)
+    covariance = np.linalg.inv(gram)
+    gained = before @ before - residual @ residual - ((sizes / prior) ** 2).sum()
+    volume = np.linalg.slogdet(prior[:, None] * gram * prior)[1]
+    log = 0.5 * gained - 0.5 * volume
+    if positive.any():
+        spread = np.sqrt(np.diag(covariance))
+        log += float((norm.logcdf(sizes / spread) + np.log(2))[positive].sum())
+    data = Data(linear.observed, linear.noise)
+    return JointFit(data, terms, covariance, linear, matrix, residual, float(log))
+
+
+def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
+    return np.concatenate([*parts, np.zeros(0)])
+
+
+def _with_sizes(terms: tuple[Fitted, ...], sizes: np.ndarray) -> tuple[Fitted, ...]:
+    parts = np.split(sizes, np.cumsum([len(term.sizes) for term in terms])[:-1])
+    return tuple(Fitted(term.candidate, term.point, part) for term, part in zip(terms, parts, strict=True))
+
+
+def _residual_without(linear: LinearModel, terms: tuple[Fitted, ...], errors: np.ndarray) -> np.ndarray:
+    """Compute the whitened, projected residual with the terms removed, (r + 1,)."""
+    left = linear.residual_of(remove_terms(linear.observed, linear.smoothed, terms))
+    # The model error of terms that were removed before is in the residual, not in the readings.
+    return left - errors @ with_constant(terms) + (linear.residual - linear.residual_of(linear.observed))
+
+
+def with_constant(terms: Sequence[Fitted]) -> np.ndarray:
+    """Return the sizes of all terms and a one, (s + 1,)."""
+    return np.concatenate([*(term.sizes for term in terms), [1.0]])
+
+
+def _explained(model_error: np.ndarray | None, terms: Sequence[Fitted]) -> np.ndarray | None:
+    """Return the residuals that the model error explains at the terms' sizes, (m, 11)."""
+    return None if model_error is None else model_error @ with_constant(terms)
+
+
+def _joint_columns(linear: LinearModel, terms: tuple[Fitted, ...]) -> np.ndarray:
+    """Compute the columns of each term at its sizes, with the other terms removed, (r, s)."""
+    out = []
+    for k, term in enumerate(terms):
+        others = terms[:k] + terms[k + 1 :]
+        clean = linear.smoothed
+        for other in _last_first(others):
+            clean = other.removed(clean)
+        about = replace(linear, smoothed=clean) if others else linear
+        out.append(effect_columns(about, term.candidate, term.point, term.sizes))
+    return np.concatenate(out, axis=1)
+
+
+def _unshrunk(found: JointFit) -> JointFit:
+    """Undo the prior's shrinkage of sizes on which the data say more than the prior.
+
+    The prior serves to weigh explanations against one another. Intervals of shrunk sizes would hold the truth
+    less often than they claim.
+    """
+    prior = found.prior
+    if not len(prior):
+        return found
+    values, turn = np.linalg.eigh(prior[:, None] * (found.columns.T @ found.columns) * prior)
+    informed = values > INFORMED
+    sizes = turn.T @ (found.sizes / prior)
+    known = np.maximum(values, INFORMED)
+    sizes = prior * (turn @ np.where(informed, sizes * (known + 1) / known, sizes))
+    spread = (turn * np.where(informed, 1 / known, 1 / (np.maximum(values, 0.0) + 1))) @ turn.T
+    sizes = np.where(found.positive, np.maximum(sizes, 0.0), sizes)
+    return replace(found, terms=_with_sizes(found.terms, sizes), covariance=prior[:, None] * spread * prior)
+
+
+def remove_terms(observed: Observation, smoothed: Observation, terms: Sequence[Fitted]) -> Observation:
+    """Return the observation with the terms removed.
+
+    How much a term changes is computed from smoothed readings, because otherwise the noise would follow the
+    residual with which it is compared. A term without a size (exchanged channels) is undone as it is.
+    """
+    for term in terms:
+        if not term.candidate.effect.sizes:
+            observed, smoothed = term.removed(observed), term.removed(smoothed)
+    clean = smoothed
+    for term in _last_first(terms):
+        if term.candidate.effect.sizes:
+            clean = term.removed(clean)
+    change = packed(clean) - packed(smoothed)
+    return replace(unpacked(observed, packed(observed) + change), tree=clean.tree, cells=clean.cells)
+
+
+def _last_first(terms: Sequence[Fitted]) -> list[Fitted]:
+    """Return the terms in the order in which they are undone: the last to act first."""
+    return sorted(terms, key=lambda term: -term.candidate.effect.stage)
+
+
+def propagation(smoothed: Observation, terms: Sequence[Fitted]) -> np.ndarray | None:
+    """Differentiate all fields of the experiment without the terms with respect to the readings.
+
+    Noise propagates through a removal that depends on readings: a sole yields under the load that noisy cells
+    show. Without this derivative the sizes of such effects would be attenuated.
+
+    Returns:
+        (m, k, n_joints + 14); None where no removal depends on readings.
+    """
+    start, n = packed(smoothed), smoothed.joint_angles.shape[1]
+    plain = packed(remove_terms(smoothed, smoothed, terms)) - start
+    steps = np.concatenate([np.full(n, ANGLE_STEP), np.full(8, FORCE_STEP), np.full(6, ANGLE_STEP)])
+    out = np.zeros((*start.shape, n + 14))
+    for k, step in enumerate(steps):
+        moved = start.copy()
+        moved[:, k] += step
+        other = unpacked(smoothed, moved)
+        out[..., k] = (packed(remove_terms(other, other, terms)) - moved - plain) / step
+    if np.abs(out).max(initial=0.0) < NEGLIGIBLE:
+        return None
+    out[:, np.arange(n + 14), np.arange(n + 14)] += 1.0
+    # A faulty cell scales its noise as its reading; with the fault undone, the noise is as stated.
+    cells = slice(n, n + 8)
+    out[:, cells, cells] = np.eye(8)
+    return out
