@@ -31,6 +31,7 @@ from tulip_testbed.experiments.validate import validate as _validate
 from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.planning.interior_point import SOLVERS
 from tulip_testbed.identification.planning.search import HOPS
+from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.measurements import read_measurements as _read_measurements
 from tulip_testbed.sim.measurements import write_measurements as _write_measurements
@@ -38,8 +39,20 @@ from tulip_testbed.sim.robot import TULIP, Robot
 from tulip_testbed.sim.threads import one_blas_thread
 
 __all__ = [
-    *("InputError", "Laboratory", "atlas", "check", "discover", "identify", "load_robot", "monte_carlo"),
-    *("plan", "read_measurements", "report", "validate", "view", "write_measurements"),
+    "InputError",
+    "Laboratory",
+    "atlas",
+    "check",
+    "discover",
+    "identify",
+    "load_robot",
+    "monte_carlo",
+    "plan",
+    "read_measurements",
+    "report",
+    "validate",
+    "view",
+    "write_measurements",
 ]
 
 Shown = Run | Validation | Discovered | MonteCarlo | Measurements | PosturePlan | str | Path

@@ -58,10 +58,10 @@ def model_command(
         print_json(document)
         return 0
     screen = console()
+    steps = (counts["columns"], counts["joined"], counts["base"])
+    grouping = f"{steps[0]} columns -> {steps[1]} -> {steps[2]} base parameters in {support} support"
     screen.print(
-        f"{described.model_file.name}: {counts['standard']} standard parameters -> "
-        f"{counts['columns']} columns -> {counts['joined']} -> {counts['base']} base parameters in {support} support",
-        soft_wrap=True,
+        f"{described.model_file.name}: {counts['standard']} standard parameters -> {grouping}", soft_wrap=True
     )
     screen.print("Standard parameters m, m c_x, m c_y, m c_z (kg, kg m):")
     for row in document["standard"]:
