@@ -335,7 +335,7 @@ def read_state(path: Path, key: list[Any]) -> State | None:
     try:
         document = json.loads(read_text(path))
         if document["key"] != key:
-            raise InputError(f"{path}: left by another run; remove it or give another --out")
+            raise InputError(f"{path}: left by another run; remove it or give another name")
         values: dict[str, Any] = {k: np.array(v) if k in ARRAYS else v for k, v in document["state"].items()}
         return State(**values)
     except (json.JSONDecodeError, KeyError, TypeError) as error:

@@ -31,8 +31,8 @@ def plan_for(robot: Robot, plan: Path | None) -> PosturePlan:
     """
     if plan is None and robot.model_hash != load_robot().model_hash:
         raise InputError(
-            f"{robot.path}: found no plan for this robot: the shipped one is TULip's. Make one with "
-            f"`tulip postures --random --robot {robot.path} --out PLAN` and give its name"
+            f"{robot.path}: found no plan for this robot: the shipped one is TULip's. Draw one with "
+            "`tulip postures` or `tulip_testbed.plan` and give its name"
         )
     return read_plan(plan or DEFAULT_PLAN, robot)
 

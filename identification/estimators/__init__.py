@@ -50,7 +50,7 @@ def estimate_by(data: Regression, name: str = DEFAULT) -> Estimate:
     Raises:
         InputError: an unknown name (lists the valid ones), or postures that do not suffice.
     """
-    return ESTIMATORS[look_up("estimator", name, ESTIMATORS, "--estimator")].run(data)
+    return ESTIMATORS[look_up("estimator", name, ESTIMATORS, "estimator")].run(data)
 
 
 __all__ = [

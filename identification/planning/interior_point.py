@@ -39,7 +39,7 @@ def casadi_module() -> Any:
     try:
         import casadi
     except ImportError:
-        raise InputError("--solver ipopt: casadi is missing; install the extra 'opt'") from None
+        raise InputError("solver ipopt: casadi is missing; install the extra 'opt'") from None
     return casadi
 
 

@@ -41,7 +41,7 @@ def objective_named(problem: Problem, name: str, sigma: float) -> Objective:
     Raises:
         InputError: unknown; lists the valid ones.
     """
-    look_up("objective", name, OBJECTIVES, "--objective")
+    look_up("objective", name, OBJECTIVES, "objective")
     return objectives(problem.nominal, sigma)[name]
 
 
