@@ -2,27 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from tulip_testbed.sim.errors import InputError, validation_message
-from tulip_testbed.sim.measurements.table_files import read_json, write_json
-
-
-def finite(value: Any) -> Any:
-    """Return a value with null for infinity and NaN, which JSON does not know."""
-    if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value
-
+from tulip_testbed.sim.measurements.table_files import finite, read_json, write_json
 
 Figure = Annotated[float | None, BeforeValidator(finite)]  # a number that an experiment may leave undefined
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]

@@ -17,7 +17,7 @@ from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.measurements.folder_kind import KINDS
 from tulip_testbed.sim.robot import Robot, sha256
 
-RUN_FILE = "run.json"
+RUN_FILE, PLAN_FOLDER, MEASUREMENT_FOLDER = "run.json", "plan", "measurements"
 FORMATS = ("tulip-run", "tulip-montecarlo")
 VERSION = 1
 RunKind = Literal["validation", "discovery", "Monte Carlo"]
@@ -113,6 +113,27 @@ def check_robot(folder: Path, inputs: dict[str, str], robot: Robot) -> None:
             f"{folder / RUN_FILE}: key 'inputs': found no {name} with the hash of {robot.model_file}; "
             "--robot names the robot that the run was made with"
         )
+
+
+def check_parameters(
+    where: Path, key: str, found: Sequence[tuple[int, str]], expected: Sequence[tuple[int, str]]
+) -> None:
+    """Refuse rows of other parameters than the robot's.
+
+    Args:
+        found, expected: number and name of each row.
+
+    Raises:
+        InputError: names the first row that differs.
+    """
+    if len(found) != len(expected):
+        raise InputError(f"{where}: key '{key}': found {len(found)} rows, expected {len(expected)}")
+    for row, (a, b) in enumerate(zip(found, expected, strict=True)):
+        if a != b:
+            raise InputError(
+                f"{where}: key '{key}.{row}': found parameter {a[0]}, {shortened(a[1])}, "
+                f"expected {b[0]}, {b[1]}"
+            )
 
 
 def kind_of(folder: Path) -> RunKind | Literal["plan", "measurement"]:

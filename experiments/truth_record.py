@@ -27,14 +27,22 @@ Standard = Annotated[list[float], Field(min_length=4, max_length=4)]
 
 
 class TruthAttempt(Document):
-    """One try at a posture: why it was dropped, or what was held, as `Held` has it."""
+    """One try at a posture: why it was dropped, or the true state, as `Held` has it."""
 
     posture: int
     placement: int
     repeat: bool
     true_plates: list[list[float]]
     dropped: str | None = None
+    joint_angles: list[float] | None = None
+    motor_angles: list[float] | None = None
+    commanded: list[float] | None = None
+    torques: list[float] | None = None
+    cell_forces: list[float] | None = None
     com: Pair | None = None
+    drift: float | None = None
+    settled_after: float | None = None
+    books: dict[str, float] | None = None
 
     @model_validator(mode="after")
     def _is_held_or_dropped(self) -> Self:
@@ -97,10 +105,10 @@ def _attempt(attempt: Attempt) -> TruthAttempt:
         "true_plates": attempt.true_plates.tolist(),
     }
     if attempt.held is None:
-        return TruthAttempt(**content, dropped=attempt.reason)
+        return TruthAttempt.model_validate(content | {"dropped": attempt.reason})
     held = dataclasses.asdict(attempt.held)
     arrays = {key: value.tolist() for key, value in held.items() if isinstance(value, np.ndarray)}
-    return TruthAttempt(**content | held | arrays)
+    return TruthAttempt.model_validate(content | held | arrays)
 
 
 def write_experiment(out: Path, truth: Path | None, run: Run) -> None:
