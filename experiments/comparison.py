@@ -8,39 +8,38 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from tulip_testbed.effects.instance import effect_label
-from tulip_testbed.experiments.saved_discovery import SavedDiscovery
-from tulip_testbed.experiments.saved_run import SavedMonteCarlo, SavedRun
+from tulip_testbed.experiments.discovery_record import DiscoveryRecord
+from tulip_testbed.experiments.document import flattened
+from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
+from tulip_testbed.experiments.records import Record
 from tulip_testbed.experiments.terminal import print_table
-from tulip_testbed.pages.page_tables import flattened
 from tulip_testbed.sim.errors import InputError
 
-Run = SavedRun | SavedMonteCarlo | SavedDiscovery
-KINDS = {SavedRun: "a validation", SavedMonteCarlo: "a Monte Carlo", SavedDiscovery: "a discovery"}
 NOT_SETTINGS = ("outputs",)  # hashes of results: they differ whenever the results do
-VALIDATION = ("estimate", "standard_error", "truth")
-MONTECARLO = ("bias", "standard_error", "standard_error_ratio", "coverage95")
-DISCOVERY = ("before_mm", "after_mm", "standard_error_mm")
-QUANTITIES = {SavedRun: VALIDATION, SavedMonteCarlo: MONTECARLO, SavedDiscovery: DISCOVERY}
+QUANTITIES = {
+    "validation": ("estimate", "standard_error", "truth"),
+    "Monte Carlo": ("bias", "standard_error", "standard_error_ratio", "coverage95"),
+    "discovery": ("before_mm", "after_mm", "standard_error_mm"),
+}
 
 
-def compare(first: Run, second: Run) -> dict[str, Any]:
-    """Both runs as one JSON document; lists hold the first run's value, then the second's.
+def compare(first: Record, second: Record) -> dict[str, Any]:
+    """Compare two runs as one JSON document; lists hold the first run's value, then the second's.
 
     Raises:
         InputError: runs that cannot be compared; says why.
     """
     _check_alike(first, second)
-    quantities = QUANTITIES[type(first)]
     both = [_models(first), _models(second)]
     return {
-        "runs": [str(first.folder), str(second.folder)],
-        "verdict": [first.report["verdict"], second.report["verdict"]],
-        "settings": differences(first.document, second.document),
+        "runs": [_name(first), _name(second)],
+        "verdict": [first.report.verdict, second.report.verdict],
+        "settings": differences(first.document.plain(), second.document.plain()),
         "checks": _checks(_judged(first), _judged(second)),
         "models": {
             model: [
-                {"number": a["number"], "name": a["name"]} | {name: [a[name], b[name]] for name in quantities}
+                {"number": a["number"], "name": a["name"]}
+                | {name: [a.get(name), b.get(name)] for name in QUANTITIES[first.kind]}
                 for a, b in zip(both[0][model], both[1][model], strict=True)
             ]
             for model in both[0]
@@ -49,7 +48,7 @@ def compare(first: Run, second: Run) -> dict[str, Any]:
 
 
 def differences(first: dict[str, Any], second: dict[str, Any]) -> dict[str, list[Any]]:
-    """Settings that are not the same in both, by name."""
+    """Return the settings that are not the same in both documents, by name."""
     flat = [flattened({k: v for k, v in d.items() if k not in NOT_SETTINGS}) for d in (first, second)]
     names = dict.fromkeys([*flat[0], *flat[1]])
     return {
@@ -79,13 +78,15 @@ def print_comparison(screen: Console, document: dict[str, Any]) -> None:
         print_table(screen, _model_table(model, rows))
 
 
-def _check_alike(first: Run, second: Run) -> None:
+def _name(run: Record) -> str:
+    return "in memory" if run.folder is None else str(run.folder)
+
+
+def _check_alike(first: Record, second: Record) -> None:
     """Refuse what has no common measure."""
-    where = f"{first.folder}, {second.folder}: cannot be compared"
-    if type(first) is not type(second):
-        raise InputError(
-            f"{where}: found {KINDS[type(first)]} and {KINDS[type(second)]}, expected two of a kind"
-        )
+    where = f"{_name(first)}, {_name(second)}: cannot be compared"
+    if first.kind != second.kind:
+        raise InputError(f"{where}: found a {first.kind} and a {second.kind}, expected two of a kind")
     models = [_models(first), _models(second)]
     for model in dict.fromkeys([*models[0], *models[1]]):
         names = [[row["name"] for row in of.get(model, [])] for of in models]
@@ -96,32 +97,30 @@ def _check_alike(first: Run, second: Run) -> None:
             )
 
 
-def _models(run: Run) -> dict[str, list[dict[str, Any]]]:
-    report = run.report
-    if isinstance(run, SavedRun):
-        return {model: report[model]["parameters"] for model in ("full", "simplified")}
-    if isinstance(run, SavedDiscovery):
+def _models(run: Record) -> dict[str, list[dict[str, Any]]]:
+    report = run.report.plain()
+    if isinstance(run, DiscoveryRecord):
         return {"full": report["parameters"]}
-    return {"full": report["parameters"], "simplified": report["simplified"]["parameters"]}
+    full = report if isinstance(run, MonteCarloRecord) else report["full"]
+    return {"full": full["parameters"], "simplified": report["simplified"]["parameters"]}
 
 
-def _judged(run: Run) -> list[dict[str, Any]]:
-    """A run's checks; of a discovery the gap by channel, its explanations and their sizes."""
-    if not isinstance(run, SavedDiscovery):
-        return run.report["checks"]
+def _judged(run: Record) -> list[dict[str, Any]]:
+    """Return a run's checks; of a discovery the gap by channel, its explanations and their sizes."""
+    if not isinstance(run, DiscoveryRecord):
+        return run.report.plain()["checks"]
     gap = [
-        {"name": f"gap {channel}, {side}", "result": None, "value": entry[side]}
-        for channel, entry in run.report["gap"].items()
-        if entry is not None
+        {"name": f"gap {channel}, {side}", "result": None, "value": getattr(ratio, side)}
+        for channel, ratio in run.report.gap.items()
+        if ratio is not None
         for side in ("before", "after")
     ]
     explained = []
-    for candidate in run.report["candidates"]:
-        label = effect_label(candidate["name"], candidate["target"])
-        explained.append({"name": f"ln BF {label}", "result": None, "value": candidate["log_bayes_factor"]})
-        for p in candidate["parameters"]:
-            unit = f" [{p['unit']}]" if p["unit"] else ""
-            explained.append({"name": f"{label} {p['name']}{unit}", "result": None, "value": p["value"]})
+    for found in run.report.candidates:
+        explained.append({"name": f"ln BF {found.label}", "result": None, "value": found.log_bayes_factor})
+        for p in found.parameters:
+            unit = f" [{p.unit}]" if p.unit else ""
+            explained.append({"name": f"{found.label} {p.name}{unit}", "result": None, "value": p.value})
     return gap + explained
 
 

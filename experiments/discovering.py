@@ -6,12 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-from tulip_testbed.discovery.discover import Discovery, discover
+from tulip_testbed.discovery.discover import AMBIGUOUS, Discovery, discover
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck, check_in_dynamics
-from tulip_testbed.discovery.proposals import Proposal
+from tulip_testbed.discovery.proposals import Proposal, proposals
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.experiments.discovery_document import next_experiments
 from tulip_testbed.experiments.identify import Identification, identify
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight.units import units
@@ -95,3 +94,14 @@ def discover_effects(
         steps = progress("the adopted model in full dynamics", 80)
         checked = check_in_dynamics(discovery, discovery.adopted, workers, steps)
     return Discovered(robot, discovery, before, after, checked)
+
+
+def next_experiments(found: Discovery) -> list[Proposal]:
+    """Propose experiments that would separate the equivalent explanations of an ambiguous discovery."""
+    if found.verdict != AMBIGUOUS:
+        return []
+    out: list[Proposal] = []
+    for explanations in found.equivalents:
+        if len(explanations) > 1:
+            out += proposals(found.selection.null.linear, explanations)
+    return sorted({p.words: p for p in out}.values(), key=lambda p: -p.separation)

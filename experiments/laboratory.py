@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -18,12 +16,11 @@ from tulip_testbed.identification.base_parameters import (
     BaseParameters,
     base_parameters,
     common_support,
-    standard_parameters,
 )
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.errors import InputError, at_least, look_up
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
-from tulip_testbed.sim.outcome import Attempt, Outcome, Truth
+from tulip_testbed.sim.outcome import Outcome, Truth
 from tulip_testbed.sim.procedure import check_support
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
@@ -185,56 +182,3 @@ def tries(laboratory: Laboratory, plan: PosturePlan) -> int:
     """Count the postures that will be held, repeats included."""
     repeats = laboratory.rig.protocol.repeats if plan.postures == len(plan) else 0
     return len(plan) + min(repeats, len(plan))
-
-
-def configuration(laboratory: Laboratory, plan: PosturePlan, seed: int, engine: str) -> dict[str, Any]:
-    """List everything that was set, for run folders and truth files."""
-    rig = laboratory.rig
-    return {
-        "preset": laboratory.sensors,
-        "seed": seed,
-        "robot": str(rig.robot.path.name),
-        "controller": dataclasses.asdict(rig.controller),
-        "drives": dataclasses.asdict(rig.drives),
-        "compliance": dataclasses.asdict(rig.compliance),
-        "sensors": dataclasses.asdict(rig.sensors),
-        "protocol": dataclasses.asdict(rig.protocol),
-        "edited": rig.edit is not None,
-        "adopted": [found.document() for found in laboratory.known],
-        "statics": engine == "statics",
-        "plan": {"robot": plan.robot, "made": plan.made, "postures": len(plan)},
-    }
-
-
-def truth_document(run: Run) -> dict[str, Any]:
-    """Write what only the simulation knows as one JSON object."""
-    laboratory, truth = run.laboratory, run.truth
-    model = true_model(laboratory.rig)
-    parameters = base_parameters(laboratory.robot, model, common_support(run.plan.support))
-    standard = standard_parameters(model)
-    return {
-        "format": "tulip-truth",
-        "version": 1,
-        "configuration": configuration(laboratory, run.plan, run.seed, run.engine),
-        "effects": [found.document() for found in laboratory.hidden],
-        "total_mass": truth.mass,
-        "links": list(parameters.tree.links),
-        "standard_parameters": standard.tolist(),
-        "base_parameters": dict(zip(parameters.names, parameters.values(standard).tolist(), strict=True)),
-        "attempts": [_attempt(a) for a in truth.attempts],
-    }
-
-
-def _attempt(attempt: Attempt) -> dict[str, Any]:
-    document: dict[str, Any] = {
-        "posture": attempt.posture,
-        "placement": attempt.placement,
-        "repeat": attempt.repeat,
-        "true_plates": attempt.true_plates.tolist(),
-    }
-    if attempt.held is None:
-        return document | {"dropped": attempt.reason}
-    return document | {
-        key: value.tolist() if isinstance(value, np.ndarray) else value
-        for key, value in dataclasses.asdict(attempt.held).items()
-    }

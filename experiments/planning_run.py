@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.experiments.run_folder import check_new
 from tulip_testbed.experiments.usable_plan import enough
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
@@ -31,7 +30,7 @@ from tulip_testbed.identification.planning.sequential import (
 from tulip_testbed.identification.planning.single_support import single_support_plan
 from tulip_testbed.identification.planning.trial import first_state, objective_named, plan_of, run_trial
 from tulip_testbed.sim.errors import InputError, at_least, listed, look_up
-from tulip_testbed.sim.files import present, read_text, write_text
+from tulip_testbed.sim.files import check_new, present, read_text, write_text
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_measurements, write_plan
 from tulip_testbed.sim.measurements.plan_folder import check_model
 from tulip_testbed.sim.measurements.table_files import read_json

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import fields
@@ -11,15 +12,16 @@ from typing import Literal
 
 import mujoco
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import ConfigDict, Field
 
 from tulip_testbed.effects.instance import EffectDocument, EffectInstance, injected
+from tulip_testbed.experiments.document import Document
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.sim.errors import InputError, listed, shortened, validation_message
+from tulip_testbed.sim.errors import InputError, listed, shortened
 from tulip_testbed.sim.files import new_folder, present, write_text
 from tulip_testbed.sim.measurements.measurement_folder import Version
 from tulip_testbed.sim.measurements.plan_folder import check_model
-from tulip_testbed.sim.measurements.table_files import read_json, software, write_json
+from tulip_testbed.sim.measurements.table_files import json_text, software
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, compile_spec, sha256
 from tulip_testbed.sim.scene import boards_under, laboratory_scene
@@ -30,68 +32,74 @@ NOMINAL, CHANGED, DIFF = "nominal.xml", "scene.xml", "diff.txt"
 LATER = re.compile(r"scene-\d{1,3}\.xml")
 
 
-class _Entry(BaseModel):
+class RigRobot(Document):
+    """The robot of a rig: file name and hash of its model, hashes of the other files."""
+
     model_config = ConfigDict(extra="forbid")
 
-
-class RobotEntry(_Entry):
     model: str
     sha256: str
     files: dict[str, str]
 
 
-class RigManifest(_Entry):
+class RigManifest(Document):
     """rig.json."""
+
+    model_config = ConfigDict(extra="forbid")
 
     format: Literal["tulip-rig"]
     version: Version
-    robot: RobotEntry
+    robot: RigRobot
     preset: str | None
     effects: list[EffectDocument] = Field(min_length=1)
     software: dict[str, str] | None
     files: dict[str, str]
 
 
+def rig_files(robot: Robot, instances: Sequence[EffectInstance], preset: str | None = None) -> dict[str, str]:
+    """Make the files of a rig folder, as text by name.
+
+    rig.json beside the MJCF of the nominal scene and of the changed one (on plates as they lie under
+    straight legs), and the differences in words.
+
+    Args:
+        instances: at least one effect. preset: of the sensors, if it is known.
+    """
+    nominal = preset_rig(preset or "ideal", robot)
+    changed = injected(nominal, instances)
+    files = {NOMINAL: scene_xml(nominal), CHANGED: scene_xml(changed)}
+    files |= {name: scene_xml(rig) for name, (_, rig) in _later(changed).items()}
+    files[DIFF] = difference(nominal, changed, instances, files)
+    manifest = RigManifest(
+        format="tulip-rig",
+        version=1,
+        robot=RigRobot(
+            model=robot.model_file.name,
+            sha256=robot.model_hash,
+            files={path.name: sha256(path) for path in robot.files[1:]},
+        ),
+        preset=preset,
+        effects=[EffectDocument.model_validate(found.document()) for found in instances],
+        software=software(),
+        files={name: hashlib.sha256(files[name].encode()).hexdigest() for name in sorted(files)},
+    )
+    return files | {RIG_FILE: json_text(manifest.plain())}
+
+
 def write_rig(
     folder: Path, robot: Robot, instances: Sequence[EffectInstance], preset: str | None = None
 ) -> None:
-    """Write a rig folder; it appears whole or not at all.
-
-    rig.json beside the MJCF of the nominal scene and of the changed one (on plates as they lie under
-    straight legs), and what differs, for a person.
-
-    Args:
-        preset: of the sensors, if it is known.
+    """Write a rig folder, see `rig_files`; it appears whole or not at all.
 
     Raises:
         InputError: no effects, or a folder that exists or cannot be written.
     """
     if not instances:
         raise InputError(f"{folder}: found no effects, expected at least one")
-    nominal = preset_rig(preset or "ideal", robot)
-    changed = injected(nominal, instances)
-    scenes = {NOMINAL: scene_xml(nominal), CHANGED: scene_xml(changed)}
-    scenes |= {name: scene_xml(rig) for name, (_, rig) in _later(changed).items()}
+    files = rig_files(robot, instances, preset)
     with new_folder(folder) as working:
-        for name, text in scenes.items():
+        for name, text in files.items():
             write_text(working / name, text)
-        write_text(working / DIFF, difference(nominal, changed, instances, scenes))
-        write_json(
-            working / RIG_FILE,
-            {
-                "format": "tulip-rig",
-                "version": 1,
-                "robot": {
-                    "model": robot.model_file.name,
-                    "sha256": robot.model_hash,
-                    "files": {path.name: sha256(path) for path in robot.files[1:]},
-                },
-                "preset": preset,
-                "effects": [found.document() for found in instances],
-                "software": software(),
-                "files": {path.name: sha256(path) for path in sorted(working.iterdir())},
-            },
-        )
 
 
 def read_rig(folder: Path, robot: Robot) -> tuple[EffectInstance, ...]:
@@ -111,10 +119,7 @@ def read_rig(folder: Path, robot: Robot) -> tuple[EffectInstance, ...]:
         inside = present(folder / RIG / RIG_FILE)
         hint = f" (there is one in it: {folder / RIG})" if inside else ""
         raise InputError(f"{folder}: found no {RIG_FILE}, expected a rig folder{hint}")
-    try:
-        manifest = RigManifest.model_validate(read_json(where))
-    except ValidationError as error:
-        raise InputError(f"{where}: {validation_message(error)}") from None
+    manifest = RigManifest.read(where)
     check_model(where, manifest.robot.model, manifest.robot.sha256, robot)
     for path in robot.files[1:]:
         _check_hash(path, manifest.robot.files.get(path.name), f"{where}: key 'robot.files'")

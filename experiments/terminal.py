@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 from rich.measure import Measurement
 from rich.progress import (
@@ -25,6 +23,8 @@ from rich.progress import (
 )
 from rich.table import Table
 from rich.text import Text
+
+from tulip_testbed.sim.measurements.table_files import finite
 
 ERR = Console(stderr=True)
 PIPE_WIDTH, MOST_WIDTH = 150, 1000
@@ -76,14 +76,3 @@ def print_table(screen: Console, table: Table) -> None:
 def print_json(document: dict[str, Any]) -> None:
     json.dump(finite(document), sys.stdout, indent=1)
     sys.stdout.write("\n")
-
-
-def finite(value: Any) -> Any:
-    """JSON knows neither infinity nor NaN: null stands for them."""
-    if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value

@@ -6,7 +6,6 @@ import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from tulip_testbed.experiments.checks import (
     skipped,
     verdict,
 )
-from tulip_testbed.experiments.identify import Identification, identify, model_document
+from tulip_testbed.experiments.identify import Identification, identify
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory, Run
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.identification.base_parameters import BaseParameters, renumbered
@@ -159,28 +158,3 @@ def worst_balance(run: Run) -> dict[str, float] | None:
         for name in ("weight", "moments", "torques", "centre", "kinetic")
     }
     return worst | {"least_dissipated": min(b["dissipated"] for b in books)}
-
-
-def report_document(result: Validation) -> dict[str, Any]:
-    """Write a validation as its JSON report."""
-    found, run = result.identification, result.run
-    dropped = run.truth.dropped
-    return {
-        "verdict": result.verdict,
-        "estimator": found.estimator,
-        "checks": [dataclasses.asdict(check) for check in result.checks],
-        "postures_planned": run.plan.postures,
-        "postures_used": run.plan.postures - len(dropped),
-        "rows_measured": len(run.measurements),
-        "dropped": [{"posture": posture, "reason": reason} for posture, reason in dropped],
-        "condition_number": found.full.condition_number,
-        "total_mass": {
-            "truth": run.truth.mass,
-            "estimate": found.mass[0],
-            "standard_error": found.mass[1],
-        },
-        "full": model_document(found.full, result.truth),
-        "simplified": model_document(found.simplified, result.truth),
-        "books": worst_balance(run),
-        "wall_s": result.wall_s,
-    }

@@ -7,6 +7,7 @@ import glob
 import os
 import shutil
 import stat
+import tempfile
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -75,6 +76,23 @@ def present(path: Path) -> bool:
     except OSError as error:
         raise InputError(f"{path}: cannot read ({why(error)})") from None
     return True
+
+
+def check_new(path: Path) -> None:
+    """Refuse, before the work, a path at which its result could not be written.
+
+    Raises:
+        InputError: the path exists, or lies in a folder that cannot be written.
+    """
+    path = Path(path)
+    real = Path(os.path.realpath(path))
+    if present(path) or real.exists():
+        raise InputError(f"{path}: exists already; give a new name")
+    parent = next(folder for folder in real.parents if folder.exists())
+    try:
+        os.rmdir(tempfile.mkdtemp(dir=parent, prefix=f".{path.name}.", suffix=".partial"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot write into {parent} ({error.strerror})") from None
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from tulip_testbed.discovery.linear_model import linear_model
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.experiments.discovery_document import next_experiments
+from tulip_testbed.experiments.discovering import next_experiments
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import fields, packed, residuals, sensitivity, unpacked

@@ -13,11 +13,14 @@ from tests.looking import browse
 from tests.test_report import needs_chromium
 from tests.test_view import cpu_seconds, look, needs_vulkan, not_blank, refused
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.saved_discovery import read_discovery, residual_curves
-from tulip_testbed.experiments.saved_run import kind_of
+from tulip_testbed.experiments.discovery_record import read_discovery
+from tulip_testbed.experiments.discovery_report import DiscoveryReport
+from tulip_testbed.experiments.document import flattened
+from tulip_testbed.experiments.residual_curves import residual_curves
+from tulip_testbed.experiments.rig_folder import DIFF
+from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.page import html
-from tulip_testbed.pages.page_tables import flattened
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.robot import sha256
 from tulip_testbed.viewer import window
@@ -46,9 +49,9 @@ def saved(found, robot):
 
 def test_read_as_it_was_written(found, saved):
     assert kind_of(found) == "discovery"
-    assert saved.report["verdict"] == "named"
+    assert saved.report.verdict == "named"
     assert saved.before.shape == saved.after.shape == (len(saved.measurements), 11)
-    assert "right knee encoder" in saved.diff
+    assert "right knee encoder" in saved.rig[DIFF]
 
 
 def test_what_is_left_is_noise_and_what_was_there_is_not(saved):
@@ -99,7 +102,7 @@ def test_a_browser_has_nothing_to_complain_of(found, tmp_path):
 
 def other(saved, verdict):
     """The same discovery with another verdict's document."""
-    report = copy.deepcopy(saved.report) | {"verdict": verdict}
+    report = saved.report.plain() | {"verdict": verdict}
     if verdict == "none":
         report |= {"candidates": [], "effects": [], "rig": None}
     if verdict == "ambiguous":
@@ -111,7 +114,8 @@ def other(saved, verdict):
     if verdict == "unknown":
         report["left"] = [{"channel": "C", "pattern": "the foot's height", "p": 1e-9}]
         report["check"] = None
-    return dataclasses.replace(saved, report=report, diff="" if verdict != "named" else saved.diff)
+    report = DiscoveryReport.model_validate(report)
+    return dataclasses.replace(saved, report=report, rig=saved.rig if verdict == "named" else {})
 
 
 @pytest.mark.parametrize("verdict", ["named", "ambiguous", "unknown", "none"])
@@ -127,17 +131,18 @@ def test_every_verdict_has_its_page_and_its_view(saved, verdict, tmp_path):
     assert ("plane-after" in names) == (verdict != "none")
     text = html(page)
     assert f'class="verdict {verdict}"' in text
-    assert all(line in unescape(text) for line in run.report["story"])
+    assert all(line in unescape(text) for line in run.report.story)
     if verdict == "ambiguous":
         assert "link-length:right_knee" in discovery_text(run, 1)
         assert "1.5" in text
-    window.save(tmp_path / "v.rrd", "v", lambda recording: log_discovery(recording, run, "v"))
+    window.save(tmp_path / "v.rrd", "v", lambda recording: log_discovery(recording, run))
 
 
 def test_a_hostile_target_stays_text(saved):
-    run = other(saved, "named")
-    run.report["candidates"][0]["target"] = "</script><script>alert(1)</script>"
-    run.report["story"][0] = "<script>alert(2)</script>"
+    report = saved.report.plain()
+    report["candidates"][0]["target"] = "</script><script>alert(1)</script>"
+    report["story"][0] = "<script>alert(2)</script>"
+    run = dataclasses.replace(saved, report=DiscoveryReport.model_validate(report))
     assert "<script>alert" not in html(discovery_page(run))
 
 
@@ -146,7 +151,7 @@ def test_two_discoveries_side_by_side(found, saved, tmp_path, capsys):
     document = json.loads(capsys.readouterr().out)
     assert document["verdict"] == ["named", "named"]
     values = {check["name"]: check["value"] for check in document["checks"]}
-    assert values["gap C, before"] == [saved.report["gap"]["C"]["before"]] * 2
+    assert values["gap C, before"] == [saved.report.gap["C"].before] * 2
     assert len(document["models"]["full"]) == 25
     assert main(["compare", str(found), str(found)]) == 0
     assert "Gap and evidence" in capsys.readouterr().out
@@ -219,5 +224,5 @@ def test_a_document_that_lacks_something_is_refused_by_name(found, robot, tmp_pa
     text = (found / "residuals.csv").read_text()
     check("residuals.csv", text.replace("before.cop_x_m", "other"), "before.cop_x_m")
     check("residuals.csv", text.rsplit("\n", 2)[0] + "\n", "rows, expected")
-    check("residuals.csv", text + "1,2\n", "table of numbers")
+    check("residuals.csv", text + "1,2\n", "broken table")
     check("residuals.csv", "", "residuals")

@@ -5,12 +5,12 @@ import json
 
 import pytest
 
+from tulip_testbed.experiments.document import first_difference
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
     check_folder,
-    first_difference,
+    montecarlo_file,
     open_folder,
-    run_document,
 )
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.sim.errors import InputError
@@ -24,7 +24,7 @@ def scenario(robot, plan):
 
 
 def document_of(scenario, settings=SETTINGS):
-    return run_document(scenario[0], scenario[1], 5, settings.engine, settings.document())
+    return montecarlo_file(*scenario, settings)
 
 
 def begin(folder, scenario, settings=SETTINGS):

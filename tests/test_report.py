@@ -1,5 +1,6 @@
 """Reports: opened in Chromium, their tables held against the run's JSON; and runs side by side."""
 
+import dataclasses
 import json
 import re
 import shutil
@@ -12,10 +13,9 @@ from tests.looking import browse, browser
 from tests.test_view import calibration, cpu_seconds, needs_opengl, not_blank, refused, run  # noqa: F401
 from tulip_testbed import rendering
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.run_folder import write_run
-from tulip_testbed.experiments.saved_run import read_run
+from tulip_testbed.experiments.document import flattened
+from tulip_testbed.experiments.validation_record import read_validation, validation_record, write_validation
 from tulip_testbed.pages import page as pages
-from tulip_testbed.pages.page_tables import flattened
 
 MOST_SECONDS, MOST_BYTES = 20, 12e6
 needs_chromium = pytest.mark.skipif(shutil.which("chromium") is None, reason="no Chromium (chromium)")
@@ -127,11 +127,13 @@ def test_without_opengl_the_report_says_what_to_install(run, tmp_path, capsys, m
 
 
 def test_a_failed_verdict_names_the_checks_and_a_hostile_name_stays_text(run, robot):  # noqa: F811
-    saved = read_run(run, robot)
+    saved = read_validation(run, robot)
     name = "</script><script>alert(1)</script>"
-    saved.report["checks"][0] |= {"result": "fail", "name": name}
-    saved.report["verdict"] = "fail"
-    found = pages.validation_page(saved)
+    checks = [saved.report.checks[0].model_copy(update={"result": "fail", "name": name})]
+    report = saved.report.model_copy(
+        update={"checks": [*checks, *saved.report.checks[1:]], "verdict": "fail"}
+    )
+    found = pages.validation_page(dataclasses.replace(saved, report=report))
     assert found.sentence.startswith("The estimates cannot be trusted here: 1 of ")
     assert name in found.sentence
     assert "<script>alert(1)" not in pages.html(found)
@@ -155,7 +157,7 @@ def test_an_unfinished_montecarlo_is_not_reported(calibration, tmp_path, capsys)
 
 
 def test_two_runs_side_by_side(run, calibration, ideal, tmp_path, capsys):  # noqa: F811
-    write_run(tmp_path / "ideal", ideal)
+    write_validation(tmp_path / "ideal", validation_record(ideal))
     assert main(["compare", str(run), str(tmp_path / "ideal"), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["settings"]["configuration.preset"] == ["wii", "ideal"]

@@ -9,8 +9,8 @@ import pytest
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.experiments.checks import within
 from tulip_testbed.experiments.identify import identify
-from tulip_testbed.experiments.run_folder import write_run
-from tulip_testbed.experiments.validate import evaluate, report_document
+from tulip_testbed.experiments.validate import evaluate
+from tulip_testbed.experiments.validation_record import report_of, validation_record, write_validation
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
@@ -51,7 +51,7 @@ def test_the_error_shrinks_as_settling_is_tightened(robot, plan):
 
 def test_wii_passes_and_looks_like_the_paper(wii):
     assert wii.verdict == "pass", [check for check in wii.checks if check.result == "fail"]
-    document = report_document(wii)
+    document = report_of(wii).plain()
     ratio = np.array([row["standard_error"] for row in document["full"]["parameters"]]) * 1e3 / PAPER_MM
     # Random postures against the paper's optimised ones: of the same order, on average larger.
     assert 0.5 < np.exp(np.log(ratio).mean()) < 3.0
@@ -64,7 +64,7 @@ def test_wii_passes_and_looks_like_the_paper(wii):
 
 
 def test_report_is_the_promised_json(wii):
-    document = json.loads(json.dumps(report_document(wii)))
+    document = json.loads(json.dumps(report_of(wii).plain()))
     assert set(document) >= {
         "verdict", "checks", "postures_planned", "postures_used", "dropped", "condition_number", "total_mass",
         "full", "simplified", "wall_s",
@@ -128,7 +128,7 @@ def test_truth_of_an_edited_robot_has_its_masses_and_lengths(robot, plan):
 
 def test_run_folder_holds_everything_and_is_not_overwritten(wii, tmp_path):
     folder = tmp_path / "run"
-    write_run(folder, wii)
+    write_validation(folder, validation_record(wii))
     record = json.loads((folder / "run.json").read_text())
     assert record["configuration"]["seed"] == 102
     assert record["software"]["mujoco"]
@@ -145,7 +145,7 @@ def test_run_folder_holds_everything_and_is_not_overwritten(wii, tmp_path):
     again = identify(read_measurements(folder / "measurements"), wii.run.laboratory.rig.robot)
     assert again.full.value == pytest.approx(wii.identification.full.value, abs=1e-15)
     with pytest.raises(InputError, match="exists already"):
-        write_run(folder, wii)
+        write_validation(folder, validation_record(wii))
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
 
 

@@ -20,12 +20,12 @@ from studies.study_check import rows_of
 from tests.looking import headless_viewer
 from tests.test_series import raw_series, write_series
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.run_folder import write_run
-from tulip_testbed.experiments.saved_run import read_montecarlo, read_run
+from tulip_testbed.experiments.montecarlo.montecarlo_record import read_montecarlo
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
+from tulip_testbed.experiments.validation_record import read_validation, validation_record, write_validation
 from tulip_testbed.identification.feasibility import stability_margin
 from tulip_testbed.polygons import inset, nearest_on
-from tulip_testbed.sim.measurements import write_measurements
+from tulip_testbed.sim.measurements import read_measurements, read_series, write_measurements
 from tulip_testbed.viewer import balance_series as balance
 from tulip_testbed.viewer import layout, window
 from tulip_testbed.viewer import montecarlo_view as montecarlo
@@ -58,7 +58,7 @@ needs_vulkan = pytest.mark.skipif(not vulkan(), reason="no Vulkan (mesa-vulkan-d
 @pytest.fixture(scope="module")
 def run(wii, tmp_path_factory):
     folder = tmp_path_factory.mktemp("view") / "run"
-    write_run(folder, wii)
+    write_validation(folder, validation_record(wii))
     return folder
 
 
@@ -99,7 +99,7 @@ def not_blank(picture: Path) -> None:
 
 @needs_vulkan
 def test_rerun_draws_every_view_of_a_run(run, robot, tmp_path, monkeypatch):
-    subject = validated(read_run(run, robot), "run")
+    subject = validated(read_validation(run, robot))
     monkeypatch.setattr(postures, "laid_out", side_by_side)
     window.save(tmp_path / "run.rrd", "run", lambda recording: postures.log_postures(recording, subject))
     found = look(tmp_path / "run.rrd", {"posture": 40}, tmp_path / "run.png")
@@ -113,7 +113,7 @@ def test_rerun_draws_every_view_of_a_run(run, robot, tmp_path, monkeypatch):
 def test_rerun_draws_every_view_of_a_montecarlo(calibration, robot, tmp_path, monkeypatch):
     saved = read_montecarlo(calibration, robot)
     monkeypatch.setattr(montecarlo, "laid_out", side_by_side)
-    window.save(tmp_path / "m.rrd", "m", lambda recording: montecarlo.log_montecarlo(recording, saved, "m"))
+    window.save(tmp_path / "m.rrd", "m", lambda recording: montecarlo.log_montecarlo(recording, saved))
     found = look(tmp_path / "m.rrd", {"parameter": 3, "posture": 5}, tmp_path / "m.png")
     assert len(found) == 9
     assert not any(found.values()), found
@@ -145,7 +145,7 @@ def test_clouds_are_those_of_the_runs(calibration, robot):
 
 def test_links_are_drawn_where_mujoco_has_them(run, robot, model):
     """Nominal kinematics and MuJoCo's own, from the base frame."""
-    subject = validated(read_run(run, robot), "run")
+    subject = validated(read_validation(run, robot))
     rotations, positions = link_frames(subject.nominal, subject.joint_angles[:3])
     data = mujoco.MjData(model)
     tree = subject.nominal.parameters.tree
@@ -163,7 +163,7 @@ def test_links_are_drawn_where_mujoco_has_them(run, robot, model):
 
 
 def test_residual_and_truth_are_the_runs_own(run, wii, robot):
-    subject = validated(read_run(run, robot), "run")
+    subject = validated(read_validation(run, robot))
     residual = wii.identification.full.residual.reshape(-1, 2)
     assert subject.residual == pytest.approx(residual, abs=1e-9)
     assert subject.com["truth"] == pytest.approx(np.array([held.com for held in wii.run.truth.held]))
@@ -174,7 +174,7 @@ def test_residual_and_truth_are_the_runs_own(run, wii, robot):
 
 
 def test_inner_polygon_keeps_its_distance(plan, robot):
-    subject = planned(plan, robot, "plan")
+    subject = planned(plan, robot)
     for polygon in subject.polygons[::10]:
         inner = inset(polygon, 0.02)
         assert inner is not None
@@ -216,7 +216,7 @@ def test_a_series_has_a_time_line_of_its_own(with_series, robot, tmp_path):
 
 
 def test_samples_belong_to_the_row_that_began_before_them(with_series, robot):
-    subject = measured(with_series, robot, "series")
+    subject = measured(read_measurements(with_series), robot, read_series(with_series))
     dense, t = sampled(subject, 500)
     assert 250 < len(t) <= 500
     assert (np.diff(t) >= 0).all()
@@ -231,7 +231,7 @@ def test_samples_belong_to_the_row_that_began_before_them(with_series, robot):
 def test_too_few_postures_are_shown_without_an_estimate(wii, robot, tmp_path):
     part = rows_of(wii.run.measurements, wii.run.measurements.placement <= 1)
     write_measurements(tmp_path / "data", part)
-    subject = measured(tmp_path / "data", robot, "few")
+    subject = measured(part, robot)
     assert "estimate" not in subject.com
     assert "No estimate: " in subject.notes[0]
     assert main(["view", str(tmp_path / "data"), "--save", str(tmp_path / "few.rrd")]) == 0

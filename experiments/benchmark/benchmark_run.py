@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,11 +19,13 @@ from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.engine import engine
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
     CHUNK_FOLDER,
+    RunsFile,
     check_folder,
+    made_in,
     open_folder,
-    run_document,
 )
 from tulip_testbed.experiments.montecarlo.montecarlo_run import Progress, collect_missing, no_progress
+from tulip_testbed.experiments.run_file import VERSION
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.sim.measurements.table_files import Columns
 
@@ -61,8 +64,13 @@ def benchmark(
     made = board(settings.preset, plan)
     every = tuple(cases(settings, made))
     laboratory = Laboratory(made.rig.robot, settings.preset)
-    document = run_document(laboratory, made.plan, settings.seed, "statics", settings.document())
-    document |= {"format": "tulip-benchmark", "command": "benchmark discover"}
+    document = RunsFile[dict[str, Any]](
+        format="tulip-benchmark",
+        version=VERSION,
+        command="benchmark discover",
+        settings=settings.document(),
+        **made_in(laboratory, made.plan, settings.seed, "statics"),
+    )
     chunks = Chunks(folder / CHUNK_FOLDER, len(every), CHUNK)
     if not check_folder(folder, document) or chunks.missing():
         with engine(workers, None), open_folder(folder, document, made.plan):

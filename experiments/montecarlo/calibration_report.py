@@ -3,20 +3,121 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
+from tulip_testbed.experiments.document import Document, Figure
 from tulip_testbed.experiments.montecarlo.calibration_verdict import checks, shown, verdict
 from tulip_testbed.experiments.montecarlo.intervals import mc_error, share, standard_error_ratio
 from tulip_testbed.experiments.montecarlo.run_columns import Layout
 from tulip_testbed.experiments.montecarlo.summary import LEVELS, QUANTILES, Calibration, Spread, Summary
+from tulip_testbed.sim.measurements.table_files import finite
 
 CONFIDENCE = 0.95  # of the intervals beside every single figure; the verdict's are wider
+Interval = Annotated[list[Figure], Field(min_length=2, max_length=2)]
 
 
-def report(summary: Summary, layout: Layout, estimator: str) -> dict[str, Any]:
-    """Everything that the runs say; the same bits for the same runs."""
+class MassCalibration(Document):
+    """Errors against stated standard errors; null where the runs are too few, no intervals without a run."""
+
+    bias: Figure
+    bias_mc_error: Figure
+    standard_error_ratio: Figure
+    coverage95: Figure
+    standard_error: Figure = None
+    empirical_standard_error: Figure = None
+    standard_error_ratio_interval: Interval | None = None
+    coverage50: Figure = None
+    coverage50_interval: Interval | None = None
+    coverage90: Figure = None
+    coverage90_interval: Interval | None = None
+    coverage95_interval: Interval | None = None
+
+
+class _Numbered(Document):
+    number: int
+    name: str | None
+
+
+class CalibrationRow(MassCalibration, _Numbered):  # the keys come in the reverse order of the bases
+    """Errors of a parameter."""
+
+
+class Share(Document):
+    """A share of the runs with its interval."""
+
+    share: float
+    interval: Interval
+
+
+class Distribution(Document):
+    """Distribution of a quantity over the runs."""
+
+    mean: Figure
+    sd: Figure
+    min: Figure
+    max: Figure
+    quantile05: Figure
+    quantile50: Figure
+    quantile95: Figure
+
+
+class ModelCalibration(Document):
+    """What all runs say of a model; a robot without a simplified model has no rows of it and nothing else."""
+
+    parameters: list[CalibrationRow]
+    beyond_95: Share | None = None
+    condition_number: Distribution | None = None
+    sigma_mm: Distribution | None = None
+    residual_mean_mm: Distribution | None = None
+    residual_sd_mm: Distribution | None = None
+    residual_max_mm: Distribution | None = None
+    chi_square: Distribution | None = None
+
+
+class CalibrationCheckRow(Document):
+    """A line of the verdict, see `CalibrationCheck`."""
+
+    name: str
+    result: Literal["pass", "fail", "not evaluated"]
+    shown: bool
+    number: int | None
+    value: Figure
+    interval: Interval | None
+    bounds: Interval | None
+    beyond: list[int]
+    source: str
+
+
+class _Runs(Document):
+    runs: int
+    estimator: str
+
+
+class CalibrationReport(ModelCalibration, _Runs):  # the keys come in the reverse order of the bases
+    """report.json of a Monte Carlo; the full model's keys are the report's own."""
+
+    correlations: dict[str, Distribution]
+    simplified: ModelCalibration
+    total_mass: MassCalibration
+    rows: Distribution
+    dropped: Distribution
+    identified: int
+    failures: dict[str, int]
+    checks: list[CalibrationCheckRow]
+    verdict: Literal["pass", "fail"]
+    shown: bool
+
+    @property
+    def models(self) -> dict[str, ModelCalibration]:
+        """The models that the robot has, by name."""
+        return {"full": self} | ({"simplified": self.simplified} if self.simplified.parameters else {})
+
+
+def report(summary: Summary, layout: Layout, estimator: str) -> CalibrationReport:
+    """Report what the runs say; the same bits for the same runs."""
     found = checks(summary)
     models = {
         model: {
@@ -26,15 +127,14 @@ def report(summary: Summary, layout: Layout, estimator: str) -> dict[str, Any]:
         }
         for model, calibration in summary.models.items()
     }
-    full = models["full"]
     correlations = {
         f"{a},{b}": spread_document(summary.spreads[f"full.correlation.{a}.{b}"]) for a, b in layout.pairs
     }
     (mass,) = parameter_rows(summary.mass, summary.count, ())
-    return {
+    content = {
         "runs": summary.runs,
         "estimator": estimator,
-        **full,
+        **models["full"],
         "correlations": correlations,
         "simplified": models.get("simplified", {"parameters": []}),
         "total_mass": {key: value for key, value in mass.items() if key not in ("number", "name")},
@@ -46,6 +146,7 @@ def report(summary: Summary, layout: Layout, estimator: str) -> dict[str, Any]:
         "verdict": verdict(found),
         "shown": shown(found),
     }
+    return CalibrationReport.model_validate(finite(content))
 
 
 def parameter_rows(found: Calibration, count: int, names: tuple[str, ...]) -> list[dict[str, Any]]:

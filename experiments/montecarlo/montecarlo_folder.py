@@ -4,45 +4,69 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
-import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
-from tulip_testbed.experiments.laboratory import Laboratory, configuration
-from tulip_testbed.experiments.run_folder import check_new
+from tulip_testbed.experiments.document import first_difference
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.montecarlo.settings import MonteCarloSettings, Settings
+from tulip_testbed.experiments.run_file import (
+    PLAN_FOLDER,
+    RUN_FILE,
+    VERSION,
+    Configuration,
+    Head,
+    configuration_of,
+)
 from tulip_testbed.sim.errors import InputError, shortened
-from tulip_testbed.sim.files import new_folder, present
+from tulip_testbed.sim.files import check_new, new_folder, present
 from tulip_testbed.sim.measurements import PosturePlan, write_plan
-from tulip_testbed.sim.measurements.table_files import read_json, software, write_json
+from tulip_testbed.sim.measurements.table_files import read_json, software
 
-RUN_FILE, CHUNK_FOLDER, REPORT_FILE, PLAN_FOLDER = "run.json", "runs", "report.json", "plan"
+CHUNK_FOLDER, REPORT_FILE = "runs", "report.json"
+Asked = TypeVar("Asked")
 
 
-def run_document(
-    laboratory: Laboratory, plan: PosturePlan, seed: int, engine: str, settings: dict[str, Any]
-) -> dict[str, Any]:
-    """Write run.json: everything that the results depend on.
+class RunsFile(Head, Generic[Asked]):
+    """run.json of a folder of many runs: everything that their results depend on."""
+
+    settings: Asked
+    configuration: Configuration
+    inputs: dict[str, str]
+    software: dict[str, str]
+
+
+def made_in(laboratory: Laboratory, plan: PosturePlan, seed: int, engine: str) -> dict[str, Any]:
+    """Return the part of run.json that speaks of laboratory, plan and versions.
 
     Args:
-        seed, engine: see `Laboratory.run`. settings: of the Monte Carlo itself.
+        seed, engine: see `Laboratory.run`.
     """
-    document = {
-        "format": "tulip-montecarlo",
-        "version": 1,
-        "command": "montecarlo",
-        "settings": settings,
-        "configuration": configuration(laboratory, plan, seed, engine),
+    return {
+        "configuration": configuration_of(laboratory, plan, seed, engine),
         "inputs": laboratory.robot.hashes | {"plan": plan_hash(plan)},
         "software": software(),
     }
-    return json.loads(json.dumps(document))  # as it will be read again
+
+
+def montecarlo_file(
+    laboratory: Laboratory, plan: PosturePlan, settings: Settings
+) -> RunsFile[MonteCarloSettings]:
+    """Make the run.json of a Monte Carlo."""
+    return RunsFile[MonteCarloSettings](
+        format="tulip-montecarlo",
+        version=VERSION,
+        command="montecarlo",
+        settings=settings.document(),
+        **made_in(laboratory, plan, settings.seed, settings.engine),
+    )
 
 
 def plan_hash(plan: PosturePlan) -> str:
-    """Of all that a plan asks for, in hexadecimal."""
+    """Hash everything that a plan asks for, in hexadecimal."""
     digest = hashlib.sha256()
     for name in ("joint_angles", "posture", "placement", "support", "swing_pose"):
         array = getattr(plan, name)
@@ -50,8 +74,8 @@ def plan_hash(plan: PosturePlan) -> str:
     return digest.hexdigest()
 
 
-def check_folder(folder: Path, document: dict[str, Any]) -> bool:
-    """Whether the folder holds runs of this very Monte Carlo; False: it is still to be made.
+def check_folder(folder: Path, document: RunsFile[Any]) -> bool:
+    """Tell whether a folder holds runs with this very run.json; False: it is still to be made.
 
     Raises:
         InputError: it holds something else; names the first setting that differs.
@@ -62,7 +86,7 @@ def check_folder(folder: Path, document: dict[str, Any]) -> bool:
     if not present(folder / RUN_FILE):
         raise InputError(f"{folder}: exists already and holds no Monte Carlo ({RUN_FILE}); give a new name")
     found = read_json(folder / RUN_FILE)
-    if (other := first_difference(found, document)) is not None:
+    if (other := first_difference(found, document.plain())) is not None:
         name, there, here = other
         raise InputError(
             f"{folder}: holds runs of another configuration: {name} is {shortened(repr(there))} there and "
@@ -71,19 +95,8 @@ def check_folder(folder: Path, document: dict[str, Any]) -> bool:
     return True
 
 
-def first_difference(there: Any, here: Any, name: str = "") -> tuple[str, Any, Any] | None:
-    """The first value in which two JSON documents differ: its name with dots, both values."""
-    if isinstance(there, dict) and isinstance(here, dict):
-        for key in [*here, *(key for key in there if key not in here)]:
-            inner = first_difference(there.get(key), here.get(key), f"{name}.{key}" if name else key)
-            if inner is not None:
-                return inner
-        return None
-    return None if there == here else (name, there, here)
-
-
 @contextmanager
-def open_folder(folder: Path, document: dict[str, Any], plan: PosturePlan) -> Iterator[Path]:
+def open_folder(folder: Path, document: RunsFile[Any], plan: PosturePlan) -> Iterator[Path]:
     """Make the folder with its plan, unless it is there, and keep others out; yields where the chunks lie.
 
     Raises:
@@ -93,7 +106,7 @@ def open_folder(folder: Path, document: dict[str, Any], plan: PosturePlan) -> It
         with new_folder(folder) as working:
             (working / CHUNK_FOLDER).mkdir()
             write_plan(working / PLAN_FOLDER, plan)
-            write_json(working / RUN_FILE, document)
+            document.write(working / RUN_FILE)
     lock = os.open(folder / RUN_FILE, os.O_RDONLY | os.O_CLOEXEC)
     try:
         try:

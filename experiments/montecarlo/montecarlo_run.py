@@ -6,10 +6,11 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+
+import numpy as np
 
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.montecarlo.calibration_report import report
+from tulip_testbed.experiments.montecarlo.calibration_report import CalibrationReport, report
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.collect import collect
 from tulip_testbed.experiments.montecarlo.engine import Work, engine
@@ -18,16 +19,15 @@ from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
     CHUNK_FOLDER,
     REPORT_FILE,
     check_folder,
+    montecarlo_file,
     open_folder,
-    run_document,
 )
 from tulip_testbed.experiments.montecarlo.run_columns import Job, layout_of
 from tulip_testbed.experiments.montecarlo.settings import Settings, check_settings
-from tulip_testbed.experiments.montecarlo.summary import summarise
+from tulip_testbed.experiments.montecarlo.summary import errors_mm, summarise
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PosturePlan
-from tulip_testbed.sim.measurements.table_files import write_json
 
 Progress = Callable[[str, int, int], AbstractContextManager[Callable[[int], None]]]
 
@@ -63,19 +63,21 @@ class MonteCarlo:
     Attributes:
         laboratory, plan, settings: what was repeated.
         report: bias, ratio of standard errors, coverage and checks, as in the run folder's report.json.
+        errors_mm: estimate minus truth of every identified run by model, (runs, p) [mm].
         folder: of the runs; gone if it was a temporary one.
     """
 
     laboratory: Laboratory
     plan: PosturePlan
     settings: Settings
-    report: dict[str, Any]
+    report: CalibrationReport
+    errors_mm: dict[str, np.ndarray]
     folder: Path
 
     @property
     def verdict(self) -> str:
         """ "pass", or "fail" if any check fails."""
-        return self.report["verdict"]
+        return self.report.verdict
 
 
 def montecarlo(
@@ -103,7 +105,7 @@ def montecarlo(
     identifiable_regressor("plan", laboratory.robot, plan)
     parameters = laboratory.parameters(plan)
     layout = layout_of(laboratory.robot, parameters)
-    document = run_document(laboratory, plan, settings.seed, settings.engine, settings.document())
+    document = montecarlo_file(laboratory, plan, settings)
     chunks = Chunks(place.folder / CHUNK_FOLDER, settings.runs, settings.chunk)
     if not check_folder(place.folder, document) or chunks.missing():
         with engine(place.workers, place.address):
@@ -119,8 +121,8 @@ def montecarlo(
             with open_folder(place.folder, document, plan):
                 collect_missing(chunks, job, place.folder, progress)
     found = report(summarise(chunks, layout), layout, settings.estimator)
-    write_json(place.folder / REPORT_FILE, found)
-    return MonteCarlo(laboratory, plan, settings, found, place.folder)
+    found.write(place.folder / REPORT_FILE)
+    return MonteCarlo(laboratory, plan, settings, found, errors_mm(chunks, layout), place.folder)
 
 
 def collect_missing(

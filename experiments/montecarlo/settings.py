@@ -3,14 +3,34 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated
 
+from pydantic import Field
+
+from tulip_testbed.experiments.document import Count, Document, Seed
 from tulip_testbed.experiments.laboratory import ENGINES
 from tulip_testbed.identification.estimators import ESTIMATORS
 from tulip_testbed.sim.errors import InputError, at_least, look_up
 
 CHUNK = 25  # runs a file: some seconds of work
 DYNAMIC_CHUNK = 1  # a run takes about a minute, and a kill should cost no more
+
+
+class MonteCarloSettings(Document):
+    """Settings as run.json has them; chunk: runs in a file."""
+
+    runs: Count
+    seed: Seed
+    estimator: str
+    random_robots: Annotated[float, Field(gt=0, le=1)] | None
+    dynamics: bool
+    chunk: Annotated[int, Field(ge=1, le=CHUNK)]
+
+    @property
+    def asked(self) -> Settings:
+        """The settings that were asked for."""
+        engine = "dynamics" if self.dynamics else "statics"
+        return Settings(self.runs, self.seed, self.estimator, self.random_robots, engine)
 
 
 @dataclass(frozen=True)
@@ -32,16 +52,16 @@ class Settings:
     def chunk(self) -> int:
         return DYNAMIC_CHUNK if self.engine == "dynamics" else CHUNK
 
-    def document(self) -> dict[str, Any]:
-        """For run.json."""
-        return {
-            "runs": self.runs,
-            "seed": self.seed,
-            "estimator": self.estimator,
-            "random_robots": self.spread,
-            "dynamics": self.engine == "dynamics",
-            "chunk": self.chunk,
-        }
+    def document(self) -> MonteCarloSettings:
+        """Return the settings as run.json has them."""
+        return MonteCarloSettings(
+            runs=self.runs,
+            seed=self.seed,
+            estimator=self.estimator,
+            random_robots=self.spread,
+            dynamics=self.engine == "dynamics",
+            chunk=self.chunk,
+        )
 
 
 def check_settings(settings: Settings) -> None:

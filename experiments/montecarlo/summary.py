@@ -112,6 +112,20 @@ def summarise(chunks: Chunks, layout: Layout) -> Summary:
     )
 
 
+def errors_mm(chunks: Chunks, layout: Layout) -> dict[str, np.ndarray]:
+    """Return estimate minus truth of every identified run by model, (runs, p) [mm].
+
+    Raises:
+        InputError: a chunk is missing or damaged.
+    """
+    found = {}
+    for model, numbers in layout.models.items():
+        value, truth = [f"{model}.value.{n}" for n in numbers], [f"truth.{n}" for n in numbers]
+        parts = _identified(chunks, [*value, *truth])
+        found[model] = 1e3 * np.vstack([_matrix(part, value) - _matrix(part, truth) for part in parts])
+    return found
+
+
 def _is_spread(name: str) -> bool:
     model, what, *_ = [*name.split("."), ""]
     return model in ("full", "simplified") and what in (*SCALARS, "correlation")

@@ -30,7 +30,23 @@ MOST_UNPACKED = 256 * 2**20  # bytes that a Parquet file says it unpacks to
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
     """Write one JSON document; the file appears whole."""
-    write_text(path, json.dumps(content, indent=1) + "\n")
+    write_text(path, json_text(content))
+
+
+def json_text(content: dict[str, Any]) -> str:
+    """Return a JSON document as the text of its file."""
+    return json.dumps(content, indent=1) + "\n"
+
+
+def finite(value: Any) -> Any:
+    """Return a document with None for every infinite number and NaN, neither of which JSON knows."""
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -19,12 +19,11 @@ from tulip_testbed.experiments.atlas.isolability import ISOLABLE, order
 from tulip_testbed.experiments.atlas.planned_experiment import planned
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED
-from tulip_testbed.experiments.run_folder import check_new
 from tulip_testbed.experiments.terminal import ERR, console, finite, print_json, print_table
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN, check_plan, plan_for
 from tulip_testbed.identification.residual_channels import CHANNELS
 from tulip_testbed.sim.errors import at_least
-from tulip_testbed.sim.files import new_folder, write_text
+from tulip_testbed.sim.files import check_new, new_folder, write_text
 from tulip_testbed.sim.measurements.table_files import write_json
 from tulip_testbed.sim.robot import TULIP
 

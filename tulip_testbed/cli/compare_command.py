@@ -10,8 +10,7 @@ import tyro
 from tulip_testbed.cli.options import Json, RobotFile
 from tulip_testbed.experiments.comparison import compare, print_comparison
 from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.saved_discovery import read_discovery
-from tulip_testbed.experiments.saved_run import read_montecarlo, read_run, run_kind
+from tulip_testbed.experiments.records import read_record
 from tulip_testbed.experiments.terminal import console, print_json
 from tulip_testbed.sim.robot import TULIP
 
@@ -30,11 +29,8 @@ def compare_command(
 
     Example: tulip compare runs/first runs/second
     """
-    read = {"run": read_run, "montecarlo": read_montecarlo, "discovery": read_discovery}
-    readers = [read[run_kind(folder)] for folder in (first, second)]
     described = described_robot(robot)
-    runs = [reader(folder, described) for reader, folder in zip(readers, (first, second), strict=True)]
-    document = compare(runs[0], runs[1])
+    document = compare(read_record(first, described), read_record(second, described))
     if as_json:
         print_json(document)
     else:

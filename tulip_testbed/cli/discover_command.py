@@ -14,10 +14,9 @@ from tulip_testbed.cli.options import CORES, Json, RobotFile, Workers
 from tulip_testbed.discovery.discover import Discovery
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.discovering import discover_effects
-from tulip_testbed.experiments.discovery_document import discovery_document
-from tulip_testbed.experiments.discovery_folder import write_discovery
-from tulip_testbed.experiments.run_folder import check_new
-from tulip_testbed.experiments.terminal import ERR, console, finite, print_json, print_table, progress
+from tulip_testbed.experiments.discovery_record import discovery_record, write_discovery
+from tulip_testbed.experiments.terminal import ERR, console, print_json, print_table, progress
+from tulip_testbed.sim.files import check_new
 from tulip_testbed.sim.measurements import read_measurements
 from tulip_testbed.sim.robot import TULIP
 
@@ -63,24 +62,12 @@ def discover_command(
             str(folder),
             lambda what, total: bars.enter_context(progress(what, total)),
         )
-    lines = found.story
-    document = finite(
-        discovery_document(
-            found.discovery,
-            found.proposals,
-            lines,
-            out / "rig" if found.adopted else None,
-            found.before,
-            found.after,
-            None if found.check is None else found.check.document(),
-        )
-    )
-    asked = {"measurements": str(folder), "robot": described.path.name, "seed": seed, "no_check": no_check}
-    write_discovery(out, found.discovery, document, described, asked)
+    record = write_discovery(out, discovery_record(found, str(folder), seed, no_check))
+    document = record.report.plain()
     if as_json:
         print_json(document)
         return 0
-    _show(found.discovery, document, lines)
+    _show(found.discovery, document, found.story)
     ERR.print(f"Run folder: {out}")
     return 0
 

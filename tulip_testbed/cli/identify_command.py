@@ -11,7 +11,8 @@ import tyro
 from tulip_testbed.cli.options import EstimatorName, Json, RigFolder, RobotFile
 from tulip_testbed.experiments.correlation_table import print_correlations
 from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.identify import identify, model_document
+from tulip_testbed.experiments.estimate_report import model_report
+from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.parameter_tables import (
     LEGEND,
     models,
@@ -58,7 +59,8 @@ def identify_command(
     }
     estimates = {"full": found.full, "simplified": found.simplified}
     fitted = {
-        model: model_document(estimate, None) | {"hardly_known": weak_directions(estimate, found.parameters)}
+        model: model_report(estimate, None).plain()
+        | {"hardly_known": weak_directions(estimate, found.parameters)}
         for model, estimate in estimates.items()
     }
     document |= fitted

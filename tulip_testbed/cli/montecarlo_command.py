@@ -79,7 +79,7 @@ def montecarlo_command(
     check_engine(engine, address)
     laboratory, made = laboratory_and_plan(robot, preset, plan, rig)
     try:
-        report = montecarlo(laboratory, made, settings, Place(out, workers, address), progress).report
+        report = montecarlo(laboratory, made, settings, Place(out, workers, address), progress).report.plain()
     except Interrupted as stopped:
         ERR.print(printable(f"tulip: {stopped}"), markup=False, highlight=False, soft_wrap=True)
         return 130

@@ -13,7 +13,6 @@ from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED
 from tulip_testbed.experiments.plan_description import described_plan, print_plan
 from tulip_testbed.experiments.planning_run import as_plan, joined, measured_for
-from tulip_testbed.experiments.run_folder import check_new
 from tulip_testbed.experiments.terminal import ERR, console, print_json, progress
 from tulip_testbed.experiments.usable_plan import (
     DEFAULT_PLAN,
@@ -24,7 +23,7 @@ from tulip_testbed.experiments.usable_plan import (
 )
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import new_folder, write_bytes, write_text
+from tulip_testbed.sim.files import check_new, new_folder, write_bytes, write_text
 from tulip_testbed.sim.measurements import PosturePlan, write_plan
 from tulip_testbed.sim.robot import TULIP, Robot
 

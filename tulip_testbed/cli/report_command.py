@@ -9,10 +9,9 @@ import tyro
 
 from tulip_testbed.cli.options import Json, RobotFile
 from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.run_folder import check_new
-from tulip_testbed.experiments.saved_discovery import read_discovery
-from tulip_testbed.experiments.saved_run import read_montecarlo, read_run, run_kind
+from tulip_testbed.experiments.records import read_record
 from tulip_testbed.experiments.terminal import ERR, print_json
+from tulip_testbed.sim.files import check_new
 from tulip_testbed.sim.robot import TULIP
 
 
@@ -29,18 +28,11 @@ def report_command(
     Example: tulip report runs/first --out first.html
     """
     check_new(out)
-    kind = run_kind(folder)
-    described = described_robot(robot)
-    from tulip_testbed.pages.discovery_page import discovery_page
-    from tulip_testbed.pages.page import montecarlo_page, validation_page, write_page  # loads slowly
+    record = read_record(folder, described_robot(robot))
+    from tulip_testbed.pages.report_page import write_page  # loads slowly
 
-    if kind == "run":
-        page = validation_page(read_run(folder, described))
-    elif kind == "discovery":
-        page = discovery_page(read_discovery(folder, described))
-    else:
-        page = montecarlo_page(read_montecarlo(folder, described))
-    size = write_page(out, page)
+    page = write_page(out, record)
+    size = out.stat().st_size
     if as_json:
         print_json({"report": str(out), "bytes": size, "left_out": list(page.missing)})
     for note in page.missing:

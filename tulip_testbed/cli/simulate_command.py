@@ -12,9 +12,10 @@ from tulip_testbed.cli.options import CORES, Json, Plan, Preset, RigFolder, Robo
 from tulip_testbed.effects.random_effects import RANDOM
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED, tries
 from tulip_testbed.experiments.parameter_tables import print_experiment
-from tulip_testbed.experiments.run_folder import check_new, write_experiment
 from tulip_testbed.experiments.terminal import ERR, console, print_json, progress
+from tulip_testbed.experiments.truth_record import write_experiment
 from tulip_testbed.sim.errors import InputError, at_least
+from tulip_testbed.sim.files import check_new
 from tulip_testbed.sim.robot import TULIP
 
 Effects = Annotated[

@@ -20,11 +20,12 @@ from tulip_testbed.experiments.laboratory import DEFAULT_SEED, tries
 from tulip_testbed.experiments.parameter_tables import (
     print_validation,
 )
-from tulip_testbed.experiments.run_folder import check_new, write_run
 from tulip_testbed.experiments.terminal import ERR, console, print_json, progress
-from tulip_testbed.experiments.validate import report_document, validate
+from tulip_testbed.experiments.validate import validate
+from tulip_testbed.experiments.validation_record import validation_record, write_validation
 from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS
 from tulip_testbed.sim.errors import at_least, look_up
+from tulip_testbed.sim.files import check_new
 from tulip_testbed.sim.robot import TULIP
 
 
@@ -54,8 +55,8 @@ def validate_command(
     laboratory, made = laboratory_and_plan(robot, preset, plan, rig)
     with progress("holding postures", tries(laboratory, made)) as advance:
         result = validate(laboratory, made, seed, estimator, workers=workers, progress=advance)
-    write_run(out, result)
-    document = report_document(result)
+    record = write_validation(out, validation_record(result))
+    document = record.report.plain()
     if as_json:
         print_json(document)
     else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -11,12 +10,9 @@ import tyro
 
 from tulip_testbed.cli.options import Json, RobotFile
 from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.saved_discovery import read_discovery
-from tulip_testbed.experiments.saved_run import kind_of, read_montecarlo, read_run
 from tulip_testbed.experiments.terminal import ERR, print_json
 from tulip_testbed.sim.errors import InputError, listed
-from tulip_testbed.sim.measurements import read_plan
-from tulip_testbed.sim.robot import TULIP, Robot
+from tulip_testbed.sim.robot import TULIP
 
 Save = Annotated[Path | None, tyro.conf.arg(metavar="FILE.rrd", help="write the view instead of showing it")]
 Serve = Annotated[bool, tyro.conf.arg(help="serve it to a browser of this machine (127.0.0.1) alone")]
@@ -39,13 +35,14 @@ def view_command(
     """
     if save is not None and serve:
         raise InputError("--save, --serve: found both, expected one of them")
-    kind = kind_of(folder)
     described = described_robot(robot)
     from tulip_testbed.viewer import window  # rerun takes half a second to load
+    from tulip_testbed.viewer.record_view import folder_view
     from tulip_testbed.viewer.robot_view import undrawn
 
     if save is None and not serve:
         window.check_display()
+    view = folder_view(folder, described)
     if bare := undrawn(described.visual_model):
         ERR.print(
             f"{described.model_file.name}: no geom shows the links {listed(bare)}; "
@@ -53,38 +50,16 @@ def view_command(
             highlight=False,
             soft_wrap=True,
         )
-    title = f"{folder.resolve().name} ({kind})"
-    log = _logger(kind, folder, described, title)
     if save is not None:
-        size = window.save(save, title, log)
+        size = window.save(save, view.title, view.log)
         if as_json:
             print_json({"view": str(save), "bytes": size})
         ERR.print(f"View: {save} ({size / 1e6:.1f} MB); open it by `rerun {save}`", highlight=False)
     elif serve:
-        window.serve(title, log, partial(_announce, as_json))
+        window.serve(view.title, view.log, partial(_announce, as_json))
     else:
-        window.show(title, log)
+        window.show(view.title, view.log)
     return 0
-
-
-def _logger(kind: str, folder: Path, robot: Robot, title: str) -> Callable[..., None]:
-    """What logs the folder's content into a recording; a new kind of folder gets its line here."""
-    from tulip_testbed.viewer.discovery_view import log_discovery
-    from tulip_testbed.viewer.montecarlo_view import log_montecarlo
-    from tulip_testbed.viewer.postures_view import log_postures
-    from tulip_testbed.viewer.subject import measured, planned, validated
-
-    if kind == "montecarlo":
-        return partial(log_montecarlo, run=read_montecarlo(folder, robot), title=title)
-    if kind == "discovery":
-        return partial(log_discovery, run=read_discovery(folder, robot), title=title)
-    if kind == "run":
-        subject = validated(read_run(folder, robot), title)
-    elif kind == "plan":
-        subject = planned(read_plan(folder, robot), robot, title)
-    else:
-        subject = measured(folder, robot, title)
-    return partial(log_postures, subject=subject)
 
 
 def _announce(as_json: bool, address: str) -> None:

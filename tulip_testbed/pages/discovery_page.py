@@ -6,11 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.effects.instance import effect_label
-from tulip_testbed.experiments.saved_discovery import Curve, SavedDiscovery, residual_curves, time_order
+from tulip_testbed.effects.instance import ParameterDocument
+from tulip_testbed.experiments.discovery_record import DiscoveryRecord
+from tulip_testbed.experiments.discovery_report import Check, DiscoveryReport
+from tulip_testbed.experiments.residual_curves import Curve, residual_curves, time_order
+from tulip_testbed.experiments.rig_folder import DIFF
 from tulip_testbed.pages import discovery_figures as drawn
 from tulip_testbed.pages.figures import Figure
-from tulip_testbed.pages.page import Page, Section
+from tulip_testbed.pages.page import Page, Section, title_of
 from tulip_testbed.pages.page_tables import Cell, Table, number, settings_table
 from tulip_testbed.pages.words import (
     CHANNEL_NAMES,
@@ -24,17 +27,17 @@ SHOWN_P = 0.05  # above it a pattern of what is left is not worth a row
 MOVED = 0.5  # standard errors from which on a parameter's change is marked
 
 
-def discovery_page(run: SavedDiscovery) -> Page:
-    """A discovery's page."""
-    report = run.report
+def discovery_page(run: DiscoveryRecord) -> Page:
+    """Make the page of a discovery."""
+    report, content = run.report, run.report.plain()
     curves = residual_curves(run)
-    changed = bool(report["candidates"])
+    changed = bool(report.candidates)
     sections = [
         Section(
             "The gap",
             GAP_WORDS,
-            (gap_table(report["gap"]),),
-            (*_gap_figures(report["gap"]), *_planes(curves, changed)),
+            (gap_table(content["gap"]),),
+            (*_gap_figures(report), *_planes(curves, changed)),
         ),
         *_evidence(report),
         Section(
@@ -45,28 +48,27 @@ def discovery_page(run: SavedDiscovery) -> Page:
             ),
             figures=_curves(run, curves, changed),
         ),
-        *_parameters(report),
-        *_next(report),
-        *_doubts(report),
-        *_check(report),
+        *_parameters(content),
+        *_next(content),
+        *_doubts(content),
+        *_check(report.check),
     ]
-    if run.diff:
+    if run.rig:
         words = "What the adopted rig changes; its folder serves --rig of simulate, identify and validate."
-        sections.append(Section("The adopted rig", (words,), folded=(("Differences", run.diff),)))
-    sections.append(Section("How it was made", tables=(settings_table(run.document),)))
+        sections.append(Section("The adopted rig", (words,), folded=(("Differences", run.rig[DIFF]),)))
+    sections.append(Section("How it was made", tables=(settings_table(run.document.plain()),)))
     measured = run.measurements
     facts = (
-        ("measurements", str(run.document["configuration"]["measurements"])),
+        ("measurements", run.document.configuration.measurements),
         ("postures", str(len(np.unique(measured.posture)))),
         ("readings", str(len(measured))),
         ("placements", str(len(np.unique(measured.placement)))),
-        ("repeated pairs", str(report["repeats"]["pairs"])),
-        ("search, s", f"{report['wall_s']:.1f}"),
+        ("repeated pairs", str(report.repeats.pairs)),
+        ("search, s", f"{report.wall_s:.1f}"),
     )
-    name = run.robot.name
-    title = f"{name}: discovery {run.folder.resolve().name}"
-    sentence = f"{VERDICTS[report['verdict']]} {report['story'][0]}"
-    return Page(title, report["verdict"], sentence, facts, tuple(sections), story=tuple(report["story"][1:]))
+    sentence, *story = report.story
+    sentence = f"{VERDICTS[report.verdict]} {sentence}"
+    return Page(title_of(run), report.verdict, sentence, facts, tuple(sections), story=tuple(story))
 
 
 def gap_table(gap: dict[str, Any]) -> Table:
@@ -82,11 +84,11 @@ def gap_table(gap: dict[str, Any]) -> Table:
     return Table("The gap before and after", ("channel", "before", "after", "by chance up to"), rows)
 
 
-def _gap_figures(gap: dict[str, Any]) -> tuple[Figure, ...]:
+def _gap_figures(report: DiscoveryReport) -> tuple[Figure, ...]:
     rows = [
-        (CHANNEL_NAMES[channel], entry["before"], entry["after"], entry["floor"])
-        for channel, entry in gap.items()
-        if channel != "heldout_rms_mm" and entry["after"] is not None
+        (CHANNEL_NAMES[channel], ratio.before, ratio.after, ratio.floor)
+        for channel, ratio in report.gap.items()
+        if channel != "heldout_rms_mm" and ratio is not None and ratio.after is not None
     ]
     return (drawn.gap_figure(rows),) if rows else ()
 
@@ -100,7 +102,7 @@ def _planes(curves: list[Curve], changed: bool) -> tuple[Figure, ...]:
     return tuple(drawn.plane_figure(name, *side, sd, reach) for name, side in sides.items())
 
 
-def _curves(run: SavedDiscovery, curves: list[Curve], changed: bool) -> tuple[Figure, ...]:
+def _curves(run: DiscoveryRecord, curves: list[Curve], changed: bool) -> tuple[Figure, ...]:
     posture = run.measurements.posture[time_order(run)]
     return tuple(
         drawn.curve_figure(k, curve, posture, changed)
@@ -109,35 +111,32 @@ def _curves(run: SavedDiscovery, curves: list[Curve], changed: bool) -> tuple[Fi
     )
 
 
-def _evidence(report: dict[str, Any]) -> tuple[Section, ...]:
-    found = report["candidates"]
+def _evidence(report: DiscoveryReport) -> tuple[Section, ...]:
+    found = report.candidates
     if not found:
         return ()
     rows = []
-    for k, (candidate, short) in enumerate(zip(found, behind(found), strict=True)):
+    for k, (one, short) in enumerate(zip(found, behind(found), strict=True)):
         key = f"candidates.{k}"
-        values = [_value(p) for p in candidate["parameters"]]
         rows.append(
             [
-                number(f"{key}.gap", candidate["gap"], ".0f"),
-                Cell(effect_label(candidate["name"], candidate["target"])),
-                Cell("; ".join(values)),
-                number(f"{key}.log_bayes_factor", candidate["log_bayes_factor"], ".1f"),
+                number(f"{key}.gap", one.gap, ".0f"),
+                Cell(one.label),
+                Cell("; ".join(_value(p) for p in one.parameters)),
+                number(f"{key}.log_bayes_factor", one.log_bayes_factor, ".1f"),
                 Cell(f"{short:.1f}", style="number"),
             ]
         )
     headers = ("gap", "explanation", "size [95 % interval]", "ln BF", "behind the best")
-    words = (EVIDENCE_WORDS[report["verdict"] == "unknown"],)
+    words = (EVIDENCE_WORDS[report.verdict == "unknown"],)
     table = Table("Explanations", headers, rows)
-    labels = [effect_label(candidate["name"], candidate["target"]) for candidate in found]
-    return (Section("Evidence", words, (table,), (drawn.evidence_figure(found, labels),)),)
+    return (Section("Evidence", words, (table,), (drawn.evidence_figure(found),)),)
 
 
-def _value(parameter: dict[str, Any]) -> str:
-    text = f"{parameter['name']} {parameter['value']:.4g} {parameter['unit']}".strip()
-    if parameter["low95"] is None:
-        return text
-    return f"{text} [{parameter['low95']:.4g}, {parameter['high95']:.4g}]"
+def _value(parameter: ParameterDocument) -> str:
+    text = f"{parameter.name} {parameter.value:.4g} {parameter.unit}".strip()
+    low, high = parameter.low95, parameter.high95
+    return text if low is None or high is None else f"{text} [{low:.4g}, {high:.4g}]"
 
 
 def _parameters(report: dict[str, Any]) -> tuple[Section, ...]:
@@ -217,7 +216,7 @@ def _hidden(entries: list[dict[str, Any]]) -> Table:
     for name, of in by_name.items():
         worst = max(of, key=lambda entry: entry["bias_mm_per_prior_sd"] or 0.0)
         cells = ("not predicted", "")
-        if worst["parameter"] is not None:
+        if worst["bias_mm_per_prior_sd"] is not None:
             cells = (str(worst["parameter"]), f"{worst['bias_mm_per_prior_sd']:.2f}")
         targets = ", ".join(entry["target"] for entry in of if entry["target"])
         rows.append([Cell(name), Cell(targets), *(Cell(cell, style="number") for cell in cells)])
@@ -225,14 +224,13 @@ def _hidden(entries: list[dict[str, Any]]) -> Table:
     return Table("What these postures cannot show", headers, rows)
 
 
-def _check(report: dict[str, Any]) -> tuple[Section, ...]:
-    check = report["check"]
-    if not check:
+def _check(check: Check | None) -> tuple[Section, ...]:
+    if check is None:
         return ()
-    if check["reason"] is not None:
-        return (Section("In full dynamics", (f"Nothing could be compared: {check['reason']}.",)),)
+    if check.left_over_noise is None:
+        return (Section("In full dynamics", (f"Nothing could be compared: {check.reason}.",)),)
     words = (
-        f"The adopted model was simulated in full dynamics: {check['postures']} of {check['tried']} postures "
-        f"stood. What the adopted effects leave there is {check['left_over_noise']:.2f} times the noise."
+        f"The adopted model was simulated in full dynamics: {check.postures} of {check.tried} postures "
+        f"stood. What the adopted effects leave there is {check.left_over_noise:.2f} times the noise."
     )
     return (Section("In full dynamics", (words,)),)

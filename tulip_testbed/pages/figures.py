@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -237,7 +238,7 @@ def with_intervals(
     return figure(name, caption, f"{axis}, by parameter. {spans}.", drawn)
 
 
-def error_boxes(model: str, numbers: tuple[int, ...], errors_mm: np.ndarray) -> Figure:
+def error_boxes(model: str, numbers: Sequence[int], errors_mm: np.ndarray) -> Figure:
     """Errors of all runs by parameter, (runs, p) [mm]: median, quartiles, whiskers and what lies beyond."""
     drawn = go.Figure()
     for k, number in enumerate(numbers):

@@ -7,18 +7,20 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
-from pathlib import Path
-from typing import Any
 
 import jinja2
 import numpy as np
 from markupsafe import Markup
 from PIL import Image
 
+from tulip_testbed.experiments.estimate_report import ModelReport
+from tulip_testbed.experiments.montecarlo.calibration_report import CalibrationRow
 from tulip_testbed.experiments.montecarlo.calibration_verdict import BIAS, COVERAGE, RATIO
+from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
 from tulip_testbed.experiments.parameter_tables import models, paper_table
-from tulip_testbed.experiments.saved_run import SavedMonteCarlo, SavedRun, errors_mm
+from tulip_testbed.experiments.records import Record
 from tulip_testbed.experiments.validate import correlations_at
+from tulip_testbed.experiments.validation_record import ValidationRecord
 from tulip_testbed.identification.base_parameters import base_parameters, common_support, renumbered
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.feasibility import support_polygon
@@ -35,7 +37,6 @@ from tulip_testbed.pages.page_tables import (
 )
 from tulip_testbed.rendering import rendered
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import write_bytes
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
@@ -106,24 +107,31 @@ def html(page: Page) -> str:
     )
 
 
-def validation_page(run: SavedRun) -> Page:
-    """A validation's page."""
-    report, robot, measured = run.report, run.robot, run.measurements
+def title_of(run: Record) -> str:
+    """Return the title of a run's page; a run in memory has no name of its own."""
+    name = "" if run.folder is None else f" {run.folder.resolve().name}"
+    return f"{run.robot.name}: {run.kind}{name}"
+
+
+def validation_page(run: ValidationRecord) -> Page:
+    """Make the page of a validation."""
+    report, content, robot, measured = run.report, run.report.plain(), run.robot, run.measurements
     parameters = base_parameters(robot, support=common_support(measured.support))
     paper = paper_table(robot)
     shown = models(robot)
     missing: list[str] = []
-    tables = [parameter_table(model, report[model], parameters, paper) for model in shown]
+    com = run.truth.com
+    tables = [parameter_table(model, content[model], parameters, paper) for model in shown]
     norms = {model: run.residual_mm[model] for model in shown}
-    means = {model: report[model]["residual_mm"]["mean"] for model in shown}
-    z = {model: _z(report[model]["parameters"]) for model in shown}
+    means = {model: report.models[model].residual_mm.mean for model in shown}
+    z = {model: _z(report.models[model]) for model in shown}
     pairs = [
         (renumbered(robot, parameters, entry["pair"]), entry["joint"])
         for entry in robot.settings.get("correlated", [])
     ]
     matrix = correlations_at(parameters, measured.joint_angles)
     sections = (
-        Section("What was checked", tables=(check_table(report["checks"]),)),
+        Section("What was checked", tables=(check_table(content["checks"]),)),
         Section("Parameters", words.parameter_words(report), tuple(tables), (drawn.errors_over_se(z),)),
         Section(
             "Residuals",
@@ -132,73 +140,69 @@ def validation_page(run: SavedRun) -> Page:
         Section("Correlations", figures=(drawn.correlation_map(matrix, pairs),)),
         Section(
             "Postures",
-            (words.dropped(report), words.POLYGON_WORDS),
-            figures=_polygons(robot, measured, run.truth),
+            (words.dropped(report), words.POLYGON_WORDS, *([words.NO_TRUE_COM] if com is None else [])),
+            figures=_polygons(robot, measured, com),
             pictures=_pictures(robot, measured.joint_angles, measured.plate_poses, _names(measured), missing),
         ),
-        Section("How it was made", tables=(settings_table(run.document),)),
+        Section("How it was made", tables=(settings_table(run.document.plain()),)),
     )
-    configuration = run.document["configuration"]
+    mass = report.total_mass
     facts = (
-        ("sensors", str(configuration["preset"])),
-        ("seed", str(configuration["seed"])),
-        ("estimator", report["estimator"]),
-        ("postures used", f"{report['postures_used']} of {report['postures_planned']}"),
-        (
-            "total mass, kg",
-            f"{report['total_mass']['estimate']:.3f} ± {report['total_mass']['standard_error']:.3f}"
-            f" (truth {report['total_mass']['truth']:.3f})",
-        ),
+        ("sensors", run.document.configuration.preset),
+        ("seed", str(run.document.configuration.seed)),
+        ("estimator", report.estimator),
+        ("postures used", f"{report.postures_used} of {report.postures_planned}"),
+        ("total mass, kg", f"{mass.estimate:.3f} ± {mass.standard_error:.3f} (truth {mass.truth:.3f})"),
     )
-    title = f"{robot.name}: validation {run.folder.resolve().name}"
-    return Page(title, report["verdict"], words.validation_sentence(report), facts, sections, tuple(missing))
+    return Page(
+        title_of(run), report.verdict, words.validation_sentence(report), facts, sections, tuple(missing)
+    )
 
 
-def montecarlo_page(run: SavedMonteCarlo) -> Page:
-    """A Monte Carlo's page."""
-    report = run.report
+def montecarlo_page(run: MonteCarloRecord) -> Page:
+    """Make the page of a Monte Carlo."""
+    report, content = run.report, run.report.plain()
     missing: list[str] = []
-    rows = {"full": report["parameters"]}
-    if report["simplified"]["parameters"]:
-        rows["simplified"] = report["simplified"]["parameters"]
+    rows = {model: of.parameters for model, of in report.models.items()}
+    places = {"full": content, "simplified": content["simplified"]}
     paths = {"full": "parameters", "simplified": "simplified.parameters"}
-    tables = tuple(calibration_table(model, of, paths[model]) for model, of in rows.items())
+    tables = tuple(calibration_table(model, places[model]["parameters"], paths[model]) for model in rows)
     figures: tuple[Figure, ...] = ()
-    if report["identified"] > 1:
+    if report.identified > 1:
         figures = (
             *_calibration_figures(rows),
-            *(drawn.error_boxes(m, run.layout.models[m], errors_mm(run, m)) for m in rows),
+            *(drawn.error_boxes(m, [row.number for row in rows[m]], run.errors_mm[m]) for m in rows),
         )
     size = len(run.plan)
     chosen = np.unique(np.linspace(0, size - 1, PICTURES).astype(int))
     sections = (
-        Section("What was checked", tables=(check_table(report["checks"]),)),
-        Section("Calibration and coverage", words.calibration_words(report), (), figures[:3]),
+        Section("What was checked", tables=(check_table(content["checks"]),)),
+        Section("Calibration and coverage", (words.CALIBRATION_WORDS,), (), figures[:3]),
         Section("Errors", figures=figures[3:]),
         Section("Parameters", tables=tables),
         Section("Postures", pictures=_planned_pictures(run.robot, run.plan, chosen, missing)),
-        Section("How it was made", tables=(settings_table(run.document),)),
+        Section("How it was made", tables=(settings_table(run.document.plain()),)),
     )
-    configuration = run.document["configuration"]
     facts = (
-        ("sensors", str(configuration["preset"])),
-        ("seed", str(run.settings.seed)),
-        ("estimator", report["estimator"]),
-        ("runs identified", f"{report['identified']} of {report['runs']}"),
+        ("sensors", run.document.configuration.preset),
+        ("seed", str(run.document.settings.seed)),
+        ("estimator", report.estimator),
+        ("runs identified", f"{report.identified} of {report.runs}"),
         ("postures planned", str(size)),
     )
-    title = f"{run.robot.name}: Monte Carlo {run.folder.resolve().name}"
-    return Page(title, report["verdict"], words.montecarlo_sentence(report), facts, sections, tuple(missing))
+    return Page(
+        title_of(run), report.verdict, words.montecarlo_sentence(report), facts, sections, tuple(missing)
+    )
 
 
-def _calibration_figures(rows: dict[str, list[dict[str, Any]]]) -> tuple[Figure, ...]:
+def _calibration_figures(rows: dict[str, list[CalibrationRow]]) -> tuple[Figure, ...]:
     def of(name: str) -> dict[str, list[tuple[int, float, list[float]]]]:
         return {
-            model: [(row["number"], row[name], row[f"{name}_interval"]) for row in found]
+            model: [(row.number, getattr(row, name), getattr(row, f"{name}_interval")) for row in found]
             for model, found in rows.items()
         }
 
-    bias = {model: [(row["number"], *_relative_bias(row)) for row in found] for model, found in rows.items()}
+    bias = {model: [(row.number, *_relative_bias(row)) for row in found] for model, found in rows.items()}
     return (
         drawn.with_intervals(
             "ratio",
@@ -215,25 +219,27 @@ def _calibration_figures(rows: dict[str, list[dict[str, Any]]]) -> tuple[Figure,
     )
 
 
-def _relative_bias(row: dict[str, Any]) -> tuple[float, list[float]]:
-    middle = row["bias"] / row["standard_error"]
-    half = 1.96 * row["bias_mc_error"] / row["standard_error"]
+def _relative_bias(row: CalibrationRow) -> tuple[float, list[float]]:
+    bias, error, stated = np.array([row.bias, row.bias_mc_error, row.standard_error], float)
+    middle, half = bias / stated, 1.96 * error / stated
     return middle, [middle - half, middle + half]
 
 
-def _z(rows: list[dict[str, Any]]) -> tuple[list[int], np.ndarray]:
-    values = np.array([(row["estimate"] - row["truth"], row["standard_error"]) for row in rows])
-    return [row["number"] for row in rows], values[:, 0] / values[:, 1]
+def _z(model: ModelReport) -> tuple[list[int], np.ndarray]:
+    rows = model.parameters
+    estimate, truth, error = np.array(
+        [(row.estimate, row.truth, row.standard_error) for row in rows], float
+    ).T
+    return [row.number for row in rows], (estimate - truth) / error
 
 
 def _names(measured: Measurements) -> list[str]:
     return [f"Posture {p}, placement {k}" for p, k in zip(measured.posture, measured.placement, strict=True)]
 
 
-def _polygons(robot: Robot, measured: Measurements, truth: dict[str, Any]) -> tuple[Figure, ...]:
+def _polygons(robot: Robot, measured: Measurements, com: np.ndarray | None) -> tuple[Figure, ...]:
     nominal = nominal_robot(robot)
     soles, cop = nominal.soles_in_base(measured.joint_angles), center_of_pressure(measured)
-    com = np.array([attempt["com"] for attempt in truth["attempts"] if "com" in attempt])
     placements = np.unique(measured.placement)
     board = nominal_plates(robot)[0].size
     carrying = {"double": slice(0, 2), "right": slice(0, 1), "left": slice(1, 2)}
@@ -241,7 +247,7 @@ def _polygons(robot: Robot, measured: Measurements, truth: dict[str, Any]) -> tu
     for placement in placements[np.unique(np.linspace(0, len(placements) - 1, POLYGONS).astype(int))]:
         rows = np.flatnonzero(measured.placement == placement)
         feet = soles[rows[0]][carrying[str(measured.support[rows[0]])]]
-        points = {"CoP": cop[rows], "CoM, truth": com[rows]}
+        points = {"CoP": cop[rows]} | ({} if com is None else {"CoM, truth": com[rows]})
         plates = measured.plate_poses[rows[0]]
         found.append(
             drawn.support_polygon_figure(int(placement), plates, support_polygon(feet), points, board)
@@ -281,14 +287,3 @@ def _planned_pictures(
     boards = boards_under(preset_rig("ideal", robot), plan.swing_pose[chosen])
     names = [f"Posture {plan.posture[row]}, placement {plan.placement[row]}" for row in chosen]
     return _pictures(robot, plan.joint_angles[chosen], boards, names, missing)
-
-
-def write_page(path: Path, page: Page) -> int:
-    """Write it, whole or not at all; returns its size [bytes].
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    content = html(page).encode()
-    write_bytes(path, content)
-    return len(content)

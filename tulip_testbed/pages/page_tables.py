@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tulip_testbed.experiments.correlation_table import meaning
+from tulip_testbed.experiments.document import flattened
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED
 
@@ -121,20 +122,6 @@ def settings_table(document: dict[str, Any]) -> Table:
         [Cell(key), Cell(_plain(value), f"run.{key}", value)] for key, value in flattened(document).items()
     ]
     return Table("Settings, versions, seed and hashes", ("key", "value"), rows)
-
-
-def flattened(document: Any, name: str = "") -> dict[str, Any]:
-    """Values of a JSON document by their path with dots."""
-    if isinstance(document, dict):
-        pairs = document.items()
-    elif isinstance(document, list) and any(isinstance(item, dict | list) for item in document):
-        pairs = enumerate(document)
-    else:
-        return {name: document}
-    found: dict[str, Any] = {}
-    for key, value in pairs:
-        found |= flattened(value, f"{name}.{key}" if name else str(key))
-    return found
 
 
 def _plain(value: Any) -> str:

@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+
+from tulip_testbed.experiments.discovery_report import Explanation, Gap
+from tulip_testbed.experiments.montecarlo.calibration_report import CalibrationReport
+from tulip_testbed.experiments.validation_record import Report
 
 POLYGON_WORDS = (
     "From above, as the paper's Fig. 2 (x points up, y to the left): plates light blue, the support polygon "
     "of a placement's first posture orange, CoP of all its postures as vermilion dots, CoM by truth as green "
     "crosses. Below, some postures as in the paper's Fig. 3."
 )
+CALIBRATION_WORDS = (
+    "Found over stated: the scatter of the errors over the runs against the standard error that the "
+    "estimator stated. Coverage: share of the runs whose interval held the truth. Intervals of 95 % for "
+    "every single figure; the verdict's are wider, since they hold for all at once."
+)
+NO_TRUE_COM = "The true centre of mass of each posture is not shown: the statics engine does not record it."
 
-CHANNEL_NAMES = {
+CHANNEL_NAMES: dict[Gap, str] = {
     "A": "A, centre of pressure",
     "F": "F, sum of the cells",
     "T": "T, twist of the plates",
@@ -37,10 +46,10 @@ VERDICTS = {
 }
 
 
-def validation_sentence(report: dict[str, Any]) -> str:
+def validation_sentence(report: Report) -> str:
     """What a validation's verdict means."""
-    failed = [check["name"] for check in report["checks"] if check["result"] == "fail"]
-    evaluated = sum(check["result"] != "not evaluated" for check in report["checks"])
+    failed = [check.name for check in report.checks if check.result == "fail"]
+    evaluated = sum(check.result != "not evaluated" for check in report.checks)
     if failed:
         return f"The estimates cannot be trusted here: {len(failed)} of {evaluated} checks failed, " + (
             f"{', '.join(failed)}."
@@ -52,50 +61,40 @@ def validation_sentence(report: dict[str, Any]) -> str:
     )
 
 
-def montecarlo_sentence(report: dict[str, Any]) -> str:
+def montecarlo_sentence(report: CalibrationReport) -> str:
     """What a Monte Carlo's verdict means."""
-    failed = [check["name"] for check in report["checks"] if check["result"] == "fail"]
+    failed = [check.name for check in report.checks if check.result == "fail"]
     if failed:
         return f"The estimator is wrong about its own errors: {', '.join(failed)}."
-    if report["shown"]:
-        return f"The estimator is right about its own errors: {report['identified']} runs show it."
+    if report.shown:
+        return f"The estimator is right about its own errors: {report.identified} runs show it."
     return (
-        f"Nothing in {report['identified']} runs contradicts the estimator's own errors, but they are too "
+        f"Nothing in {report.identified} runs contradicts the estimator's own errors, but they are too "
         "few to show that these are right: some intervals reach beyond the bounds."
     )
 
 
-def parameter_words(report: dict[str, Any]) -> tuple[str, ...]:
+def parameter_words(report: Report) -> tuple[str, ...]:
     """How the table of a validation's parameters is read."""
-    right, left = report["full"]["placement_sd_mm"]
+    right, left = report.full.placement_sd_mm
     return (
-        f"s.e.: standard error by the estimator ({report['estimator']}); rel. %: standard error over "
+        f"s.e.: standard error by the estimator ({report.estimator}); rel. %: standard error over "
         "estimate (eq. 13); well identified: below 15 %. Errors common to a placement are estimated as s.d. "
         f"{right:.2f} mm of the right plate and {left:.2f} mm of the left.",
     )
 
 
-def calibration_words(report: dict[str, Any]) -> tuple[str, ...]:
-    """How the figures of a Monte Carlo are read."""
-    return (
-        "Found over stated: the scatter of the errors over the runs against the standard error that the "
-        "estimator stated. Coverage: share of the runs whose interval held the truth. Intervals of 95 % for "
-        "every single figure; the verdict's are wider, since they hold for all at once.",
-    )
-
-
-def dropped(report: dict[str, Any]) -> str:
+def dropped(report: Report) -> str:
     """Which postures could not be measured, and why."""
-    if not report["dropped"]:
-        return f"All {report['postures_planned']} planned postures could be measured."
-    reasons = "; ".join(f"{entry['posture']}: {entry['reason']}" for entry in report["dropped"])
-    return f"Dropped {len(report['dropped'])} of {report['postures_planned']} postures. {reasons}."
+    if not report.dropped:
+        return f"All {report.postures_planned} planned postures could be measured."
+    reasons = "; ".join(f"{entry.posture}: {entry.reason}" for entry in report.dropped)
+    return f"Dropped {len(report.dropped)} of {report.postures_planned} postures. {reasons}."
 
 
-def behind(candidates: list[dict[str, Any]]) -> list[float]:
-    """How far ln BF of each lies behind the best of its gap."""
+def behind(found: list[Explanation]) -> list[float]:
+    """Return by how much ln BF of each explanation lies below the best of its gap."""
     best: dict[int, float] = {}
-    for candidate in candidates:
-        gap = candidate["gap"]
-        best[gap] = max(best.get(gap, -math.inf), candidate["log_bayes_factor"])
-    return [best[candidate["gap"]] - candidate["log_bayes_factor"] for candidate in candidates]
+    for one in found:
+        best[one.gap] = max(best.get(one.gap, -math.inf), one.log_bayes_factor)
+    return [best[one.gap] - one.log_bayes_factor for one in found]

@@ -10,8 +10,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, rgb
-from tulip_testbed.effects.instance import effect_label
-from tulip_testbed.experiments.saved_discovery import Curve, SavedDiscovery, residual_curves, time_order
+from tulip_testbed.experiments.discovery_record import DiscoveryRecord
+from tulip_testbed.experiments.discovery_report import Explanation
+from tulip_testbed.experiments.residual_curves import Curve, residual_curves, time_order
 from tulip_testbed.identification.center_of_pressure import cell_positions
 from tulip_testbed.pages.words import CHANNEL_NAMES, VERDICTS, behind
 from tulip_testbed.viewer.balance_series import ABOVE_GROUND, factor_for, from_above, log_balance
@@ -37,10 +38,10 @@ class DiscoveryViews:
     text: rrb.View
 
 
-def log_discovery(recording: rr.RecordingStream, run: SavedDiscovery, title: str) -> None:
-    """Everything, and the blueprint; the postures in the order of time."""
+def log_discovery(recording: rr.RecordingStream, run: DiscoveryRecord) -> None:
+    """Log a discovery, its postures in the order of time, and the layout of its views."""
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    subject = replace(of_measurements(run.measurements, run.robot, title), com={})
+    subject = replace(of_measurements(run.measurements, run.robot), com={})
     rank = np.empty(len(subject), int)
     rank[time_order(run)] = np.arange(1, len(subject) + 1)
     index = rr.TimeColumn("posture", sequence=rank)
@@ -59,7 +60,7 @@ def log_discovery(recording: rr.RecordingStream, run: SavedDiscovery, title: str
         _log_residual(recording, side, index, subject.cop, factor * values)
         _log_plane(recording, side, index, values, curves)
     _log_channels(recording, curves, sides(run))
-    _log_evidence(recording, run)
+    _log_evidence(recording, run.report.candidates)
     recording.log(
         "text", rr.TextDocument(discovery_text(run, factor), media_type=rr.MediaType.MARKDOWN), static=True
     )
@@ -75,9 +76,9 @@ def log_discovery(recording: rr.RecordingStream, run: SavedDiscovery, title: str
     recording.send_blueprint(laid_out(_views(run, space, reach)))
 
 
-def sides(run: SavedDiscovery) -> tuple[str, ...]:
+def sides(run: DiscoveryRecord) -> tuple[str, ...]:
     """What there is: nothing found, nothing after."""
-    return ("before", "after") if run.report["candidates"] else ("before",)
+    return ("before", "after") if run.report.candidates else ("before",)
 
 
 def _log_residual(
@@ -129,13 +130,11 @@ def _log_channels(recording: rr.RecordingStream, curves: list[Curve], of: tuple[
             recording.send_columns(path, [ends], rr.Scalars.columns(scalars=[level, level]))
 
 
-def _log_evidence(recording: rr.RecordingStream, run: SavedDiscovery) -> None:
-    """ln of the Bayes factor of every explanation that is left, as bars."""
-    found = run.report["candidates"]
-    most = max((candidate["log_bayes_factor"] for candidate in found), default=1.0)
-    for k, (candidate, short) in enumerate(zip(found, behind(found), strict=True)):
-        factor = candidate["log_bayes_factor"]
-        length = max(BAR * factor / most, 0.5)
+def _log_evidence(recording: rr.RecordingStream, found: list[Explanation]) -> None:
+    """Log ln of the Bayes factor of every explanation that is left, as bars."""
+    most = max((one.log_bayes_factor for one in found), default=1.0)
+    for k, (one, short) in enumerate(zip(found, behind(found), strict=True)):
+        length = max(BAR * one.log_bayes_factor / most, 0.5) if most else 0.5
         bar = rr.LineStrips2D(
             [[[0.0, STEP * k], [length, STEP * k]]],
             colors=rgb(ESTIMATE if short == 0 else MARGIN),
@@ -147,28 +146,27 @@ def _log_evidence(recording: rr.RecordingStream, run: SavedDiscovery) -> None:
             [[BAR / 2, STEP * (k + 0.15)]],
             colors=(40, 40, 40),
             radii=rr.Radius.ui_points(0.0),
-            labels=f"{effect_label(candidate['name'], candidate['target'])}: {factor:.1f}",
+            labels=f"{one.label}: {one.log_bayes_factor:.1f}",
             show_labels=True,
         )
         recording.log(f"evidence/{k}/label", label, static=True)
 
 
-def discovery_text(run: SavedDiscovery, factor: int) -> str:
-    """The story, the gap, the explanations as Markdown."""
+def discovery_text(run: DiscoveryRecord, factor: int) -> str:
+    """Return the story, the gap and the explanations as Markdown."""
     report = run.report
-    lines = [f"## Verdict: {report['verdict']}", VERDICTS[report["verdict"]], ""]
-    lines += [f"{line}\n" for line in report["story"]]
+    lines = [f"## Verdict: {report.verdict}", VERDICTS[report.verdict], ""]
+    lines += [f"{line}\n" for line in report.story]
     lines += ["| residual over noise | before | after | by chance |", "|---|---:|---:|---:|"]
     for channel, name in CHANNEL_NAMES.items():
-        if (entry := report["gap"].get(channel)) and entry["after"] is not None:
+        if (ratio := report.gap.get(channel)) and ratio.after is not None:
             unit = ", mm" if channel == "heldout_rms_mm" else ""
-            figures = " | ".join(f"{entry[key]:.2f}" for key in ("before", "after", "floor"))
-            lines.append(f"| {name}{unit} | {figures} |")
-    if report["candidates"]:
+            lines.append(f"| {name}{unit} | {ratio.before:.2f} | {ratio.after:.2f} | {ratio.floor:.2f} |")
+    if report.candidates:
         lines += ["", "| explanation | ln BF | behind the best |", "|---|---:|---:|"]
         lines += [
-            f"| {effect_label(c['name'], c['target'])} | {c['log_bayes_factor']:.1f} | {short:.1f} |"
-            for c, short in zip(report["candidates"], behind(report["candidates"]), strict=True)
+            f"| {one.label} | {one.log_bayes_factor:.1f} | {short:.1f} |"
+            for one, short in zip(report.candidates, behind(report.candidates), strict=True)
         ]
     lines += [
         "",
@@ -180,7 +178,7 @@ def discovery_text(run: SavedDiscovery, factor: int) -> str:
     return "\n".join(lines)
 
 
-def _views(run: SavedDiscovery, space: Sequence[rrb.View], reach: float) -> DiscoveryViews:
+def _views(run: DiscoveryRecord, space: Sequence[rrb.View], reach: float) -> DiscoveryViews:
     bounds = rrb.VisualBounds2D(x_range=[-reach, reach], y_range=[-reach, reach])
     plane: list[rrb.View] = [
         rrb.Spatial2DView(
@@ -197,9 +195,9 @@ def _views(run: SavedDiscovery, space: Sequence[rrb.View], reach: float) -> Disc
             name=f"{CHANNEL_NAMES[channel]}, over noise",
             plot_legend=rrb.PlotLegend(visible=False),
         )
-        for channel in "AFTC"
+        for channel in ("A", "F", "T", "C")
     ]
-    count = len(run.report["candidates"])
+    count = len(run.report.candidates)
     evidence: list[rrb.View] = [
         rrb.Spatial2DView(
             origin="evidence",

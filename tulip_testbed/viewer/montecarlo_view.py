@@ -7,11 +7,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from tulip_testbed.colours import ESTIMATE, MEASURED, SKELETON, rgb
+from tulip_testbed.experiments.document import first_difference
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stream_of
-from tulip_testbed.experiments.montecarlo.montecarlo_folder import first_difference, run_document
-from tulip_testbed.experiments.montecarlo.settings import Settings
-from tulip_testbed.experiments.saved_run import SavedMonteCarlo, errors_mm
+from tulip_testbed.experiments.montecarlo.montecarlo_folder import montecarlo_file
+from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.viewer.balance_series import from_above, log_balance
@@ -24,10 +24,10 @@ CLOUD_RUNS, BINS = 100, 40
 MOST_Z = 5.0  # standard errors that the picture of all parameters reaches
 
 
-def log_montecarlo(recording: rr.RecordingStream, run: SavedMonteCarlo, title: str) -> None:
-    """Everything, and the blueprint."""
+def log_montecarlo(recording: rr.RecordingStream, run: MonteCarloRecord) -> None:
+    """Log a Monte Carlo and the layout of its views."""
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    subject = planned(run.plan, run.robot, title)
+    subject = planned(run.plan, run.robot)
     index = rr.TimeColumn("posture", sequence=np.arange(1, len(subject) + 1))
     model = run.robot.visual_model
     log_geometry(recording, "world/robot", model)
@@ -45,7 +45,7 @@ def log_montecarlo(recording: rr.RecordingStream, run: SavedMonteCarlo, title: s
     recording.send_blueprint(laid_out(montecarlo_views(run, subject, bool(clouds))))
 
 
-def cop_clouds(run: SavedMonteCarlo) -> tuple[dict[int, np.ndarray], str]:
+def cop_clouds(run: MonteCarloRecord) -> tuple[dict[int, np.ndarray], str]:
     """CoP of every posture over the first runs, made anew from their seeds, and a sentence about them.
 
     The folder holds estimates, not measurements; the same seed gives the same measurements again.
@@ -53,18 +53,16 @@ def cop_clouds(run: SavedMonteCarlo) -> tuple[dict[int, np.ndarray], str]:
     Returns:
         by posture number, (k, 2) [m]; empty where a run takes minutes.
     """
-    settings = run.settings
-    if settings.dynamics:
+    settings = run.document.settings.asked
+    if settings.engine == "dynamics":
         return {}, "No CoP clouds: every run in the full dynamics would take a minute again."
-    inputs = run.document["configuration"]
-    made = Laboratory(run.robot, inputs["preset"])
-    asked = Settings(settings.runs, settings.seed, settings.estimator, settings.random_robots)
-    here = run_document(made, run.plan, inputs["seed"], asked.engine, asked.document())
-    other = first_difference(run.document, here)
+    made = Laboratory(run.robot, run.document.configuration.preset)
+    here = montecarlo_file(made, run.plan, settings)
+    other = first_difference(run.document.plain(), here.plain())
     if other is not None and not other[0].startswith("software"):
         return {}, f"No CoP clouds: {other[0]} is {other[1]!r} in the run and {other[2]!r} here."
     count = min(CLOUD_RUNS, settings.runs)
-    simulate = source_of(made, run.plan, settings.random_robots, asked.engine)
+    simulate = source_of(made, run.plan, settings.spread, settings.engine)
     points: dict[int, list[np.ndarray]] = {}
     for outcome in simulate([stream_of(settings.seed, k) for k in range(count)]):
         if not isinstance(outcome, str):
@@ -113,21 +111,21 @@ def _ellipse(cloud: np.ndarray) -> np.ndarray:
     return 2 * circle * np.sqrt(np.maximum(values, 0)) @ vectors.T
 
 
-def _log_errors(recording: rr.RecordingStream, run: SavedMonteCarlo) -> None:
+def _log_errors(recording: rr.RecordingStream, run: MonteCarloRecord) -> None:
     """All runs' errors as columns of points, and a histogram on the `parameter` line."""
-    for model, numbers in run.layout.models.items():
-        errors = errors_mm(run, model)
+    for model, errors in run.errors_mm.items():
+        rows = run.report.models[model].parameters
+        numbers = [row.number for row in rows]
         rng = np.random.default_rng(0)  # sideways only, so that points do not hide each other
         for k, number in enumerate(numbers):
-            recording.set_time("parameter", sequence=int(number))
+            recording.set_time("parameter", sequence=number)
             counts, edges = np.histogram(errors[:, k], bins=BINS)
             bars = rr.BarChart(
                 counts, abscissa=(edges[1:] + edges[:-1]) / 2, widths=np.diff(edges), color=rgb(ESTIMATE)
             )
             recording.log(f"histogram/{model}", bars)
         recording.reset_time()
-        rows = run.report["parameters"] if model == "full" else run.report[model]["parameters"]
-        stated = 1e3 * np.array([row["standard_error"] for row in rows])
+        stated = 1e3 * np.array([row.standard_error for row in rows], float)
         place = np.arange(1, len(numbers) + 1)
         side = place + rng.uniform(-0.3, 0.3, errors.shape)
         flat = np.column_stack([side.ravel(), -(errors / stated).ravel()])
@@ -145,15 +143,15 @@ def _log_errors(recording: rr.RecordingStream, run: SavedMonteCarlo) -> None:
         recording.log(f"errors/{model}/numbers", labels, static=True)
 
 
-def _text(run: SavedMonteCarlo, note: str) -> str:
+def _text(run: MonteCarloRecord, note: str) -> str:
     report = run.report
     lines = [
-        f"## Verdict: {report['verdict']}{'' if report['shown'] else ', not shown'}",
-        f"{report['identified']} of {report['runs']} runs identified, estimator {report['estimator']}.",
+        f"## Verdict: {report.verdict}{'' if report.shown else ', not shown'}",
+        f"{report.identified} of {report.runs} runs identified, estimator {report.estimator}.",
         "",
         "| check | result |",
         "|---|---|",
-        *(f"| {check['name']} | {check['result']} |" for check in report["checks"]),
+        *(f"| {check.name} | {check.result} |" for check in report.checks),
         "",
         note,
         "",
@@ -163,14 +161,14 @@ def _text(run: SavedMonteCarlo, note: str) -> str:
     return "\n".join(lines)
 
 
-def montecarlo_views(run: SavedMonteCarlo, subject: Subject, clouds: bool) -> Views:
+def montecarlo_views(run: MonteCarloRecord, subject: Subject, clouds: bool) -> Views:
     """The views of a Monte Carlo.
 
     Args:
         clouds: whether there are CoP clouds.
     """
     pale = {"background": (250, 250, 250)}
-    counts = {model: len(numbers) for model, numbers in run.layout.models.items()}
+    counts = {model: errors.shape[1] for model, errors in run.errors_mm.items()}
     errors = [
         rrb.Spatial2DView(
             origin=f"errors/{model}",

@@ -1,26 +1,25 @@
-"""What there is to see of a folder's postures, as plain arrays: rerun comes later."""
+"""What a view shows of postures, as plain arrays."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
 from tulip_testbed.experiments.identify import identify
-from tulip_testbed.experiments.saved_run import SavedRun
+from tulip_testbed.experiments.validation_record import ValidationRecord
+from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.feasibility import stability_margin, support_polygon
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.pages.words import NO_TRUE_COM
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import (
     Measurements,
     PlateGeometry,
     PosturePlan,
     Series,
-    read_measurements,
-    read_series,
 )
 from tulip_testbed.sim.measurements.plan_folder import check_model
 from tulip_testbed.sim.rig import preset_rig
@@ -33,7 +32,7 @@ class Subject:
     """Postures with all that is known of them, one row each.
 
     Attributes:
-        title: of the view. notes: what the reader has to know, one sentence each.
+        notes: what the reader has to know, one sentence each.
         plates: recorded poses, (m, 2, 3) [m, m, rad]. board: what a plate looks like.
         cells: in their plate's frame, (2, 4, 2) [m]. top_height: of the plates, (2,) [m].
         com: projections of the centre of mass by where they come from ("truth", "estimate", "nominal
@@ -47,7 +46,6 @@ class Subject:
         verdict: in a sentence, or "".
     """
 
-    title: str
     nominal: Nominal
     joint_angles: np.ndarray
     posture: np.ndarray
@@ -87,15 +85,14 @@ class Subject:
         return self.cop - self.com["estimate"]
 
 
-def planned(plan: PosturePlan, robot: Robot, title: str) -> Subject:
-    """A plan: the robot where it is to stand, by its nominal model."""
+def planned(plan: PosturePlan, robot: Robot) -> Subject:
+    """Show a plan: the robot where it is to stand, by its nominal model."""
     nominal = nominal_robot(robot)
     rig = preset_rig("ideal", robot)
     com = nominal.center_of_mass(plan.joint_angles)
     polygons = support_polygons(nominal, plan.joint_angles, plan.support)
     board = nominal_plates(robot)[0]
     return Subject(
-        title=title,
         nominal=nominal,
         joint_angles=plan.joint_angles,
         posture=plan.posture,
@@ -113,18 +110,25 @@ def planned(plan: PosturePlan, robot: Robot, title: str) -> Subject:
     )
 
 
-def measured(folder: Path, robot: Robot, title: str) -> Subject:
-    """A measurement folder: what was measured, and the estimate where it can be made.
+def measured(
+    measurements: Measurements,
+    robot: Robot,
+    series: Series | None = None,
+    source: str = "measurements",
+) -> Subject:
+    """Show what was measured, with the estimate if one can be made.
+
+    Args:
+        series: raw readings of the same postures, if there are any. source: for messages.
 
     Raises:
-        InputError: another robot's folder, or one that breaks the contract.
+        InputError: another robot's measurements.
     """
-    measurements = read_measurements(folder)
-    check_model(f"{folder}: manifest.json", measurements.robot["model"], measurements.robot["sha256"], robot)
-    subject = of_measurements(measurements, robot, title)
-    subject = replace(subject, series=read_series(folder))
+    model = measurements.robot
+    check_model(f"{source}: manifest.json", model["model"], model["sha256"], robot)
+    subject = replace(of_measurements(measurements, robot, source), series=series)
     try:
-        found = identify(measurements, robot, str(folder))
+        found = identify(measurements, robot, source)
     except InputError as error:
         return replace(subject, notes=(f"No estimate: {error}.",))
     com = found.parameters.regressor(measurements.joint_angles) @ found.full.value
@@ -132,49 +136,41 @@ def measured(folder: Path, robot: Robot, title: str) -> Subject:
     return replace(subject, com=subject.com | {"estimate": com}, notes=(note,))
 
 
-def validated(run: SavedRun, title: str) -> Subject:
-    """A validation: measurements, the estimate that the run's report holds, and the truth.
-
-    Raises:
-        InputError: the truth does not belong to these measurements.
-    """
-    subject = of_measurements(run.measurements, run.robot, title)
-    held = [attempt for attempt in run.truth["attempts"] if "com" in attempt]
-    if [attempt["posture"] for attempt in held] != run.measurements.posture.tolist():
-        raise InputError(f"{run.folder / 'truth.json'}: found other postures than in the measurements")
-    value = np.array([row["estimate"] for row in run.report["full"]["parameters"]])
-    support = "right" if (run.measurements.support == "right").any() else "double"
-    parameters = nominal_robot(run.robot, support).parameters
-    com = {
-        "estimate": parameters.regressor(run.measurements.joint_angles) @ value,
-        "truth": np.array([attempt["com"] for attempt in held]),
-    }
-    report = run.report
-    failed = [check["name"] for check in report["checks"] if check["result"] == "fail"]
-    verdict = f"Verdict: {report['verdict']}" + (f" ({', '.join(failed)})" if failed else "")
+def validated(run: ValidationRecord) -> Subject:
+    """Show a validation: measurements, the estimate that the run's report holds, and the truth."""
+    measurements, report = run.measurements, run.report
+    subject = of_measurements(measurements, run.robot)
+    value = np.array([row.estimate for row in report.full.parameters])
+    parameters = nominal_robot(run.robot, common_support(measurements.support)).parameters
+    com = {"estimate": parameters.regressor(measurements.joint_angles) @ value}
+    notes = [f"Estimate: full model, {report.estimator}."]
+    if run.truth.com is None:
+        notes.append(NO_TRUE_COM)
+    else:
+        com["truth"] = run.truth.com
+    failed = [check.name for check in report.checks if check.result == "fail"]
+    verdict = f"Verdict: {report.verdict}" + (f" ({', '.join(failed)})" if failed else "")
     return replace(
         subject,
         com=subject.com | com,
-        true_masses={"truth": np.array(run.truth["standard_parameters"])},
+        true_masses={"truth": np.array(run.truth.standard_parameters)},
         verdict=verdict + ".",
-        series=read_series(run.folder / "measurements"),
-        notes=(f"Estimate: full model, {report['estimator']}.",),
+        notes=tuple(notes),
     )
 
 
-def of_measurements(measurements: Measurements, robot: Robot, title: str) -> Subject:
-    """What was measured, without an estimate.
+def of_measurements(measurements: Measurements, robot: Robot, source: str = "measurements") -> Subject:
+    """Show what was measured, without an estimate.
 
     Raises:
         InputError: measurements of other joints.
     """
     nominal = nominal_robot(robot)
+    if measurements.joints != nominal.parameters.tree.joints:
+        raise InputError(f"{source}: found other joints than those of {robot.model_file.name}")
     polygons = support_polygons(nominal, measurements.joint_angles, measurements.support)
     cop = center_of_pressure(measurements)
-    if measurements.joints != nominal.parameters.tree.joints:
-        raise InputError(f"{title}: found other joints than those of {robot.model_file.name}")
     return Subject(
-        title=title,
         nominal=nominal,
         joint_angles=measurements.joint_angles,
         posture=measurements.posture,

@@ -15,9 +15,8 @@ from pathlib import Path
 
 import rerun as rr
 
-from tulip_testbed.experiments.run_folder import check_new
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import write_bytes
+from tulip_testbed.sim.files import check_new, write_bytes
 
 Log = Callable[[rr.RecordingStream], None]
 APPLICATION = "tulip"

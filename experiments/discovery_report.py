@@ -1,0 +1,228 @@
+"""discovery.json: what was found, as `tulip discover --json` prints it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from tulip_testbed.discovery.candidates import Fitted
+from tulip_testbed.discovery.discover import Discovery
+from tulip_testbed.discovery.effect_intervals import with_intervals
+from tulip_testbed.effects.instance import EffectDocument, ParameterDocument, effect_label
+from tulip_testbed.experiments.discovering import Discovered
+from tulip_testbed.experiments.document import Document, Figure
+from tulip_testbed.experiments.identify import Identification
+
+Channel = Literal["A", "F", "T", "C"]
+Gap = Channel | Literal["all", "heldout_rms_mm"]
+Sds = Annotated[list[float], Field(min_length=6, max_length=6)]
+
+
+class AdoptedEffect(EffectDocument):
+    """An effect that was added to the model, with its evidence."""
+
+    log_bayes_factor: float
+
+
+class Explanation(Document):
+    """An effect that explains a gap; gap: the number of the gap, from 1."""
+
+    gap: int
+    name: str
+    target: str | None
+    parameters: list[ParameterDocument]
+    log_bayes_factor: float
+
+    @property
+    def label(self) -> str:
+        """Return `name:target`."""
+        return effect_label(self.name, self.target)
+
+
+class Undetectable(Document):
+    """An effect that these postures cannot detect; parameter: number of the one that it biases most."""
+
+    name: str
+    target: str | None
+    parameter: int | None
+    bias_mm_per_prior_sd: Figure
+
+
+class Ratio(Document):
+    """Residuals on held-out placements over their noise; floor: what `after` may be by chance."""
+
+    before: float
+    after: Figure
+    floor: float
+
+
+class NextExperiment(Document):
+    """What would separate ambiguous explanations."""
+
+    do: str
+    separation_gain: float
+
+
+class MovedParameter(Document):
+    """A base parameter identified before and after the adopted effects were removed [mm]."""
+
+    number: int
+    name: str
+    before_mm: float
+    after_mm: float
+    standard_error_mm: float
+    moved_in_standard_errors: float
+
+
+class Repeats(Document):
+    """Repeated postures against the stated noise, by channel."""
+
+    pairs: int
+    chi_square_per_freedom: dict[Channel, float]
+    p: dict[Channel, float]
+
+
+class StatedNoise(Document):
+    """Standard deviations of encoders [rad], cells [N] and plate poses [m, m, rad]."""
+
+    encoder_sd: float
+    cell_sd: float
+    placement_sd: Sds
+    not_as_stated: list[str]
+
+
+class LeftPattern(Document):
+    """A pattern in the residuals that are left."""
+
+    channel: str
+    pattern: str
+    p: float
+
+
+class Check(Document):
+    """The adopted effects simulated in the full dynamics; reason: why nothing could be compared."""
+
+    postures: int
+    tried: int
+    left_over_noise: Figure
+    cells_rms_N: dict[Literal["before", "after"], Figure]  # noqa: N815, as the key has it
+    reason: str | None
+
+
+class DiscoveryReport(Document):
+    """discovery.json."""
+
+    verdict: Literal["named", "ambiguous", "unknown", "none"]
+    effects: list[AdoptedEffect]
+    candidates: list[Explanation]
+    undetectable: list[Undetectable]
+    where: str
+    gap: dict[Gap, Ratio | None]
+    next_experiment: list[NextExperiment]
+    parameters: list[MovedParameter]
+    repeats: Repeats
+    noise: StatedNoise
+    alarm_p: Figure
+    left: list[LeftPattern]
+    story: Annotated[list[str], Field(min_length=1)]
+    check: Check | None
+    rig: str | None
+    wall_s: float
+
+
+def discovery_report(result: Discovered, rig: str | None = None) -> DiscoveryReport:
+    """Report a discovery.
+
+    Args:
+        rig: folder of the adopted model; None: there is none.
+    """
+    found = result.discovery
+    factors = [explanations[0].log_bayes_factor for explanations in found.equivalents]
+    content: dict[str, Any] = {
+        "verdict": found.verdict,
+        "effects": [
+            instance.document() | {"log_bayes_factor": factor}
+            for instance, factor in zip(found.adopted, factors, strict=False)
+        ],
+        "candidates": [
+            _explanation(found, k, one) for k, several in enumerate(found.equivalents) for one in several
+        ],
+        "undetectable": [
+            {
+                "name": u.candidate.effect.name,
+                "target": u.candidate.target or None,
+                "parameter": u.parameter or None,
+                "bias_mm_per_prior_sd": 1e3 * u.bias if u.parameter else None,
+            }
+            for u in found.undetectable
+        ],
+        "where": found.where,
+        "gap": _gap(found),
+        "next_experiment": [{"do": p.words, "separation_gain": p.gain} for p in result.proposals],
+        "parameters": _moved(result.before, result.after),
+        "repeats": {
+            "pairs": found.repeats.pairs,
+            "chi_square_per_freedom": found.repeats.ratio,
+            "p": found.repeats.p,
+        },
+        "noise": {
+            "encoder_sd": found.noise.encoder,
+            "cell_sd": found.noise.cell,
+            "placement_sd": found.noise.plates.tolist(),
+            "not_as_stated": list(found.noise.assumed),
+        },
+        "alarm_p": found.selection.p,
+        "left": [{"channel": p.channel, "pattern": p.words, "p": p.p} for p in found.patterns],
+        "story": result.story,
+        "check": None if result.check is None else result.check.document(),
+        "rig": rig,
+        "wall_s": found.wall_s,
+    }
+    return DiscoveryReport.model_validate(content)
+
+
+def _explanation(found: Discovery, k: int, explanation: Fitted) -> dict[str, Any]:
+    adopted = explanation.label == found.fit.terms[k].label
+    instance = with_intervals(found.fit, k) if adopted else explanation.instance
+    return {"gap": k + 1, **instance.document(), "log_bayes_factor": explanation.log_bayes_factor}
+
+
+def _gap(found: Discovery) -> dict[str, Any]:
+    """Return the whitened r.m.s. on held-out placements by channel, and its 97.5 % quantile by chance."""
+    held = found.heldout
+    if held is None:
+        return {
+            test.channel: {"before": float(np.sqrt(test.chi_square / test.dof)), "after": None, "floor": 1.0}
+            for test in found.selection.lack_of_fit
+        } | {"heldout_rms_mm": None}
+    document: dict[str, Any] = {
+        channel: {"before": held.before[channel], "after": held.after[channel], "floor": held.floor[channel]}
+        for channel in "AFTC"
+        if channel in held.before
+    }
+    document["all"] = {
+        "before": held.before["AFTC"],
+        "after": held.after["AFTC"],
+        "floor": held.floor["AFTC"],
+    }
+    first, last, floor = held.millimetres
+    document["heldout_rms_mm"] = {"before": first, "after": last, "floor": floor}
+    return document
+
+
+def _moved(before: Identification, after: Identification | None) -> list[dict[str, Any]]:
+    old, new = before.full, (after or before).full
+    errors = np.sqrt(np.diag(new.clustered_covariance))
+    return [
+        {
+            "number": int(number),
+            "name": name,
+            "before_mm": 1e3 * float(a),
+            "after_mm": 1e3 * float(b),
+            "standard_error_mm": 1e3 * float(s),
+            "moved_in_standard_errors": float((b - a) / s),
+        }
+        for number, name, a, b, s in zip(new.numbers, new.names, old.value, new.value, errors, strict=True)
+    ]

@@ -1,0 +1,86 @@
+"""A discovery's residuals as curves over the experiment, with the noise that they should have."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tulip_testbed.experiments.discovery_record import DiscoveryRecord
+from tulip_testbed.identification.base_parameters import common_support
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import Observation, observe
+from tulip_testbed.identification.residual_channels import ANCHORED, SIZE
+from tulip_testbed.identification.residual_noise import Noise, whitening
+
+# What each part is called, its unit, how many of it go on one SI unit, its channel.
+SHOWN = (
+    ("centre of pressure, x", "mm", 1e3, "A"),
+    ("centre of pressure, y", "mm", 1e3, "A"),
+    ("sum of the cells", "N", 1.0, "F"),
+    ("twist, right plate", "N", 1.0, "T"),
+    ("twist, left plate", "N", 1.0, "T"),
+    ("swing foot's height", "mm", 1e3, "C"),
+    ("swing foot's roll", "mrad", 1e3, "C"),
+    ("swing foot's pitch", "mrad", 1e3, "C"),
+    ("swing foot's x", "mm", 1e3, "C"),
+    ("swing foot's y", "mm", 1e3, "C"),
+    ("swing foot's yaw", "mrad", 1e3, "C"),
+)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One residual over the experiment, in the unit that it is shown in.
+
+    Attributes:
+        channel: "A", "F", "T" or "C". before, after, sd: (m,); nan where the posture does not have it.
+    """
+
+    channel: str
+    name: str
+    unit: str
+    before: np.ndarray
+    after: np.ndarray
+    sd: np.ndarray
+
+
+def residual_curves(run: DiscoveryRecord) -> list[Curve]:
+    """Compute all residuals in the order of time, with the standard deviations that the noise gives them.
+
+    The swing foot's x, y and yaw are known up to a constant of the stance, hence given about its mean.
+    """
+    observed = observe(run.measurements, nominal_robot(run.robot, common_support(run.measurements.support)))
+    sd = _spread(run, observed)
+    before, after = (_about_stances(side, observed.stance) for side in (run.before, run.after))
+    order = time_order(run)
+    return [
+        Curve(channel, name, unit, *(scale * side[order, j] for side in (before, after, sd)))
+        for j, (name, unit, scale, channel) in enumerate(SHOWN)
+    ]
+
+
+def time_order(run: DiscoveryRecord) -> np.ndarray:
+    """Return the rows of the measurements in the order of time, (m,)."""
+    return np.argsort(run.measurements.time, kind="stable")
+
+
+def _spread(run: DiscoveryRecord, observed: Observation) -> np.ndarray:
+    """Compute the standard deviation of every residual by the noise that the discovery assumed, (m, 11)."""
+    stated = run.report.noise
+    noise = Noise(stated.encoder_sd, stated.cell_sd, np.array(stated.placement_sd), ())
+    white = whitening(observed, observed.nominal.value, noise)
+    n = len(observed.tree.joints)
+    levers = white.sensitivity[..., n + 8 : n + 14] * noise.plates
+    variance = np.diagonal(white.own, axis1=1, axis2=2) + (levers**2).sum(axis=2)
+    missing = np.ones(variance.size, bool)
+    missing[white.rows] = False
+    return np.sqrt(np.where(missing.reshape(-1, SIZE), np.nan, variance))
+
+
+def _about_stances(residual: np.ndarray, stance: np.ndarray) -> np.ndarray:
+    out = residual.copy()
+    for number in np.unique(stance):
+        rows = np.flatnonzero(stance == number)
+        out[rows, ANCHORED] -= out[rows, ANCHORED].mean(axis=0)
+    return out

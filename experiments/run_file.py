@@ -1,0 +1,182 @@
+"""run.json: how a run was made, with which versions, from which files, and the hashes of what it wrote."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Generic, Literal, TypeVar
+
+from pydantic import Field
+
+from tulip_testbed.experiments.document import Document, Seed
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.sim.errors import InputError, listed, shortened
+from tulip_testbed.sim.files import present
+from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.measurements.folder_kind import KINDS
+from tulip_testbed.sim.robot import Robot, sha256
+
+RUN_FILE, PLAN_FOLDER, MEASUREMENT_FOLDER = "run.json", "plan", "measurements"
+FORMATS = ("tulip-run", "tulip-montecarlo")
+VERSION = 1
+RunKind = Literal["validation", "discovery", "Monte Carlo"]
+
+
+class Head(Document):
+    """What every run.json begins with."""
+
+    format: str
+    version: int
+    command: str = ""
+
+
+class Configuration(Document):
+    """Everything that was set in a laboratory; the keys that are not declared are shown, not used."""
+
+    preset: str
+    seed: Seed
+    robot: str
+
+
+Made = TypeVar("Made", bound=Document)
+
+
+class RunFile(Head, Generic[Made]):
+    """run.json of a folder whose files are listed with their hashes; a run in memory has no outputs."""
+
+    configuration: Made
+    software: dict[str, str]
+    inputs: dict[str, str]
+    outputs: dict[str, str] = Field(default_factory=dict)
+
+
+def configuration_of(laboratory: Laboratory, plan: PosturePlan, seed: int, engine: str) -> Configuration:
+    """List everything that was set, for run folders and truth files."""
+    rig = laboratory.rig
+    return Configuration.model_validate(
+        {
+            "preset": laboratory.sensors,
+            "seed": seed,
+            "robot": rig.robot.path.name,
+            "controller": dataclasses.asdict(rig.controller),
+            "drives": dataclasses.asdict(rig.drives),
+            "compliance": dataclasses.asdict(rig.compliance),
+            "sensors": dataclasses.asdict(rig.sensors),
+            "protocol": dataclasses.asdict(rig.protocol),
+            "edited": rig.edit is not None,
+            "adopted": [found.document() for found in laboratory.known],
+            "statics": engine == "statics",
+            "plan": {"robot": plan.robot, "made": plan.made, "postures": len(plan)},
+        }
+    )
+
+
+def write_run_file(folder: Path, document: RunFile[Made]) -> RunFile[Made]:
+    """Write run.json beside all other files of a folder; returns it with their hashes."""
+    paths = sorted(path for path in folder.rglob("*") if path.is_file())
+    outputs = {str(path.relative_to(folder)): sha256(path) for path in paths}
+    document = document.model_copy(update={"outputs": outputs})
+    document.write(folder / RUN_FILE)
+    return document
+
+
+def check_outputs(folder: Path, outputs: dict[str, str], needed: Sequence[str]) -> None:
+    """Refuse a run with a file that is missing or not what was written.
+
+    Raises:
+        InputError: names the file.
+    """
+    for name in needed:
+        if name not in outputs:
+            raise InputError(f"{folder / RUN_FILE}: key 'outputs': found no {name}")
+    for name, expected in outputs.items():
+        path = folder / name
+        if ".." in Path(name).parts or Path(name).is_absolute():
+            raise InputError(f"{folder / RUN_FILE}: key 'outputs': found '{shortened(name)}'")
+        if (found := sha256(path)) != expected:
+            raise InputError(
+                f"{path}: hash mismatch: found sha256 {found[:12]}..., "
+                f"expected {shortened(expected[:12])}... by run.json"
+            )
+
+
+def check_robot(folder: Path, inputs: dict[str, str], robot: Robot) -> None:
+    """Refuse to draw or judge one robot's run by another robot's files.
+
+    Raises:
+        InputError: the run was made with another robot.
+    """
+    name = robot.model_file.name
+    if inputs.get(name) != robot.model_hash:
+        raise InputError(
+            f"{folder / RUN_FILE}: key 'inputs': found no {name} with the hash of {robot.model_file}; "
+            "--robot names the robot that the run was made with"
+        )
+
+
+def check_parameters(
+    where: Path, key: str, found: Sequence[tuple[int, str]], expected: Sequence[tuple[int, str]]
+) -> None:
+    """Refuse rows of other parameters than the robot's.
+
+    Args:
+        found, expected: number and name of each row.
+
+    Raises:
+        InputError: names the first row that differs.
+    """
+    if len(found) != len(expected):
+        raise InputError(f"{where}: key '{key}': found {len(found)} rows, expected {len(expected)}")
+    for row, (a, b) in enumerate(zip(found, expected, strict=True)):
+        if a != b:
+            raise InputError(
+                f"{where}: key '{key}.{row}': found parameter {a[0]}, {shortened(a[1])}, "
+                f"expected {b[0]}, {b[1]}"
+            )
+
+
+def kind_of(folder: Path) -> RunKind | Literal["plan", "measurement"]:
+    """Return what a folder holds, by the file that describes it.
+
+    Raises:
+        InputError: no folder, or none of ours, or one of another version.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder")
+    if present(folder / RUN_FILE):
+        return _run_kind(folder / RUN_FILE)
+    found = [kind for kind, name in KINDS.items() if present(folder / name)]
+    if len(found) != 1:
+        expected = listed(dict.fromkeys([RUN_FILE, *KINDS.values()]))
+        raise InputError(f"{folder}: found {len(found)} of {expected}, expected one of them")
+    return "plan" if found[0] == "plan" else "measurement"
+
+
+def run_kind(folder: Path) -> RunKind:
+    """Return which kind of run a folder holds.
+
+    Raises:
+        InputError: no run folder, or one of another version.
+    """
+    kind = kind_of(folder)
+    if kind != "plan" and kind != "measurement":
+        return kind
+    raise InputError(f"{folder}: found a {kind} folder, expected a run folder ({RUN_FILE})")
+
+
+def _run_kind(where: Path) -> RunKind:
+    head = Head.read(where)
+    if head.format not in FORMATS:
+        raise InputError(
+            f"{where}: key 'format': found '{shortened(head.format)}', expected one of {listed(FORMATS)}"
+        )
+    if head.version != VERSION:
+        raise InputError(
+            f"{where}: key 'version': found {head.version}, expected {VERSION}: another version of this "
+            "program made the run"
+        )
+    if head.format == "tulip-montecarlo":
+        return "Monte Carlo"
+    return "discovery" if head.command == "discover" else "validation"

@@ -1,0 +1,267 @@
+"""The record of a validation and its folder: run.json, report.json, truth.json, plan, measurements."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from tulip_testbed.experiments.document import Document, Figure, Pair
+from tulip_testbed.experiments.estimate_report import ModelReport, model_report
+from tulip_testbed.experiments.run_file import (
+    MEASUREMENT_FOLDER,
+    PLAN_FOLDER,
+    RUN_FILE,
+    VERSION,
+    Configuration,
+    RunFile,
+    check_outputs,
+    check_parameters,
+    check_robot,
+    configuration_of,
+    write_run_file,
+)
+from tulip_testbed.experiments.truth_record import Truth, truth_of
+from tulip_testbed.experiments.validate import Validation, worst_balance
+from tulip_testbed.identification.base_parameters import base_parameters, common_support, simplified_numbers
+from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.sim.files import new_folder, read_bytes
+from tulip_testbed.sim.measurements import (
+    Measurements,
+    PosturePlan,
+    read_measurements,
+    read_plan,
+    write_measurements,
+    write_plan,
+)
+from tulip_testbed.sim.measurements.table_files import Table, software
+from tulip_testbed.sim.robot import Robot
+
+MODELS = ("full", "simplified")
+REPORT_FILE, TRUTH_FILE, RESIDUAL_FILE = "report.json", "truth.json", "residuals.csv"
+
+
+class CheckRow(Document):
+    """A line of the verdict; threshold: an upper limit, or [low, high]."""
+
+    name: str
+    result: Literal["pass", "fail", "not evaluated"]
+    value: Figure
+    threshold: float | Pair | None
+    source: str
+
+
+class Dropped(Document):
+    """A posture that could not be measured."""
+
+    posture: int
+    reason: str
+
+
+class TotalMass(Document):
+    """The robot's mass [kg]."""
+
+    truth: float
+    estimate: float
+    standard_error: float
+
+
+class Report(Document):
+    """report.json; books: the largest imbalance of any hold, null in statics."""
+
+    verdict: Literal["pass", "fail"]
+    estimator: str
+    checks: list[CheckRow]
+    postures_planned: int
+    postures_used: int
+    rows_measured: int
+    dropped: list[Dropped]
+    condition_number: Figure
+    total_mass: TotalMass
+    full: ModelReport
+    simplified: ModelReport
+    books: dict[str, float] | None
+    wall_s: float
+
+    @property
+    def models(self) -> dict[str, ModelReport]:
+        """The estimates by model."""
+        return {"full": self.full, "simplified": self.simplified}
+
+
+@dataclass(frozen=True)
+class ValidationRecord:
+    """A validation as its folder holds it.
+
+    Attributes:
+        document: run.json. report: report.json. truth: truth.json.
+        residual_mm: norm per row of the measurements, by model, (m,) [mm].
+        folder: None: in memory alone.
+    """
+
+    kind: ClassVar[str] = "validation"
+    document: RunFile[Configuration]
+    report: Report
+    truth: Truth
+    plan: PosturePlan
+    measurements: Measurements
+    residual_mm: dict[str, np.ndarray]
+    robot: Robot
+    folder: Path | None = None
+
+
+def report_of(result: Validation) -> Report:
+    """Report a validation."""
+    found, run = result.identification, result.run
+    dropped = run.truth.dropped
+    return Report.model_validate(
+        {
+            "verdict": result.verdict,
+            "estimator": found.estimator,
+            "checks": [dataclasses.asdict(check) for check in result.checks],
+            "postures_planned": run.plan.postures,
+            "postures_used": run.plan.postures - len(dropped),
+            "rows_measured": len(run.measurements),
+            "dropped": [{"posture": posture, "reason": reason} for posture, reason in dropped],
+            "condition_number": found.full.condition_number,
+            "total_mass": {
+                "truth": run.truth.mass,
+                "estimate": found.mass[0],
+                "standard_error": found.mass[1],
+            },
+            "full": model_report(found.full, result.truth),
+            "simplified": model_report(found.simplified, result.truth),
+            "books": worst_balance(run),
+            "wall_s": result.wall_s,
+        }
+    )
+
+
+def validation_record(result: Validation) -> ValidationRecord:
+    """Make the record of a validation that has just been carried out."""
+    run, found = result.run, result.identification
+    return ValidationRecord(
+        document=RunFile[Configuration](
+            format="tulip-run",
+            version=VERSION,
+            command="validate",
+            configuration=configuration_of(run.laboratory, run.plan, run.seed, run.engine),
+            software=software(),
+            inputs=run.laboratory.robot.hashes,
+        ),
+        report=report_of(result),
+        truth=truth_of(run),
+        plan=run.plan,
+        measurements=run.measurements,
+        residual_mm={
+            model: 1e3 * np.linalg.norm(getattr(found, model).residual.reshape(-1, 2), axis=1)
+            for model in MODELS
+        },
+        robot=run.laboratory.robot,
+    )
+
+
+def write_validation(folder: Path, record: ValidationRecord) -> ValidationRecord:
+    """Write a validation; the folder appears whole or not at all.
+
+    Returns:
+        the record as it is in the folder.
+
+    Raises:
+        InputError: the folder exists or cannot be written.
+    """
+    with new_folder(folder) as working:
+        write_plan(working / PLAN_FOLDER, record.plan)
+        write_measurements(working / MEASUREMENT_FOLDER, record.measurements)
+        record.report.write(working / REPORT_FILE)
+        record.truth.write(working / TRUTH_FILE)
+        _write_csv(working / "parameters.csv", _parameter_rows(record.report))
+        _write_csv(working / RESIDUAL_FILE, _residual_rows(record))
+        document = write_run_file(working, record.document)
+    return replace(record, document=document, folder=Path(folder))
+
+
+def read_validation(folder: Path, robot: Robot) -> ValidationRecord:
+    """Read a validation and check that its files are what was written and fit each other.
+
+    Raises:
+        InputError: another kind or version of run, another robot's, or a file that is not what was written.
+    """
+    folder = Path(folder)
+    document = RunFile[Configuration].read(folder / RUN_FILE)
+    check_robot(folder, document.inputs, robot)
+    check_outputs(folder, document.outputs, (REPORT_FILE, TRUTH_FILE, RESIDUAL_FILE))
+    record = ValidationRecord(
+        document=document,
+        report=Report.read(folder / REPORT_FILE),
+        truth=Truth.read(folder / TRUTH_FILE),
+        plan=read_plan(folder / PLAN_FOLDER, robot),
+        measurements=read_measurements(folder / MEASUREMENT_FOLDER),
+        residual_mm=_read_residuals(folder / RESIDUAL_FILE),
+        robot=robot,
+        folder=folder,
+    )
+    _check_fit(folder, record)
+    return record
+
+
+def _read_residuals(path: Path) -> dict[str, np.ndarray]:
+    table = Table(path, read_bytes(path))
+    return {model: table.numbers(f"{model}_mm") for model in MODELS}
+
+
+def _check_fit(folder: Path, record: ValidationRecord) -> None:
+    """Refuse documents that speak of another robot's parameters or of other postures."""
+    measured, robot, truth = record.measurements, record.robot, record.truth
+    parameters = base_parameters(robot, support=common_support(measured.support))
+    kept = {"full": range(1, len(parameters.names) + 1), "simplified": simplified_numbers(robot, parameters)}
+    for model, numbers in kept.items():
+        check_parameters(
+            folder / REPORT_FILE,
+            f"{model}.parameters",
+            [(row.number, row.name) for row in record.report.models[model].parameters],
+            [(number, parameters.names[number - 1]) for number in numbers],
+        )
+    if truth.links != list(parameters.tree.links) or len(truth.standard_parameters) != len(truth.links):
+        raise InputError(
+            f"{folder / TRUTH_FILE}: key 'links': found {len(truth.standard_parameters)} rows of standard "
+            f"parameters of {shortened(truth.links)}, expected one for each of the robot's "
+            f"{len(parameters.tree.links)} links"
+        )
+    if truth.attempts and [attempt.posture for attempt in truth.held] != measured.posture.tolist():
+        raise InputError(f"{folder / TRUTH_FILE}: found other postures than in the measurements")
+    if (rows := len(record.residual_mm["full"])) != len(measured):
+        raise InputError(
+            f"{folder / RESIDUAL_FILE}: found {rows} rows, expected {len(measured)}, as many as the "
+            "measurements have"
+        )
+
+
+def _parameter_rows(report: Report) -> Iterator[dict[str, Any]]:
+    for model, estimate in report.models.items():
+        for row in estimate.parameters:
+            yield {"model": model} | row.model_dump()
+
+
+def _residual_rows(record: ValidationRecord) -> Iterator[dict[str, Any]]:
+    measured = record.measurements
+    for k in range(len(measured)):
+        yield {
+            "posture": int(measured.posture[k]),
+            "placement": int(measured.placement[k]),
+            "full_mm": float(record.residual_mm["full"][k]),
+            "simplified_mm": float(record.residual_mm["simplified"][k]),
+        }
+
+
+def _write_csv(path: Path, rows: Iterable[dict[str, Any]]) -> None:
+    rows = list(rows)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)

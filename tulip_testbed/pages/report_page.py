@@ -1,0 +1,34 @@
+"""The page of any run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tulip_testbed.experiments.discovery_record import DiscoveryRecord
+from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
+from tulip_testbed.experiments.records import Record
+from tulip_testbed.pages.discovery_page import discovery_page
+from tulip_testbed.pages.page import Page, html, montecarlo_page, validation_page
+from tulip_testbed.sim.files import check_new, write_bytes
+
+
+def page_of(run: Record) -> Page:
+    """Make the page of a run of any kind."""
+    if isinstance(run, DiscoveryRecord):
+        return discovery_page(run)
+    return montecarlo_page(run) if isinstance(run, MonteCarloRecord) else validation_page(run)
+
+
+def write_page(path: Path, run: Record) -> Page:
+    """Write the page of a run as one HTML file, which appears whole.
+
+    Returns:
+        the page; it tells what could not be drawn.
+
+    Raises:
+        InputError: the file exists or cannot be written.
+    """
+    check_new(path)
+    page = page_of(run)
+    write_bytes(path, html(page).encode())
+    return page

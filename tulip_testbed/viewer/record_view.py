@@ -1,0 +1,58 @@
+"""The view of anything that has one: a run, a plan, measurements, or a folder of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from tulip_testbed.experiments.discovery_record import DiscoveryRecord
+from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
+from tulip_testbed.experiments.records import Record, read_record
+from tulip_testbed.experiments.run_file import kind_of
+from tulip_testbed.sim.measurements import read_measurements, read_plan, read_series
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.viewer.discovery_view import log_discovery
+from tulip_testbed.viewer.montecarlo_view import log_montecarlo
+from tulip_testbed.viewer.postures_view import log_postures
+from tulip_testbed.viewer.subject import measured, planned, validated
+from tulip_testbed.viewer.window import Log
+
+
+@dataclass(frozen=True)
+class View:
+    """What a window shows, see `window`.
+
+    Attributes:
+        log: called with a recording.
+    """
+
+    title: str
+    log: Log
+
+
+def record_view(run: Record) -> View:
+    """Make the view of a run of any kind."""
+    name = run.robot.name if run.folder is None else run.folder.resolve().name
+    title = f"{name} ({run.kind})"
+    if isinstance(run, DiscoveryRecord):
+        return View(title, partial(log_discovery, run=run))
+    if isinstance(run, MonteCarloRecord):
+        return View(title, partial(log_montecarlo, run=run))
+    return View(title, partial(log_postures, subject=validated(run)))
+
+
+def folder_view(folder: Path, robot: Robot) -> View:
+    """Make the view of a folder of a run, a plan or measurements.
+
+    Raises:
+        InputError: another folder, another robot's, or a file that is not what was written.
+    """
+    kind = kind_of(folder)
+    if kind == "plan":
+        subject = planned(read_plan(folder, robot), robot)
+    elif kind == "measurement":
+        subject = measured(read_measurements(folder), robot, read_series(folder), str(folder))
+    else:
+        return record_view(read_record(folder, robot))
+    return View(f"{folder.resolve().name} ({kind})", partial(log_postures, subject=subject))
