@@ -111,7 +111,7 @@ def check_robot(folder: Path, inputs: dict[str, str], robot: Robot) -> None:
     if inputs.get(name) != robot.model_hash:
         raise InputError(
             f"{folder / RUN_FILE}: key 'inputs': found no {name} with the hash of {robot.model_file}; "
-            "--robot names the robot that the run was made with"
+            "give the robot that the run was made with"
         )
 
 

@@ -62,7 +62,7 @@ def test_plan_for_another_model(assets, tmp_path, capsys):
     edit(assets / "tulip.xml", 'mass="10.7"', 'mass="10.8"')
     here = ("--robot", assets / "tulip.toml", "--out", tmp_path / "run")
     message = refused(capsys, "validate", *here)
-    assert "the shipped one is TULip's. Make one with `tulip postures --random --robot" in message
+    assert "the shipped one is TULip's. Draw one with `tulip postures`" in message
     message = refused(capsys, "validate", DEFAULT_PLAN, *here)
     assert "hash mismatch of the robot's model" in message
 

@@ -196,7 +196,7 @@ def test_bad_input(found, foreign, tmp_path, capsys):
     assert "command" in refused(capsys, "view", work, *view)
     robot = next(iter(foreign.values()))
     message = refused(capsys, "view", found, "--robot", robot.path, *view)
-    assert "--robot names the robot that the run was made with" in message
+    assert "give the robot that the run was made with" in message
     assert not list(tmp_path.glob("x.*"))
 
 

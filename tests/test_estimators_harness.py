@@ -86,9 +86,7 @@ def test_few_placements_and_single_postures_are_no_obstacle(bench, name):
 
 def test_an_unknown_estimator_is_told_the_known_ones(bench):
     data = bench.draw(np.random.default_rng(5), **WII)
-    with pytest.raises(
-        InputError, match="--estimator: unknown estimator 'best'; valid: mixed-model, least-sq"
-    ):
+    with pytest.raises(InputError, match="estimator: unknown estimator 'best'; valid: mixed-model, least-sq"):
         estimate_by(data, "best")
 
 

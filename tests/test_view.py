@@ -283,7 +283,7 @@ def test_a_run_of_another_version_or_robot_or_one_that_was_changed(run, foreign,
     assert "report.json: hash mismatch" in refused(capsys, "view", other, *save)
     robot = next(iter(foreign.values()))
     message = refused(capsys, "view", run, "--robot", robot.path, *save)
-    assert "--robot names the robot that the run was made with" in message
+    assert "give the robot that the run was made with" in message
     message = refused(capsys, "view", run / "measurements", "--robot", robot.path, *save)
     assert "hash mismatch of the robot's model" in message
     assert not (tmp_path / "x.rrd").exists()

@@ -25,6 +25,7 @@ from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory, Run
 from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo, Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.planning_run import PlanSettings, optimal_plan
+from tulip_testbed.experiments.records import Record, read_record, record_of
 from tulip_testbed.experiments.usable_plan import check_plan
 from tulip_testbed.experiments.validate import Validation
 from tulip_testbed.experiments.validate import validate as _validate
@@ -277,3 +278,54 @@ def atlas(
     robot = robot or load_robot()
     check_plan(robot, plan)
     return _atlas(planned(plan, sensors, robot, seed), np.random.default_rng(seed))
+
+
+def view(shown: Shown, robot: Robot | None = None, save: str | Path | None = None) -> None:
+    """Look at postures, forces and errors in rerun's viewer, a window of its own.
+
+    Args:
+        shown: a run, a validation, a discovery, a Monte Carlo, measurements, a plan, or the folder of any.
+        robot: of measurements, a plan or a folder; TULip if None.
+        save: write the view as this file (.rrd) instead of showing it, for where there is no screen.
+
+    Raises:
+        InputError: no screen and no file; a file that exists or cannot be written; what cannot be drawn.
+    """
+    from tulip_testbed.viewer import window
+    from tulip_testbed.viewer.record_view import folder_view, measurements_view, plan_view, record_view
+
+    if save is None:
+        window.check_display()
+    robot = robot or load_robot()
+    if isinstance(shown, str | Path):
+        made = folder_view(Path(shown), robot)
+    elif isinstance(shown, PosturePlan):
+        made = plan_view(shown, robot)
+    elif isinstance(shown, Measurements):
+        made = measurements_view(shown, robot)
+    else:
+        made = record_view(_record(shown))
+    if save is None:
+        window.open_window(made.title, made.log)
+    else:
+        window.save(Path(save), made.title, made.log)
+
+
+def report(shown: Run | Validation | Discovered | MonteCarlo | str | Path, path: str | Path) -> None:
+    """Write a run as one HTML page that needs no network: verdict, tables, figures, settings.
+
+    Args:
+        shown: a run, which is identified and held against its truth; a validation, a discovery, a Monte
+            Carlo, or the folder of any of TULip's.
+        path: of the page, a new file.
+
+    Raises:
+        InputError: the file exists or cannot be written; a run that cannot be identified.
+    """
+    from tulip_testbed.pages.report_page import write_page
+
+    record = read_record(Path(shown), load_robot()) if isinstance(shown, str | Path) else _record(shown)
+    write_page(Path(path), record)
+
+
+_record = one_blas_thread(record_of)

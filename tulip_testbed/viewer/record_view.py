@@ -10,7 +10,14 @@ from tulip_testbed.experiments.discovery_record import DiscoveryRecord
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
 from tulip_testbed.experiments.records import Record, read_record
 from tulip_testbed.experiments.run_file import kind_of
-from tulip_testbed.sim.measurements import read_measurements, read_plan, read_series
+from tulip_testbed.sim.measurements import (
+    Measurements,
+    PosturePlan,
+    Series,
+    read_measurements,
+    read_plan,
+    read_series,
+)
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.viewer.discovery_view import log_discovery
 from tulip_testbed.viewer.montecarlo_view import log_montecarlo
@@ -42,6 +49,22 @@ def record_view(run: Record) -> View:
     return View(title, partial(log_postures, subject=validated(run)))
 
 
+def plan_view(plan: PosturePlan, robot: Robot, title: str = "plan") -> View:
+    """Make the view of a plan: the robot where it is to stand, by its nominal model."""
+    return View(title, partial(log_postures, subject=planned(plan, robot)))
+
+
+def measurements_view(
+    measurements: Measurements, robot: Robot, series: Series | None = None, title: str = "measurements"
+) -> View:
+    """Make the view of measurements, with an estimate where it can be made.
+
+    Raises:
+        InputError: another robot's measurements.
+    """
+    return View(title, partial(log_postures, subject=measured(measurements, robot, series, title)))
+
+
 def folder_view(folder: Path, robot: Robot) -> View:
     """Make the view of a folder of a run, a plan or measurements.
 
@@ -49,10 +72,10 @@ def folder_view(folder: Path, robot: Robot) -> View:
         InputError: another folder, another robot's, or a file that is not what was written.
     """
     kind = kind_of(folder)
+    title = f"{folder.resolve().name} ({kind})"
     if kind == "plan":
-        subject = planned(read_plan(folder, robot), robot)
-    elif kind == "measurement":
-        subject = measured(read_measurements(folder), robot, read_series(folder), str(folder))
-    else:
-        return record_view(read_record(folder, robot))
-    return View(f"{folder.resolve().name} ({kind})", partial(log_postures, subject=subject))
+        return plan_view(read_plan(folder, robot), robot, title)
+    if kind == "measurement":
+        shown = measured(read_measurements(folder), robot, read_series(folder), str(folder))
+        return View(title, partial(log_postures, subject=shown))
+    return record_view(read_record(folder, robot))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import socket
@@ -10,7 +11,7 @@ import sys
 import tempfile
 import urllib.parse
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import rerun as rr
@@ -71,6 +72,21 @@ def show(title: str, log: Log) -> None:
         with _viewer(Path(scratch), recording, "--port", "auto") as (viewer, said):
             if viewer.wait() != 0:
                 raise InputError(f"viewer: {_fault(said.read_text(errors='replace'))}; {OTHERWISE}")
+
+
+def open_window(title: str, log: Log) -> None:
+    """Open rerun's own viewer and come back; the window stays until it is closed or this process ends.
+
+    Raises:
+        InputError: there is no screen.
+    """
+    check_display()
+    scratch = tempfile.TemporaryDirectory()
+    recording = _record(Path(scratch.name), title, log)
+    kept = ExitStack()
+    kept.enter_context(scratch)
+    kept.enter_context(_viewer(Path(scratch.name), recording, "--port", "auto"))
+    atexit.register(kept.close)
 
 
 def serve(title: str, log: Log, announce: Callable[[str], None]) -> None:
