@@ -1,4 +1,4 @@
-"""The wheel: one import name, everything that is needed in it, and the main job in an environment of its own."""
+"""The wheel: one import name, every file that is needed, the main job in an environment of its own."""
 
 import json
 import subprocess
