@@ -17,8 +17,14 @@ from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.planning.interior_point import SOLVERS, casadi_module
 from tulip_testbed.identification.planning.objectives import Objective
+from tulip_testbed.identification.planning.optimal_plan import (
+    first_state,
+    objective_named,
+    plan_of,
+    run_trial,
+    with_repeats,
+)
 from tulip_testbed.identification.planning.problem import Problem, planning_problem
-from tulip_testbed.identification.planning.repeats import with_repeats
 from tulip_testbed.identification.planning.search import HOPS, State, rounds
 from tulip_testbed.identification.planning.sequential import (
     measured_information,
@@ -28,7 +34,6 @@ from tulip_testbed.identification.planning.sequential import (
     run_next,
 )
 from tulip_testbed.identification.planning.single_support import single_support_plan
-from tulip_testbed.identification.planning.trial import first_state, objective_named, plan_of, run_trial
 from tulip_testbed.sim.errors import InputError, at_least, listed, look_up
 from tulip_testbed.sim.files import check_new, present, read_text, write_text
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_measurements, write_plan

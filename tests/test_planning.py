@@ -19,9 +19,9 @@ from tulip_testbed.identification.planning.interior_point import interior_point
 from tulip_testbed.identification.planning.legs import holding_torques
 from tulip_testbed.identification.planning.linear_steps import whole
 from tulip_testbed.identification.planning.objectives import OBJECTIVES, condition_number, objectives
+from tulip_testbed.identification.planning.optimal_plan import run_trial, smallest_margins
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import begin, design_of, search
-from tulip_testbed.identification.planning.trial import run_trial, smallest_margins
 from tulip_testbed.identification.postures import planning_ranges
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics

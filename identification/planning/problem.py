@@ -9,7 +9,7 @@ import numpy as np
 
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations, moved_frames, walk
-from tulip_testbed.identification.link_boxes import link_boxes
+from tulip_testbed.identification.nominal import link_boxes
 from tulip_testbed.identification.postures import PlanningRanges, planning_ranges
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PlateGeometry

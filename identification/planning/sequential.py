@@ -16,9 +16,9 @@ from tulip_testbed.identification.planning.blocks import Block, improve, informa
 from tulip_testbed.identification.planning.constraints import evaluate
 from tulip_testbed.identification.planning.exchange import candidates, exchange
 from tulip_testbed.identification.planning.objectives import Objective, condition_number
+from tulip_testbed.identification.planning.optimal_plan import first_state, plan_of, require_identifiable
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.identification.planning.search import POLISH, State
-from tulip_testbed.identification.planning.trial import first_state, plan_of, require_identifiable
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 
 STEPS = 8  # of SLSQP after an exchange

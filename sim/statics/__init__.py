@@ -3,8 +3,7 @@
 from tulip_testbed.sim.statics.approach import left_friction, swaying, ways
 from tulip_testbed.sim.statics.forces import Load, State, residual, soles, torques
 from tulip_testbed.sim.statics.mechanism import Mechanism, mechanism
-from tulip_testbed.sim.statics.reading import cell_forces, faults
-from tulip_testbed.sim.statics.solve import Reference, reference, solve
+from tulip_testbed.sim.statics.solve import Reference, cell_forces, faults, reference, solve
 
 __all__ = [
     "Load",

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tulip_testbed.sim.statics.mechanism import HINGE, Mechanism
-from tulip_testbed.sim.statics.softness import stopped
+from tulip_testbed.sim.statics.soft_constraints import stopped
 
 WRENCH_UNIT = 100.0  # N or Nm, that counts as much as a metre where a foot is to bear nothing
 

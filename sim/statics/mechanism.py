@@ -21,7 +21,7 @@ from tulip_testbed.sim.robot import (
     sole_point,
 )
 from tulip_testbed.sim.scene import laboratory_scene
-from tulip_testbed.sim.statics.softness import Stops, board_give, contact_give, stops_of
+from tulip_testbed.sim.statics.soft_constraints import Stops, board_give, contact_give, stops_of
 
 LEVEL = 1e-6  # m, by which a sole's corners may differ in height
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
