@@ -125,7 +125,7 @@ def change_times(candidate: Candidate, observed: Observation) -> np.ndarray:
     timed = candidate.time_parameter
     if timed is None:
         return np.zeros(0)
-    time, grid = np.unique(observed.part), candidate.effect.parameters[timed].grid
+    time, grid = np.unique(observed.time_fraction), candidate.effect.parameters[timed].grid
     middles = (time[1:] + time[:-1]) / 2
     return middles[(middles >= min(grid)) & (middles <= max(grid))]
 

@@ -38,7 +38,7 @@ def _time_interval(found: JointFit, k: int, at: int) -> tuple[float, float]:
         at: index of the parameter that is a time.
     """
     term, observed = found.terms[k], found.linear.observed
-    part = np.unique(observed.part)
+    part = np.unique(observed.time_fraction)
     middles = (part[1:] + part[:-1]) / 2
     here = int(np.abs(middles - term.values[at]).argmin())
     # The experiment with the terms removed has lost this term's change; its prediction puts it back.

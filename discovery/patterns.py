@@ -93,7 +93,7 @@ def _of_residuals(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
 def _of_readings(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
     """Yield each reading's error as such a function, in all channels at once: channel, words, (m, 11, k)."""
     observed, slope, at = linear.smoothed, linear.whitening.sensitivity, fields(linear.observed.nominal)
-    time = _powers(observed.part)
+    time = _powers(observed.time_fraction)
     for k, joint in enumerate(observed.tree.joints):
         angle, torque = observed.joint_angles[:, k], observed.torques[:, k]
         errors = {
@@ -111,12 +111,12 @@ def _of_readings(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
             column = slope[:, :, at["cells"].start + k, None]
             yield "AFT", f"the cell {cell} errs with {how}", column * functions[:, None]
     load, before = observed.cell_forces, np.zeros_like(observed.cell_forces)
-    order = np.argsort(observed.part)
+    order = np.argsort(observed.time_fraction)
     before[order[1:]] = load[order[:-1]]
     together = {
         "their load before": before,
         "the square of their load": load**2,
-        "their load and time": load * (observed.part - 0.5)[:, None],
+        "their load and time": load * (observed.time_fraction - 0.5)[:, None],
     }
     for how, errors in together.items():
         yield "AFT", f"all cells err with {how}", slope[:, :, at["cells"]] @ errors[..., None]
@@ -141,7 +141,7 @@ def _functions(linear: LinearModel) -> list[tuple[str, np.ndarray]]:
         (f"depends on {joint}", _powers(observed.joint_angles[:, k]))
         for k, joint in enumerate(observed.tree.joints)
     ]
-    out.append(("drifts in time", _powers(observed.part)))
+    out.append(("drifts in time", _powers(observed.time_fraction)))
     numbers = np.unique(observed.measurements.placement)
     out.append(
         ("differs between placements", (observed.measurements.placement[:, None] == numbers).astype(float))

@@ -21,7 +21,7 @@ from tulip_testbed.experiments.terminal import print_table
 from tulip_testbed.experiments.validate import Validation
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.estimators import Estimate, StandardEstimate
-from tulip_testbed.identification.rank import described, labels, weakly_known
+from tulip_testbed.identification.rank import describe_combinations, labels, weakly_known
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import read_text
@@ -177,7 +177,7 @@ def weak_directions(estimate: Estimate, parameters: BaseParameters) -> str:
     weak = weakly_known(estimate.clustered_covariance, longest)
     if not len(weak):
         return ""
-    text = described(weak, labels(estimate.numbers, estimate.names))
+    text = describe_combinations(weak, labels(estimate.numbers, estimate.names))
     return f"to within the longest link ({1e3 * longest:.0f} mm) {text}"
 
 

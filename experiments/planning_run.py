@@ -17,18 +17,23 @@ from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.planning.interior_point import SOLVERS, casadi_module
 from tulip_testbed.identification.planning.objectives import Objective
+from tulip_testbed.identification.planning.optimal_plan import (
+    initial_state,
+    objective_by_name,
+    optimize_plan,
+    plan_from_state,
+    with_repeats,
+)
 from tulip_testbed.identification.planning.problem import Problem, planning_problem
-from tulip_testbed.identification.planning.repeats import with_repeats
-from tulip_testbed.identification.planning.search import HOPS, State, rounds
+from tulip_testbed.identification.planning.search import HOPS, SearchState, round_count
 from tulip_testbed.identification.planning.sequential import (
+    initial_next_state,
     measured_information,
-    next_plan,
-    next_rounds,
-    next_state,
-    run_next,
+    next_plan_from_state,
+    next_round_count,
+    optimize_next_placements,
 )
 from tulip_testbed.identification.planning.single_support import single_support_plan
-from tulip_testbed.identification.planning.trial import first_state, objective_named, plan_of, run_trial
 from tulip_testbed.sim.errors import InputError, at_least, listed, look_up
 from tulip_testbed.sim.files import check_new, present, read_text, write_text
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_measurements, write_plan
@@ -41,7 +46,7 @@ from tulip_testbed.sim.scene_check import check_scene
 
 SIGMA_MM = 4.16  # the paper's residual per axis (eq. 14)
 ARRAYS = ("design", "angles", "best_design", "best_angles")
-Show = Callable[[State], None]
+Show = Callable[[SearchState], None]
 
 
 @dataclass(frozen=True)
@@ -104,7 +109,7 @@ class Search:
         wanted, plate = self.settings, nominal_plates(self.robot)[0]
         if wanted.single_support:
             one = planning_problem(self.robot, plate, support="right")
-            goal = objective_named(one, wanted.objective, 1e-3 * SIGMA_MM)
+            goal = objective_by_name(one, wanted.objective, 1e-3 * SIGMA_MM)
             none = np.zeros((len(one.nominal),) * 2)
             known = none if self.measured is None else measured_information(one, self.measured)
             plan = single_support_plan(one, goal, plan, known, wanted.single_support, wanted.seed)
@@ -139,7 +144,7 @@ def set_up_search(
     check_scene(preset_rig("ideal", robot))
     support = "double" if measured is None else common_support(measured.support, "measurements: postures")
     problem = planning_problem(robot, nominal_plates(robot)[0], support=support)
-    goal = objective_named(problem, settings.objective, 1e-3 * SIGMA_MM)
+    goal = objective_by_name(problem, settings.objective, 1e-3 * SIGMA_MM)
     taken = 0 if measured is None else len(measured)
     enough("placements, postures_per_placement", taken + placements * per, problem.parameters)
     return Search(robot, settings, measured, problem, goal)
@@ -171,8 +176,8 @@ class Job:
 
     key: list[Any]
     rounds: int
-    run: Callable[[Show, State | None], PosturePlan]
-    best: Callable[[State], PosturePlan]
+    run: Callable[[Show, SearchState | None], PosturePlan]
+    best: Callable[[SearchState], PosturePlan]
 
 
 def trial_job(
@@ -186,14 +191,14 @@ def trial_job(
     """
     placements, per, hops = size
 
-    def run(show: Show, state: State | None) -> PosturePlan:
-        return run_trial(problem, goal, placements, per, seed, hops, show, state, solver)
+    def run(show: Show, state: SearchState | None) -> PosturePlan:
+        return optimize_plan(problem, goal, placements, per, seed, hops, show, state, solver)
 
-    def best(state: State) -> PosturePlan:
-        drawn, _ = first_state(problem, goal, placements, per, seed)
-        return plan_of(problem, goal, drawn, state, seed, hops, solver)
+    def best(state: SearchState) -> PosturePlan:
+        drawn, _ = initial_state(problem, goal, placements, per, seed)
+        return plan_from_state(problem, goal, drawn, state, seed, hops, solver)
 
-    return Job([*_key(problem, goal, size, seed), solver], rounds(goal, hops), run, best)
+    return Job([*_key(problem, goal, size, seed), solver], round_count(goal, hops), run, best)
 
 
 def next_job(
@@ -203,15 +208,15 @@ def next_job(
     placements, per, hops = size
     taken = measured_information(problem, measured)
 
-    def run(show: Show, state: State | None) -> PosturePlan:
-        return run_next(problem, goal, measured, placements, per, seed, hops, show, state)
+    def run(show: Show, state: SearchState | None) -> PosturePlan:
+        return optimize_next_placements(problem, goal, measured, placements, per, seed, hops, show, state)
 
-    def best(state: State) -> PosturePlan:
-        drawn, _ = next_state(problem, goal, taken, placements, per, seed)
-        return next_plan(problem, goal, drawn, state, measured, seed, hops)
+    def best(state: SearchState) -> PosturePlan:
+        drawn, _ = initial_next_state(problem, goal, taken, placements, per, seed)
+        return next_plan_from_state(problem, goal, drawn, state, measured, seed, hops)
 
     key = [*_key(problem, goal, size, seed), float(np.trace(taken)), len(measured)]
-    return Job(key, next_rounds(placements, hops), run, best)
+    return Job(key, next_round_count(placements, hops), run, best)
 
 
 def carry_out(job: Job, kept: Path, show: Show) -> tuple[PosturePlan, bool]:
@@ -225,7 +230,7 @@ def carry_out(job: Job, kept: Path, show: Show) -> tuple[PosturePlan, bool]:
     """
     state = last = read_state(kept, job.key)
 
-    def progress(found: State) -> None:
+    def progress(found: SearchState) -> None:
         nonlocal last
         last = found
         _write_state(kept, job.key, found)
@@ -323,7 +328,7 @@ def joined(plans: list[PosturePlan]) -> PosturePlan:
     )
 
 
-def read_state(path: Path, key: list[Any]) -> State | None:
+def read_state(path: Path, key: list[Any]) -> SearchState | None:
     """What an interrupted run left; None where there is nothing.
 
     Raises:
@@ -336,12 +341,12 @@ def read_state(path: Path, key: list[Any]) -> State | None:
         if document["key"] != key:
             raise InputError(f"{path}: left by another run; remove it or give another name")
         values: dict[str, Any] = {k: np.array(v) if k in ARRAYS else v for k, v in document["state"].items()}
-        return State(**values)
+        return SearchState(**values)
     except (json.JSONDecodeError, KeyError, TypeError) as error:
         raise InputError(f"{path}: found no state of an interrupted run ({error}); remove it") from None
 
 
-def _write_state(path: Path, key: list[Any], state: State) -> None:
+def _write_state(path: Path, key: list[Any], state: SearchState) -> None:
     """Floats as Python writes them come back in the same bits."""
     document = {k: v.tolist() if k in ARRAYS else v for k, v in vars(state).items()}
     write_text(path, json.dumps({"key": key, "state": document}))

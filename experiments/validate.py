@@ -150,7 +150,7 @@ def correlations_at(parameters: BaseParameters, joint_angles: np.ndarray) -> np.
 
 def worst_balance(run: Run) -> dict[str, float] | None:
     """Find the worst of every balance kept in the dynamics, over all held postures; None in statics."""
-    books = [dataclasses.asdict(held.books) for held in run.truth.held]
+    books = [dataclasses.asdict(held.balance) for held in run.truth.held]
     if not books:
         return None
     worst = {

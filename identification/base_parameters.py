@@ -40,14 +40,14 @@ class BaseParameters:
         names: LINK.AXIS of the p parameters, numbered from 1 as in the paper.
         groups: per parameter the frame columns that it unites, as text.
         columns: frame columns 3 f + axis that the regressor is made of, (k,), k >= p.
-        mix: how they make up the base regressor, (k, p): +1, or -1 where an axis is reported
+        combination: how they make up the base regressor, (k, p): +1, or -1 where an axis is reported
             reversed. More columns than parameters occur only where several hinges of one body do
             not meet: the massless frame between them carries one mass along a fixed vector.
         from_frames: frame parameters to base parameters, (p, 3 n_frames).
         from_standard: standard parameters [m, m c_x, m c_y, m c_z] per link to base parameters
             times the total mass, (p, 4 n_links).
         support: what `base_parameters` was told.
-        joined: columns after the hinges' merging, before the vertical ones are dropped.
+        merged_columns: columns after the hinges' merging, before the vertical ones are dropped.
     """
 
     tree: Tree
@@ -55,10 +55,10 @@ class BaseParameters:
     names: tuple[str, ...]
     groups: tuple[str, ...]
     columns: np.ndarray
-    mix: np.ndarray
+    combination: np.ndarray
     from_frames: np.ndarray
     from_standard: np.ndarray
-    joined: int
+    merged_columns: int
     support: str
 
     def regressor(self, joint_angles: np.ndarray) -> np.ndarray:
@@ -69,7 +69,7 @@ class BaseParameters:
         """
         rotations = link_rotations(self.tree, self.base, joint_angles)
         frames, axes = np.divmod(self.columns, 3)
-        return rotations[:, frames, :2, axes].transpose(1, 2, 0) @ self.mix
+        return rotations[:, frames, :2, axes].transpose(1, 2, 0) @ self.combination
 
     def slope(self, joint_angles: np.ndarray) -> np.ndarray:
         """Derivative of the base regressor by every joint angle, (m, 2, n_joints, p) [1/rad].
@@ -85,7 +85,7 @@ class BaseParameters:
         turn = joint_axes(self.tree, self.base, rotations).transpose(0, 2, 1)[..., None]  # (m, 3, n, 1)
         x = turn[:, 1] * vector[:, 2] - turn[:, 2] * vector[:, 1]
         y = turn[:, 2] * vector[:, 0] - turn[:, 0] * vector[:, 2]
-        return (np.stack([x, y], axis=1) * moved_frames(self.tree, self.base)[:, frames]) @ self.mix
+        return (np.stack([x, y], axis=1) * moved_frames(self.tree, self.base)[:, frames]) @ self.combination
 
     def members(self, index: int) -> list[int]:
         """Frames whose columns the index-th parameter unites, in MJCF order."""
@@ -218,10 +218,10 @@ def _derive(
         names=tuple(f"{tree.frames[c // 3]}.{AXES[c % 3]}" for c in columns[rows]),
         groups=tuple(_group(tree, signs[i] * from_frames[i]) for i in rows),
         columns=columns,
-        mix=signs[:, None] * mix,
+        combination=signs[:, None] * mix,
         from_frames=from_frames[rows],
         from_standard=from_standard[rows],
-        joined=size - len(hinges),  # independent: each is the first with its child's columns
+        merged_columns=size - len(hinges),  # independent: each is the first with its child's columns
         support=support,
     )
 

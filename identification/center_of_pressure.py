@@ -16,7 +16,7 @@ def cell_positions(measurements: Measurements) -> np.ndarray:
     return (measurements.plate_poses[:, :, None, :2] + turned).reshape(len(measurements), 8, 2)
 
 
-def carrying(measurements: Measurements) -> np.ndarray:
+def loaded_cells(measurements: Measurements) -> np.ndarray:
     """Cells of plates on which a foot stands, (m, 8) bool."""
     stands = np.column_stack([measurements.support != "left", measurements.support != "right"])
     return np.repeat(stands, 4, axis=1)
@@ -27,7 +27,7 @@ def loads(measurements: Measurements) -> np.ndarray:
 
     An empty plate's cells read noise, which would reach the centre of pressure by a long lever.
     """
-    return np.where(carrying(measurements), measurements.cell_forces, 0.0)
+    return np.where(loaded_cells(measurements), measurements.cell_forces, 0.0)
 
 
 def center_of_pressure(measurements: Measurements) -> np.ndarray:

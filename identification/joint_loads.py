@@ -31,12 +31,12 @@ class Loads:
 
     Attributes:
         torques: with which the load turns what lies beyond each joint, (m, n_joints) [Nm].
-        push: of the ground on the swing foot sideways and in torsion, (m, 3) [N, N, Nm].
+        internal_wrench: of the ground on the swing foot sideways and in torsion, (m, 3) [N, N, Nm].
         stiffness: with which the closed legs resist a joint's turning by itself, (m, n_joints) [Nm/rad].
     """
 
     torques: np.ndarray
-    push: np.ndarray
+    internal_wrench: np.ndarray
     stiffness: np.ndarray
 
 
@@ -99,7 +99,7 @@ def joint_loads(
     shared = np.einsum("mjk,mkj->mj", scaled, inverse) * both[:, None]
     return Loads(
         torques=torque + (unknown @ push[..., None])[..., 0],
-        push=push,
+        internal_wrench=push,
         stiffness=shared / weigh**2 / Controller().error_at_full_torque,
     )
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
+import mujoco
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
@@ -91,3 +93,34 @@ def jacobian(function: Callable[[np.ndarray], np.ndarray], joint_angles: np.ndar
     steps = STEP * np.eye(joint_angles.shape[1])
     columns = [(function(joint_angles + step) - function(joint_angles - step)) / (2 * STEP) for step in steps]
     return np.stack(columns, axis=-1)
+
+
+SIDES = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+
+
+def link_boxes(model: mujoco.MjModel) -> np.ndarray:
+    """Lower and upper corner of every link's box, in MJCF order, (n_links, 2, 3) [m].
+
+    A box holds the link's geoms and its own centre of mass; without geoms it is the box of uniform
+    density that has the link's inertia.
+    """
+    boxes = []
+    for body in range(1, model.nbody):
+        points = [model.body_ipos[body][None]]
+        first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+        for geom in range(first, first + count):
+            corners = model.geom_aabb[geom, :3] + SIDES * model.geom_aabb[geom, 3:]
+            points.append(corners @ _rotation(model.geom_quat[geom]).T + model.geom_pos[geom])
+        if not count and model.body_mass[body] > 0:
+            inertia = model.body_inertia[body]
+            half = np.sqrt(1.5 * np.maximum(inertia.sum() - 2 * inertia, 0.0) / model.body_mass[body])
+            points.append(SIDES * half @ _rotation(model.body_iquat[body]).T + model.body_ipos[body])
+        every = np.vstack(points)
+        boxes.append([every.min(axis=0), every.max(axis=0)])
+    return np.array(boxes)
+
+
+def _rotation(quaternion: np.ndarray) -> np.ndarray:
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)

@@ -42,7 +42,7 @@ class Observation:
         standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
         board_share: of a board's own weight on each of its cells, right and left, (2,) [N].
         torque_limits: of the joints' motors, (n_joints,) [Nm].
-        part: time of every posture as a part of the experiment's, 0 to 1, (m,).
+        time_fraction: time of every posture as a part of the experiment's, 0 to 1, (m,).
         on_four_cells: whether all cells of the right and the left plate bear something, (m, 2) bool. On
             three, a board's twist says nothing. A tared cell without load reads minus its share of the board.
     """
@@ -62,7 +62,7 @@ class Observation:
     standard: np.ndarray
     board_share: np.ndarray
     torque_limits: np.ndarray
-    part: np.ndarray
+    time_fraction: np.ndarray
     on_four_cells: np.ndarray
 
     def __len__(self) -> int:
@@ -133,7 +133,7 @@ class Observation:
         down, point = self.foot_loads
         place, turn = self.swing_sole
         yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
-        push = self.measurements.top_height[0] * self.loads.push[:, :2]
+        push = self.measurements.top_height[0] * self.loads.internal_wrench[:, :2]
         stance = down[:, :1] * point[:, 0] - push
         x, y = (down[:, 1:] * (point[:, 1] - place[:, :2]) + push).T
         c, s = np.cos(yaw), np.sin(yaw)
@@ -196,12 +196,12 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
         standard=standard_parameters(nominal.robot.model),
         board_share=share,
         torque_limits=torque_limits(nominal.robot.model),
-        part=time_fraction(measurements.time),
+        time_fraction=fraction_of_time(measurements.time),
         on_four_cells=forces.reshape(-1, 2, 4).min(axis=2) > margin - share,
     )
 
 
-def time_fraction(time: np.ndarray) -> np.ndarray:
+def fraction_of_time(time: np.ndarray) -> np.ndarray:
     """Time as a part of the experiment's, 0 at its first posture and 1 at its last, (m,)."""
     span = float(np.ptp(time))
     return (time - time.min()) / span if span > 0 else np.zeros(len(time))

@@ -33,14 +33,15 @@ def require_identifiable(
     Raises:
         InputError: names the parameters that cannot be told apart, group by group.
     """
-    if len(free := undetermined(matrix, blur)):
+    if len(free := undetermined_directions(matrix, blur)):
         known = len(names) - len(free)
         raise InputError(
-            f"{source}: the postures determine {known} of {len(names)} parameters; {described(free, names)}"
+            f"{source}: the postures determine {known} of {len(names)} parameters; "
+            f"{describe_combinations(free, names)}"
         )
 
 
-def undetermined(matrix: np.ndarray, blur: np.ndarray | None = None) -> np.ndarray:
+def undetermined_directions(matrix: np.ndarray, blur: np.ndarray | None = None) -> np.ndarray:
     """Directions that H does not show, (d, p), d = 0 where it has full rank.
 
     By the singular values of H against [H; B] (their quotient singular value decomposition), which
@@ -77,13 +78,13 @@ def labels(numbers: np.ndarray, names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"{name} ({number})" for name, number in zip(names, numbers, strict=True))
 
 
-def described(directions: np.ndarray, names: tuple[str, ...]) -> str:
+def describe_combinations(directions: np.ndarray, names: tuple[str, ...]) -> str:
     """In words: which parameters a subspace of directions mixes, and which combinations are free.
 
     Args:
         directions: a basis, (d, p).
     """
-    free = reduced(directions)
+    free = reduced_basis(directions)
     texts = []
     for members, rows in _groups(free):
         named = [names[k] for k in members]
@@ -96,7 +97,7 @@ def described(directions: np.ndarray, names: tuple[str, ...]) -> str:
     return "; ".join(texts)
 
 
-def reduced(directions: np.ndarray) -> np.ndarray:
+def reduced_basis(directions: np.ndarray) -> np.ndarray:
     """The basis of the same subspace with a one at its own parameter each and zeros at the others', (d, p).
 
     These are the last parameters that can be, in a fixed order; no pivot depends on which of

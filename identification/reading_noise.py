@@ -7,16 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from tulip_testbed.identification.center_of_pressure import (
-    carrying,
     cell_positions,
     center_of_pressure,
+    loaded_cells,
     loads,
 )
 from tulip_testbed.identification.nominal import Nominal, jacobian
 from tulip_testbed.sim.measurements import Measurements
 
 
-def known(stated: float | None) -> float | None:
+def usable_sd(stated: float | None) -> float | None:
     """A stated s.d. that can be divided by: zero says as little as nothing."""
     return stated if stated else None
 
@@ -75,7 +75,7 @@ def cell_noise(measurements: Measurements, center: np.ndarray | None = None) -> 
         center = center_of_pressure(m)
     else:
         force = np.full(len(m), force.mean())
-    lever = carrying(m)[..., None] * (cell_positions(m) - center[:, None]) / force[:, None, None]
+    lever = loaded_cells(m)[..., None] * (cell_positions(m) - center[:, None]) / force[:, None, None]
     return np.einsum("mca,mcb->mab", lever, lever)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure, load_shares, total_mass
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
-from tulip_testbed.identification.reading_noise import cell_noise, known, placement_levers
+from tulip_testbed.identification.reading_noise import cell_noise, placement_levers, usable_sd
 from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.measurements import Measurements, SensorSheet
 from tulip_testbed.sim.measurements.plan_folder import check_model
@@ -177,7 +177,7 @@ def regression(
         placement=measurements.placement,
         load_share=load_shares(measurements),
         slope=slope,
-        encoder_sd=known(sheet.encoder_sd) if observed is None else observed,
+        encoder_sd=usable_sd(sheet.encoder_sd) if observed is None else observed,
         cells=cell_noise(measurements, _fitted(matrix, output).reshape(-1, 2)),
         levers=placement_levers(measurements),
         sensors=sheet,

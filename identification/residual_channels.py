@@ -94,10 +94,10 @@ def residuals(observed: Observation, theta: np.ndarray) -> np.ndarray:
 
 def carried(observed: Observation) -> np.ndarray:
     """What the cells under the feet bear, (m, 8) [N]."""
-    return np.where(np.repeat(standing(observed), 4, axis=1), observed.cell_forces, 0.0)
+    return np.where(np.repeat(feet_in_contact(observed), 4, axis=1), observed.cell_forces, 0.0)
 
 
-def standing(observed: Observation) -> np.ndarray:
+def feet_in_contact(observed: Observation) -> np.ndarray:
     """Whether the right and the left foot stand, (m, 2) bool."""
     support = observed.measurements.support
     return np.column_stack([support != "left", support != "right"])
@@ -142,7 +142,7 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
     out = np.zeros((m, SIZE, at["lift"].stop))
     forces = carried(observed)
     total = forces.sum(axis=1)
-    stands = np.repeat(standing(observed), 4, axis=1)
+    stands = np.repeat(feet_in_contact(observed), 4, axis=1)
     measured = (forces[..., None] * observed.cell_places).sum(axis=1) / total[:, None]
     lever = (observed.cell_places - measured[:, None]) / total[:, None, None]
     out[:, 0:2, at["cells"]] = (lever * stands[..., None]).transpose(0, 2, 1)

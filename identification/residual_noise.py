@@ -10,7 +10,14 @@ from scipy.stats import median_abs_deviation
 
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import ROWS, SIZE, TWIST, fields, sensitivity, standing
+from tulip_testbed.identification.residual_channels import (
+    ROWS,
+    SIZE,
+    TWIST,
+    feet_in_contact,
+    fields,
+    sensitivity,
+)
 from tulip_testbed.identification.variance_components import MARK_RATIO
 
 # What the nominal laboratory itself leaves with exact sensors in full dynamics: contacts give way.
@@ -75,9 +82,9 @@ def cell_by_twist(observed: Observation) -> float | None:
     """
     m, left, freedom = len(observed), [], 0
     for side in (0, 1):
-        rows = observed.on_four_cells[:, side] & standing(observed)[:, side]
+        rows = observed.on_four_cells[:, side] & feet_in_contact(observed)[:, side]
         forces = observed.cell_forces.reshape(m, 2, 4)[rows, side]
-        known = np.column_stack([np.ones(len(forces)), observed.part[rows], forces @ OTHERS.T])
+        known = np.column_stack([np.ones(len(forces)), observed.time_fraction[rows], forces @ OTHERS.T])
         twist = forces @ TWIST
         left.append(twist - known @ np.linalg.lstsq(known, twist, rcond=None)[0])
         freedom += max(len(twist) - known.shape[1], 0)
@@ -151,7 +158,7 @@ def whitening(
     used = np.zeros((m, SIZE), bool)
     for channel in channels:
         used[:, ROWS[channel]] = True
-    stands = standing(observed)
+    stands = feet_in_contact(observed)
     used[:, ROWS["C"]] &= np.all(stands, axis=1, keepdims=True)
     used[:, ROWS["T"]] &= stands & observed.on_four_cells
     rows, blocks, at_row = [], [], 0

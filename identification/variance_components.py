@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.identification.reading_noise import known
+from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.identification.regressor import Regression
 
 SHEET_BELIEF = np.log(2.0)  # s.d. of ln s_k where a data sheet states s_k
@@ -203,7 +203,7 @@ def _stated(data: Regression, size: float) -> tuple[np.ndarray, np.ndarray, np.n
         their positions, (2,); the s.d. of each tau, (3,).
     """
     shape = np.tile(np.eye(2), (len(data.placement), 1, 1)) if data.cells is None else data.cells
-    cell = known(data.sensors.cell_sd) if data.cells is not None else None
+    cell = usable_sd(data.sensors.cell_sd) if data.cells is not None else None
     factor = size / np.sqrt(np.trace(shape.mean(axis=0)) / 2) if cell is None else cell
     belief = [NO_BELIEF if cell is None else SHEET_BELIEF]
     left = np.array(data.sensors.placement_sd or (0.0, 0.0, 0.0))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import BaseParameters
-from tulip_testbed.identification.rank import reduced
+from tulip_testbed.identification.rank import reduced_basis
 
 RELATIVE = 1e-9
 
@@ -60,4 +60,4 @@ def visible_masses(parameters: BaseParameters) -> VisibleMasses:
         return VisibleMasses(links, np.eye(len(links)))
     _, size, turned = np.linalg.svd(free)
     rank = int((size > RELATIVE).sum())
-    return VisibleMasses(links, reduced(turned[rank:]))
+    return VisibleMasses(links, reduced_basis(turned[rank:]))

@@ -45,7 +45,7 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     except InputError:
         raise
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
-        raise InputError(f"{path}: cannot read ({why(error)})") from None
+        raise InputError(f"{path}: cannot read ({error_text(error)})") from None
     if len(content) > most:
         raise InputError(f"{path}: found more than {most} bytes, expected at most that")
     return content
@@ -74,7 +74,7 @@ def present(path: Path) -> bool:
     except (FileNotFoundError, NotADirectoryError, ValueError):
         return False
     except OSError as error:
-        raise InputError(f"{path}: cannot read ({why(error)})") from None
+        raise InputError(f"{path}: cannot read ({error_text(error)})") from None
     return True
 
 
@@ -154,7 +154,7 @@ def _partial(path: Path) -> Iterator[Path]:
             shutil.rmtree(working, ignore_errors=True)
             os.close(lock)
     except OSError as error:
-        raise InputError(f"{path}: cannot write ({why(error)})") from None
+        raise InputError(f"{path}: cannot write ({error_text(error)})") from None
 
 
 def _make_locked(path: Path) -> tuple[Path, int]:
@@ -189,6 +189,6 @@ def _to_disk(path: Path) -> None:
         os.close(descriptor)
 
 
-def why(error: Exception) -> str:
+def error_text(error: Exception) -> str:
     """What the system says, as one line."""
     return getattr(error, "strerror", None) or " ".join(str(error).split())

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements.boards import PlateGeometry
+from tulip_testbed.sim.measurements.data import PlateGeometry
 from tulip_testbed.sim.robot import CORNERS, PLATES
 
 

@@ -120,7 +120,7 @@ def constants(rig: Rig) -> dict[str, Any]:
     }
 
 
-def record(
+def make_measurements(
     rig: Rig,
     fixed: dict[str, Any],
     reading: dict[str, np.ndarray],

@@ -11,7 +11,7 @@ from tulip_testbed.sim.compliance import Compliance, add_compliance
 from tulip_testbed.sim.control import add_servos
 from tulip_testbed.sim.drives import Drives, add_drives
 from tulip_testbed.sim.errors import InputError, listed
-from tulip_testbed.sim.measurements.boards import PlateGeometry, lay_boards
+from tulip_testbed.sim.measurements.data import PlateGeometry, lay_boards
 from tulip_testbed.sim.plates import place_plates, plate_geometry
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import (

@@ -18,10 +18,10 @@ from tulip_testbed.sim.outcome import Attempt
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import load_robot
-from tulip_testbed.sim.statics import Load, State, cell_forces, reference, residual, soles
-from tulip_testbed.sim.statics.forces import sunk, turn
-from tulip_testbed.sim.statics.solved_plan import SolvedPlan, solve_plan, standing_feet
-from tulip_testbed.sim.statics.static_run import Tries, hold_static, run_statics
+from tulip_testbed.sim.statics import Load, State, cell_forces, residual, sole_poses, solve_by_newton
+from tulip_testbed.sim.statics.forces import contact_deflection, rotation_matrix
+from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_contact, solve_plan
+from tulip_testbed.sim.statics.static_run import Tries, run_statics, solve_tries
 
 # A foot whose centre of pressure is nearer to its sole's edge may have begun to tip (up to 20 um of gap).
 EDGE = 2e-3  # m
@@ -114,7 +114,7 @@ def compare(solved_plan: SolvedPlan, attempts: list[Attempt]) -> Comparison:
     rows = planned_rows(solved_plan, held)
     angles = np.array([a.held.joint_angles for a in held if a.held])
     command = np.array([a.held.commanded for a in held if a.held])
-    near = solved_plan.near.state
+    near = solved_plan.reference.state
     start = State(near.position[rows], near.rotation[rows], near.angles[rows], near.wrench[rows])
     load = Load(
         command=command,
@@ -123,9 +123,9 @@ def compare(solved_plan: SolvedPlan, attempts: list[Attempt]) -> Comparison:
         plates=np.array([a.true_plates for a in held]),
         mass=m.mass,
         center=m.center,
-        stands=standing_feet(plan.support)[rows],
+        foot_contact=feet_in_contact(plan.support)[rows],
     )
-    solved = reference(m, start, load)
+    solved = solve_by_newton(m, start, load)
     forces = cell_forces(m, solved.state, load)
     actual = np.array([a.held.cell_forces for a in held if a.held])
     centers = [center_of_pressure(m.cells, load.plates, f) for f in (forces, actual)]
@@ -148,10 +148,10 @@ def standing(solved_plan: SolvedPlan, rows: np.ndarray, angles: np.ndarray) -> n
 
     A compliant sole tilts against its foot; its pose is that of the solved plan.
     """
-    m, near = solved_plan.mechanism, solved_plan.near.state
+    m, near = solved_plan.mechanism, solved_plan.reference.state
     coordinates = near.angles[rows].copy()
     coordinates[:, m.joints] = angles
-    poses = soles(m, State(near.position[rows], near.rotation[rows], coordinates, near.wrench[rows]))
+    poses = sole_poses(m, State(near.position[rows], near.rotation[rows], coordinates, near.wrench[rows]))
     x, y, yaw = (poses[:, 1] - poses[:, 0]).T
     c, s = np.cos(poses[:, 0, 2]), np.sin(poses[:, 0, 2])
     feet = np.zeros_like(poses)
@@ -187,8 +187,8 @@ def centers_at(solved_plan: SolvedPlan, held: list[Attempt]) -> np.ndarray:
     x, y = (plate_center(m.cells[0], plates[:, 0], forces[:, :4]) * wrench[:, 0, 2:3]).T
     wrench[:, 0, 3:5] = np.column_stack([y, -x])
     zero = np.zeros((len(pose), 3))
-    tilt = np.pad(sunk(m, 0, wrench[:, 0], zero, plates[:, 0])[:, 1:], ((0, 0), (0, 1)))
-    turned = turn(tilt)
+    tilt = np.pad(contact_deflection(m, 0, wrench[:, 0], zero, plates[:, 0])[:, 1:], ((0, 0), (0, 1)))
+    turned = rotation_matrix(tilt)
     state = State(
         (turned @ pose[:, :3, None])[..., 0], turned @ rotation.reshape(-1, 3, 3), angles, 0 * wrench
     )
@@ -254,7 +254,7 @@ def excess_sag(
             plates=np.array([a.true_plates for a in held]),
         )
         (still, loads, _), (loose, _, _) = (
-            hold_static(p, tries, m.mass, m.center) for p in (solved_plan, free)
+            solve_tries(p, tries, m.mass, m.center) for p in (solved_plan, free)
         )
         shares = [load_share(cell_forces(m, state, loads)) for state in (still, loose)]
         drawn.append(np.column_stack([(still.angles - loose.angles)[:, m.joints], shares[0] - shares[1]]))

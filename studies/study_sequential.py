@@ -14,7 +14,7 @@ import numpy as np
 from studies.runner import Settings, header, row
 from tulip_testbed.identification.planning.objectives import Objective, objectives
 from tulip_testbed.identification.planning.problem import Problem, planning_problem
-from tulip_testbed.identification.planning.sequential import measured_information, run_next
+from tulip_testbed.identification.planning.sequential import measured_information, optimize_next_placements
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.rig import Rig, preset_rig
@@ -43,7 +43,7 @@ def as_error(name: str, value: float) -> float:
 
 def chosen(problem: Problem, goal: Objective, taken: Measurements, seed: int) -> PosturePlan:
     """Choose the next postures as `tulip plan --after TAKEN --placements 2` does."""
-    return run_next(problem, goal, taken, NEXT, PER, seed, HOPS)
+    return optimize_next_placements(problem, goal, taken, NEXT, PER, seed, HOPS)
 
 
 def study(settings: Settings) -> Iterator[str]:

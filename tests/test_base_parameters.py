@@ -31,7 +31,7 @@ PAPER = {
 def test_counts_are_those_of_the_paper(robot, parameters):
     assert 4 * len(parameters.tree.links) == 52
     assert 3 * len(parameters.tree.frames) == 39
-    assert parameters.joined == 27
+    assert parameters.merged_columns == 27
     assert len(parameters.names) == 25
     assert len(base_parameters(robot, support="right").names) == 26
     assert len(base_parameters(robot, support="left").names) == 26

@@ -12,7 +12,7 @@ from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, injected, removed
 from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
-from tulip_testbed.identification.observation import observe, time_fraction
+from tulip_testbed.identification.observation import fraction_of_time, observe
 from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import read_plan
@@ -118,7 +118,7 @@ def test_what_is_changed_after_a_step_is_changed_before_and_after(noiseless):
 def test_a_step_comes_at_its_part_of_the_recorded_time(noiseless, few, nominal):
     found = statically(catalogue()["payload-step"].inject(noiseless, "torso", (0.5, 0.41)), few)
     heavy = found.cell_forces.sum(axis=1) / found.gravity - nominal.mass
-    assert heavy == pytest.approx(0.5 * (time_fraction(found.time) >= 0.41), abs=1e-6)
+    assert heavy == pytest.approx(0.5 * (fraction_of_time(found.time) >= 0.41), abs=1e-6)
 
 
 def test_a_laboratory_does_not_change_before_it_begins(noiseless):

@@ -27,8 +27,8 @@ from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.sensors import PRESETS, averaged_sd, sample, sample_mean
-from tulip_testbed.sim.statics import Load, State, faults, mechanism, reference, residual
-from tulip_testbed.sim.statics.forces import turn
+from tulip_testbed.sim.statics import Load, State, faults, mechanism, residual, solve_by_newton
+from tulip_testbed.sim.statics.forces import rotation_matrix
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
@@ -125,7 +125,7 @@ def test_gravity_and_ropes_are_what_mujoco_says(rig, seed):
 
 
 def test_the_feet_bear_the_weight_under_the_center_of_mass(solved_plan, robot):
-    m, state = solved_plan.mechanism, solved_plan.near.state
+    m, state = solved_plan.mechanism, solved_plan.reference.state
     push, twist = state.wrench[..., :3], state.wrench[..., 3:]
     np.testing.assert_allclose(push.sum(axis=1), np.tile([0, 0, 9.81 * m.mass.sum()], (150, 1)), atol=1e-8)
     feet = np.stack([np.zeros_like(solved_plan.plan.swing_pose), solved_plan.plan.swing_pose], axis=1)
@@ -211,7 +211,7 @@ def test_what_it_does_not_know_is_refused(rig, plan):
 def test_small_turns_are_rotations():
     rng = np.random.default_rng(0)
     vector = rng.uniform(-3, 3, (50, 3))
-    matrix = turn(vector)
+    matrix = rotation_matrix(vector)
     np.testing.assert_allclose(
         matrix @ matrix.transpose(0, 2, 1), np.broadcast_to(np.eye(3), (50, 3, 3)), atol=1e-12
     )
@@ -223,7 +223,7 @@ def test_small_turns_are_rotations():
 
 
 def test_newton_ends_where_it_began_if_that_is_the_solution(solved_plan):
-    m, near = solved_plan.mechanism, solved_plan.near
+    m, near = solved_plan.mechanism, solved_plan.reference
     feet = np.stack([np.zeros_like(solved_plan.plan.swing_pose), solved_plan.plan.swing_pose], axis=1)
     load = Load(
         solved_plan.plan.joint_angles,
@@ -233,7 +233,7 @@ def test_newton_ends_where_it_began_if_that_is_the_solution(solved_plan):
         m.mass,
         m.center,
     )
-    again = reference(m, near.state, load)
+    again = solve_by_newton(m, near.state, load)
     assert np.abs(again.state.angles - near.state.angles).max() < 1e-12
     assert np.abs(residual(m, near.state, load)).max() < 1e-9
 
@@ -241,12 +241,12 @@ def test_newton_ends_where_it_began_if_that_is_the_solution(solved_plan):
 def test_the_chain_starts_from_the_same_torso(solved_plan, robot, plan):
     chain = ClosedChain(robot.model, robot)
     lifted = [chain.base_pose(angles)[2] for angles in plan.joint_angles]
-    assert np.abs(solved_plan.near.state.position[:, 2] - lifted).max() < 0.03  # sag
+    assert np.abs(solved_plan.reference.state.position[:, 2] - lifted).max() < 0.03  # sag
 
 
 def test_a_sole_is_held_against_its_own_edges(solved_plan):
     """Pressure near the toes of a foot turned by half a radian is inside of it; beside them it is not."""
-    m, near = solved_plan.mechanism, solved_plan.near.state
+    m, near = solved_plan.mechanism, solved_plan.reference.state
     yaw = 0.5
     state = near.items(np.zeros(2, int))
     feet = np.zeros((2, 2, 3))

@@ -13,8 +13,8 @@ from tulip_testbed.identification.estimators import DEFAULT, estimate_by
 from tulip_testbed.identification.estimators.consistent import corner_parameters
 from tulip_testbed.identification.estimators.errors_in_variables import bounded_excess
 from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD
-from tulip_testbed.identification.link_boxes import link_boxes
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
+from tulip_testbed.identification.nominal import link_boxes
 from tulip_testbed.identification.statistics import standard_errors
 from tulip_testbed.identification.visible_masses import visible_masses
 from tulip_testbed.sim.errors import InputError

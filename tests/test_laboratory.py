@@ -157,7 +157,7 @@ def _centre_of_pressure(forces: np.ndarray, poses: np.ndarray) -> np.ndarray:
 
 def test_the_books_are_closed_in_every_run(ideal, wii):
     for result in (ideal, wii):
-        books = [held.books for held in result.run.truth.held]
+        books = [held.balance for held in result.run.truth.held]
         assert max(abs(b.weight) for b in books) < 1e-3
         assert max(b.moments for b in books) < 1e-4
         assert max(b.torques for b in books) < 1e-6
@@ -173,7 +173,7 @@ def test_the_books_are_closed_where_everything_gives_way(robot, plan):
         compliance=Compliance(sole=1e-5, sole_tilt=5.8e-4, cell=1e-6),
     )
     attempts = run_placement(rig, plan, 3, frozenset(), np.random.SeedSequence(121))
-    books = [attempt.held.books for attempt in attempts if attempt.held]
+    books = [attempt.held.balance for attempt in attempts if attempt.held]
     assert len(books) >= 2
     assert max(abs(b.weight) for b in books) < 1e-3
     assert max(b.moments for b in books) < 1e-3
@@ -194,8 +194,8 @@ def test_the_books_show_a_cell_that_stands_elsewhere_and_a_foreign_force(robot, 
     put_down(stand, plan.joint_angles[0])
     held, _ = hold(stand, plan.joint_angles[0])
     assert held is not None
-    assert held.books.moments == pytest.approx(0.01 * held.cell_forces[0], rel=1e-4)
-    assert held.books.torques < 1e-6
+    assert held.balance.moments == pytest.approx(0.01 * held.cell_forces[0], rel=1e-4)
+    assert held.balance.torques < 1e-6
     stand.data.xfrc_applied[stand.torso, 2] += 1.0
     stand.run(0.5)
     assert balance_of(stand, 0.0).weight == pytest.approx(-1.0, abs=0.01)

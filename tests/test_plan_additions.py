@@ -15,15 +15,18 @@ from tulip_testbed.experiments.planning_run import as_plan, joined
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.planning.closed_chain import chain_at
 from tulip_testbed.identification.planning.objectives import objectives
+from tulip_testbed.identification.planning.optimal_plan import smallest_margins, with_repeats
 from tulip_testbed.identification.planning.problem import planning_problem
-from tulip_testbed.identification.planning.repeats import with_repeats
-from tulip_testbed.identification.planning.sequential import measured_information, run_next, search_next
+from tulip_testbed.identification.planning.sequential import (
+    measured_information,
+    optimize_next_placements,
+    search_next,
+)
 from tulip_testbed.identification.planning.single_support import (
     open_chain_torques,
     single_support_margins,
     single_support_plan,
 )
-from tulip_testbed.identification.planning.trial import smallest_margins
 from tulip_testbed.identification.postures import planning_ranges, random_postures
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.identification.regressor import stacked_regressor
@@ -69,7 +72,7 @@ def test_the_next_placements_tell_more_than_random_ones(problem, robot, plate, p
     taken = measured(robot, plan.take(plan.placement <= 10))
     goal = objectives(problem.nominal, SIGMA)["condition"]
     states = []
-    found = run_next(problem, goal, taken, 2, 5, SEED, 10, states.append)
+    found = optimize_next_placements(problem, goal, taken, 2, 5, SEED, 10, states.append)
     known = measured_information(problem, taken)
 
     def with_these(angles):
@@ -125,10 +128,10 @@ def test_feed_forward_holds_postures_on_one_foot_without_sag(robot, with_one_foo
     """Statics of the laboratory's own scene, without friction and noise: angles are the plan's."""
     one = with_one_foot.take(with_one_foot.support == "right")
     rig, count = preset_rig("ideal", robot), one.joint_angles.shape[1]
-    held = solve_plan(rig, one).near
+    held = solve_plan(rig, one).reference
     assert held.solved.all()
     assert np.abs(held.state.angles[:, :count] - one.joint_angles).max() < 1e-4
-    sagging = solve_plan(rig, dataclasses.replace(one, torques=None)).near
+    sagging = solve_plan(rig, dataclasses.replace(one, torques=None)).reference
     assert np.abs(sagging.state.angles[:, :count] - one.joint_angles).max() > 0.01
 
 

@@ -13,15 +13,15 @@ from hypothesis import strategies as st
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
 from tulip_testbed.identification.planning.blocks import information, information_slope
-from tulip_testbed.identification.planning.constraints import evaluate, slot_names
+from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
 from tulip_testbed.identification.planning.footing import footing
 from tulip_testbed.identification.planning.interior_point import interior_point
 from tulip_testbed.identification.planning.legs import holding_torques
-from tulip_testbed.identification.planning.linear_steps import whole
+from tulip_testbed.identification.planning.linear_steps import evaluate_plan
 from tulip_testbed.identification.planning.objectives import OBJECTIVES, condition_number, objectives
+from tulip_testbed.identification.planning.optimal_plan import optimize_plan, smallest_margins
 from tulip_testbed.identification.planning.problem import planning_problem
-from tulip_testbed.identification.planning.search import begin, design_of, search
-from tulip_testbed.identification.planning.trial import run_trial, smallest_margins
+from tulip_testbed.identification.planning.search import design_of, repair_start, search
 from tulip_testbed.identification.postures import planning_ranges
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
@@ -49,7 +49,7 @@ def goal(problem):
 @pytest.fixture(scope="module")
 def small(problem, goal):
     """Five placements of three postures, as `tulip plan --hops 1` makes them."""
-    return run_trial(problem, goal, 5, 3, 211, hops=1)
+    return optimize_plan(problem, goal, 5, 3, 211, hops=1)
 
 
 def differences(function, design):
@@ -67,10 +67,10 @@ def test_derivatives_through_the_inverse_kinematics(problem, plan, row, noise):
     design = design_of(problem, angles, plan.swing_pose[row : row + 1])
     design = design + 1e-3 * np.random.default_rng(noise).standard_normal(design.shape)
     found = evaluate(problem, design, angles)
-    slopes = differences(lambda u: evaluate(problem, u, angles).slots, design)
-    smooth = np.abs(found.slots)[0] < 50  # not the corners off the hull, which begin no edge
-    scale = np.maximum(np.abs(found.slot_slopes[0]).max(axis=1, keepdims=True), 1.0)
-    assert np.abs((slopes - found.slot_slopes)[0] / scale)[smooth].max() < 1e-6
+    slopes = differences(lambda u: evaluate(problem, u, angles).inequalities, design)
+    smooth = np.abs(found.inequalities)[0] < 50  # not the corners off the hull, which begin no edge
+    scale = np.maximum(np.abs(found.inequality_jacobian[0]).max(axis=1, keepdims=True), 1.0)
+    assert np.abs((slopes - found.inequality_jacobian)[0] / scale)[smooth].max() < 1e-6
     regressor = differences(lambda u: evaluate(problem, u, angles).regressor, design)
     assert np.abs(regressor - found.regressor_slopes).max() < 1e-6 * np.abs(found.regressor_slopes).max()
 
@@ -167,7 +167,7 @@ def test_objective_is_recomputed_from_the_plan_file(tmp_path, robot, model, para
 def test_feed_forward_shares_the_load_as_planned(problem, small, robot):
     """Statics of the laboratory's own scene, without friction and noise: angles and loads are the plan's."""
     rig = preset_rig("ideal", robot)
-    held = solve_plan(rig, small).near
+    held = solve_plan(rig, small).reference
     assert held.solved.all()
     joints = held.state.angles[:, : small.joint_angles.shape[1]]
     assert np.abs(joints - small.joint_angles).max() < 1e-4
@@ -176,7 +176,7 @@ def test_feed_forward_shares_the_load_as_planned(problem, small, robot):
     wrench = held.state.wrench  # of the floor on either sole, about the sole points
     assert np.abs(wrench[:, :, 2] - foot.feet).max() < 0.1
     assert np.abs(wrench[:, :, :2]).max() < 0.5
-    sagging = solve_plan(rig, dataclasses.replace(small, torques=None)).near
+    sagging = solve_plan(rig, dataclasses.replace(small, torques=None)).reference
     assert np.abs(sagging.state.wrench[:, :, 2] - foot.feet).max() > 5
 
 
@@ -201,24 +201,24 @@ def test_chance_margin_covers_robots_that_differ(problem, plan):
     model, rng = problem.robot.model, np.random.default_rng(212)
     rows = problem.parameters.regressor(plan.joint_angles[:5])
     drawn = np.array([rows @ problem.parameters.values(draw_robot(model, 0.1, rng)) for _ in range(400)])
-    predicted = np.sqrt(np.einsum("mip,pq,miq->mi", rows, problem.spread, rows))
+    predicted = np.sqrt(np.einsum("mip,pq,miq->mi", rows, problem.parameter_covariance, rows))
     assert drawn.std(axis=0) == pytest.approx(predicted, rel=0.15)
 
 
 def test_ipopt_goes_on_from_a_plan(problem, goal, plan):
     rows = np.flatnonzero(plan.placement <= 5)
-    start = begin(problem, goal, plan.joint_angles[rows], plan.swing_pose[rows], 5, 3, "start")
-    before = whole(problem, start.design, start.angles, 5)
+    start = repair_start(problem, goal, plan.joint_angles[rows], plan.swing_pose[rows], 5, 3, "start")
+    before = evaluate_plan(problem, start.design, start.angles, 5)
     after = interior_point(problem, before, goal.smooth[0], 15)
     first, last = (goal.smooth[0](information(w.found))[0] for w in (before, after))
     assert last < first
     assert after.found.reached.all()
-    assert after.found.slots.min() > -0.1
+    assert after.found.inequalities.min() > -0.1
 
 
 def test_taken_up_again_it_ends_in_the_same_bits(problem, goal, small):
     whole = []
-    run_trial(problem, goal, 5, 3, 211, hops=1, progress=whole.append)
+    optimize_plan(problem, goal, 5, 3, 211, hops=1, progress=whole.append)
     middle = whole[3]
     last = list(search(problem, goal, middle, 3, 211, hops=1))[-1]
     assert last.best_angles.tobytes() == whole[-1].best_angles.tobytes() == small.joint_angles.tobytes()
@@ -229,10 +229,10 @@ def test_what_cannot_be_repaired_is_refused_with_its_reason(robot, plate, plan):
     problem = planning_problem(robot, plate, ranges)
     goal = objectives(problem.nominal, SIGMA)["condition"]
     with pytest.raises(InputError, match=r"cannot be repaired .* expected 1 that can; blocked by cell load"):
-        begin(problem, goal, plan.joint_angles[:5], plan.swing_pose[:5], 5, 1, "ranges")
+        repair_start(problem, goal, plan.joint_angles[:5], plan.swing_pose[:5], 5, 1, "ranges")
 
 
 def test_condition_number_and_slots_are_named(problem):
     matrix = np.random.default_rng(3).standard_normal((60, 25))
     assert condition_number(matrix.T @ matrix) == pytest.approx(np.linalg.cond(matrix), rel=1e-9)
-    assert len(set(slot_names(problem))) > 10
+    assert len(set(inequality_names(problem))) > 10

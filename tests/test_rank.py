@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.identification.rank import (
-    described,
-    reduced,
+    describe_combinations,
+    reduced_basis,
     require_identifiable,
-    undetermined,
+    undetermined_directions,
     weakly_known,
 )
 from tulip_testbed.identification.regressor import encoder_blur, stacked_regressor
@@ -129,7 +129,7 @@ def test_a_planted_null_space_is_found_whatever_the_scale_and_order(seed, column
     matrix, null = planted(seed, columns, free)
     rng = np.random.default_rng(seed)
     scale = 10.0 ** rng.integers(-3, 4, columns)
-    found = undetermined(rng.permutation(matrix * scale))
+    found = undetermined_directions(rng.permutation(matrix * scale))
     assert found.shape == (free, columns)
     if free:
         first, second = (np.linalg.qr(basis.T)[0] for basis in (found * scale, null))
@@ -144,7 +144,7 @@ def test_the_reduced_basis_depends_on_the_subspace_alone(seed, columns, data):
     _, null = planted(seed, columns, free)
     rng = np.random.default_rng(seed)
     other = rng.standard_normal((free, free)) @ null + 1e-14 * rng.standard_normal(null.shape)
-    assert np.abs(reduced(null) - reduced(other)).max() < 1e-6
+    assert np.abs(reduced_basis(null) - reduced_basis(other)).max() < 1e-6
 
 
 def test_ties_are_broken_by_a_fixed_order():
@@ -154,23 +154,23 @@ def test_ties_are_broken_by_a_fixed_order():
     for k in range(20):
         matrix = np.hstack([column, rng.standard_normal((20, 1)), column, column])
         matrix *= 1 + 1e-16 * np.random.default_rng(k).standard_normal(matrix.shape)
-        text = described(undetermined(matrix), tuple("abcd"))
+        text = describe_combinations(undetermined_directions(matrix), tuple("abcd"))
         assert text == "they cannot tell apart a, c and d (free: d - a, c - a)"
 
 
 def test_a_column_of_zeros_is_said_by_itself():
     matrix = np.random.default_rng(117).standard_normal((20, 3))
     matrix[:, 1] = 0.0
-    assert described(undetermined(matrix), ("a", "b", "c")) == "they say nothing of b"
+    assert describe_combinations(undetermined_directions(matrix), ("a", "b", "c")) == "they say nothing of b"
 
 
 def test_fewer_rows_than_columns():
     matrix = np.random.default_rng(118).standard_normal((2, 4))
-    assert undetermined(matrix).shape == (2, 4)
+    assert undetermined_directions(matrix).shape == (2, 4)
 
 
 def test_of_a_long_combination_the_largest_terms_are_named():
-    text = described(np.array([[0.1, 0.2, 0.3, 0.4, 0.5, 1.0]]), tuple("abcdef"))
+    text = describe_combinations(np.array([[0.1, 0.2, 0.3, 0.4, 0.5, 1.0]]), tuple("abcdef"))
     assert (
         text
         == "they cannot tell apart a, b, c, d, e and f (free: f + 0.5 e + 0.4 d + 0.3 c and 2 smaller terms)"

@@ -66,8 +66,8 @@ def test_statics_is_where_the_dynamics_come_to_rest(robot, balanced):
     assert set(experiment.measurements.support) == {"right"}
     for attempt in found.held:
         assert attempt.held is not None
-        assert attempt.held.books.centre < 1e-5
-        assert abs(attempt.held.books.weight) < 1e-3
+        assert attempt.held.balance.centre < 1e-5
+        assert abs(attempt.held.balance.weight) < 1e-3
 
 
 def test_both_supports_together_tell_26_parameters(robot, plan, balanced):

@@ -9,17 +9,17 @@ import numpy as np
 from tulip_testbed.effects.effect import Effect, Misreading, Parameter, Values
 from tulip_testbed.effects.injection import indicator
 from tulip_testbed.effects.targets import CELL_NAMES
-from tulip_testbed.identification.observation import Observation, time_fraction
+from tulip_testbed.identification.observation import Observation, fraction_of_time
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import CELLS
 
 
 def _apply(m: Measurements, target: str, values: Values) -> Measurements:
-    return replace(m, cell_forces=m.cell_forces + _error(time_fraction(m.time), target, values))
+    return replace(m, cell_forces=m.cell_forces + _error(fraction_of_time(m.time), target, values))
 
 
 def _undo(observed: Observation, target: str, values: Values) -> Observation:
-    return observed.changed(cell_forces=observed.cell_forces - _error(observed.part, target, values))
+    return observed.changed(cell_forces=observed.cell_forces - _error(observed.time_fraction, target, values))
 
 
 def _error(time: np.ndarray, target: str, values: Values) -> np.ndarray:

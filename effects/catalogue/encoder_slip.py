@@ -9,17 +9,17 @@ import numpy as np
 from tulip_testbed.effects.effect import Effect, Misreading, Parameter, Values
 from tulip_testbed.effects.injection import STARTS, indicator
 from tulip_testbed.effects.targets import JOINTS
-from tulip_testbed.identification.observation import Observation, time_fraction
+from tulip_testbed.identification.observation import Observation, fraction_of_time
 from tulip_testbed.sim.measurements import Measurements
 
 
 def _apply(m: Measurements, target: str, values: Values) -> Measurements:
-    error = _error(m.joints, target, time_fraction(m.time), values)
+    error = _error(m.joints, target, fraction_of_time(m.time), values)
     return replace(m, joint_angles=m.joint_angles + error)
 
 
 def _undo(observed: Observation, target: str, values: Values) -> Observation:
-    error = _error(observed.tree.joints, target, observed.part, values)
+    error = _error(observed.tree.joints, target, observed.time_fraction, values)
     return observed.changed(joint_angles=observed.joint_angles - error)
 
 

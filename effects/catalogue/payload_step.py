@@ -27,7 +27,7 @@ def _inject(rig: Rig, target: str, values: Values) -> Rig:
 
 def _predict(observed: Observation, target: str, values: Values) -> Observation:
     mass, start = values
-    added = mass * (observed.part >= start)
+    added = mass * (observed.time_fraction >= start)
     rotations, positions = observed.frames
     number = observed.tree.links.index(target)
     frame, standard = observed.tree.frame_of_link[number], observed.standard[number]

@@ -10,16 +10,16 @@ from dataclasses import replace
 import numpy as np
 
 from tulip_testbed.effects.effect import Effect, Misreading, Parameter, Values
-from tulip_testbed.identification.observation import Observation, time_fraction
+from tulip_testbed.identification.observation import Observation, fraction_of_time
 from tulip_testbed.sim.measurements import Measurements
 
 
 def _apply(m: Measurements, target: str, values: Values) -> Measurements:
-    return replace(m, cell_forces=m.cell_forces * _factor(time_fraction(m.time), values))
+    return replace(m, cell_forces=m.cell_forces * _factor(fraction_of_time(m.time), values))
 
 
 def _undo(observed: Observation, target: str, values: Values) -> Observation:
-    return observed.changed(cell_forces=observed.cell_forces / _factor(observed.part, values))
+    return observed.changed(cell_forces=observed.cell_forces / _factor(observed.time_fraction, values))
 
 
 def _factor(time: np.ndarray, values: Values) -> np.ndarray:

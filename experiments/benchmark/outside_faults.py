@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from tulip_testbed.effects.catalogue.tether import FAR, hook, tie
 from tulip_testbed.effects.injection import edited, misreading
-from tulip_testbed.identification.observation import time_fraction
+from tulip_testbed.identification.observation import fraction_of_time
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import joint_names
@@ -85,7 +85,7 @@ def _coupled(rig: Rig, number: int, amplitude: float) -> Rig:
 
 def _warm(rig: Rig, number: int, amplitude: float) -> Rig:
     return _cells(
-        rig, number, lambda m, at: amplitude * (2 * time_fraction(m.time) - 1) ** 2 * m.cell_forces[:, at]
+        rig, number, lambda m, at: amplitude * (2 * fraction_of_time(m.time) - 1) ** 2 * m.cell_forces[:, at]
     )
 
 
@@ -93,7 +93,7 @@ def _walk(rig: Rig, number: int, amplitude: float) -> Rig:
     def walk(m: Measurements, at: int) -> np.ndarray:
         steps = np.random.default_rng(number).standard_normal(10_000)
         path = np.concatenate([[0.0], np.cumsum(steps)]) / 100
-        return amplitude * np.interp(time_fraction(m.time), np.linspace(0, 1, len(path)), path)
+        return amplitude * np.interp(fraction_of_time(m.time), np.linspace(0, 1, len(path)), path)
 
     return _cells(rig, number, walk)
 

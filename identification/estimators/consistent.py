@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 from tulip_testbed.identification.estimators.estimate import Estimate
 from tulip_testbed.identification.estimators.mixed import mixed_model
 from tulip_testbed.identification.estimators.ordinary import residual_sigma
-from tulip_testbed.identification.link_boxes import SIDES, link_boxes
+from tulip_testbed.identification.nominal import SIDES, link_boxes
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.sim.errors import InputError
 

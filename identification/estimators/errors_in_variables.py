@@ -5,8 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from tulip_testbed.identification.estimators.estimate import Estimate
-from tulip_testbed.identification.estimators.ordinary import least_squares, residual_sigma, solve
-from tulip_testbed.identification.placement_effects import clustered_covariance
+from tulip_testbed.identification.estimators.ordinary import (
+    clustered_covariance,
+    least_squares,
+    residual_sigma,
+    solve,
+)
 from tulip_testbed.identification.regressor import Regression
 
 MOST_CORRECTION = 0.5  # of the information in any direction

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from tulip_testbed.identification.estimators.estimate import Estimate
-from tulip_testbed.identification.placement_effects import clustered_covariance
 from tulip_testbed.identification.rank import labels, require_identifiable
 from tulip_testbed.identification.regressor import Regression
+from tulip_testbed.identification.variance_components import fit_components
+from tulip_testbed.sim.measurements import SensorSheet
 
 
 def solve_least_squares(matrix: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -68,3 +71,19 @@ def least_squares(data: Regression) -> Estimate:
         interval_dof=np.full(len(value), float(dof)),
         condition_number=float(np.linalg.cond(data.matrix)),
     )
+
+
+def clustered_covariance(data: Regression, c: np.ndarray) -> tuple[np.ndarray, tuple[float, float]]:
+    """Covariance of eq. 8's estimate when placements share errors.
+
+    Args:
+        data: the regression.
+        c: (H'H)^-1, (p, p).
+
+    Returns:
+        covariance (p, p) [m2] and the s.d. of the right and left plate's placement errors [m].
+    """
+    fit = fit_components(replace(data, cells=None, levers=None, sensors=SensorSheet()), None)
+    rows = data.matrix[fit.rows] * (fit.rows >= 0)[..., None]
+    spread = np.tensordot(rows, np.linalg.solve(fit.inverse, rows), axes=((0, 1), (0, 1)))
+    return c @ spread @ c, fit.placement_sd

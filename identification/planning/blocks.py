@@ -121,10 +121,10 @@ def _minimise(
     before = evaluate(problem, block.design, block.angles)
     after = _slsqp(problem, block, packed, iterations, FREEDOM)
     found = evaluate(problem, after.design, after.angles)
-    if found.slots.min() < -FEASIBLE:
+    if found.inequalities.min() < -FEASIBLE:
         after = repair(problem, after)
         found = evaluate(problem, after.design, after.angles)
-    kept = found.reached.all() and found.slots.min() >= -FEASIBLE
+    kept = found.reached.all() and found.inequalities.min() >= -FEASIBLE
     return after if kept and objective(found)[0] < objective(before)[0] else block
 
 
@@ -145,7 +145,7 @@ def _slsqp(
         if key not in observed:
             observed.clear()
             design = unpack(x)
-            change = last.turn @ (design - last_design)[..., None]
+            change = last.joint_jacobian @ (design - last_design)[..., None]
             far = max(1.0, np.abs(change).max() / FARTHEST)
             observed[key] = evaluate(problem, design, last.chain.angles + change[..., 0] / far)
             if observed[key].reached.all():
@@ -163,8 +163,8 @@ def _slsqp(
         bounds=box,
         constraints={
             "type": "ineq",
-            "fun": lambda x: at(x).slots.ravel(),
-            "jac": lambda x: gradient_of_block(at(x).slot_slopes),
+            "fun": lambda x: at(x).inequalities.ravel(),
+            "jac": lambda x: gradient_of_block(at(x).inequality_jacobian),
         },
         method="SLSQP",
         options={"maxiter": iterations, "ftol": 1e-6},

@@ -28,24 +28,24 @@ class Evaluation:
 
     Attributes:
         chain: joint angles and kinematics.
-        slots, slot_slopes: feasible where at least 0, (m, s), and derivatives by u, (m, s, 9).
+        inequalities, inequality_jacobian: feasible where at least 0, (m, s), and derivatives by u, (m, s, 9).
         regressor, regressor_slopes: R_b (eq. 6), (m, 2, p), and its derivative by u, (m, 2, p, 9).
         reached: whether inverse kinematics succeeded, (m,) bool.
-        turn: dq/du, (m, n, 9).
+        joint_jacobian: dq/du, (m, n, 9).
         torque: of the drives, that share the load between the feet as planned, (m, n) [N m].
     """
 
     chain: Chain
-    slots: np.ndarray
-    slot_slopes: np.ndarray
+    inequalities: np.ndarray
+    inequality_jacobian: np.ndarray
     regressor: np.ndarray
     regressor_slopes: np.ndarray
     reached: np.ndarray
-    turn: np.ndarray
+    joint_jacobian: np.ndarray
     torque: np.ndarray
 
 
-def slot_names(problem: Problem) -> tuple[str, ...]:
+def inequality_names(problem: Problem) -> tuple[str, ...]:
     """What each slot stands for, (s,)."""
     names = problem.parameters.tree.joints
     pairs = len(problem.limbs[0]) * len(problem.limbs[1])
@@ -78,7 +78,7 @@ def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluat
 
     regressor = parameters.regressor(angles)
     by_angle = parameters.slope(angles)  # (m, 2, n, p)
-    covariance, covariance_slope = _com_covariance(regressor, by_angle, problem.spread)
+    covariance, covariance_slope = _com_covariance(regressor, by_angle, problem.parameter_covariance)
     foot, foot_slope = footing_slopes(problem, np.column_stack([design[:, [0, 1, 6, 7, 8]], covariance]))
     by_design = np.zeros((len(design), PLAN, DESIGN))
     by_design[:, [0, 1, 2, 3, 4], [0, 1, 6, 7, 8]] = 1.0
@@ -133,12 +133,12 @@ def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluat
     values[~reached], gradient[~reached] = -UNREACHED, 0.0
     return Evaluation(
         chain=chain,
-        slots=values,
-        slot_slopes=gradient,
+        inequalities=values,
+        inequality_jacobian=gradient,
         regressor=regressor,
         regressor_slopes=np.einsum("mijp,mju->mipu", by_angle, dq, optimize=True),
         reached=reached,
-        turn=dq,
+        joint_jacobian=dq,
         torque=torque,
     )
 

@@ -45,7 +45,7 @@ def candidates(problem: Problem, swing: np.ndarray, near: Block, rng: np.random.
         return Block(design, np.zeros((0, near.angles.shape[1])))
     distance = np.abs((design[:, None, :6] - near.design[None, :, :6]) / SCALE[:6]).sum(axis=2)
     found = evaluate(problem, design, near.angles[distance.argmin(axis=1)])
-    keeps = found.reached & (found.slots.min(axis=1) >= 0)
+    keeps = found.reached & (found.inequalities.min(axis=1) >= 0)
     return Block(design[keeps], found.chain.angles[keeps])
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from tulip_testbed.identification.planning.blocks import FARTHEST, SCALE, information, information_slope
 from tulip_testbed.identification.planning.constraints import Evaluation
-from tulip_testbed.identification.planning.linear_steps import Whole, whole
+from tulip_testbed.identification.planning.linear_steps import EvaluatedPlan, evaluate_plan
 from tulip_testbed.identification.planning.objectives import Smooth
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.sim.errors import InputError
@@ -43,14 +43,14 @@ def casadi_module() -> Any:
     return casadi
 
 
-def interior_point(problem: Problem, plan: Whole, smooth: Smooth, iterations: int) -> Whole:
+def interior_point(problem: Problem, plan: EvaluatedPlan, smooth: Smooth, iterations: int) -> EvaluatedPlan:
     """Minimise a function of the plan's information under every constraint.
 
     Returns:
         Where IPOPT ended, perhaps slightly infeasible.
     """
     casadi = casadi_module()
-    count, slots = plan.found.slots.shape
+    count, slots = plan.found.inequalities.shape
     places = count // plan.per
     columns = np.concatenate(
         [
@@ -64,7 +64,7 @@ def interior_point(problem: Problem, plan: Whole, smooth: Smooth, iterations: in
     across = np.repeat(columns, slots, axis=0).ravel()
     order = np.lexsort((rows, across))  # casadi stores by columns
     sparsity = casadi.Sparsity.triplet(count * slots, size, rows[order].tolist(), across[order].tolist())
-    last, observed = plan, dict[bytes, Whole]()
+    last, observed = plan, dict[bytes, EvaluatedPlan]()
 
     def design_at(x: np.ndarray) -> np.ndarray:
         return x[columns] * SCALE
@@ -73,10 +73,10 @@ def interior_point(problem: Problem, plan: Whole, smooth: Smooth, iterations: in
         nonlocal last
         if x.tobytes() not in observed:
             design = design_at(x)
-            change = (last.found.turn @ (design - last.design)[..., None])[..., 0]
+            change = (last.found.joint_jacobian @ (design - last.design)[..., None])[..., 0]
             change /= max(1.0, float(np.abs(change).max()) / FARTHEST)
             observed.clear()
-            observed[x.tobytes()] = whole(problem, design, last.found.chain.angles + change, plan.per)
+            observed[x.tobytes()] = evaluate_plan(problem, design, last.found.chain.angles + change, plan.per)
             if observed[x.tobytes()].found.reached.all():
                 last = observed[x.tobytes()]
         return observed[x.tobytes()].found
@@ -88,16 +88,16 @@ def interior_point(problem: Problem, plan: Whole, smooth: Smooth, iterations: in
         np.add.at(total, columns, information_slope(found, by_matrix) * SCALE)
         return total[None]
 
-    def slot_slopes(x: np.ndarray) -> Any:
-        values = (at(x).slot_slopes * SCALE).reshape(-1)
+    def inequality_jacobian(x: np.ndarray) -> Any:
+        values = (at(x).inequality_jacobian * SCALE).reshape(-1)
         return casadi.DM(sparsity, values[order])
 
     value = _function(casadi, "f", size, casadi.Sparsity.dense(1, 1), lambda x: smooth(information(at(x)))[0])
     value.slope = _function(casadi, "jac_f", size, casadi.Sparsity.dense(1, size), slope)
     keeps = _function(
-        casadi, "g", size, casadi.Sparsity.dense(count * slots, 1), lambda x: at(x).slots.ravel()
+        casadi, "g", size, casadi.Sparsity.dense(count * slots, 1), lambda x: at(x).inequalities.ravel()
     )
-    keeps.slope = _function(casadi, "jac_g", size, sparsity, slot_slopes)
+    keeps.slope = _function(casadi, "jac_g", size, sparsity, inequality_jacobian)
 
     x0 = np.zeros(size)
     x0[columns] = plan.design / SCALE

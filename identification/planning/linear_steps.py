@@ -26,7 +26,7 @@ MOST_LACK = 0.2  # of a slot: what linearising may have missed
 
 
 @dataclass(frozen=True)
-class Whole:
+class EvaluatedPlan:
     """A plan's postures, placement by placement.
 
     Attributes:
@@ -39,18 +39,18 @@ class Whole:
     per: int
 
 
-def whole(problem: Problem, design: np.ndarray, angles: np.ndarray, per: int) -> Whole:
-    return Whole(design, evaluate(problem, design, angles), per)
+def evaluate_plan(problem: Problem, design: np.ndarray, angles: np.ndarray, per: int) -> EvaluatedPlan:
+    return EvaluatedPlan(design, evaluate(problem, design, angles), per)
 
 
-def merit(plan: Whole, smooth: Smooth) -> float:
-    lack = np.maximum(-plan.found.slots.min(axis=1), 0.0)
+def merit(plan: EvaluatedPlan, smooth: Smooth) -> float:
+    lack = np.maximum(-plan.found.inequalities.min(axis=1), 0.0)
     return smooth(information(plan.found))[0] + PENALTY * float(lack.sum())
 
 
 def descend(
-    problem: Problem, plan: Whole, smooth: Smooth, iterations: int, regions: np.ndarray
-) -> tuple[Whole, np.ndarray]:
+    problem: Problem, plan: EvaluatedPlan, smooth: Smooth, iterations: int, regions: np.ndarray
+) -> tuple[EvaluatedPlan, np.ndarray]:
     """Steps while they help; postures may end slightly infeasible.
 
     A placement whose step broke a constraint that was linear in prediction stays where it was, with a
@@ -69,7 +69,7 @@ def descend(
             break
         for _ in range(2):
             moved = _moved(problem, plan, step)
-            lack, before = (np.maximum(-w.found.slots.min(axis=1), 0.0) for w in (moved, plan))
+            lack, before = (np.maximum(-w.found.inequalities.min(axis=1), 0.0) for w in (moved, plan))
             broken = (lack > before + MOST_LACK).reshape(-1, plan.per).any(axis=1)
             if not broken.any():
                 break
@@ -77,7 +77,7 @@ def descend(
             step = step * np.repeat(~broken, plan.per)[:, None]
         after = merit(moved, smooth)
         if after >= value:  # curved constraints: once more with what linearising has missed
-            missed = moved.found.slots - plan.found.slots - _rates(plan, step)
+            missed = moved.found.inequalities - plan.found.inequalities - _rates(plan, step)
             step, _ = linear_step(problem, plan, smooth, np.repeat(regions, plan.per), missed)
             moved = _moved(problem, plan, step)
             after = merit(moved, smooth)
@@ -91,17 +91,21 @@ def descend(
     return plan, regions
 
 
-def _moved(problem: Problem, plan: Whole, step: np.ndarray) -> Whole:
-    change = np.clip((plan.found.turn @ step[..., None])[..., 0], -0.5, 0.5)
-    return whole(problem, plan.design + step, plan.found.chain.angles + change, plan.per)
+def _moved(problem: Problem, plan: EvaluatedPlan, step: np.ndarray) -> EvaluatedPlan:
+    change = np.clip((plan.found.joint_jacobian @ step[..., None])[..., 0], -0.5, 0.5)
+    return evaluate_plan(problem, plan.design + step, plan.found.chain.angles + change, plan.per)
 
 
-def _rates(plan: Whole, step: np.ndarray) -> np.ndarray:
-    return (plan.found.slot_slopes @ step[..., None])[..., 0]
+def _rates(plan: EvaluatedPlan, step: np.ndarray) -> np.ndarray:
+    return (plan.found.inequality_jacobian @ step[..., None])[..., 0]
 
 
 def linear_step(
-    problem: Problem, plan: Whole, smooth: Smooth, region: np.ndarray, missed: np.ndarray | None = None
+    problem: Problem,
+    plan: EvaluatedPlan,
+    smooth: Smooth,
+    region: np.ndarray,
+    missed: np.ndarray | None = None,
 ) -> tuple[np.ndarray, float]:
     """The linear program's step (m, 9) and what it promises of the merit.
 
@@ -121,8 +125,8 @@ def linear_step(
     np.add.at(objective, columns, cost)
     objective[size:] = PENALTY  # of each posture's elastic variable
 
-    slopes = found.slot_slopes * SCALE
-    near = found.slots < region[:, None] * np.abs(slopes).sum(axis=2) + 1e-3
+    slopes = found.inequality_jacobian * SCALE
+    near = found.inequalities < region[:, None] * np.abs(slopes).sum(axis=2) + 1e-3
     row, slot = np.nonzero(near)
     rows = np.arange(len(row))
     matrix = coo_array(
@@ -144,9 +148,9 @@ def linear_step(
     bounds = np.zeros((size + count, 2))
     bounds[columns, 0], bounds[columns, 1] = low, high
     bounds[size:, 1] = np.inf
-    room = found.slots if missed is None else found.slots + missed
+    room = found.inequalities if missed is None else found.inequalities + missed
     result = linprog(objective, A_ub=matrix, b_ub=room[row, slot], bounds=bounds, method="highs")
     if result.x is None:
         return np.zeros_like(plan.design), 0.0
-    lack = np.maximum(-found.slots.min(axis=1), 0.0)
+    lack = np.maximum(-found.inequalities.min(axis=1), 0.0)
     return result.x[columns] * SCALE, float(PENALTY * lack.sum() - result.fun)

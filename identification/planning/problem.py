@@ -9,7 +9,7 @@ import numpy as np
 
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations, moved_frames, walk
-from tulip_testbed.identification.link_boxes import link_boxes
+from tulip_testbed.identification.nominal import link_boxes
 from tulip_testbed.identification.postures import PlanningRanges, planning_ranges
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PlateGeometry
@@ -74,7 +74,7 @@ class Problem:
         swing, torso: frame numbers.
         moved: frames that a joint moves, observed from the stance foot, (n, f) bool.
         upstream: whether joint i carries joint j, (n, n) bool.
-        spread: covariance of the nominal base parameters, (p, p) [m2].
+        parameter_covariance: covariance of the nominal base parameters, (p, p) [m2].
         limbs: the two legs' limbs as frames at their ends, two a leg or more, and radii [m].
         legs: frames at hip and ankle, and the distance between them with a straight knee [m].
         nominal: nominal base parameters, (p,) [m].
@@ -97,7 +97,7 @@ class Problem:
     torso: int
     moved: np.ndarray
     upstream: np.ndarray
-    spread: np.ndarray
+    parameter_covariance: np.ndarray
     limbs: tuple[Leg, Leg]
     legs: tuple[Limb, ...]
     nominal: np.ndarray
@@ -160,7 +160,7 @@ def planning_problem(
         torso=frames[0],
         moved=moved,
         upstream=carried & ~np.eye(len(carried), dtype=bool),
-        spread=_spread(model, parameters, standard, margins.mass_sd),
+        parameter_covariance=_parameter_covariance(model, parameters, standard, margins.mass_sd),
         limbs=limbs,
         legs=legs,
         nominal=parameters.values(standard),
@@ -187,7 +187,7 @@ def _torque_limits(model: mujoco.MjModel) -> np.ndarray:
     return np.array(limits).reshape(-1, 2)
 
 
-def _spread(
+def _parameter_covariance(
     model: mujoco.MjModel, parameters: BaseParameters, standard: np.ndarray, relative: float
 ) -> np.ndarray:
     """Covariance of the nominal base parameters by that of masses and centres of mass, linearised."""

@@ -14,10 +14,10 @@ import numpy as np
 
 from tulip_testbed.identification.planning.blocks import FEASIBLE, Block, improve, information, repair
 from tulip_testbed.identification.planning.closed_chain import chain_at
-from tulip_testbed.identification.planning.constraints import evaluate, slot_names
+from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
 from tulip_testbed.identification.planning.exchange import candidates, exchange
 from tulip_testbed.identification.planning.interior_point import SOLVERS, interior_point
-from tulip_testbed.identification.planning.linear_steps import Whole, descend, merit, whole
+from tulip_testbed.identification.planning.linear_steps import EvaluatedPlan, descend, evaluate_plan, merit
 from tulip_testbed.identification.planning.objectives import Objective, Smooth, condition_number
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.sim.errors import InputError
@@ -33,7 +33,7 @@ GAIN = 1e-6
 
 
 @dataclass(frozen=True)
-class State:
+class SearchState:
     """Where the search stands after a number of rounds.
 
     Attributes:
@@ -52,7 +52,7 @@ class State:
     initial_condition: float
 
 
-def begin(
+def repair_start(
     problem: Problem,
     objective: Objective,
     angles: np.ndarray,
@@ -60,7 +60,7 @@ def begin(
     per: int,
     placements: int,
     source: str,
-) -> State:
+) -> SearchState:
     """The first placements of a random plan that can be repaired: moved to where every constraint holds.
 
     Args:
@@ -72,14 +72,14 @@ def begin(
         InputError: too few placements can be repaired; names what blocks.
     """
     design = design_of(problem, angles, swing)
-    names, tally, blocks = slot_names(problem), Counter[str](), list[Block]()
+    names, tally, blocks = inequality_names(problem), Counter[str](), list[Block]()
     for i in range(0, len(design), per):
         block = repair(problem, Block(design[i : i + per], angles[i : i + per]))
         found = evaluate(problem, block.design, block.angles)
         if not found.reached.all():
             tally["out of reach"] += 1
-        elif found.slots.min() < -FEASIBLE:
-            tally[names[int(found.slots.min(axis=0).argmin())]] += 1
+        elif found.inequalities.min() < -FEASIBLE:
+            tally[names[int(found.inequalities.min(axis=0).argmin())]] += 1
         else:
             blocks.append(block)
         if len(blocks) == placements:
@@ -94,10 +94,10 @@ def begin(
     design, angles = _joined(blocks)
     start = information(evaluate(problem, design, angles))
     value = objective.value(start)
-    return State(0, design, angles, design, angles, value, value, condition_number(start))
+    return SearchState(0, design, angles, design, angles, value, value, condition_number(start))
 
 
-def rounds(objective: Objective, hops: int) -> int:
+def round_count(objective: Objective, hops: int) -> int:
     """How many rounds `search` takes."""
     return len(objective.smooth) + hops + 1
 
@@ -105,20 +105,20 @@ def rounds(objective: Objective, hops: int) -> int:
 def search(
     problem: Problem,
     objective: Objective,
-    state: State,
+    state: SearchState,
     per: int,
     seed: int,
     hops: int = HOPS,
     solver: str = SOLVERS[0],
-) -> Iterator[State]:
+) -> Iterator[SearchState]:
     """Go on from a state; yields after every round.
 
     First descent by each smooth objective in turn, then hops, then polish by SLSQP or IPOPT.
     """
     stages = objective.smooth
-    while state.rounds < rounds(objective, hops):
+    while state.rounds < round_count(objective, hops):
         k = state.rounds
-        plan = whole(problem, state.design, state.angles, per)
+        plan = evaluate_plan(problem, state.design, state.angles, per)
         if k < len(stages):
             plan, _ = descend(problem, plan, stages[k], WARM, _regions(plan, REGION))
         elif k < len(stages) + hops:
@@ -126,14 +126,14 @@ def search(
             plan = _hop(problem, plan, smooth, np.random.default_rng([seed, k]))
         else:
             polish = _polish if solver == "slsqp" else _interior
-            plan = polish(problem, replace_plan(problem, state, per), stages[-1])
+            plan = polish(problem, best_plan(problem, state, per), stages[-1])
         state = _kept(problem, objective, state, plan)
         yield state
 
 
-def replace_plan(problem: Problem, state: State, per: int) -> Whole:
+def best_plan(problem: Problem, state: SearchState, per: int) -> EvaluatedPlan:
     """The best plan so far."""
-    return whole(problem, state.best_design, state.best_angles, per)
+    return evaluate_plan(problem, state.best_design, state.best_angles, per)
 
 
 def design_of(problem: Problem, angles: np.ndarray, swing: np.ndarray) -> np.ndarray:
@@ -150,13 +150,13 @@ def design_of(problem: Problem, angles: np.ndarray, swing: np.ndarray) -> np.nda
     return np.column_stack([chain.com, rpy, swing])
 
 
-def _kept(problem: Problem, objective: Objective, state: State, plan: Whole) -> State:
+def _kept(problem: Problem, objective: Objective, state: SearchState, plan: EvaluatedPlan) -> SearchState:
     """The state after a round; its best only changes for a plan that keeps every constraint."""
     after = replace(state, rounds=state.rounds + 1, design=plan.design, angles=plan.found.chain.angles)
     if objective.value(information(plan.found)) > state.value:
         return after
     blocks = _blocks(plan)
-    lack = plan.found.slots.min(axis=1).reshape(-1, plan.per).min(axis=1)
+    lack = plan.found.inequalities.min(axis=1).reshape(-1, plan.per).min(axis=1)
     whole_blocks = [
         block if least >= -FEASIBLE else repair(problem, block)
         for block, least in zip(blocks, lack, strict=True)
@@ -164,12 +164,12 @@ def _kept(problem: Problem, objective: Objective, state: State, plan: Whole) -> 
     design, angles = _joined(whole_blocks)
     found = evaluate(problem, design, angles)
     value = objective.value(information(found))
-    if found.reached.all() and found.slots.min() >= -FEASIBLE and value < state.value:
+    if found.reached.all() and found.inequalities.min() >= -FEASIBLE and value < state.value:
         return replace(after, best_design=design, best_angles=found.chain.angles, value=value)
     return after
 
 
-def _hop(problem: Problem, plan: Whole, smooth: Smooth, rng: np.random.Generator) -> Whole:
+def _hop(problem: Problem, plan: EvaluatedPlan, smooth: Smooth, rng: np.random.Generator) -> EvaluatedPlan:
     """Other postures on one placement, perhaps elsewhere; kept if a short descent from there is better."""
     blocks = _blocks(plan)
     at = int(rng.integers(len(blocks)))
@@ -189,12 +189,12 @@ def _hop(problem: Problem, plan: Whole, smooth: Smooth, rng: np.random.Generator
         return plan
     kept = Block(block.design[stay], block.angles[stay])
     blocks[at] = exchange(problem, kept, pool, rest, smooth, per)
-    moved = whole(problem, *_joined(blocks), per)
+    moved = evaluate_plan(problem, *_joined(blocks), per)
     moved, _ = descend(problem, moved, smooth, STEPS, _regions(plan, REGION))
     return moved if merit(moved, smooth) < merit(plan, smooth) - GAIN else plan
 
 
-def _polish(problem: Problem, plan: Whole, smooth: Smooth) -> Whole:
+def _polish(problem: Problem, plan: EvaluatedPlan, smooth: Smooth) -> EvaluatedPlan:
     """SLSQP on one placement after another."""
     blocks = _blocks(plan)
     parts = [information(evaluate(problem, b.design, b.angles)) for b in blocks]
@@ -203,10 +203,10 @@ def _polish(problem: Problem, plan: Whole, smooth: Smooth) -> Whole:
         rest = rest if len(parts) > 1 else np.zeros_like(parts[0])
         blocks[k] = improve(problem, block, rest, smooth, POLISH)
         parts[k] = information(evaluate(problem, blocks[k].design, blocks[k].angles))
-    return whole(problem, *_joined(blocks), plan.per)
+    return evaluate_plan(problem, *_joined(blocks), plan.per)
 
 
-def _interior(problem: Problem, plan: Whole, smooth: Smooth) -> Whole:
+def _interior(problem: Problem, plan: EvaluatedPlan, smooth: Smooth) -> EvaluatedPlan:
     return interior_point(problem, plan, smooth, INTERIOR)
 
 
@@ -214,7 +214,7 @@ def _middle(stages: tuple[Smooth, ...]) -> int:
     return min(1, len(stages) - 1)
 
 
-def _regions(plan: Whole, size: float) -> np.ndarray:
+def _regions(plan: EvaluatedPlan, size: float) -> np.ndarray:
     return np.full(len(plan.design) // plan.per, size)
 
 
@@ -222,7 +222,7 @@ def _firsts(design: np.ndarray, per: int) -> range:
     return range(0, len(design), per)
 
 
-def _blocks(plan: Whole) -> list[Block]:
+def _blocks(plan: EvaluatedPlan) -> list[Block]:
     angles, per = plan.found.chain.angles, plan.per
     return [Block(plan.design[i : i + per], angles[i : i + per]) for i in _firsts(plan.design, per)]
 

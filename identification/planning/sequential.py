@@ -16,9 +16,13 @@ from tulip_testbed.identification.planning.blocks import Block, improve, informa
 from tulip_testbed.identification.planning.constraints import evaluate
 from tulip_testbed.identification.planning.exchange import candidates, exchange
 from tulip_testbed.identification.planning.objectives import Objective, condition_number
+from tulip_testbed.identification.planning.optimal_plan import (
+    initial_state,
+    plan_from_state,
+    require_identifiable,
+)
 from tulip_testbed.identification.planning.problem import Problem
-from tulip_testbed.identification.planning.search import POLISH, State
-from tulip_testbed.identification.planning.trial import first_state, plan_of, require_identifiable
+from tulip_testbed.identification.planning.search import POLISH, SearchState
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 
 STEPS = 8  # of SLSQP after an exchange
@@ -30,9 +34,9 @@ def measured_information(problem: Problem, measurements: Measurements) -> np.nda
     return rows.T @ rows
 
 
-def next_state(
+def initial_next_state(
     problem: Problem, objective: Objective, taken: np.ndarray, placements: int, per: int, seed: int
-) -> tuple[PosturePlan, State]:
+) -> tuple[PosturePlan, SearchState]:
     """Random placements, repaired, to begin with.
 
     Args:
@@ -41,27 +45,33 @@ def next_state(
     Raises:
         InputError: the ranges admit nothing, or the margins beyond them.
     """
-    drawn, state = first_state(problem, objective, placements, per, seed)
+    drawn, state = initial_state(problem, objective, placements, per, seed)
     start = taken + information(evaluate(problem, state.design, state.angles))
     value = objective.value(start)
     return drawn, replace(state, value=value, initial=value, initial_condition=condition_number(start))
 
 
-def next_rounds(placements: int, hops: int) -> int:
+def next_round_count(placements: int, hops: int) -> int:
     """How many rounds `search_next` takes."""
     return hops + placements
 
 
 def search_next(
-    problem: Problem, objective: Objective, taken: np.ndarray, state: State, per: int, seed: int, hops: int
-) -> Iterator[State]:
+    problem: Problem,
+    objective: Objective,
+    taken: np.ndarray,
+    state: SearchState,
+    per: int,
+    seed: int,
+    hops: int,
+) -> Iterator[SearchState]:
     """Go on from a state; yields after every round.
 
     A hop exchanges postures of one placement for random ones, perhaps on another footing, and improves it
     by SLSQP; it is kept where the criterion falls. At the end every placement is polished once.
     """
     count = len(state.best_design) // per
-    while state.rounds < next_rounds(count, hops):
+    while state.rounds < next_round_count(count, hops):
         k = state.rounds
         blocks = [
             Block(state.best_design[i : i + per], state.best_angles[i : i + per])
@@ -96,7 +106,7 @@ def search_next(
         yield state
 
 
-def run_next(
+def optimize_next_placements(
     problem: Problem,
     objective: Objective,
     measurements: Measurements,
@@ -104,8 +114,8 @@ def run_next(
     per: int,
     seed: int,
     hops: int,
-    progress: Callable[[State], None] = lambda state: None,
-    state: State | None = None,
+    progress: Callable[[SearchState], None] = lambda state: None,
+    state: SearchState | None = None,
 ) -> PosturePlan:
     """The next placements from a random start.
 
@@ -114,33 +124,33 @@ def run_next(
         state: to go on from, of the same run.
 
     Raises:
-        InputError: as `next_state` and `require_identifiable`.
+        InputError: as `initial_next_state` and `require_identifiable`.
     """
     taken = measured_information(problem, measurements)
-    drawn, start = next_state(problem, objective, taken, placements, per, seed)
+    drawn, start = initial_next_state(problem, objective, taken, placements, per, seed)
     require_identifiable(problem, start, placements + len(np.unique(measurements.placement)))
     state = state or start
     for found in search_next(problem, objective, taken, state, per, seed, hops):
         state = found
         progress(found)
-    return next_plan(problem, objective, drawn, state, measurements, seed, hops)
+    return next_plan_from_state(problem, objective, drawn, state, measurements, seed, hops)
 
 
-def next_plan(
+def next_plan_from_state(
     problem: Problem,
     objective: Objective,
     drawn: PosturePlan,
-    state: State,
+    state: SearchState,
     measurements: Measurements,
     seed: int,
     hops: int,
 ) -> PosturePlan:
     """The best placements of a state; numbers of placements and postures go on from the measured ones."""
-    plan = plan_of(problem, objective, drawn, state, seed, hops)
+    plan = plan_from_state(problem, objective, drawn, state, seed, hops)
     taken = measured_information(problem, measurements)
     made = plan.made | {
         "solver": "exchange, slsqp, one placement at a time",
-        "rounds_planned": next_rounds(plan.made["placements"], hops),
+        "rounds_planned": next_round_count(plan.made["placements"], hops),
         "measured_objective": objective.value(taken),
         "after": {
             "postures": len(measurements),

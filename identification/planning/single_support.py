@@ -221,7 +221,7 @@ def _sure_distance(problem: Problem, angles: np.ndarray, com: np.ndarray) -> np.
     """Of the CoM inside every edge of the stance sole, less its uncertainty across it, (m, 4) [m]."""
     distance, normal = _edge_distances(problem.soles[0], com[:, :2])
     across = np.einsum("ek,mkp->mep", normal, problem.parameters.regressor(angles))
-    sd = np.sqrt(np.einsum("mep,pq,meq->me", across, problem.spread, across))
+    sd = np.sqrt(np.einsum("mep,pq,meq->me", across, problem.parameter_covariance, across))
     return distance - problem.margins.assurance * sd
 
 

@@ -17,7 +17,7 @@ from scipy.stats import f as f_distribution
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
-from tulip_testbed.identification.reading_noise import ReadingNoise, known, placement_levers, placement_sd
+from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, placement_sd, usable_sd
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import PLATES
@@ -37,7 +37,7 @@ def repeats(measurements: Measurements, nominal: Nominal, noise: ReadingNoise) -
     again = numbers[counts > 1]
     if not len(again):
         return skipped(name, "no posture was measured twice; repeat five or more")
-    if known(m.sensors.cell_sd) is None:
+    if usable_sd(m.sensors.cell_sd) is None:
         return skipped(name, NO_CELL_SD)
     error = center_of_pressure(m) - nominal.center_of_mass(m.joint_angles)
     groups = [np.flatnonzero(m.posture == number) for number in again]
@@ -113,7 +113,7 @@ class Fit:
 def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> Fit | None:
     """Generalised least squares; None without a stated cell_sd or without degrees of freedom."""
     dof = len(data.output) - data.matrix.shape[1]
-    if known(measurements.sensors.cell_sd) is None or dof < 1:
+    if usable_sd(measurements.sensors.cell_sd) is None or dof < 1:
         return None
     whitener = np.linalg.inv(np.linalg.cholesky(noise.covariance()))
     basis, _ = np.linalg.qr(whitener @ data.matrix)
@@ -148,7 +148,7 @@ def single_placements(measurements: Measurements, found: Fit | None) -> Finding:
     name, m = "single placements", measurements
     if found is None:
         return skipped(name, NO_CELL_SD)
-    if known(max(placement_sd(m)[:2])) is None:
+    if usable_sd(max(placement_sd(m)[:2])) is None:
         return skipped(name, "no sensors.placement_sd in the manifest to measure by")
     levers = placement_levers(m).reshape(-1, 6)
     shifts, labels = [], []

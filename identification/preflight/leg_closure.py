@@ -7,7 +7,7 @@ from scipy.stats import chi2, norm
 
 from tulip_testbed.identification.nominal import Nominal, jacobian
 from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
-from tulip_testbed.identification.reading_noise import known
+from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.sim.measurements import Measurements
 
 CLOSED = [2, 3, 4]  # of x, y, z, roll, pitch, yaw: what both soles flat on level tops fix
@@ -32,7 +32,7 @@ def _legs_close(
 ) -> Finding:
     """Height, roll and pitch of the swing sole by forward kinematics, against the encoders' s.d."""
     name, m = "legs close", measurements
-    encoder_sd = known(m.sensors.encoder_sd)
+    encoder_sd = usable_sd(m.sensors.encoder_sd)
     if encoder_sd is None:
         return skipped(name, NO_ENCODER_SD)
     error = pose[:, CLOSED] - [m.top_height[1] - m.top_height[0], 0.0, 0.0]

@@ -16,7 +16,7 @@ from tulip_testbed.identification.preflight.finding import (
     row_name,
     skipped,
 )
-from tulip_testbed.identification.reading_noise import known, placement_levers, placement_sd
+from tulip_testbed.identification.reading_noise import placement_levers, placement_sd, usable_sd
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import PLATES
 
@@ -102,7 +102,7 @@ def feet_on_plates(measurements: Measurements, nominal: Nominal) -> Finding:
 def load_in_soles(measurements: Measurements, nominal: Nominal) -> Finding:
     """CoP of each plate inside the sole that stands on it: nothing else can press there."""
     name, m = "load inside soles", measurements
-    cell_sd = known(m.sensors.cell_sd)
+    cell_sd = usable_sd(m.sensors.cell_sd)
     if cell_sd is None:
         return skipped(name, "no sensors.cell_sd in the manifest to measure by")
     soles = nominal.soles_in_base(m.joint_angles)

@@ -12,7 +12,7 @@ from tulip_testbed.identification.preflight.finding import (
     row_name,
     worst_of,
 )
-from tulip_testbed.identification.reading_noise import known
+from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import CELLS
 
@@ -61,7 +61,7 @@ def cell_loads(measurements: Measurements) -> Finding:
     idle = [cell for cell, most in zip(CELLS, np.abs(share).max(axis=0), strict=True) if most < UNLOADED]
     row, cell = np.unravel_index(share.argmin(), share.shape)
     pull = -float(share[row, cell])
-    noise = 4 * (known(m.sensors.cell_sd) or UNSTATED_NOISE * weight) / weight
+    noise = 4 * (usable_sd(m.sensors.cell_sd) or UNSTATED_NOISE * weight) / weight
     texts = [f"cell.{name} never carries {100 * UNLOADED:.0f} % of the weight" for name in idle]
     results = ["fail"] * len(idle)
     where = ", ".join(f"cell.{name}" for name in idle)
@@ -95,7 +95,7 @@ def resolution(measurements: Measurements) -> Finding:
         if stated == 0:
             texts.append(f"sensors.{key} is 0, which no sensor has: its checks are left out")
             where.append(f"sensors.{key}")
-        if not known(stated):
+        if not usable_sd(stated):
             continue
         assert stated is not None
         noise = _median(spread)

@@ -8,7 +8,7 @@ from scipy.stats import t as t_distribution
 
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
-from tulip_testbed.identification.reading_noise import known
+from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.sim.measurements import Measurements
 
 NEGLIGIBLE = 1e-3  # of the weight: an error below does no harm where no cell_sd says what is usual
@@ -107,7 +107,7 @@ def drift(measurements: Measurements, nominal: Nominal) -> Finding:
 
 
 def _total_sd(measurements: Measurements) -> float | None:
-    cell_sd = known(measurements.sensors.cell_sd)
+    cell_sd = usable_sd(measurements.sensors.cell_sd)
     return None if cell_sd is None else cell_sd * np.sqrt(measurements.cell_forces.shape[1])
 
 

@@ -9,10 +9,8 @@ import numpy as np
 from dm_control import composer, mjcf
 from dm_env import specs
 
-from tulip_testbed.sim.composer.channel import Channel
-from tulip_testbed.sim.composer.force_plate import ForcePlate
+from tulip_testbed.sim.composer.entities import Channel, ForcePlate, RobotEntity
 from tulip_testbed.sim.composer.parts import SceneParts, join, split_scene
-from tulip_testbed.sim.composer.robot_entity import RobotEntity
 from tulip_testbed.sim.control import torque_limit
 from tulip_testbed.sim.dynamics.stand import hoist_damping
 from tulip_testbed.sim.errors import InputError, shortened

@@ -18,8 +18,8 @@ from tulip_testbed.sim.procedure import (
     check_support,
     choose_repeats,
     constants,
+    make_measurements,
     order_of_tries,
-    record,
     record_error,
     stage_at,
     start_times,
@@ -174,7 +174,7 @@ def _measurements(
     if not used:
         reasons = sorted({a.reason for a in attempts})
         raise InputError(f"none of {len(attempts)} postures could be measured: {'; '.join(reasons)}")
-    return record(
+    return make_measurements(
         rig,
         constants(rig),
         {key: np.array([a.reading[key] for a, _ in used]) for key in used[0][0].reading},

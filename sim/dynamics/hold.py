@@ -35,7 +35,7 @@ class Held:
         com: centre of mass in the base frame, (2,) [m].
         drift: largest movement of a sole corner since the robot was put down [m].
         settled_after: time from release to the gate [s].
-        books: how well forces, moments, torques and energy balance.
+        balance: how well forces, moments, torques and energy balance.
     """
 
     joint_angles: np.ndarray
@@ -46,7 +46,7 @@ class Held:
     com: np.ndarray
     drift: float
     settled_after: float
-    books: Balance
+    balance: Balance
 
 
 def put_down(
@@ -58,7 +58,7 @@ def put_down(
         command: what the servos are sent to; None: the posture's own angles.
         support: "double", or "right": on the stance foot, the other one in the air.
     """
-    stand.standing = np.array([True, support == "double"])
+    stand.foot_contact = np.array([True, support == "double"])
     stand.reset(angles, stand.chain.base_pose(angles))
     stand.command = angles if command is None else command
     stand.run(LANDING_TIME)
@@ -77,7 +77,7 @@ def move(stand: Stand, start: np.ndarray, end: np.ndarray, command: np.ndarray) 
     stand.stiction.release(stand.data)
     _clamp(stand)
     duration = stand.protocol.move_time
-    path_between = stand.chain.path if stand.standing.all() else straight_path
+    path_between = stand.chain.path if stand.foot_contact.all() else straight_path
     knots = np.vstack([start, path_between(start, end, PATH_KNOTS)])
     path = CubicSpline(np.linspace(0, duration, PATH_KNOTS + 1), knots, bc_type="clamped")
     time = np.arange(1, round(duration / SERVO_PERIOD) + 1) * SERVO_PERIOD
@@ -119,8 +119,8 @@ def hold(stand: Stand, plan: np.ndarray) -> tuple[Held | None, str]:
         return None, f"broke loose at {over[0]}"
     if reason := stand.fault():
         return None, reason
-    books = balance_of(stand, before)
-    if books.dissipated < -CREATED_ENERGY:
+    balance = balance_of(stand, before)
+    if balance.dissipated < -CREATED_ENERGY:
         return None, "gained energy while held"
     joints = len(stand.qpos)
     held = Held(
@@ -132,7 +132,7 @@ def hold(stand: Stand, plan: np.ndarray) -> tuple[Held | None, str]:
         com=mean[2 * joints + 8 :],
         drift=stand.drift(),
         settled_after=settled_after,
-        books=books,
+        balance=balance,
     )
     return held, ""
 
@@ -181,7 +181,7 @@ def _average(stand: Stand, window: float) -> np.ndarray:
 
 
 def _clamp(stand: Stand) -> None:
-    clamps = stand.clamps[stand.standing]
+    clamps = stand.clamps[stand.foot_contact]
     stand.data.eq_active[clamps] = 1
     stand.model.eq_solimp[clamps, :2] = CLAMP_IMPEDANCE
 

@@ -24,7 +24,7 @@ class Stand:
         rig: the laboratory. chain: the robot alone, as its file says.
         model, data: the scene.
         stiction: the rows that hold what has come to rest.
-        standing: which of the two feet the robot stands on, (2,) bool.
+        foot_contact: which of the two feet the robot stands on, (2,) bool.
     """
 
     def __init__(self, rig: Rig, plate_poses: np.ndarray):
@@ -46,7 +46,7 @@ class Stand:
         first = self.model.jnt_dofadr[self.free]
         self.model.dof_damping[first : first + 6] += hoist_damping(rig)
         self.torso = int(self.model.jnt_bodyid[self.free])
-        self.standing = np.array([True, True])
+        self.foot_contact = np.array([True, True])
         self.clamps = np.array([self.model.equality(f"{foot}_clamp").id for foot in rig.robot.feet])
         self.cells = cell_addresses(self.model)
         self.tare = tare(self.model)
@@ -136,7 +136,7 @@ class Stand:
     def drift(self) -> float:
         """Largest horizontal way of any sole corner from where it was put down [m]."""
         ways = np.linalg.norm((self._corners() - self.marked_corners)[:, :2], axis=1)
-        return float(ways[np.repeat(self.standing, 4)].max())
+        return float(ways[np.repeat(self.foot_contact, 4)].max())
 
     def fault(self) -> str | None:
         """Why a settled posture cannot be used, or None."""
@@ -144,7 +144,7 @@ class Stand:
             ("lost sole corner", self.sole_names, self._sole_gaps()),
             ("lifted cell", CELLS, self._cell_gaps()),
         ):
-            gaps = np.where(np.repeat(self.standing, 4), gaps, 0.0)
+            gaps = np.where(np.repeat(self.foot_contact, 4), gaps, 0.0)
             if gaps.max() > self.protocol.lift_limit:
                 return f"{what} {names[int(gaps.argmax())]}"
         if self.drift() > self.protocol.slip_limit:

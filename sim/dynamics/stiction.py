@@ -24,7 +24,7 @@ class Stiction:
 
     Args:
         model: the scene.
-        standing: pairs of bodies, the one above first, e.g. foot and plate; each pair touches by
+        contact_pairs: pairs of bodies, the one above first, e.g. foot and plate; each pair touches by
             explicit contact pairs.
 
     Attributes:
@@ -32,11 +32,11 @@ class Stiction:
         wrenches: constant force and moment on every body, (nbody, 6) [N, N m].
     """
 
-    def __init__(self, model: mujoco.MjModel, standing: list[tuple[int, int]]):
-        self.model, self.standing = model, standing
+    def __init__(self, model: mujoco.MjModel, contact_pairs: list[tuple[int, int]]):
+        self.model, self.contact_pairs = model, contact_pairs
         self.frictionloss = model.dof_frictionloss.copy()
         self.capacity = BREAKAWAY * self.frictionloss
-        self.friction = [BREAKAWAY * sliding_friction(model, pair) for pair in standing]
+        self.friction = [BREAKAWAY * sliding_friction(model, pair) for pair in contact_pairs]
         self.torques, self.wrenches = np.zeros(model.nv), np.zeros((model.nbody, 6))
 
     def engage(self, data: mujoco.MjData) -> None:
@@ -53,7 +53,7 @@ class Stiction:
         slips = np.abs(wanted) > self.capacity
         held = self.capacity + np.abs(self.torques)
         self.model.dof_frictionloss[:] = np.where(slips, LEAST * self.capacity, held)
-        for above, below in self.standing:
+        for above, below in self.contact_pairs:
             points, forces, _ = _contacts(self.model, data, above, below)
             forces = forces - _normal(data, below) * (forces @ _normal(data, below))[:, None]
             for body, sign in ((above, 1.0), (below, -1.0)):
@@ -78,7 +78,7 @@ class Stiction:
         loads = self.torques + friction_rows(self.model, data)
         over = np.flatnonzero(np.abs(loads) > self.capacity * (1 + LEAST / 2))
         names = [self.model.joint(self.model.dof_jntid[dof]).name for dof in over]
-        for (above, below), friction in zip(self.standing, self.friction, strict=True):
+        for (above, below), friction in zip(self.contact_pairs, self.friction, strict=True):
             if self._sliding_load(data, above, below, friction) > 1:
                 names.append(self.model.body(above).name)
         return names

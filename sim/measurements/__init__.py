@@ -1,7 +1,12 @@
 """The data contract between a laboratory, simulated or real, and the identification."""
 
-from tulip_testbed.sim.measurements.boards import PlateGeometry, lay_boards
-from tulip_testbed.sim.measurements.data import Measurements, PosturePlan, SensorSheet
+from tulip_testbed.sim.measurements.data import (
+    Measurements,
+    PlateGeometry,
+    PosturePlan,
+    SensorSheet,
+    lay_boards,
+)
 from tulip_testbed.sim.measurements.measurement_folder import read_measurements, write_measurements
 from tulip_testbed.sim.measurements.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.measurements.series import Series, read_series

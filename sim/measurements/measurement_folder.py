@@ -17,12 +17,12 @@ from tulip_testbed.sim.measurements.folder_kind import check_kind
 from tulip_testbed.sim.measurements.table_files import (
     Columns,
     Table,
+    checked_table,
     read_json,
     software,
     write_json,
     write_table,
 )
-from tulip_testbed.sim.measurements.twins import checked_table
 from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, sha256
 
 SUPPORTS = ("double", "right", "left")

@@ -14,8 +14,14 @@ from tulip_testbed.sim.files import new_folder
 from tulip_testbed.sim.measurements.data import PosturePlan
 from tulip_testbed.sim.measurements.folder_kind import check_kind
 from tulip_testbed.sim.measurements.measurement_folder import MOST_ANGLE, MOST_LENGTH, SUPPORTS, Version
-from tulip_testbed.sim.measurements.table_files import Table, read_json, software, write_json, write_table
-from tulip_testbed.sim.measurements.twins import checked_table
+from tulip_testbed.sim.measurements.table_files import (
+    Table,
+    checked_table,
+    read_json,
+    software,
+    write_json,
+    write_table,
+)
 from tulip_testbed.sim.robot import Robot, joint_names, sha256
 
 MOST_TORQUE = 1e5  # N m, of a drive

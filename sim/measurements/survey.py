@@ -11,8 +11,7 @@ from pydantic import ValidationError
 from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.files import present
 from tulip_testbed.sim.measurements.measurement_folder import SUPPORTS, Manifest
-from tulip_testbed.sim.measurements.table_files import Table, read_json
-from tulip_testbed.sim.measurements.twins import checked_table
+from tulip_testbed.sim.measurements.table_files import Table, checked_table, read_json
 from tulip_testbed.sim.robot import CELLS, PLATES
 
 WHOLE = ("posture", "placement")

@@ -1,25 +1,24 @@
 """The static equilibrium of robot, servos, feet and plates, solved directly and in batches."""
 
-from tulip_testbed.sim.statics.approach import left_friction, swaying, ways
-from tulip_testbed.sim.statics.forces import Load, State, residual, soles, torques
+from tulip_testbed.sim.statics.approach import approach_displacements, friction_at_rest, sway_displacements
+from tulip_testbed.sim.statics.forces import Load, State, residual, servo_torques, sole_poses
 from tulip_testbed.sim.statics.mechanism import Mechanism, mechanism
-from tulip_testbed.sim.statics.reading import cell_forces, faults
-from tulip_testbed.sim.statics.solve import Reference, reference, solve
+from tulip_testbed.sim.statics.solve import Reference, cell_forces, faults, solve_by_chord, solve_by_newton
 
 __all__ = [
     "Load",
     "Mechanism",
     "Reference",
     "State",
+    "approach_displacements",
     "cell_forces",
     "faults",
-    "left_friction",
+    "friction_at_rest",
     "mechanism",
-    "reference",
     "residual",
-    "soles",
-    "solve",
-    "swaying",
-    "torques",
-    "ways",
+    "servo_torques",
+    "sole_poses",
+    "solve_by_chord",
+    "solve_by_newton",
+    "sway_displacements",
 ]

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tulip_testbed.sim.statics.forces import skew
+from tulip_testbed.sim.statics.forces import axial_vector
 from tulip_testbed.sim.statics.solve import Reference
 
 # Fitted to a development plan in full dynamics (seed 11); held against the shipped one by a test.
@@ -23,8 +23,8 @@ SCATTER = 0.05  # s.d. of every joint's own friction over its limit after a move
 PUT_DOWN_SCATTER = 0.35  # the same after putting down
 
 
-def ways(
-    near: Reference,
+def approach_displacements(
+    reference: Reference,
     planned: np.ndarray,
     columns: np.ndarray,
     start: np.ndarray,
@@ -37,28 +37,28 @@ def ways(
     the rates of what lies between them; other joints go straight.
 
     Args:
-        near: the solved postures. planned: their planned joint angles, (k, n_joints).
+        reference: the solved postures. planned: their planned joint angles, (k, n_joints).
         columns: coordinates that the joints' servos turn, (n_joints,).
         start, end: numbers of the postures between which the robot moves, (b,).
         closed: whether both feet stand; on one foot all joints go straight, (b,) bool.
     """
-    n = near.state.angles.shape[-1]
+    n = reference.state.angles.shape[-1]
     way = planned[end] - planned[start]
     if closed.any():
-        way[closed] = _closed_ways(near, way[closed], columns, start[closed], end[closed])
+        way[closed] = _closed_displacements(reference, way[closed], columns, start[closed], end[closed])
     out = np.zeros((len(end), n))
     out[:, columns] = way
     return out
 
 
-def _closed_ways(
-    near: Reference, way: np.ndarray, columns: np.ndarray, start: np.ndarray, end: np.ndarray
+def _closed_displacements(
+    reference: Reference, way: np.ndarray, columns: np.ndarray, start: np.ndarray, end: np.ndarray
 ) -> np.ndarray:
     """The same of the joints where both feet stand, from their straight way, (b, n_joints)."""
-    n = near.state.angles.shape[-1]
-    closure = near.slope[end][:, 6 + n :]
-    first, last = (near.state.rotation[which] for which in (start, end))
-    there = near.state.position[end] - near.state.position[start]
+    n = reference.state.angles.shape[-1]
+    closure = reference.slope[end][:, 6 + n :]
+    first, last = (reference.state.rotation[which] for which in (start, end))
+    there = reference.state.position[end] - reference.state.position[start]
     step = np.concatenate([there, _rotation_vector(last @ first.transpose(0, 2, 1))], axis=-1)
     joints = closure[:, :, 6 : 6 + n][:, :, columns]
     between = np.abs(joints).max(axis=(0, 1)) > 0
@@ -68,18 +68,20 @@ def _closed_ways(
     return way
 
 
-def swaying(near: Reference, weight: float, which: np.ndarray, push: np.ndarray) -> np.ndarray:
+def sway_displacements(
+    reference: Reference, weight: float, which: np.ndarray, push: np.ndarray
+) -> np.ndarray:
     """Way of every coordinate under a push at the torso, (b, n) [rad].
 
     Args:
         weight: of the robot [N]. which: numbers of the postures, (b,). push: standard normal, (b, 2).
     """
-    n = near.state.angles.shape[-1]
-    yielding = -near.inverse[:, 6 : 6 + n, :2]
+    n = reference.state.angles.shape[-1]
+    yielding = -reference.inverse[:, 6 : 6 + n, :2]
     return SWAY * weight * (yielding[which] @ push[..., None])[..., 0]
 
 
-def left_friction(
+def friction_at_rest(
     limit: np.ndarray, way: np.ndarray, moved: np.ndarray, move_time: float, scatter: np.ndarray
 ) -> np.ndarray:
     """Torques of dry friction at rest, (..., n) [Nm].
@@ -97,7 +99,7 @@ def left_friction(
 
 def _rotation_vector(rotation: np.ndarray) -> np.ndarray:
     """Of rotation matrices by less than half a turn, (..., 3) [rad]."""
-    odd = skew(rotation)
+    odd = axial_vector(rotation)
     sine = np.linalg.norm(odd, axis=-1, keepdims=True)
     cosine = (np.trace(rotation, axis1=-2, axis2=-1)[..., None] - 1) / 2
     return odd * np.arctan2(sine, cosine) / np.maximum(sine, 1e-12)

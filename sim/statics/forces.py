@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tulip_testbed.sim.statics.mechanism import HINGE, Mechanism
-from tulip_testbed.sim.statics.softness import stopped
+from tulip_testbed.sim.statics.soft_constraints import stop_torques
 
 WRENCH_UNIT = 100.0  # N or Nm, that counts as much as a metre where a foot is to bear nothing
 
@@ -27,7 +27,7 @@ class State:
     angles: np.ndarray
     wrench: np.ndarray
 
-    def items(self, which: np.ndarray) -> State:
+    def take(self, which: np.ndarray) -> State:
         """Some items of a flat batch."""
         return State(self.position[which], self.rotation[which], self.angles[which], self.wrench[which])
 
@@ -42,7 +42,7 @@ class State:
         n = self.angles.shape[-1]
         return State(
             self.position + change[..., :3],
-            turn(change[..., 3:6]) @ self.rotation,
+            rotation_matrix(change[..., 3:6]) @ self.rotation,
             self.angles + change[..., 6 : 6 + n],
             self.wrench + change[..., 6 + n :].reshape(*change.shape[:-1], 2, 6),
         )
@@ -58,7 +58,7 @@ class Load:
         feet: planar poses of both soles, (..., 2, 3) [m, m, rad].
         plates: planar poses of both plates, (..., 2, 3) [m, m, rad].
         mass, center: of the bodies, (..., nb) [kg], (..., nb, 3) [m].
-        stands: whether either foot is on the ground, (..., 2) bool.
+        foot_contact: whether either foot is on the ground, (..., 2) bool.
     """
 
     command: np.ndarray
@@ -67,11 +67,19 @@ class Load:
     plates: np.ndarray
     mass: np.ndarray
     center: np.ndarray
-    stands: np.ndarray = field(default_factory=lambda: np.ones(2, bool))
+    foot_contact: np.ndarray = field(default_factory=lambda: np.ones(2, bool))
 
-    def items(self, which: np.ndarray) -> Load:
+    def take(self, which: np.ndarray) -> Load:
         """Some items of a flat batch; what all items share stays."""
-        shapes = {"command": 1, "friction": 1, "feet": 2, "plates": 2, "mass": 1, "center": 2, "stands": 1}
+        shapes = {
+            "command": 1,
+            "friction": 1,
+            "feet": 2,
+            "plates": 2,
+            "mass": 1,
+            "center": 2,
+            "foot_contact": 1,
+        }
         parts = {name: getattr(self, name) for name in shapes}
         return Load(
             **{name: part[which] if part.ndim > shapes[name] else part for name, part in parts.items()}
@@ -107,12 +115,14 @@ def residual(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
             out[..., 6 + joint.column] = borne
     out[..., 6 : 6 + n] += _drives(m, state, load)
     # A foot in the air bears nothing, wherever it is.
-    closure = np.where(load.stands[..., None], _closure(m, state, load, frames), state.wrench / WRENCH_UNIT)
+    closure = np.where(
+        load.foot_contact[..., None], _closure(m, state, load, frames), state.wrench / WRENCH_UNIT
+    )
     out[..., 6 + n :] = closure.reshape(*shape, 12)
     return out
 
 
-def soles(mechanism: Mechanism, state: State) -> np.ndarray:
+def sole_poses(mechanism: Mechanism, state: State) -> np.ndarray:
     """Planar poses of both soles in the world, (..., 2, 3) [m, m, rad]."""
     frames, _, _ = _kinematics(mechanism, state)
     poses = []
@@ -123,13 +133,13 @@ def soles(mechanism: Mechanism, state: State) -> np.ndarray:
     return np.stack(poses, axis=-2)
 
 
-def torques(mechanism: Mechanism, angles: np.ndarray, command: np.ndarray) -> np.ndarray:
+def servo_torques(mechanism: Mechanism, angles: np.ndarray, command: np.ndarray) -> np.ndarray:
     """The servos' torques, PD at rest and limited, (..., n_joints) [Nm]."""
     m = mechanism
     return np.clip(m.gain * (command - angles[..., m.motors]), -m.limit, m.limit)
 
 
-def turn(vector: np.ndarray) -> np.ndarray:
+def rotation_matrix(vector: np.ndarray) -> np.ndarray:
     """Rotation matrices of rotation vectors, (..., 3) -> (..., 3, 3)."""
     angle = np.sqrt((vector * vector).sum(axis=-1))
     sine, cosine = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2
@@ -144,7 +154,7 @@ def turn(vector: np.ndarray) -> np.ndarray:
     return out
 
 
-def skew(rotation: np.ndarray) -> np.ndarray:
+def axial_vector(rotation: np.ndarray) -> np.ndarray:
     """Axis times sine of rotation matrices, (..., 3, 3) -> (..., 3); small turns' rotation vectors."""
     return (
         np.stack(
@@ -198,7 +208,7 @@ def _turned(rotation: np.ndarray, axis: np.ndarray, angle: np.ndarray) -> np.nda
         out[..., i] = c * first + s * second
         out[..., j] = c * second - s * first
         return out
-    return rotation @ turn(angle[..., None] * axis)
+    return rotation @ rotation_matrix(angle[..., None] * axis)
 
 
 def _loads(m: Mechanism, state: State, load: Load, frames: list) -> tuple[list, list]:
@@ -226,8 +236,8 @@ def _loads(m: Mechanism, state: State, load: Load, frames: list) -> tuple[list, 
 
 def _drives(m: Mechanism, state: State, load: Load) -> np.ndarray:
     """Servos, springs and dry friction on the coordinates, (..., n)."""
-    out = load.friction - m.stiffness * (state.angles - m.rest) + stopped(m.stops, state.angles)
-    out[..., m.motors] += torques(m, state.angles, load.command)
+    out = load.friction - m.stiffness * (state.angles - m.rest) + stop_torques(m.stops, state.angles)
+    out[..., m.motors] += servo_torques(m, state.angles, load.command)
     for stiffness, (low, high), row in m.springs:
         out -= (stiffness * _beyond(state.angles @ row, low, high))[..., None] * row
     return out
@@ -244,24 +254,28 @@ def _closure(m: Mechanism, state: State, load: Load, frames: list) -> np.ndarray
     for side, (sole, point) in enumerate(zip(m.soles, m.sole_points, strict=True)):
         place, rotation = frames[sole]
         foot = load.feet[..., side, :]
-        upright = turn(foot[..., 2:] * np.array([0.0, 0.0, 1.0]))
+        upright = rotation_matrix(foot[..., 2:] * np.array([0.0, 0.0, 1.0]))
         wanted = np.concatenate([foot[..., :2], np.zeros_like(foot[..., :1])], axis=-1)
-        turned = skew(rotation @ np.swapaxes(upright, -1, -2))
+        turned = axial_vector(rotation @ np.swapaxes(upright, -1, -2))
         row = np.concatenate([place + rotation @ point - wanted, turned], axis=-1)
-        row[..., 2:5] -= sunk(m, side, state.wrench[..., side, :], foot, load.plates[..., side, :])
+        row[..., 2:5] -= contact_deflection(
+            m, side, state.wrench[..., side, :], foot, load.plates[..., side, :]
+        )
         rows.append(row)
     return np.stack(rows, axis=-2)
 
 
-def sunk(m: Mechanism, side: int, wrench: np.ndarray, foot: np.ndarray, plate: np.ndarray) -> np.ndarray:
+def contact_deflection(
+    m: Mechanism, side: int, wrench: np.ndarray, foot: np.ndarray, plate: np.ndarray
+) -> np.ndarray:
     """How contacts give way: height, roll and pitch of a sole at its point, (..., 3) [m, rad, rad]."""
     down, tip = board_wrench(m, wrench, foot, plate)
-    board = np.concatenate([-down[..., None], tip], axis=-1) @ m.board_give[side].T
+    board = np.concatenate([-down[..., None], tip], axis=-1) @ m.board_compliance[side].T
     ox, oy = foot[..., 0] - plate[..., 0], foot[..., 1] - plate[..., 1]
     tilt = _turned_about_z(board[..., 1:], plate[..., 2])
     height = board[..., 0] + tilt[..., 0] * oy - tilt[..., 1] * ox
     press = np.concatenate([-wrench[..., 2:3], -_turned_about_z(wrench[..., 3:5], -foot[..., 2])], axis=-1)
-    sole = press @ m.sole_give[side].T
+    sole = press @ m.sole_compliance[side].T
     tilt = tilt + _turned_about_z(sole[..., 1:], foot[..., 2])
     return np.concatenate([(height + sole[..., 0])[..., None], tilt], axis=-1)
 

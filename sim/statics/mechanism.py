@@ -21,7 +21,7 @@ from tulip_testbed.sim.robot import (
     sole_point,
 )
 from tulip_testbed.sim.scene import laboratory_scene
-from tulip_testbed.sim.statics.softness import Stops, board_give, contact_give, stops_of
+from tulip_testbed.sim.statics.soft_constraints import Stops, board_compliance, contact_compliance, stops_of
 
 LEVEL = 1e-6  # m, by which a sole's corners may differ in height
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
@@ -63,7 +63,7 @@ class Rope:
 class Mechanism:
     """What statics needs to know of one laboratory.
 
-    Coordinates are the hinges' and slides' angles or ways, n of them: joints, and where the rig has
+    Coordinates are the hinges' and slides' angles or displacements, n of them: joints, and where the rig has
     them rotors and sole springs. Body 0 is the torso.
 
     Attributes:
@@ -85,8 +85,8 @@ class Mechanism:
         cells: the cells' places on their plates, (2, 4, 2) [m].
         plate_weight: share of its plate's weight on every cell, (2,) [N].
         top_height: of the boards over the floor [m].
-        board_give, sole_give: height, roll and pitch of each board on its cells, and of each sole on
-            its board, by force and moments about the plate's origin and the sole point, (2, 3, 3).
+        board_compliance, sole_compliance: height, roll and pitch of each board on its cells, and of each
+            sole on its board, by force and moments about the plate's origin and the sole point, (2, 3, 3).
         names: of the coordinates.
     """
 
@@ -111,8 +111,8 @@ class Mechanism:
     cells: np.ndarray
     plate_weight: np.ndarray
     top_height: float
-    board_give: np.ndarray
-    sole_give: np.ndarray
+    board_compliance: np.ndarray
+    sole_compliance: np.ndarray
     names: tuple[str, ...]
 
     def with_play(self, part: float) -> Mechanism:
@@ -190,17 +190,20 @@ def mechanism(rig: Rig) -> Mechanism:
         cells=cells,
         plate_weight=weight,
         top_height=float(top[0] if np.ptp(top) == 0 else np.nan),
-        board_give=np.array(
+        board_compliance=np.array(
             [
-                board_give(
-                    cells[k], rig.compliance.cell + contact_give(model, f"{plate}_plate_{CORNERS[0]}", None)
+                board_compliance(
+                    cells[k],
+                    rig.compliance.cell + contact_compliance(model, f"{plate}_plate_{CORNERS[0]}", None),
                 )
                 for k, plate in enumerate(PLATES)
             ]
         ),
-        sole_give=np.array(
+        sole_compliance=np.array(
             [
-                board_give(corners[k], contact_give(model, f"{foot}_{CORNERS[0]}", f"{PLATES[k]}_plate_top"))
+                board_compliance(
+                    corners[k], contact_compliance(model, f"{foot}_{CORNERS[0]}", f"{PLATES[k]}_plate_top")
+                )
                 for k, foot in enumerate(rig.robot.feet)
             ]
         ),

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tulip_testbed.sim.statics.forces import Load, State, residual
+from tulip_testbed.sim.robot import CELLS, CORNERS
+from tulip_testbed.sim.statics.forces import Load, State, board_wrench, residual
 from tulip_testbed.sim.statics.mechanism import Mechanism
 
 STEP = 1e-6  # rad or m, of differences
@@ -35,7 +36,7 @@ class Reference:
     solved: np.ndarray
 
 
-def reference(mechanism: Mechanism, start: State, load: Load) -> Reference:
+def solve_by_newton(mechanism: Mechanism, start: State, load: Load) -> Reference:
     """Newton's method from states near the solutions, every one by itself.
 
     Free play opens little by little: its torque has a kink, beyond which the derivative is another one. So
@@ -43,9 +44,9 @@ def reference(mechanism: Mechanism, start: State, load: Load) -> Reference:
     """
     asked = np.abs(mechanism.gain * (load.command - start.angles[..., mechanism.motors]))
     if len(over := np.flatnonzero((asked > mechanism.limit).any(axis=-1))):
-        start, unlimited = start.items(np.arange(len(asked))), np.full_like(mechanism.limit, np.inf)
+        start, unlimited = start.take(np.arange(len(asked))), np.full_like(mechanism.limit, np.inf)
         free = replace(mechanism, limit=unlimited)
-        start.put(over, _newton(free, start.items(over), load.items(over)).state)
+        start.put(over, _newton(free, start.take(over), load.take(over)).state)
     for part in FREE_PLAY if any(low < high for _, (low, high), _ in mechanism.springs) else ():
         start = _newton(mechanism.with_play(part), start, load).state
     return _newton(mechanism, start, load)
@@ -53,11 +54,11 @@ def reference(mechanism: Mechanism, start: State, load: Load) -> Reference:
 
 def _newton(mechanism: Mechanism, start: State, load: Load) -> Reference:
     count, n = start.position.shape[0], start.angles.shape[-1]
-    state = start.items(np.arange(count))
+    state = start.take(np.arange(count))
     slope = np.zeros((count, 18 + n, 18 + n))
     inverse, left = slope.copy(), np.arange(count)
     for _ in range(NEWTON_STEPS):
-        part, loads = state.items(left), load.items(left)
+        part, loads = state.take(left), load.take(left)
         slope[left] = derivative(mechanism, part, loads)
         inverse[left] = np.linalg.pinv(slope[left])  # a posture that cannot be held may have no inverse
         change = -(inverse[left] @ residual(mechanism, part, loads)[..., None])[..., 0]
@@ -88,7 +89,9 @@ def derivative(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
     return np.moveaxis(np.concatenate(columns), 0, -1)
 
 
-def solve(mechanism: Mechanism, near: Reference, which: np.ndarray, load: Load) -> tuple[State, np.ndarray]:
+def solve_by_chord(
+    mechanism: Mechanism, reference: Reference, which: np.ndarray, load: Load
+) -> tuple[State, np.ndarray]:
     """Equilibria near solved ones, with their derivative kept (chord method); it converges linearly,
     the faster the nearer.
 
@@ -99,13 +102,13 @@ def solve(mechanism: Mechanism, near: Reference, which: np.ndarray, load: Load) 
     Returns:
         the states, batch (b,), and whether each has converged, (b,) bool.
     """
-    r, n = near.state, near.state.angles.shape[-1]
+    r, n = reference.state, reference.state.angles.shape[-1]
     state = State(r.position[which], r.rotation[which], r.angles[which], r.wrench[which])
     moves = np.full(len(which), np.inf)
     left = np.arange(len(which))
     for _ in range(CHORD_STEPS):
-        part, loads = state.items(left), load.items(left)
-        inverse = near.inverse[which[left]]
+        part, loads = state.take(left), load.take(left)
+        inverse = reference.inverse[which[left]]
         with np.errstate(over="ignore", invalid="ignore"):  # what runs away is begun anew below
             change = -(inverse @ residual(mechanism, part, loads)[..., None])[..., 0]
             state.put(left, part.moved(change))
@@ -113,8 +116,68 @@ def solve(mechanism: Mechanism, near: Reference, which: np.ndarray, load: Load) 
         if not len(left := np.flatnonzero(~(moves <= TOLERANCE))):
             return state, moves <= TOLERANCE
     # Where a torque limit or a joint's stop comes in between, the derivative is another one.
-    start = State(r.position[which], r.rotation[which], r.angles[which], r.wrench[which]).items(left)
-    last = reference(mechanism, start, load.items(left))
+    start = State(r.position[which], r.rotation[which], r.angles[which], r.wrench[which]).take(left)
+    last = solve_by_newton(mechanism, start, load.take(left))
     state.put(left, last.state)
     moves[left] = np.where(last.solved, 0.0, np.inf)
     return state, moves <= TOLERANCE
+
+
+LEAST_LOAD = 1e-6  # N
+TWIST = np.array([1.0, -1.0, 1.0, -1.0])
+
+
+def cell_forces(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
+    """Tared forces of the eight cells, (..., 8) [N].
+
+    A rigid board on four equal springs shares its load bilinearly; where a cell would have to
+    pull, it reads nothing and three carry the board.
+    """
+    sides = []
+    for side, own in enumerate(mechanism.plate_weight):
+        wrench, foot = state.wrench[..., side, :], load.feet[..., side, :]
+        down, tip = board_wrench(mechanism, wrench, foot, load.plates[..., side, :])
+        x, y = mechanism.cells[side].T
+        forces = own + down[..., None] / 4 + tip[..., 1:] * x / (x @ x) - tip[..., :1] * y / (y @ y)
+        lack = np.maximum(-forces, 0.0)
+        worst = lack.argmax(axis=-1)[..., None]
+        forces = forces + np.take_along_axis(lack, worst, -1) * TWIST[worst] * TWIST
+        sides.append(forces - own)
+    return np.concatenate(sides, axis=-1)
+
+
+def faults(
+    mechanism: Mechanism, state: State, load: Load, cells: np.ndarray, feet: tuple[str, str]
+) -> np.ndarray:
+    """Why a posture would not stand as it should, or "", (...,) of text.
+
+    A sole stands flat while its centre of pressure is inside its corners, a board while no cell
+    but one would have to pull, a foot does not slide while force and torsion are inside the limit
+    surface (as in `sim.dynamics.stiction`).
+
+    Args:
+        cells: tared forces, (..., 8) [N]. feet: their names.
+    """
+    m, reason = mechanism, np.full(cells.shape[:-1], "", dtype=object)
+    for side, foot in enumerate(feet):
+        force, moment = state.wrench[..., side, :3], state.wrench[..., side, 3:]
+        press = np.maximum(force[..., 2], LEAST_LOAD)
+        center = np.stack([-moment[..., 1], moment[..., 0]], axis=-1) / press[..., None]
+        yaw = load.feet[..., side, 2]
+        c, s = np.cos(yaw), np.sin(yaw)  # from the world's axes to the sole's
+        x, y = center[..., 0], center[..., 1]
+        center = np.stack([c * x + s * y, c * y - s * x], axis=-1)
+        arms = np.sqrt(((m.corners[side] - center[..., None, :]) ** 2).sum(axis=-1))
+        low, high = m.corners[side].min(axis=0), m.corners[side].max(axis=0)
+        lost = ((center < low) | (center > high)).any(axis=-1) | (force[..., 2] <= LEAST_LOAD)
+        lost &= load.foot_contact[..., side]
+        names = np.array([f"lost sole corner {foot}_{corner}" for corner in CORNERS], dtype=object)
+        reason = np.where(lost & (reason == ""), names[arms.argmax(axis=-1)], reason)
+        twist = moment[..., 2] - x * force[..., 1] + y * force[..., 0]
+        carried = m.sole_friction[side] * press
+        along = (force[..., :2] ** 2).sum(axis=-1) / carried**2
+        slides = load.foot_contact[..., side] & (along + (twist / (carried * arms.mean(axis=-1))) ** 2 > 1)
+        reason = np.where(slides & (reason == ""), f"slipped {foot}", reason)
+    pulled = cells + np.repeat(m.plate_weight, 4) < -LEAST_LOAD
+    lifted = np.array([f"lifted cell {cell}" for cell in CELLS], dtype=object)[pulled.argmax(axis=-1)]
+    return np.where(pulled.any(axis=-1) & (reason == ""), lifted, reason)

@@ -13,7 +13,7 @@ from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.procedure import check_support, constants
 from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.scene import boards_under
-from tulip_testbed.sim.statics import Load, Mechanism, Reference, State, mechanism, reference
+from tulip_testbed.sim.statics import Load, Mechanism, Reference, State, mechanism, solve_by_newton
 
 
 @dataclass(frozen=True)
@@ -21,22 +21,22 @@ class SolvedPlan:
     """A laboratory and a plan, with all that does not change between runs.
 
     Attributes:
-        near: every posture solved as planned, batch (postures,).
+        reference: every posture solved as planned, batch (postures,).
         boards: where the boards are to lie, by placement, (placements, 2, 3).
         placement: index of every posture's placement, (postures,).
         links: the robot's bodies as numbers of the mechanism's, in MJCF order, (n_links,).
-        fixed: see `sim.procedure.constants`.
+        constants: see `sim.procedure.constants`.
         later: the same of what stands there later, by the part of the experiment's time.
     """
 
     rig: Rig
     plan: PosturePlan
     mechanism: Mechanism
-    near: Reference
+    reference: Reference
     boards: np.ndarray
     placement: np.ndarray
     links: np.ndarray
-    fixed: dict[str, Any]
+    constants: dict[str, Any]
     later: tuple[tuple[float, SolvedPlan], ...] = ()
 
 
@@ -65,20 +65,20 @@ def _solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
         plates=boards[placement],
         mass=m.mass,
         center=m.center,
-        stands=standing_feet(plan.support),
+        foot_contact=feet_in_contact(plan.support),
     )
-    near = reference(m, _start(rig, m, plan), load)
+    reference = solve_by_newton(m, _start(rig, m, plan), load)
     names = [body.name for body in m.bodies]
     links = np.array([names.index(model.body(k).name) for k in range(1, model.nbody)])
-    return SolvedPlan(rig, plan, m, near, boards, placement, links, constants(rig))
+    return SolvedPlan(rig, plan, m, reference, boards, placement, links, constants(rig))
 
 
-def standing_feet(support: np.ndarray) -> np.ndarray:
+def feet_in_contact(support: np.ndarray) -> np.ndarray:
     """Whether the right and the left foot are on the ground, (m, 2) bool."""
     return np.column_stack([np.full(len(support), True), support == "double"])
 
 
-def nominal(solved_plan: SolvedPlan) -> np.ndarray:
+def standard_parameters_of(solved_plan: SolvedPlan) -> np.ndarray:
     """Standard parameters of the robot in the rig's scene, (n_links, 4) [kg, kg m]."""
     m = solved_plan.mechanism
     mass = m.mass[solved_plan.links]
@@ -95,7 +95,7 @@ def _start(rig: Rig, m: Mechanism, plan: PosturePlan) -> State:
     angles = np.zeros((len(pose), len(m.names)))
     angles[:, m.motors] = plan.joint_angles
     angles[:, m.joints] = plan.joint_angles
-    share = standing_feet(plan.support) / standing_feet(plan.support).sum(axis=1)[:, None]
+    share = feet_in_contact(plan.support) / feet_in_contact(plan.support).sum(axis=1)[:, None]
     wrench = np.zeros((len(pose), 2, 6))
     wrench[:, :, :3] = -share[:, :, None] * m.gravity * m.mass.sum()
     return State(pose[:, :3], rotation.reshape(-1, 3, 3), angles, wrench)

@@ -15,9 +15,9 @@ from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.outcome import Outcome, Truth
 from tulip_testbed.sim.procedure import (
     choose_repeats,
+    make_measurements,
     new_set_up,
     order_of_tries,
-    record,
     record_error,
     stage_at,
     start_times,
@@ -27,15 +27,15 @@ from tulip_testbed.sim.sensors import read_cells, read_encoders, sample_mean
 from tulip_testbed.sim.statics import (
     Load,
     State,
+    approach_displacements,
     cell_forces,
     faults,
-    left_friction,
-    soles,
-    solve,
-    swaying,
-    ways,
+    friction_at_rest,
+    sole_poses,
+    solve_by_chord,
+    sway_displacements,
 )
-from tulip_testbed.sim.statics.solved_plan import SolvedPlan, nominal, standing_feet
+from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_contact, standard_parameters_of
 
 NO_EQUILIBRIUM = "tipped"
 
@@ -109,7 +109,7 @@ def run_statics(
     truth = (
         standard
         if standard is not None
-        else np.broadcast_to(nominal(solved_plan), (len(tries), len(solved_plan.links), 4))
+        else np.broadcast_to(standard_parameters_of(solved_plan), (len(tries), len(solved_plan.links), 4))
     )
     return [
         _hand_over(solved_plan, joined, outcome, joined.run == k, truth[k], rng)
@@ -120,7 +120,7 @@ def run_statics(
 def _outcome(solved_plan: SolvedPlan, tries: Tries, standard: np.ndarray | None) -> Equilibria:
     m = solved_plan.mechanism
     mass, center = _bodies(solved_plan, standard, tries.run)
-    state, load, reason = hold_static(solved_plan, tries, mass, center)
+    state, load, reason = solve_tries(solved_plan, tries, mass, center)
     forces = cell_forces(m, state, load)
     return Equilibria(state.angles[:, m.joints], state.angles[:, m.motors], forces, reason)
 
@@ -131,7 +131,11 @@ def _in_time(
     """Every try in the laboratory that stood there at its time."""
     starts, outcomes = [0.0], [first]
     for start, then in solved_plan.later:
-        added = None if standard is None else standard + (nominal(then) - nominal(solved_plan))
+        added = (
+            None
+            if standard is None
+            else standard + (standard_parameters_of(then) - standard_parameters_of(solved_plan))
+        )
         starts.append(start)
         outcomes.append(_outcome(then, tries, added))
     used = np.array([outcome.reason == "" for outcome in outcomes])
@@ -145,30 +149,34 @@ def _in_time(
     return Equilibria(*(np.array(column)[stage, every] for column in columns))
 
 
-def hold_static(
+def solve_tries(
     solved_plan: SolvedPlan, tries: Tries, mass: np.ndarray, center: np.ndarray
 ) -> tuple[State, Load, np.ndarray]:
     """Equilibria of all tries, and why they could not be used or "", (b,) of text."""
     m, plan, rig = solved_plan.mechanism, solved_plan.plan, solved_plan.rig
     moved = ~tries.fresh
-    way = swaying(solved_plan.near, -float(m.gravity[2] * m.mass.sum()), tries.row, tries.push)
+    way = sway_displacements(
+        solved_plan.reference, -float(m.gravity[2] * m.mass.sum()), tries.row, tries.push
+    )
     if m.friction.any() and moved.any():
         pairs, number = np.unique(
             np.column_stack([tries.before, tries.row])[moved], axis=0, return_inverse=True
         )
         closed = plan.support[pairs[:, 1]] == "double"
         start, end = pairs.T
-        way[moved] += ways(solved_plan.near, plan.joint_angles, m.motors, start, end, closed)[number]
+        way[moved] += approach_displacements(
+            solved_plan.reference, plan.joint_angles, m.motors, start, end, closed
+        )[number]
     load = Load(
         command=tries.command,
-        friction=left_friction(m.friction, way, moved, rig.protocol.move_time, tries.scatter),
+        friction=friction_at_rest(m.friction, way, moved, rig.protocol.move_time, tries.scatter),
         feet=_feet(solved_plan, tries),
         plates=tries.plates,
         mass=mass,
         center=center,
-        stands=standing_feet(plan.support)[tries.row],
+        foot_contact=feet_in_contact(plan.support)[tries.row],
     )
-    state, solved = solve(m, solved_plan.near, tries.row, load)
+    state, solved = solve_by_chord(m, solved_plan.reference, tries.row, load)
     reason = faults(m, state, load, cell_forces(m, state, load), rig.robot.feet)
     return state, load, np.where(solved, reason, NO_EQUILIBRIUM)
 
@@ -202,13 +210,13 @@ def _feet(solved_plan: SolvedPlan, tries: Tries) -> np.ndarray:
 
     The left one stands where its placement's first command puts it, without the feed-forward's offset.
     """
-    m, near = solved_plan.mechanism, solved_plan.near.state
+    m, near = solved_plan.mechanism, solved_plan.reference.state
     down = np.flatnonzero(tries.fresh)
     angles = np.zeros((len(down), len(m.names)))
     angles[:, m.motors] = tries.command[down] - tries.offset[down]
     angles[:, m.joints] = angles[:, m.motors]
     rows = tries.row[down]
-    poses = soles(m, State(near.position[rows], near.rotation[rows], angles, near.wrench[rows]))
+    poses = sole_poses(m, State(near.position[rows], near.rotation[rows], angles, near.wrench[rows]))
     x, y, yaw = (poses[:, 1] - poses[:, 0]).T
     c, s = np.cos(poses[:, 0, 2]), np.sin(poses[:, 0, 2])
     feet = np.zeros((len(down), 2, 3))
@@ -255,9 +263,9 @@ def _hand_over(
     q, q_sd, motor = read_encoders(rig.sensors, joints, motors, samples, rng, sample_mean)
     cell, cell_sd = read_cells(rig.sensors, forces, samples, rng, sample_mean)
     truth = Truth(float(standard[:, 0].sum()), standard, dropped)
-    measured = record(
+    measured = make_measurements(
         rig,
-        solved_plan.fixed,
+        solved_plan.constants,
         {"q": q, "q_std": q_sd, "motor": motor, "cell": cell, "cell_std": cell_sd},
         weigh(rig, truth.mass, rng),
         joints=plan.joints,

@@ -7,7 +7,7 @@ import pytest
 
 from tulip_testbed.identification.estimators import least_squares, solve_least_squares
 from tulip_testbed.identification.planning.constraints import evaluate
-from tulip_testbed.identification.planning.linear_steps import Whole, linear_step
+from tulip_testbed.identification.planning.linear_steps import EvaluatedPlan, linear_step
 from tulip_testbed.identification.planning.objectives import objectives
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import design_of
@@ -30,7 +30,7 @@ def optimisation(robot, plate, plan):
 
 def one_iteration(problem, design, found):
     smooth = objectives(problem.nominal, 1e-3)["condition"].smooth[0]
-    return linear_step(problem, Whole(design, found, 5), smooth, np.full(len(design), 0.1))
+    return linear_step(problem, EvaluatedPlan(design, found, 5), smooth, np.full(len(design), 0.1))
 
 
 @pytest.mark.benchmark(group="one iteration of `tulip plan`, 50 postures")
@@ -47,9 +47,9 @@ def test_with_forward_differences(benchmark, optimisation):
     def iteration():
         found = evaluate(problem, design, angles)
         ahead = [evaluate(problem, design + step, angles) for step in 1e-7 * np.eye(design.shape[1])]
-        slots = np.stack([(a.slots - found.slots) / 1e-7 for a in ahead], axis=-1)
+        slots = np.stack([(a.inequalities - found.inequalities) / 1e-7 for a in ahead], axis=-1)
         regressor = np.stack([(a.regressor - found.regressor) / 1e-7 for a in ahead], axis=-1)
-        found = dataclasses.replace(found, slot_slopes=slots, regressor_slopes=regressor)
+        found = dataclasses.replace(found, inequality_jacobian=slots, regressor_slopes=regressor)
         return one_iteration(problem, design, found)
 
     benchmark(iteration)

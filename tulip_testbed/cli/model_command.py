@@ -29,7 +29,7 @@ def model_command(
     counts = {
         "standard": standard.size,
         "columns": 3 * len(parameters.tree.frames),
-        "joined": parameters.joined,
+        "joined": parameters.merged_columns,
         "base": len(parameters.names),
     }
     document = {

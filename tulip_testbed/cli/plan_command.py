@@ -36,7 +36,7 @@ from tulip_testbed.experiments.terminal import ERR, console, finite, print_json,
 from tulip_testbed.experiments.usable_plan import planned_parameters
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.planning.interior_point import SOLVERS
-from tulip_testbed.identification.planning.search import HOPS, State
+from tulip_testbed.identification.planning.search import HOPS, SearchState
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_plan
 from tulip_testbed.sim.robot import TULIP, Robot
@@ -206,7 +206,7 @@ def _print(robot: Robot, document: dict[str, Any], out: Path, measured: Measurem
 
 
 @contextmanager
-def _bar(label: str, total: int, state: State | None) -> Iterator[Callable[[State], None]]:
+def _bar(label: str, total: int, state: SearchState | None) -> Iterator[Callable[[SearchState], None]]:
     columns = (
         TextColumn(label),
         BarColumn(),

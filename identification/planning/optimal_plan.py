@@ -14,12 +14,19 @@ from tulip_testbed.identification.planning.constraints import (
     LENGTH,
     TORQUE,
     evaluate,
-    slot_names,
+    inequality_names,
 )
 from tulip_testbed.identification.planning.interior_point import SOLVERS
 from tulip_testbed.identification.planning.objectives import OBJECTIVES, Objective, objectives
 from tulip_testbed.identification.planning.problem import Problem
-from tulip_testbed.identification.planning.search import HOPS, State, begin, design_of, rounds, search
+from tulip_testbed.identification.planning.search import (
+    HOPS,
+    SearchState,
+    design_of,
+    repair_start,
+    round_count,
+    search,
+)
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.sim.errors import InputError, look_up
 from tulip_testbed.sim.measurements import PosturePlan
@@ -35,7 +42,7 @@ UNITS = {  # of a margin, by the first word of its constraint: unit, and how muc
 MILLIMETRES = ("mm", 1e3 * LENGTH)
 
 
-def objective_named(problem: Problem, name: str, sigma: float) -> Objective:
+def objective_by_name(problem: Problem, name: str, sigma: float) -> Objective:
     """One of `OBJECTIVES`.
 
     Raises:
@@ -45,9 +52,9 @@ def objective_named(problem: Problem, name: str, sigma: float) -> Objective:
     return objectives(problem.nominal, sigma)[name]
 
 
-def first_state(
+def initial_state(
     problem: Problem, objective: Objective, placements: int, per: int, seed: int
-) -> tuple[PosturePlan, State]:
+) -> tuple[PosturePlan, SearchState]:
     """The random start of a trial, repaired.
 
     Raises:
@@ -55,7 +62,7 @@ def first_state(
     """
     drawn = random_postures(problem.robot, problem.plate, SPARE * placements, per, seed, problem.ranges)
     where = f"{problem.robot.path}: planning ranges, seed {seed}"
-    state = begin(problem, objective, drawn.joint_angles, drawn.swing_pose, per, placements, where)
+    state = repair_start(problem, objective, drawn.joint_angles, drawn.swing_pose, per, placements, where)
     count = placements * per
     drawn = dataclasses.replace(
         drawn,
@@ -68,7 +75,7 @@ def first_state(
     return drawn, state
 
 
-def require_identifiable(problem: Problem, state: State, placements: int) -> None:
+def require_identifiable(problem: Problem, state: SearchState, placements: int) -> None:
     """Refuse a start whose postures cannot tell the parameters apart: on one or two placements none can.
 
     Args:
@@ -84,15 +91,15 @@ def require_identifiable(problem: Problem, state: State, placements: int) -> Non
         )
 
 
-def run_trial(
+def optimize_plan(
     problem: Problem,
     objective: Objective,
     placements: int,
     per: int,
     seed: int,
     hops: int = HOPS,
-    progress: Callable[[State], None] = lambda state: None,
-    state: State | None = None,
+    progress: Callable[[SearchState], None] = lambda state: None,
+    state: SearchState | None = None,
     solver: str = SOLVERS[0],
 ) -> PosturePlan:
     """One trial from its own random start.
@@ -103,22 +110,22 @@ def run_trial(
         solver: of the polish, one of `SOLVERS`.
 
     Raises:
-        InputError: as `first_state` and `require_identifiable`.
+        InputError: as `initial_state` and `require_identifiable`.
     """
-    drawn, start = first_state(problem, objective, placements, per, seed)
+    drawn, start = initial_state(problem, objective, placements, per, seed)
     require_identifiable(problem, start, placements)
     state = state or start
     for found in search(problem, objective, state, per, seed, hops, solver):
         state = found
         progress(found)
-    return plan_of(problem, objective, drawn, state, seed, hops, solver)
+    return plan_from_state(problem, objective, drawn, state, seed, hops, solver)
 
 
-def plan_of(
+def plan_from_state(
     problem: Problem,
     objective: Objective,
     drawn: PosturePlan,
-    state: State,
+    state: SearchState,
     seed: int,
     hops: int,
     solver: str = SOLVERS[0],
@@ -131,7 +138,7 @@ def plan_of(
         "per_placement": int((drawn.placement == drawn.placement[0]).sum()),
         "solver": f"sequential linear programming, exchange, {solver}",
         "rounds": state.rounds,
-        "rounds_planned": rounds(objective, hops),
+        "rounds_planned": round_count(objective, hops),
         "initial_condition_number": state.initial_condition,
         "initial_objective": state.initial,
         "final_objective": state.value,
@@ -155,13 +162,13 @@ def smallest_margins(problem: Problem, plan: PosturePlan) -> dict[str, dict[str,
     """
     design = design_of(problem, plan.joint_angles, plan.swing_pose)
     found = evaluate(problem, design, plan.joint_angles)
-    names = slot_names(problem)
+    names = inequality_names(problem)
     least: dict[str, dict[str, Any]] = {}
     for k, name in enumerate(names):
         first = name.split()[0]
         group = {"joint": "joint limits", "torque": "torques"}.get(first, name)
         unit, size = UNITS.get(first, MILLIMETRES)
-        values = (found.slots[:, k] + problem.margins.rounding) * size
+        values = (found.inequalities[:, k] + problem.margins.rounding) * size
         row = int(values.argmin())
         if group not in least or values[row] < least[group]["value"]:
             least[group] = {
@@ -171,3 +178,29 @@ def smallest_margins(problem: Problem, plan: PosturePlan) -> dict[str, dict[str,
                 "at": name,
             }
     return least
+
+
+def with_repeats(plan: PosturePlan, count: int, seed: int) -> PosturePlan:
+    """A plan in which `count` postures come twice, with the same number.
+
+    Half of them (rounded up) at the end of their own placement: their pure error is that of readings and
+    approach. The others each on a placement of its own with the same foot pose, so that the plates are laid
+    and recorded anew: theirs holds the placement's error too.
+
+    Args:
+        count: at most the plan's postures.
+        seed: of the choice.
+    """
+    order = np.random.default_rng([seed, count, 2]).permutation(len(plan))
+    # Not a placement's last posture: its repeat would follow at once, without a new approach.
+    last = np.append(plan.placement[1:] != plan.placement[:-1], True)
+    within = np.sort(order[~last[order]][: (count + 1) // 2])
+    anew = np.sort(order[~np.isin(order, within)][: count - len(within)])
+    rows: list[int] = []
+    for number in dict.fromkeys(plan.placement.tolist()):
+        there = np.flatnonzero(plan.placement == number)
+        rows += [*there.tolist(), *within[np.isin(within, there)].tolist()]
+    placement = np.append(plan.placement[rows], plan.placement.max() + 1 + np.arange(len(anew)))
+    chosen = np.append(rows, anew).astype(int)
+    repeats = {"within_placement": plan.posture[within].tolist(), "placed_anew": plan.posture[anew].tolist()}
+    return dataclasses.replace(plan.take(chosen), placement=placement, made=plan.made | {"repeats": repeats})

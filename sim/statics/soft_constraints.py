@@ -50,7 +50,7 @@ def stops_of(model: mujoco.MjModel, joints: list[int], dofs: np.ndarray) -> Stop
     )
 
 
-def stopped(stops: Stops, angles: np.ndarray) -> np.ndarray:
+def stop_torques(stops: Stops, angles: np.ndarray) -> np.ndarray:
     """What the limits' soft constraints exert at rest: K x d^2 / ((1 - d) mobility), x deep, impedance d."""
     over = np.maximum(stops.low - angles, 0.0) - np.maximum(angles - stops.high, 0.0)
     if not over.any():
@@ -61,13 +61,13 @@ def stopped(stops: Stops, angles: np.ndarray) -> np.ndarray:
     return stops.rate * d**2 / ((1 - d) * stops.mobility) * over
 
 
-def board_give(points: np.ndarray, softness: float) -> np.ndarray:
+def board_compliance(points: np.ndarray, softness: float) -> np.ndarray:
     """Height, roll and pitch of a board on equal springs at points (4, 2), by force and moments, (3, 3)."""
     levers = np.column_stack([np.ones(len(points)), points[:, 1], -points[:, 0]])
     return softness * np.linalg.inv(levers.T @ levers)
 
 
-def contact_give(model: mujoco.MjModel, geom: str, other: str | None) -> float:
+def contact_compliance(model: mujoco.MjModel, geom: str, other: str | None) -> float:
     """How far a contact at rest gives way, (1 - d) mobility / (K d^2) as in `Stops` [m/N].
 
     Args:

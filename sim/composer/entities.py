@@ -7,10 +7,9 @@ import numpy as np
 from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 
-from tulip_testbed.sim.composer.channel import Channel
 from tulip_testbed.sim.composer.parts import Part
 from tulip_testbed.sim.robot import CORNERS, Robot, joint_names
-from tulip_testbed.sim.sensors import Sensors
+from tulip_testbed.sim.sensors import Sensors, corrupted
 
 
 class RobotEntity(composer.Entity):
@@ -99,3 +98,74 @@ def _contact_forces(physics: mjcf.Physics, groups: list[list[mjcf.Element]]) -> 
                 # A contact's frame has its axes in rows; its force acts on the second geom.
                 forces[group_of[geom]] += sign * contact.frame.reshape(3, 3).T @ wrench[:3]
     return forces
+
+
+class ForcePlate(composer.Entity):
+    """One of the two plates.
+
+    Attributes:
+        cells: the sensor elements of its four cells in the order of `CORNERS`.
+        tare: what they read under the empty board, (4,) [N].
+        interval: physics steps from sample to sample.
+    """
+
+    def _build(self, part: Part, cells: list[str], tare: np.ndarray, channel: Channel, interval: int) -> None:
+        self._root = part.root
+        self.cells = [part.root.find("sensor", name) for name in cells]
+        self.tare, self.channel, self.interval = tare, channel, interval
+
+    def _build_observables(self) -> PlateObservables:
+        return PlateObservables(self)
+
+    @property
+    def mjcf_model(self) -> mjcf.RootElement:
+        return self._root
+
+    def initialize_episode(self, physics: mjcf.Physics, random_state: np.random.RandomState) -> None:
+        self.channel.draw(random_state)
+
+
+class PlateObservables(composer.Observables):
+    """What is read of a plate; the true forces are disabled."""
+
+    @composer.observable
+    def cells(self) -> observable.Generic:
+        """Tared cell forces in the order of `CORNERS`, (4,) [N]."""
+        cells = observable.Generic(
+            self._true_forces, update_interval=self._entity.interval, corruptor=self._entity.channel
+        )
+        cells.enabled = True
+        return cells
+
+    @composer.observable
+    def true_cells(self) -> observable.Generic:
+        """The same without the sensors' errors, (4,) [N]."""
+        return observable.Generic(self._true_forces)
+
+    def _true_forces(self, physics: mjcf.Physics) -> np.ndarray:
+        return np.asarray(physics.bind(self._entity.cells).sensordata) - self._entity.tare
+
+
+class Channel:
+    """Sensors of one kind, by the figures of `sim.sensors.Sensors`.
+
+    A class because its error of repeatability stays for an episode.
+
+    Attributes:
+        gain: true gain of every sensor, (n,).
+        offset: this episode's error of repeatability, (n,).
+    """
+
+    def __init__(self, gain: np.ndarray, repeatability: float, noise: float, resolution: float):
+        self.gain = gain
+        self.repeatability, self.noise, self.resolution = repeatability, noise, resolution
+        self.offset = np.zeros_like(gain)
+
+    def draw(self, random_state: np.random.RandomState) -> None:
+        """Draw what a whole episode has in common."""
+        self.offset = self.repeatability * random_state.standard_normal(self.gain.shape)
+
+    def __call__(self, truth: np.ndarray, random_state: np.random.RandomState) -> np.ndarray:
+        """One reading, (n,)."""
+        signal = self.gain * np.asarray(truth) + self.offset
+        return corrupted(signal, self.noise, self.resolution, random_state)
