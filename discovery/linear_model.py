@@ -96,7 +96,7 @@ def linear_model(
     """
     smoothed = observed if smoothed is None else smoothed
     theta = np.linalg.lstsq(
-        observed.nominal.parameters.regressor(observed.joint_angles).reshape(2 * len(observed), -1),
+        observed.geometry.regressor.reshape(2 * len(observed), -1),
         center(observed).ravel(),
         rcond=None,
     )[0]
@@ -162,7 +162,7 @@ def _smoothed(observed: Observation, white: Whitening, left: np.ndarray, noise: 
 def nuisances(observed: Observation, channels: str) -> np.ndarray:
     """Differentiate the residuals with respect to the nuisance parameters, (m, 11, k)."""
     m, stance = len(observed), observed.stance
-    regressor = observed.nominal.parameters.regressor(observed.joint_angles)
+    regressor = observed.geometry.regressor
     p = regressor.shape[2]
     sets = np.unique(stance)
     out = np.zeros((m, SIZE, p + 3 * len(sets) + 1))
