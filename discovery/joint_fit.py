@@ -89,9 +89,20 @@ class JointFit:
         """Return which sizes cannot be negative, (s,) bool."""
         return _joined([term.candidate.positive for term in self.terms]).astype(bool)
 
+    @cached_property
+    def repeated(self) -> JointFit:
+        """Fit the same terms again, starting from their sizes."""
+        return joint_fit(self.data, self.terms)
+
+    @cached_property
+    def _reduced(self) -> dict[int, JointFit]:
+        return {}
+
     def without(self, k: int) -> JointFit:
-        """Fit the other terms again without term k."""
-        return joint_fit(self.data, self.terms[:k] + self.terms[k + 1 :])
+        """Fit the other terms again without term k; done once for each k."""
+        if k not in self._reduced:
+            self._reduced[k] = joint_fit(self.data, self.terms[:k] + self.terms[k + 1 :])
+        return self._reduced[k]
 
     @cached_property
     def partialled_out(self) -> LinearModel:
@@ -222,7 +233,7 @@ def _residual_without(linear: LinearModel, terms: tuple[Fitted, ...], errors: np
     """Compute the whitened, projected residual with the terms removed, (r + 1,)."""
     left = linear.residual_of(remove_terms(linear.observed, linear.smoothed, terms))
     # The model error of terms that were removed before is in the residual, not in the readings.
-    return left - errors @ with_constant(terms) + (linear.residual - linear.residual_of(linear.observed))
+    return left - errors @ with_constant(terms) + (linear.residual - linear.plain_residual)
 
 
 def with_constant(terms: Sequence[Fitted]) -> np.ndarray:

@@ -7,6 +7,7 @@ error of the weighed mass (F); G the columns of the effects; e the noise, white 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import qr
@@ -70,6 +71,16 @@ class LinearModel:
     def residual_of(self, observed: Observation) -> np.ndarray:
         """Compute the whitened, projected residual of other readings, (r + 1,)."""
         return self.project(self.whitening(residuals(observed, self.theta)))
+
+    @cached_property
+    def raw_residual(self) -> np.ndarray:
+        """Compute the residuals at the base parameters, (m, 11)."""
+        return residuals(self.observed, self.theta)
+
+    @cached_property
+    def plain_residual(self) -> np.ndarray:
+        """Whiten and project them, (r + 1,): `residual` before terms or a model error were taken from it."""
+        return self.project(self.whitening(self.raw_residual))
 
 
 def linear_model(

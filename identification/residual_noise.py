@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -119,6 +120,20 @@ class Whitening:
         out = np.empty_like(flat)
         for where, factor in self.blocks:
             out[where] = factor @ flat[where]
+        return out
+
+    def each(self, columns: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Whiten several sets of columns, (m, 11, k) each, as if one by one: (r, k)."""
+        out: list[np.ndarray] = [np.zeros(0)] * len(columns)
+        widths = [column.shape[-1] for column in columns]
+        for width in set(widths):
+            chosen = [k for k, other in enumerate(widths) if other == width]
+            flat = np.stack([columns[k].reshape(-1, width)[self.rows] for k in chosen])
+            white = np.empty_like(flat)
+            for where, factor in self.blocks:
+                white[:, where] = factor @ flat[:, where]
+            for k, one in zip(chosen, white, strict=True):
+                out[k] = one
         return out
 
     @property
