@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -30,12 +31,12 @@ class Candidate:
         """Return `name:target`."""
         return effect_label(self.effect.name, self.target)
 
-    @property
+    @cached_property
     def prior(self) -> np.ndarray:
         """Return the prior standard deviation of each size, (s,)."""
         return np.array([self.effect.parameters[k].prior for k in self.effect.sizes])
 
-    @property
+    @cached_property
     def positive(self) -> np.ndarray:
         """Return which sizes cannot be negative, (s,) bool."""
         return np.array([self.effect.parameters[k].positive for k in self.effect.sizes], bool)
@@ -48,9 +49,10 @@ class Candidate:
 
     def values(self, sizes: np.ndarray, point: int = 0) -> Values:
         """Return the values of all parameters for given sizes, (s,), at a point of the grid."""
-        values = self.settings[point].copy()
-        values[list(self.effect.sizes)] = sizes
-        return tuple(float(value) for value in values)
+        values = self.settings[point].tolist()
+        for k, size in zip(self.effect.sizes, sizes, strict=True):
+            values[k] = float(size)
+        return tuple(values)
 
 
 @dataclass(frozen=True, eq=False)

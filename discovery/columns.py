@@ -9,7 +9,7 @@ import numpy as np
 from tulip_testbed.discovery.candidates import Candidate
 from tulip_testbed.discovery.linear_model import LinearModel
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import packed, residuals
+from tulip_testbed.identification.residual_channels import SIZE, packed, residuals
 
 STEP = 1e-2  # prior s.d., of the difference quotient
 
@@ -30,17 +30,14 @@ class CandidateColumns:
 def candidate_columns(linear: LinearModel, candidates: list[Candidate]) -> CandidateColumns:
     """Compute the columns of many candidates."""
     raw = [
-        [
-            (effect_columns if c.effect.sizes else presence_column)(linear, c, point)
-            for point in range(len(c.settings))
-        ]
+        (_size_columns if c.effect.sizes else _presence_column)(linear, c, point)
         for c in candidates
+        for point in range(len(c.settings))
     ]
-    flat = [column for points in raw for column in points]
-    sizes = [column.shape[1] for column in flat]
-    whole = linear.project(np.concatenate(flat, axis=1))
+    whole = linear.project(np.concatenate(linear.whitening.each(raw), axis=1))
+    sizes = [column.shape[-1] for column in raw]
     parts = iter(np.split(whole, np.cumsum(sizes)[:-1], axis=1))
-    return CandidateColumns(candidates, [[next(parts) for _ in points] for points in raw])
+    return CandidateColumns(candidates, [[next(parts) for _ in c.settings] for c in candidates])
 
 
 def effect_columns(
@@ -55,30 +52,36 @@ def effect_columns(
     Returns:
         whitened columns, (r, s) per unit of each size.
     """
-    smoothed, effect = linear.smoothed, candidate.effect
-    if not effect.sizes:
-        return np.zeros((len(linear.whitening.rows), 0))
-    start = np.zeros(len(effect.sizes)) if sizes is None else sizes
-    before = _removed(smoothed, candidate, start, point)
-    out = []
-    for k, prior in enumerate(candidate.prior):
-        step = STEP * prior
-        after = _removed(smoothed, candidate, start + step * (np.arange(len(start)) == k), point)
-        if after.tree is before.tree and after.cells is before.cells:
-            change = (packed(after) - packed(before)) / step
-            raw = (linear.whitening.sensitivity @ change[..., None])[..., 0]
-        else:
-            raw = (residuals(after, linear.theta) - residuals(before, linear.theta)) / step
-        out.append(-raw)
-    return linear.whitening(np.stack(out, axis=-1))
+    return linear.whitening(_size_columns(linear, candidate, point, sizes))
 
 
 def presence_column(linear: LinearModel, candidate: Candidate, point: int) -> np.ndarray:
     """Compute how the residuals change with an effect that has no size, whitened, (r, 1)."""
+    return linear.whitening(_presence_column(linear, candidate, point))
+
+
+def _size_columns(
+    linear: LinearModel, candidate: Candidate, point: int, sizes: np.ndarray | None = None
+) -> np.ndarray:
+    """Differentiate the residuals with respect to a candidate's sizes, (m, 11, s)."""
+    smoothed, prior = linear.smoothed, candidate.prior
+    out = np.zeros((len(smoothed), SIZE, len(prior)))
+    start = np.zeros(len(prior)) if sizes is None else sizes
+    before = _removed(smoothed, candidate, start, point) if len(prior) else smoothed
+    for k, step in enumerate(STEP * prior):
+        after = _removed(smoothed, candidate, start + step * (np.arange(len(start)) == k), point)
+        if after.tree is before.tree and after.cells is before.cells:
+            change = (packed(after) - packed(before)) / step
+            out[..., k] = -(linear.whitening.sensitivity @ change[..., None])[..., 0]
+        else:
+            out[..., k] = -((residuals(after, linear.theta) - residuals(before, linear.theta)) / step)
+    return out
+
+
+def _presence_column(linear: LinearModel, candidate: Candidate, point: int) -> np.ndarray:
+    """Compute how the residuals change with an effect that has no size, (m, 11, 1)."""
     after = _removed(linear.observed, candidate, np.zeros(0), point)
-    return linear.whitening(residuals(linear.observed, linear.theta) - residuals(after, linear.theta))[
-        :, None
-    ]
+    return (linear.raw_residual - residuals(after, linear.theta))[..., None]
 
 
 def _removed(observed: Observation, candidate: Candidate, sizes: np.ndarray, point: int) -> Observation:

@@ -115,9 +115,9 @@ def discover(
     verdict = _verdict(selection, fit, equivalents, left[0], validation)
     adopted = tuple(with_intervals(fit, k) for k in range(len(fit.terms)))
     progress(1)
-    null = selection.null
-    before = patterns(null.linear, null.residual, null.columns)
-    clearest = left[0] if verdict == UNKNOWN and fit.terms else before[0]
+    null, clearest = selection.null, left[0]
+    if verdict in (NAMED, AMBIGUOUS):
+        clearest = patterns(null.linear, null.residual, null.columns)[0]
     return Discovery(
         verdict=verdict,
         observed=observed,
@@ -128,7 +128,7 @@ def discover(
         model_error=model_error,
         adopted=adopted if verdict == NAMED else (),
         equivalents=equivalents,
-        undetectable=tuple(undetectable(null.linear, c) for c in selection.undetectable),
+        undetectable=undetectable(null.linear, selection.undetectable),
         patterns=tuple(left[:REPORTED_PATTERNS]),
         where=f"{clearest.words} ({in_channels(clearest)})" if verdict != NONE else "",
         heldout=validation,

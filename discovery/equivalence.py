@@ -36,8 +36,7 @@ def refit_with_alternatives(
     Returns:
         the fit, the model error of its predictions, and the equivalent explanations of each term.
     """
-    data = found.data
-    best, model_error = _refit_if_better(joint_fit(data, found.terms))
+    best, model_error = _refit_if_better(found.repeated)
     sets = []
     for k, near in enumerate(alternatives):
         mine = best.terms[k]

@@ -20,7 +20,7 @@ from tulip_testbed.discovery.linear_model import LinearModel, linear_model, nuis
 from tulip_testbed.effects.targets import PLACEMENTS
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import ROWS, packed, residuals, unpacked
-from tulip_testbed.identification.residual_noise import Noise, whitening
+from tulip_testbed.identification.residual_noise import Whitening, whitening
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements
 
@@ -101,82 +101,104 @@ def held_out(data: Data, terms: Sequence[Fitted], model_error: np.ndarray) -> He
     general_error = model_error[..., np.append(~own, True)]
     general = tuple(term for term, alone in zip(terms, single, strict=True) if not alone)
     fold = np.searchsorted(placements, observed.measurements.placement) % FOLDS
-    sums = {key: np.zeros(3) for key in CHANNELS}
-    square, count = np.zeros(3), 0
+    sums, squares, count = {key: np.zeros(3) for key in CHANNELS}, np.zeros(3), 0
     for k in range(FOLDS):
         inside = fold == k
-        plain = joint_fit(Data(rows_of(observed, ~inside), noise), ())
-        fitted = joint_fit(
-            Data(rows_of(corrected, ~inside), noise), general, general_error[~inside] if general else None
-        )
-        sides = (
-            (rows_of(observed, inside), plain, None),
-            (rows_of(corrected, inside), fitted, general_error[inside]),
-        )
+        null = Data(rows_of(observed, ~inside), noise).null
+        plain = fitted = _prediction(rows_of(observed, inside), null, None)
+        if terms:
+            others = Data(rows_of(corrected, ~inside), noise)
+            model = joint_fit(others, general, general_error[~inside] if general else None)
+            fitted = _prediction(rows_of(corrected, inside), model, general_error[inside])
         for key in CHANNELS:
-            for column, (test, model, errors) in enumerate(sides):
-                size, dof, squares = _tested(test, noise, model, errors, key)
-                sums[key] += np.array([size * (column == 0), size * (column == 1), dof * column])
-                if key == "A":
-                    square[column] += squares[0]
-                    square[2] += squares[1] * column
+            (before, _), (after, dof) = plain.chi_square(key), fitted.chi_square(key)
+            sums[key] += before, after, dof
+        squares += plain.squares[0], *fitted.squares
         count += 2 * int(inside.sum())
-    before = {key: float(np.sqrt(v[0] / v[2])) for key, v in sums.items() if v[2] > 0}
-    after = {key: float(np.sqrt(v[1] / v[2])) for key, v in sums.items() if v[2] > 0}
-    floor = {key: float(np.sqrt(1 + 1.96 * np.sqrt(2 / v[2]))) for key, v in sums.items() if v[2] > 0}
-    first, last, least = 1e3 * np.sqrt(square / count)
-    return HeldOut(before, after, floor, (float(first), float(last), float(least)))
+    sums = {key: total for key, total in sums.items() if total[2] > 0}
+    first, last, least = 1e3 * np.sqrt(squares / count)
+    return HeldOut(
+        before={key: float(np.sqrt(before / dof)) for key, (before, _, dof) in sums.items()},
+        after={key: float(np.sqrt(after / dof)) for key, (_, after, dof) in sums.items()},
+        floor={key: float(np.sqrt(1 + 1.96 * np.sqrt(2 / dof))) for key, (_, _, dof) in sums.items()},
+        millimetres=(float(first), float(last), float(least)),
+    )
 
 
-def _tested(
-    test: Observation, noise: Noise, model: JointFit, model_error: np.ndarray | None, channels: str
-) -> tuple[float, int, tuple[float, float]]:
-    """Compute chi-square of held-out postures under a fit to the others.
+@dataclass(frozen=True)
+class _Prediction:
+    """Held-out postures under a fit to the others.
 
-    Parameters of the held-out postures that the fit does not contain (the swing foot's pose) are projected
-    out. Those that it estimates with an error (base parameters, weight) widen the expected residual.
-
-    Returns:
-        chi-square, its degrees of freedom, and the sum of squares of channel A and of its noise [m2].
+    Attributes:
+        residual: with the effects removed, (m, 11).
+        columns: of the base parameters and the weight error, (m, 11, p + 1). covariance: of their estimates.
+        poses: columns of the swing foot's pose in each stance, (m, 11, k).
+        whitening: of the residuals in all channels, without the error of the estimates.
     """
-    trained = model.linear
-    explained = model_error @ with_constant(model.terms) if model_error is not None and model.terms else None
+
+    residual: np.ndarray
+    columns: np.ndarray
+    covariance: np.ndarray
+    poses: np.ndarray
+    whitening: Whitening
+
+    def chi_square(self, channels: str) -> tuple[float, int]:
+        """Compute chi-square of some channels and its degrees of freedom.
+
+        Parameters of the held-out postures that the fit does not contain (the swing foot's pose) are
+        projected out. Those that it estimates with an error widen the expected residual.
+        """
+        white = self.whitening if channels == "AFTC" else self.whitening.of_channels(channels)
+        start, reach, poses = white(self.residual), white(self.columns), white(self.poses)
+        poses = poses[:, np.abs(poses).max(axis=0) > 0] if poses.size else poses
+        basis = np.linalg.qr(poses)[0]
+        start, reach = start - basis @ (basis.T @ start), reach - basis @ (basis.T @ reach)
+        covariance = np.eye(len(start)) + reach @ self.covariance @ reach.T
+        return float(start @ np.linalg.solve(covariance, start)), len(start) - basis.shape[1]
+
+    @property
+    def squares(self) -> tuple[float, float]:
+        """Return the sum of squares of channel A's residuals and of their noise [m2]."""
+        levers = self.whitening.levers
+        own = (self.whitening.own + levers @ levers.mT)[:, :2, :2]
+        wide = self.columns[:, ROWS["A"]]
+        own = own + wide @ self.covariance @ wide.mT
+        noise = float(np.trace(own, axis1=1, axis2=2).sum())
+        return float((self.residual[:, ROWS["A"]] ** 2).sum()), noise
+
+
+def _prediction(test: Observation, model: JointFit, model_error: np.ndarray | None) -> _Prediction:
+    """Remove the effects of a fit from held-out postures.
+
+    Args:
+        model_error: of its terms' predictions for these postures.
+    """
+    trained, terms, noise = model.linear, model.terms, model.data.noise
+    explained = model_error @ with_constant(terms) if model_error is not None and terms else None
+    clean = remove_terms(test, test, terms)
     # Readings are smoothed with the effects removed; under the wrong model, smoothing would take off signal.
     about = linear_model(
-        remove_terms(test, test, model.terms),
+        clean,
         noise,
-        propagation=propagation(test, model.terms) if model.terms else None,
+        propagation=propagation(test, terms) if terms else None,
         explained=explained,
     )
     smoothed = unpacked(test, packed(test) - (packed(about.observed) - packed(about.smoothed)))
-    clean = remove_terms(test, test, model.terms)
-    still = remove_terms(smoothed, smoothed, model.terms)
-    derivative = propagation(smoothed, model.terms) if model.terms else None
-    white = whitening(still, trained.theta, noise, channels, derivative)
-    raw = residuals(clean, trained.theta)
+    still = remove_terms(smoothed, smoothed, terms)
+    derivative = propagation(smoothed, terms) if terms else None
+    residual = residuals(clean, trained.theta)
     if explained is not None:
-        raw = raw - explained
-    columns = nuisances(still, channels)
-    p = len(trained.theta)
+        residual = residual - explained
+    columns, p = nuisances(still, "AFTC"), len(trained.theta)
     shared = np.append(np.arange(p), columns.shape[-1] - 1)
-    spread, solution = _shared(trained, p)
-    raw = raw + columns[..., shared] @ solution
-    start, reach = white(raw), white(columns[..., shared])
-    places = white(np.delete(columns, shared, axis=-1))
-    places = places[:, np.abs(places).max(axis=0) > 0] if places.size else places
-    basis = np.linalg.qr(places)[0]
-    start, reach = start - basis @ (basis.T @ start), reach - basis @ (basis.T @ reach)
-    covariance = np.eye(len(start)) + reach @ spread @ reach.T
-    size = float(start @ np.linalg.solve(covariance, start))
-    squares = (0.0, 0.0)
-    if channels == "A":
-        inside = raw[:, ROWS["A"]]
-        levers = white.reach[..., len(test.tree.joints) + 8 : len(test.tree.joints) + 14] * noise.plates
-        own = (white.own + levers @ levers.mT)[:, :2, :2]
-        wide = columns[:, ROWS["A"]][..., shared]
-        own = own + wide @ spread @ wide.mT
-        squares = (float((inside**2).sum()), float(np.trace(own, axis1=1, axis2=2).sum()))
-    return size, len(start) - basis.shape[1], squares
+    covariance, step = _shared(trained, p)
+    return _Prediction(
+        residual=residual + columns[..., shared] @ step,
+        columns=columns[..., shared],
+        covariance=covariance,
+        poses=np.delete(columns, shared, axis=-1),
+        whitening=whitening(still, trained.theta, noise, "AFTC", derivative),
+    )
 
 
 def _shared(linear: LinearModel, p: int) -> tuple[np.ndarray, np.ndarray]:

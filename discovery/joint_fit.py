@@ -13,12 +13,11 @@ from tulip_testbed.discovery.candidates import Fitted, log_choices
 from tulip_testbed.discovery.columns import effect_columns
 from tulip_testbed.discovery.linear_model import LinearModel, linear_model
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import packed, unpacked
+from tulip_testbed.identification.residual_channels import moved_by, packed, unpacked
 from tulip_testbed.identification.residual_noise import Noise
 
 STEPS = 6
-ANGLE_STEP = 1e-5  # rad or m, of differences
-FORCE_STEP = 1e-2  # N
+READING_STEPS = {"joint_angles": 1e-5, "cell_forces": 1e-2, "plate_poses": 1e-5}  # of differences [SI]
 NEGLIGIBLE = 1e-9
 INFORMED = 1.0  # information on a size over that of its prior, from which the data alone determine it
 CONVERGED = 1e-3  # posterior s.d.
@@ -90,9 +89,20 @@ class JointFit:
         """Return which sizes cannot be negative, (s,) bool."""
         return _joined([term.candidate.positive for term in self.terms]).astype(bool)
 
+    @cached_property
+    def repeated(self) -> JointFit:
+        """Fit the same terms again, starting from their sizes."""
+        return joint_fit(self.data, self.terms)
+
+    @cached_property
+    def _reduced(self) -> dict[int, JointFit]:
+        return {}
+
     def without(self, k: int) -> JointFit:
-        """Fit the other terms again without term k."""
-        return joint_fit(self.data, self.terms[:k] + self.terms[k + 1 :])
+        """Fit the other terms again without term k; done once for each k."""
+        if k not in self._reduced:
+            self._reduced[k] = joint_fit(self.data, self.terms[:k] + self.terms[k + 1 :])
+        return self._reduced[k]
 
     @cached_property
     def partialled_out(self) -> LinearModel:
@@ -223,7 +233,7 @@ def _residual_without(linear: LinearModel, terms: tuple[Fitted, ...], errors: np
     """Compute the whitened, projected residual with the terms removed, (r + 1,)."""
     left = linear.residual_of(remove_terms(linear.observed, linear.smoothed, terms))
     # The model error of terms that were removed before is in the residual, not in the readings.
-    return left - errors @ with_constant(terms) + (linear.residual - linear.residual_of(linear.observed))
+    return left - errors @ with_constant(terms) + (linear.residual - linear.plain_residual)
 
 
 def with_constant(terms: Sequence[Fitted]) -> np.ndarray:
@@ -281,8 +291,7 @@ def remove_terms(observed: Observation, smoothed: Observation, terms: Sequence[F
     for term in _last_first(terms):
         if term.candidate.effect.sizes:
             clean = term.removed(clean)
-    change = packed(clean) - packed(smoothed)
-    return replace(unpacked(observed, packed(observed) + change), tree=clean.tree, cells=clean.cells)
+    return moved_by(observed, smoothed, clean)
 
 
 def _last_first(terms: Sequence[Fitted]) -> list[Fitted]:
@@ -300,14 +309,15 @@ def propagation(smoothed: Observation, terms: Sequence[Fitted]) -> np.ndarray | 
         (m, k, n_joints + 14); None where no removal depends on readings.
     """
     start, n = packed(smoothed), smoothed.joint_angles.shape[1]
-    plain = packed(remove_terms(smoothed, smoothed, terms)) - start
-    steps = np.concatenate([np.full(n, ANGLE_STEP), np.full(8, FORCE_STEP), np.full(6, ANGLE_STEP)])
-    out = np.zeros((*start.shape, n + 14))
-    for k, step in enumerate(steps):
-        moved = start.copy()
-        moved[:, k] += step
-        other = unpacked(smoothed, moved)
-        out[..., k] = (packed(remove_terms(other, other, terms)) - moved - plain) / step
+    plain, columns = packed(remove_terms(smoothed, smoothed, terms)) - start, []
+    for name, step in READING_STEPS.items():
+        field = getattr(smoothed, name)
+        for at in np.ndindex(field.shape[1:]):
+            moved = field.copy()
+            moved[:, *at] += step
+            other = smoothed.changed(**{name: moved})
+            columns.append((packed(remove_terms(other, other, terms)) - packed(other) - plain) / step)
+    out = np.stack(columns, axis=-1)
     if np.abs(out).max(initial=0.0) < NEGLIGIBLE:
         return None
     out[:, np.arange(n + 14), np.arange(n + 14)] += 1.0

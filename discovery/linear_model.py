@@ -7,6 +7,7 @@ error of the weighed mass (F); G the columns of the effects; e the noise, white 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import qr
@@ -71,6 +72,16 @@ class LinearModel:
         """Compute the whitened, projected residual of other readings, (r + 1,)."""
         return self.project(self.whitening(residuals(observed, self.theta)))
 
+    @cached_property
+    def raw_residual(self) -> np.ndarray:
+        """Compute the residuals at the base parameters, (m, 11)."""
+        return residuals(self.observed, self.theta)
+
+    @cached_property
+    def plain_residual(self) -> np.ndarray:
+        """Whiten and project them, (r + 1,): `residual` before terms or a model error were taken from it."""
+        return self.project(self.whitening(self.raw_residual))
+
 
 def linear_model(
     observed: Observation,
@@ -96,7 +107,7 @@ def linear_model(
     """
     smoothed = observed if smoothed is None else smoothed
     theta = np.linalg.lstsq(
-        observed.nominal.parameters.regressor(observed.joint_angles).reshape(2 * len(observed), -1),
+        observed.geometry.regressor.reshape(2 * len(observed), -1),
         center(observed).ravel(),
         rcond=None,
     )[0]
@@ -162,7 +173,7 @@ def _smoothed(observed: Observation, white: Whitening, left: np.ndarray, noise: 
 def nuisances(observed: Observation, channels: str) -> np.ndarray:
     """Differentiate the residuals with respect to the nuisance parameters, (m, 11, k)."""
     m, stance = len(observed), observed.stance
-    regressor = observed.nominal.parameters.regressor(observed.joint_angles)
+    regressor = observed.geometry.regressor
     p = regressor.shape[2]
     sets = np.unique(stance)
     out = np.zeros((m, SIZE, p + 3 * len(sets) + 1))

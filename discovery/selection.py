@@ -150,13 +150,15 @@ def _forward(search: _Search, through_laboratory: bool, progress: Callable[[int]
     exact, model_error, before = not through_laboratory, None, []
     while len(found.terms) < MOST_TERMS:
         best = best_addition(found, ranking, model_error)
-        if best is None or best.log_bayes_factor < DECISIVE or search.p(found, best, ranking) > LEVEL:
+        if best is None or best[0].log_bayes_factor < DECISIVE or search.p(found, best[0], ranking) > LEVEL:
             break
         if found.terms and not exact:
-            found, model_error = refit(found)
-            ranking, exact = search.ranked(found), True
-            continue
-        tried = _backward(joint_fit(found.data, (*found.terms, best)))
+            refitted, exact = refit(found), True
+            if refitted[0] is not found:
+                found, model_error = refitted
+                ranking = search.ranked(found)
+                continue
+        tried = _backward(best[1] or joint_fit(found.data, (*found.terms, best[0])))
         progress(1)
         before.append(set(found.labels))
         if set(tried.labels) in before:
@@ -183,13 +185,13 @@ def _backward(found: JointFit) -> JointFit:
 def _pairs_merged(search: _Search, found: JointFit) -> JointFit:
     """Replace two terms by one that explains as much; forward selection may start with a look-alike."""
     pairs = list(combinations(found.terms, 2))
-    enough = joint_fit(found.data, found.terms).log_evidence - DECISIVE if pairs else 0.0
+    enough = found.repeated.log_evidence - DECISIVE if pairs else 0.0
     for pair in pairs:
         others = joint_fit(found.data, [term for term in found.terms if term not in pair])
         best = best_addition(others, search.ranked(others))
         if best is None:
             continue
-        single = joint_fit(found.data, (*others.terms, best))
+        single = best[1] or joint_fit(found.data, (*others.terms, best[0]))
         if single.log_evidence > enough:
             return _pairs_merged(search, single)
     return found

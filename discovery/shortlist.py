@@ -37,8 +37,8 @@ def shortlist(adopted: JointFit, ranked: list[Fitted]) -> list[Fitted]:
 
 def best_addition(
     adopted: JointFit, ranked: list[Fitted], model_error: np.ndarray | None = None
-) -> Fitted | None:
-    """Return the best of a ranking.
+) -> tuple[Fitted, JointFit | None] | None:
+    """Return the best of a ranking, and its joint fit with the adopted terms if there was need of it.
 
     Of different kinds that are close to one another, it is the one with the highest evidence in a joint fit.
 
@@ -52,17 +52,21 @@ def best_addition(
             kinds.setdefault(one.candidate.effect.name, one)
     near = list(kinds.values())[:KINDS]
     if len(near) < 2:
-        return near[0] if near else None
-    before = joint_fit(adopted.data, adopted.terms, model_error).log_evidence
-    factors = []
-    for one in near:
-        errors = model_error
-        if model_error is not None:
-            of_its_own = np.zeros((*model_error.shape[:2], len(one.sizes)))
-            errors = np.concatenate([model_error[..., :-1], of_its_own, model_error[..., -1:]], axis=-1)
-        factors.append(joint_fit(adopted.data, (*adopted.terms, one), errors).log_evidence - before)
-    best = int(np.argmax(factors))
-    return replace(near[best], log_bayes_factor=factors[best])
+        return (near[0], None) if near else None
+    data, terms = adopted.data, adopted.terms
+    before = adopted.repeated if model_error is None else joint_fit(data, terms, model_error)
+    tried = [joint_fit(data, (*terms, one), _extended(model_error, one)) for one in near]
+    best = int(np.argmax([fit.log_evidence for fit in tried]))
+    factor = tried[best].log_evidence - before.log_evidence
+    return replace(near[best], log_bayes_factor=factor), tried[best] if model_error is None else None
+
+
+def _extended(model_error: np.ndarray | None, term: Fitted) -> np.ndarray | None:
+    """Extend the model error by a term whose prediction holds."""
+    if model_error is None:
+        return None
+    own = np.zeros((*model_error.shape[:2], len(term.sizes)))
+    return np.concatenate([model_error[..., :-1], own, model_error[..., -1:]], axis=-1)
 
 
 def fit_in_addition(adopted: JointFit, term: Fitted) -> Fitted:

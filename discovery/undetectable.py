@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,19 +30,24 @@ class Undetectable:
     bias: float
 
 
-def undetectable(linear: LinearModel, candidate: Candidate) -> Undetectable:
-    """Compute the bias of the base parameters by an effect that leaves no residual.
+def undetectable(linear: LinearModel, candidates: Sequence[Candidate]) -> tuple[Undetectable, ...]:
+    """Compute the bias of the base parameters by each effect that leaves no residual.
 
     Args:
         linear: the experiment without any effect.
     """
+    known = np.vstack([linear.whitening(nuisances(linear.smoothed, "AFTC")), weighing(linear.smoothed)[None]])
+    return tuple(_undetectable(linear, known, candidate) for candidate in candidates)
+
+
+def _undetectable(linear: LinearModel, known: np.ndarray, candidate: Candidate) -> Undetectable:
     if not candidate.effect.sizes:
         return Undetectable(candidate, 0, 0.0)
-    known = np.vstack([linear.whitening(nuisances(linear.smoothed, "AFTC")), weighing(linear.smoothed)[None]])
     effect = effect_columns(linear, candidate, 0) * candidate.prior
-    pushed = np.linalg.lstsq(known, np.vstack([effect, np.zeros((1, effect.shape[1]))]), rcond=None)[0]
-    moved = pushed[: len(linear.theta)]
-    if not np.abs(moved).max(initial=0.0) > 0:
+    if effect.any():
+        effect = np.vstack([effect, np.zeros((1, effect.shape[1]))])
+        moved = np.linalg.lstsq(known, effect, rcond=None)[0][: len(linear.theta)]
+    else:
         moved = _change_of_robot(linear.observed, candidate)[:, None]
     at = np.unravel_index(np.abs(moved).argmax(), moved.shape)
     if not moved[at]:

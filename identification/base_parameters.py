@@ -61,25 +61,29 @@ class BaseParameters:
     merged_columns: int
     support: str
 
-    def regressor(self, joint_angles: np.ndarray) -> np.ndarray:
+    def regressor(self, joint_angles: np.ndarray, rotations: np.ndarray | None = None) -> np.ndarray:
         """Base regressor R_b(q) of x_CoM and y_CoM (eq. 6), (m, 2, p) [-].
 
         Args:
             joint_angles: (m, n_joints) [rad].
+            rotations: of `link_rotations` at these angles; computed if None.
         """
-        rotations = link_rotations(self.tree, self.base, joint_angles)
+        if rotations is None:
+            rotations = link_rotations(self.tree, self.base, joint_angles)
         frames, axes = np.divmod(self.columns, 3)
         return rotations[:, frames, :2, axes].transpose(1, 2, 0) @ self.combination
 
-    def slope(self, joint_angles: np.ndarray) -> np.ndarray:
+    def slope(self, joint_angles: np.ndarray, rotations: np.ndarray | None = None) -> np.ndarray:
         """Derivative of the base regressor by every joint angle, (m, 2, n_joints, p) [1/rad].
 
         A joint turns a column of a rotation matrix as any vector: its axis times the column.
 
         Args:
             joint_angles: (m, n_joints) [rad].
+            rotations: of `link_rotations` at these angles; computed if None.
         """
-        rotations = link_rotations(self.tree, self.base, joint_angles)
+        if rotations is None:
+            rotations = link_rotations(self.tree, self.base, joint_angles)
         frames, axes = np.divmod(self.columns, 3)
         vector = rotations[:, frames, :, axes].transpose(1, 2, 0)[:, :, None]  # (m, 3, 1, k)
         turn = joint_axes(self.tree, self.base, rotations).transpose(0, 2, 1)[..., None]  # (m, 3, n, 1)

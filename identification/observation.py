@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import standard_parameters
-from tulip_testbed.identification.joint_loads import Loads, joint_loads, mass_center, torque_limits
-from tulip_testbed.identification.kinematics import Tree, frame_positions, link_rotations
+from tulip_testbed.identification.joint_loads import Loads, joint_loads, torque_limits
+from tulip_testbed.identification.kinematics import Tree
 from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.identification.posture_geometry import PostureGeometry
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.scene import plate_masses
 
@@ -92,28 +93,29 @@ class Observation:
         return number
 
     @cached_property
+    def geometry(self) -> PostureGeometry:
+        """Return the geometry of the postures; an observation with other readings of the cells shares it."""
+        return PostureGeometry(self.nominal, self.tree, self.joint_angles, self.standard)
+
+    @property
     def frames(self) -> tuple[np.ndarray, np.ndarray]:
         """Rotations (m, n_frames, 3, 3) and origins (m, n_frames, 3) [m] of all frames, soles flat."""
-        base = self.nominal.parameters.base
-        rotations = link_rotations(self.tree, base, self.joint_angles)
-        return rotations, frame_positions(self.tree, base, rotations, -self.nominal.points[0])
+        return self.geometry.frames
 
-    @cached_property
+    @property
     def center(self) -> np.ndarray:
         """Nominal centre of mass in the base frame, (m, 3) [m]."""
-        return mass_center(self.tree, *self.frames, self.standard)
+        return self.geometry.center
 
-    @cached_property
+    @property
     def height(self) -> np.ndarray:
         """Of the nominal centre of mass over the cells, (m,) [m]."""
         return self.center[:, 2] + self.measurements.top_height[0]
 
-    @cached_property
+    @property
     def swing_sole(self) -> tuple[np.ndarray, np.ndarray]:
         """Place of the swing sole point, (m, 3) [m], and the foot's rotation, (m, 3, 3), soles flat."""
-        rotations, positions = self.frames
-        turn = rotations[:, self.nominal.swing_frame]
-        return positions[:, self.nominal.swing_frame] + turn @ self.nominal.points[1], turn
+        return self.geometry.swing_sole
 
     @cached_property
     def foot_loads(self) -> tuple[np.ndarray, np.ndarray]:
@@ -153,12 +155,8 @@ class Observation:
         down, point = self.foot_loads
         floor = np.full((len(self), 1), -self.measurements.top_height[1])
         return joint_loads(
-            self.tree,
-            self.nominal.parameters.base,
-            self.frames,
-            self.standard,
+            self.geometry,
             self.weight,
-            self.nominal.swing_frame,
             (down[:, 1], np.concatenate([point[:, 1], floor], axis=1)),
             self.measurements.support == "double",
             self.torque_limits,
@@ -171,7 +169,10 @@ class Observation:
 
     def changed(self, **fields: Any) -> Observation:
         """Another one with some fields replaced."""
-        return replace(self, **fields)
+        other = replace(self, **fields)
+        if other.tree is self.tree and other.joint_angles is self.joint_angles:
+            other.__dict__["geometry"] = self.geometry
+        return other
 
 
 def observe(measurements: Measurements, nominal: Nominal) -> Observation:

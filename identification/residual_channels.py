@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from tulip_testbed.identification.joint_loads import joint_pivots
-from tulip_testbed.identification.kinematics import frame_positions, joint_axes, link_rotations, moved_frames
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.observation import Observation
 
@@ -20,6 +18,11 @@ SIZE = 11
 ANCHORED = slice(8, 11)  # x, y, yaw of the swing foot: known up to a constant of the placement
 UNITS = {"A": "mm", "F": "N", "T": "N", "C": "mm, deg"}
 TWIST = np.array([1.0, -1.0, 1.0, -1.0])
+# Fields of an observation that may vary by posture, in the order of `packed`.
+VARYING = (
+    *("joint_angles", "cell_forces", "plate_poses", "stance_tilt"),
+    *("swing_tilt", "swing_rise", "shift", "lift"),
+)
 
 
 def packed(observed: Observation) -> np.ndarray:
@@ -27,19 +30,8 @@ def packed(observed: Observation) -> np.ndarray:
 
     Angles, cells, plates' poses, stance tilt, swing tilt, rise, shift, lift.
     """
-    return np.concatenate(
-        [
-            observed.joint_angles,
-            observed.cell_forces,
-            observed.plate_poses.reshape(-1, 6),
-            observed.stance_tilt,
-            observed.swing_tilt,
-            observed.swing_rise[:, None],
-            observed.shift,
-            observed.lift[:, None],
-        ],
-        axis=1,
-    )
+    m = len(observed)
+    return np.concatenate([getattr(observed, name).reshape(m, -1) for name in VARYING], axis=1)
 
 
 def fields(nominal: Nominal) -> dict[str, slice]:
@@ -72,6 +64,19 @@ def unpacked(observed: Observation, values: np.ndarray) -> Observation:
     )
 
 
+def moved_by(observed: Observation, before: Observation, after: Observation) -> Observation:
+    """Return an observation changed by what changed from one other to the next, and with that one's lengths.
+
+    Fields that did not change stay the same arrays.
+    """
+    change = {
+        name: getattr(observed, name) + (getattr(after, name) - getattr(before, name))
+        for name in VARYING
+        if getattr(after, name) is not getattr(before, name)
+    }
+    return observed.changed(tree=after.tree, cells=after.cells, **change)
+
+
 def residuals(observed: Observation, theta: np.ndarray) -> np.ndarray:
     """All channels, (m, 11) [m, m, N, N, N, m, rad, rad, m, m, rad].
 
@@ -79,9 +84,7 @@ def residuals(observed: Observation, theta: np.ndarray) -> np.ndarray:
         theta: base parameters, (p,) [m].
     """
     out = np.empty((len(observed), SIZE))
-    out[:, ROWS["A"]] = (
-        center(observed) - observed.nominal.parameters.regressor(observed.joint_angles) @ theta
-    )
+    out[:, ROWS["A"]] = center(observed) - observed.geometry.regressor @ theta
     forces = carried(observed)
     out[:, ROWS["F"]] = (forces.sum(axis=1) - observed.weight - observed.lift)[:, None]
     out[:, ROWS["T"]] = observed.cell_forces.reshape(-1, 2, 4) @ TWIST
@@ -118,11 +121,7 @@ def center(observed: Observation) -> np.ndarray:
 
 def swing_pose(observed: Observation) -> np.ndarray:
     """Pose of the swing sole over the ground by the angles: x, y, z, roll, pitch, yaw, (m, 6) [m, rad]."""
-    base = observed.nominal.parameters.base
-    rotations = link_rotations(observed.tree, base, observed.joint_angles)
-    positions = frame_positions(observed.tree, base, rotations, -observed.nominal.points[0])
-    foot = rotations[:, observed.nominal.swing_frame]
-    place = positions[:, observed.nominal.swing_frame] + foot @ observed.nominal.points[1]
+    place, foot = observed.swing_sole
     tilt = np.concatenate([observed.stance_tilt, np.zeros((len(observed), 1))], axis=1)
     place = place + np.cross(tilt, place)
     foot = foot + np.cross(tilt[:, None], foot.mT).mT
@@ -156,7 +155,7 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
         first = at["plates"].start + 3 * side
         out[:, 0, first] = out[:, 1, first + 1] = plates[:, side].sum(axis=1) / total
         out[:, 0, first + 2], out[:, 1, first + 2] = -moment[:, side, 1], moment[:, side, 0]
-    out[:, 0:2, at["angles"]] = -observed.nominal.parameters.slope(observed.joint_angles) @ theta
+    out[:, 0:2, at["angles"]] = -observed.geometry.slope @ theta
     out[:, 5:, at["angles"]] = _foot_rates(observed)
     height = observed.center[:, 2]
     place, turn = observed.swing_sole
@@ -175,12 +174,10 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
 
 def _foot_rates(observed: Observation) -> np.ndarray:
     """Derivative of channel C by the joint angles, (m, 6, n_joints): the feet are nearly flat."""
-    base, nominal = observed.nominal.parameters.base, observed.nominal
-    rotations, positions = observed.frames
-    place, turn = observed.swing_sole
-    axes = joint_axes(observed.tree, base, rotations)
-    axes = axes * moved_frames(observed.tree, base)[:, nominal.swing_frame, None]
-    way = np.cross(axes, place[:, None] - joint_pivots(observed.tree, base, rotations, positions))
+    geometry = observed.geometry
+    place, turn = geometry.swing_sole
+    axes = geometry.axes * geometry.moved[:, observed.nominal.swing_frame, None]
+    way = np.cross(axes, place[:, None] - geometry.pivots)
     return _in_channel(way, axes, np.arctan2(turn[:, 1, 0], turn[:, 0, 0]))
 
 

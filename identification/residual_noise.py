@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -107,6 +108,9 @@ class Whitening:
         reach: derivative by the readings (angles, cells, plates), (m, 11, n_joints + 14): the same, unless
             effects are taken away whose size goes with noisy readings.
         own: part of each posture's covariance that is its own, (m, 11, 11).
+        levers: one s.d. of each plate coordinate in the residuals, which a placement's postures share,
+            (m, 11, 6).
+        placement: of each posture, (m,).
     """
 
     rows: np.ndarray
@@ -114,6 +118,8 @@ class Whitening:
     sensitivity: np.ndarray
     reach: np.ndarray
     own: np.ndarray
+    levers: np.ndarray
+    placement: np.ndarray
 
     def __call__(self, residuals: np.ndarray) -> np.ndarray:
         """Whiten residuals (m, 11) or columns (m, 11, k): (r,) or (r, k)."""
@@ -121,6 +127,20 @@ class Whitening:
         out = np.empty_like(flat)
         for where, factor in self.blocks:
             out[where] = factor @ flat[where]
+        return out
+
+    def each(self, columns: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Whiten several sets of columns, (m, 11, k) each, as if one by one: (r, k)."""
+        out: list[np.ndarray] = [np.zeros(0)] * len(columns)
+        widths = [column.shape[-1] for column in columns]
+        for width in set(widths):
+            chosen = [k for k, other in enumerate(widths) if other == width]
+            flat = np.stack([columns[k].reshape(-1, width)[self.rows] for k in chosen])
+            white = np.empty_like(flat)
+            for where, factor in self.blocks:
+                white[:, where] = factor @ flat[:, where]
+            for k, one in zip(chosen, white, strict=True):
+                out[k] = one
         return out
 
     @property
@@ -134,6 +154,14 @@ class Whitening:
         for where, factor in self.blocks:
             flat[self.rows[where]] = factor.T @ white[where]
         return flat.reshape(-1, SIZE)
+
+    def of_channels(self, channels: str) -> Whitening:
+        """Return the coordinates for some of the channels alone."""
+        there = np.zeros(self.own.shape[0] * SIZE, bool)
+        there[self.rows] = True
+        used = there.reshape(-1, SIZE) & _in_channels(channels)
+        rows, blocks = _factored(self.own, self.levers, self.placement, used)
+        return replace(self, rows=rows, blocks=blocks)
 
 
 def whitening(
@@ -150,20 +178,38 @@ def whitening(
             effects were removed from the experiment; None: the fields are the readings.
     """
     slope, at = sensitivity(observed, theta), fields(observed.nominal)
-    m = len(observed)
     reach = slope[..., : at["plates"].stop] if propagation is None else slope @ propagation
     angles, cells = reach[..., at["angles"]], reach[..., at["cells"]]
     own = noise.encoder**2 * angles @ angles.mT + noise.cell**2 * cells @ cells.mT + np.diag(FLOOR**2)
     levers = reach[..., at["plates"]] * noise.plates
-    used = np.zeros((m, SIZE), bool)
-    for channel in channels:
-        used[:, ROWS[channel]] = True
+    used = np.tile(_in_channels(channels), (len(observed), 1))
     stands = feet_in_contact(observed)
     used[:, ROWS["C"]] &= np.all(stands, axis=1, keepdims=True)
     used[:, ROWS["T"]] &= stands & observed.on_four_cells
+    placement = observed.measurements.placement
+    rows, blocks = _factored(own, levers, placement, used)
+    return Whitening(rows, blocks, slope, reach, own, levers, placement)
+
+
+def _in_channels(channels: str) -> np.ndarray:
+    """Return which residuals of a posture belong to some channels, (11,) bool."""
+    out = np.zeros(SIZE, bool)
+    for channel in channels:
+        out[ROWS[channel]] = True
+    return out
+
+
+def _factored(
+    own: np.ndarray, levers: np.ndarray, placement: np.ndarray, used: np.ndarray
+) -> tuple[np.ndarray, tuple[tuple[slice, np.ndarray], ...]]:
+    """Factor the covariance of each placement; `rows` and `blocks` of `Whitening`.
+
+    Args:
+        used: which residuals there are, (m, 11) bool.
+    """
     rows, blocks, at_row = [], [], 0
-    for placement in np.unique(observed.measurements.placement):
-        inside = np.flatnonzero(observed.measurements.placement == placement)
+    for number in np.unique(placement):
+        inside = np.flatnonzero(placement == number)
         numbers = (inside[:, None] * SIZE + np.arange(SIZE)).ravel()
         keep = used[inside].ravel()
         block = np.zeros((len(inside), SIZE, len(inside), SIZE))
@@ -175,4 +221,4 @@ def whitening(
         blocks.append((slice(at_row, at_row + len(block)), factor))
         rows.append(numbers[keep])
         at_row += len(block)
-    return Whitening(np.concatenate(rows), tuple(blocks), slope, reach, own)
+    return np.concatenate(rows), tuple(blocks)

@@ -1,0 +1,111 @@
+"""Where the links, joints and soles are in held postures, by the joint angles alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from tulip_testbed.identification.kinematics import (
+    Tree,
+    frame_positions,
+    joint_axes,
+    link_rotations,
+    moved_frames,
+    walk,
+)
+from tulip_testbed.identification.nominal import Nominal
+
+
+@dataclass(frozen=True)
+class PostureGeometry:
+    """The geometry of m postures in the base frame, with flat soles.
+
+    Each quantity is computed once, when it is first asked for.
+
+    Attributes:
+        nominal: the robot as its files say.
+        tree: kinematics with the lengths that are believed.
+        joint_angles: (m, n_joints) [rad].
+        standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
+    """
+
+    nominal: Nominal
+    tree: Tree
+    joint_angles: np.ndarray
+    standard: np.ndarray
+
+    @property
+    def base(self) -> int:
+        """Return the frame number of the stance foot."""
+        return self.nominal.parameters.base
+
+    @cached_property
+    def frames(self) -> tuple[np.ndarray, np.ndarray]:
+        """Compute rotations (m, n_frames, 3, 3) and origins (m, n_frames, 3) [m] of all frames."""
+        rotations = link_rotations(self.tree, self.base, self.joint_angles)
+        return rotations, frame_positions(self.tree, self.base, rotations, -self.nominal.points[0])
+
+    @cached_property
+    def axes(self) -> np.ndarray:
+        """Compute the axes of all joints, (m, n_joints, 3), see `joint_axes`."""
+        return joint_axes(self.tree, self.base, self.frames[0])
+
+    @cached_property
+    def pivots(self) -> np.ndarray:
+        """Compute a point on the axis of each joint, (m, n_joints, 3) [m]."""
+        rotations, positions = self.frames
+        pivots = np.zeros((len(rotations), len(self.tree.joints), 3))
+        for step in walk(self.tree, self.base):
+            if step.edge.joint >= 0:
+                turned = (rotations[:, step.new] @ step.anchor_new[:, None])[..., 0]
+                pivots[:, step.edge.joint] = positions[:, step.new] + turned
+        return pivots
+
+    @cached_property
+    def moved(self) -> np.ndarray:
+        """Return which frames each joint turns against the base, (n_joints, n_frames) bool."""
+        return moved_frames(self.tree, self.base)
+
+    @cached_property
+    def center(self) -> np.ndarray:
+        """Compute the centre of mass (eq. 1), (m, 3) [m]."""
+        rotations, positions = self.frames
+        frames = np.array(self.tree.frame_of_link)
+        moment = self.standard[:, 0, None] * positions[:, frames]
+        moment = moment + (rotations[:, frames] @ self.standard[:, 1:, None])[..., 0]
+        return moment.sum(axis=1) / self.standard[:, 0].sum()
+
+    @cached_property
+    def mass_moments(self) -> np.ndarray:
+        """Compute the moment of the links beyond each joint about it, over gravity, (m, n_joints) [kg m]."""
+        rotations, positions = self.frames
+        links, mass = np.array(self.tree.frame_of_link), self.standard[:, 0]
+        places = positions[:, links] * mass[:, None]
+        places = places + (rotations[:, links] @ self.standard[:, 1:, None])[..., 0]
+        carried = self.moved[:, links].astype(float)
+        heavy = carried @ mass
+        moment = np.einsum("jl,mlk->mjk", carried, places) - heavy[:, None] * self.pivots
+        return -moment[..., 1] * self.axes[..., 0] + moment[..., 0] * self.axes[..., 1]
+
+    @cached_property
+    def swing_sole(self) -> tuple[np.ndarray, np.ndarray]:
+        """Compute the place of the swing sole point, (m, 3) [m], and the foot's rotation, (m, 3, 3)."""
+        rotations, positions = self.frames
+        turn = rotations[:, self.nominal.swing_frame]
+        return positions[:, self.nominal.swing_frame] + turn @ self.nominal.points[1], turn
+
+    @cached_property
+    def regressor(self) -> np.ndarray:
+        """Compute the regressor of the base parameters (eq. 6), (m, 2, p) [-]."""
+        return self.nominal.parameters.regressor(self.joint_angles, self._nominal_rotations)
+
+    @cached_property
+    def slope(self) -> np.ndarray:
+        """Differentiate the regressor with respect to the joint angles, (m, 2, n_joints, p) [1/rad]."""
+        return self.nominal.parameters.slope(self.joint_angles, self._nominal_rotations)
+
+    @property
+    def _nominal_rotations(self) -> np.ndarray | None:
+        return self.frames[0] if self.tree is self.nominal.parameters.tree else None
