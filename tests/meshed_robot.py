@@ -1,4 +1,4 @@
-"""A humanoid as they are published: 29 joints, a mesh of thousands of faces on every link. Made, not shipped."""
+"""A humanoid as they are published: 29 joints, a mesh of thousands of faces on every link."""
 
 from __future__ import annotations
 
