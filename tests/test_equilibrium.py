@@ -248,7 +248,7 @@ def test_a_sole_is_held_against_its_own_edges(solved_plan):
     """Pressure near the toes of a foot turned by half a radian is inside of it; beside them it is not."""
     m, near = solved_plan.mechanism, solved_plan.reference.state
     yaw = 0.5
-    state = near.items(np.zeros(2, int))
+    state = near.take(np.zeros(2, int))
     feet = np.zeros((2, 2, 3))
     feet[:, 1] = [0.0, 0.2, yaw]
     for k, (x, y) in enumerate(((0.12, 0.0), (0.03, 0.06))):
