@@ -13,6 +13,7 @@ import numpy as np
 from tulip_testbed.experiments.checks import (
     Check,
     below,
+    check_table,
     correlation_checks,
     ideal_error_check,
     joint_check,
@@ -24,6 +25,8 @@ from tulip_testbed.experiments.checks import (
 )
 from tulip_testbed.experiments.identify import Identification, identify, model_document
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory, Run
+from tulip_testbed.experiments.parameter_tables import parameter_table
+from tulip_testbed.experiments.table import Table
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.identification.base_parameters import BaseParameters, renumbered
 from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS, solve_least_squares
@@ -36,9 +39,9 @@ from tulip_testbed.sim.sensors import Sensors
 NEGLIGIBLE = 1e-6  # m: a parameter that the simplified model may drop without bias
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Validation:
-    """A run held against its truth.
+    """A run held against its truth; prints its checks and the verdict.
 
     Attributes:
         run: the experiment. identification: the estimates from its measurements.
@@ -56,6 +59,25 @@ class Validation:
     def verdict(self) -> str:
         """ "pass", or "fail" if any check fails."""
         return verdict(list(self.checks))
+
+    def table(self) -> Table:
+        """Return the checks, one a row."""
+        return check_table([dataclasses.asdict(check) for check in self.checks])
+
+    def to_frame(self) -> Any:
+        """Return a pandas DataFrame with one row a parameter of the full model, beside its truth.
+
+        The checks are plain records: `pandas.DataFrame(validation.checks)`.
+        """
+        found = self.identification
+        table = parameter_table("full", model_document(found.full, self.truth), found.parameters)
+        return table.frame().set_index("parameter")
+
+    def __repr__(self) -> str:
+        return f"{self.table()!r}\n\nVerdict: {self.verdict}"
+
+    def _repr_html_(self) -> str:
+        return f"{self.table().html()}\n<p>Verdict: <b>{self.verdict}</b></p>"
 
 
 def validate(

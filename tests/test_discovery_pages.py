@@ -15,9 +15,9 @@ from tests.test_view import cpu_seconds, look, needs_vulkan, not_blank, refused
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.saved_discovery import read_discovery, residual_curves
 from tulip_testbed.experiments.saved_run import kind_of
+from tulip_testbed.experiments.settings_table import flattened
 from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.page import html
-from tulip_testbed.pages.page_tables import flattened
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.robot import sha256
 from tulip_testbed.viewer import window

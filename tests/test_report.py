@@ -14,8 +14,8 @@ from tulip_testbed import rendering
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.run_folder import write_run
 from tulip_testbed.experiments.saved_run import read_run
+from tulip_testbed.experiments.settings_table import flattened
 from tulip_testbed.pages import page as pages
-from tulip_testbed.pages.page_tables import flattened
 
 MOST_SECONDS, MOST_BYTES = 20, 12e6
 needs_chromium = pytest.mark.skipif(shutil.which("chromium") is None, reason="no Chromium (chromium)")

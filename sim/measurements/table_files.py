@@ -33,6 +33,17 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
     write_text(path, json.dumps(content, indent=1) + "\n")
 
 
+def finite(value: Any) -> Any:
+    """Return a document with None for every infinite number and NaN, neither of which JSON knows."""
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value
+
+
 def read_json(path: Path) -> dict[str, Any]:
     """Read a JSON object whose keys are unique and whose numbers are finite.
 

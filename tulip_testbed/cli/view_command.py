@@ -10,10 +10,10 @@ from typing import Annotated
 import tyro
 
 from tulip_testbed.cli.options import Json, RobotFile
+from tulip_testbed.cli.terminal import print_json, say
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.saved_discovery import read_discovery
 from tulip_testbed.experiments.saved_run import kind_of, read_montecarlo, read_run
-from tulip_testbed.experiments.terminal import ERR, print_json
 from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.measurements import read_plan
 from tulip_testbed.sim.robot import TULIP, Robot
@@ -47,11 +47,9 @@ def view_command(
     if save is None and not serve:
         window.check_display()
     if bare := undrawn(described.visual_model):
-        ERR.print(
+        say(
             f"{described.model_file.name}: no geom shows the links {listed(bare)}; "
-            "their frames and masses stand alone",
-            highlight=False,
-            soft_wrap=True,
+            "their frames and masses stand alone"
         )
     title = f"{folder.resolve().name} ({kind})"
     log = _logger(kind, folder, described, title)
@@ -59,7 +57,7 @@ def view_command(
         size = window.save(save, title, log)
         if as_json:
             print_json({"view": str(save), "bytes": size})
-        ERR.print(f"View: {save} ({size / 1e6:.1f} MB); open it by `rerun {save}`", highlight=False)
+        say(f"View: {save} ({size / 1e6:.1f} MB); open it by `rerun {save}`")
     elif serve:
         window.serve(title, log, partial(_announce, as_json))
     else:
@@ -90,4 +88,4 @@ def _logger(kind: str, folder: Path, robot: Robot, title: str) -> Callable[..., 
 def _announce(as_json: bool, address: str) -> None:
     if as_json:
         print_json({"address": address})
-    ERR.print(f"Open {address} in a browser; Ctrl-C ends it.", highlight=False, soft_wrap=True)
+    say(f"Open {address} in a browser; Ctrl-C ends it.")

@@ -10,9 +10,9 @@ import numpy as np
 import plotly.graph_objects as go
 
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL
+from tulip_testbed.experiments.discovery_tables import behind
 from tulip_testbed.experiments.saved_discovery import Curve
 from tulip_testbed.pages.figures import Figure, figure
-from tulip_testbed.pages.words import behind
 
 BEFORE, AFTER = MEASURED, ESTIMATE
 WIDE = 1.96  # s.d. that 95 % of the noise stay within

@@ -15,9 +15,18 @@ import numpy as np
 from markupsafe import Markup
 from PIL import Image
 
+from tulip_testbed.experiments.checks import check_table
+from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
+from tulip_testbed.experiments.montecarlo.calibration_tables import (
+    calibration_check_table,
+    calibration_table,
+    spread_table,
+)
 from tulip_testbed.experiments.montecarlo.calibration_verdict import BIAS, COVERAGE, RATIO
-from tulip_testbed.experiments.parameter_tables import models, paper_table
+from tulip_testbed.experiments.parameter_tables import models, parameter_table, read_reported
 from tulip_testbed.experiments.saved_run import SavedMonteCarlo, SavedRun, errors_mm
+from tulip_testbed.experiments.settings_table import settings_table
+from tulip_testbed.experiments.table import Table
 from tulip_testbed.experiments.validate import correlations_at
 from tulip_testbed.identification.base_parameters import base_parameters, common_support, renumbered
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
@@ -26,13 +35,6 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.pages import figures as drawn
 from tulip_testbed.pages import words
 from tulip_testbed.pages.figures import Figure
-from tulip_testbed.pages.page_tables import (
-    Table,
-    calibration_table,
-    check_table,
-    parameter_table,
-    settings_table,
-)
 from tulip_testbed.rendering import rendered
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import write_bytes
@@ -110,7 +112,7 @@ def validation_page(run: SavedRun) -> Page:
     """A validation's page."""
     report, robot, measured = run.report, run.robot, run.measurements
     parameters = base_parameters(robot, support=common_support(measured.support))
-    paper = paper_table(robot)
+    paper = read_reported(robot)
     shown = models(robot)
     missing: list[str] = []
     tables = [parameter_table(model, report[model], parameters, paper) for model in shown]
@@ -122,6 +124,11 @@ def validation_page(run: SavedRun) -> Page:
         for entry in robot.settings.get("correlated", [])
     ]
     matrix = correlations_at(parameters, measured.joint_angles)
+    high = tuple(
+        correlation_table(model, report[model]["correlations"], parameters, measured.joint_angles)
+        for model in shown
+        if report[model]["correlations"]
+    )
     sections = (
         Section("What was checked", tables=(check_table(report["checks"]),)),
         Section("Parameters", words.parameter_words(report), tuple(tables), (drawn.errors_over_se(z),)),
@@ -129,7 +136,9 @@ def validation_page(run: SavedRun) -> Page:
             "Residuals",
             figures=(drawn.residual_norms(measured.posture, measured.placement, norms, means),),
         ),
-        Section("Correlations", figures=(drawn.correlation_map(matrix, pairs),)),
+        Section(
+            "Correlations", () if high else (NO_CORRELATION,), high, (drawn.correlation_map(matrix, pairs),)
+        ),
         Section(
             "Postures",
             (words.dropped(report), words.POLYGON_WORDS),
@@ -161,8 +170,7 @@ def montecarlo_page(run: SavedMonteCarlo) -> Page:
     rows = {"full": report["parameters"]}
     if report["simplified"]["parameters"]:
         rows["simplified"] = report["simplified"]["parameters"]
-    paths = {"full": "parameters", "simplified": "simplified.parameters"}
-    tables = tuple(calibration_table(model, of, paths[model]) for model, of in rows.items())
+    tables = tuple(calibration_table(model, of) for model, of in rows.items())
     figures: tuple[Figure, ...] = ()
     if report["identified"] > 1:
         figures = (
@@ -172,10 +180,10 @@ def montecarlo_page(run: SavedMonteCarlo) -> Page:
     size = len(run.plan)
     chosen = np.unique(np.linspace(0, size - 1, PICTURES).astype(int))
     sections = (
-        Section("What was checked", tables=(check_table(report["checks"]),)),
+        Section("What was checked", tables=(calibration_check_table(report["checks"]),)),
         Section("Calibration and coverage", words.calibration_words(report), (), figures[:3]),
         Section("Errors", figures=figures[3:]),
-        Section("Parameters", tables=tables),
+        Section("Parameters", tables=(*tables, spread_table(report))),
         Section("Postures", pictures=_planned_pictures(run.robot, run.plan, chosen, missing)),
         Section("How it was made", tables=(settings_table(run.document),)),
     )

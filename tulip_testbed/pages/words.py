@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
+
+from tulip_testbed.experiments import parameter_tables
+from tulip_testbed.experiments.montecarlo import calibration_tables
 
 POLYGON_WORDS = (
     "From above, as the paper's Fig. 2 (x points up, y to the left): plates light blue, the support polygon "
@@ -11,14 +13,6 @@ POLYGON_WORDS = (
     "crosses. Below, some postures as in the paper's Fig. 3."
 )
 
-CHANNEL_NAMES = {
-    "A": "A, centre of pressure",
-    "F": "F, sum of the cells",
-    "T": "T, twist of the plates",
-    "C": "C, closure of the legs",
-    "all": "all channels",
-    "heldout_rms_mm": "centre of pressure",
-}
 EVIDENCE_WORDS = (
     "Explanations of one gap whose ln of the Bayes factor is within 3 of the best cannot be told apart by "
     "this experiment; all of them are listed. Others of the catalogue explain it less well.",
@@ -66,22 +60,13 @@ def montecarlo_sentence(report: dict[str, Any]) -> str:
 
 
 def parameter_words(report: dict[str, Any]) -> tuple[str, ...]:
-    """How the table of a validation's parameters is read."""
-    right, left = report["full"]["placement_sd_mm"]
-    return (
-        f"s.e.: standard error by the estimator ({report['estimator']}); rel. %: standard error over "
-        "estimate (eq. 13); well identified: below 15 %. Errors common to a placement are estimated as s.d. "
-        f"{right:.2f} mm of the right plate and {left:.2f} mm of the left.",
-    )
+    """Return how the table of a validation's parameters is read."""
+    return (f"Estimator: {report['estimator']}. {parameter_tables.LEGEND}",)
 
 
 def calibration_words(report: dict[str, Any]) -> tuple[str, ...]:
-    """How the figures of a Monte Carlo are read."""
-    return (
-        "Found over stated: the scatter of the errors over the runs against the standard error that the "
-        "estimator stated. Coverage: share of the runs whose interval held the truth. Intervals of 95 % for "
-        "every single figure; the verdict's are wider, since they hold for all at once.",
-    )
+    """Return how the figures of a Monte Carlo are read, and what its tables do not say."""
+    return (calibration_tables.LEGEND, *calibration_tables.calibration_lines(report))
 
 
 def dropped(report: dict[str, Any]) -> str:
@@ -90,12 +75,3 @@ def dropped(report: dict[str, Any]) -> str:
         return f"All {report['postures_planned']} planned postures could be measured."
     reasons = "; ".join(f"{entry['posture']}: {entry['reason']}" for entry in report["dropped"])
     return f"Dropped {len(report['dropped'])} of {report['postures_planned']} postures. {reasons}."
-
-
-def behind(candidates: list[dict[str, Any]]) -> list[float]:
-    """How far ln BF of each lies behind the best of its gap."""
-    best: dict[int, float] = {}
-    for candidate in candidates:
-        gap = candidate["gap"]
-        best[gap] = max(best.get(gap, -math.inf), candidate["log_bayes_factor"])
-    return [best[candidate["gap"]] - candidate["log_bayes_factor"] for candidate in candidates]

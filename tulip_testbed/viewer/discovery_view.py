@@ -11,9 +11,10 @@ import rerun.blueprint as rrb
 
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, rgb
 from tulip_testbed.effects.instance import effect_label
+from tulip_testbed.experiments.discovery_tables import CHANNEL_NAMES, behind, candidate_table, gap_table
 from tulip_testbed.experiments.saved_discovery import Curve, SavedDiscovery, residual_curves, time_order
 from tulip_testbed.identification.center_of_pressure import cell_positions
-from tulip_testbed.pages.words import CHANNEL_NAMES, VERDICTS, behind
+from tulip_testbed.pages.words import VERDICTS
 from tulip_testbed.viewer.balance_series import ABOVE_GROUND, factor_for, from_above, log_balance
 from tulip_testbed.viewer.layout import space_view
 from tulip_testbed.viewer.plates_view import log_loads, log_plates
@@ -158,18 +159,9 @@ def discovery_text(run: SavedDiscovery, factor: int) -> str:
     report = run.report
     lines = [f"## Verdict: {report['verdict']}", VERDICTS[report["verdict"]], ""]
     lines += [f"{line}\n" for line in report["story"]]
-    lines += ["| residual over noise | before | after | by chance |", "|---|---:|---:|---:|"]
-    for channel, name in CHANNEL_NAMES.items():
-        if (entry := report["gap"].get(channel)) and entry["after"] is not None:
-            unit = ", mm" if channel == "heldout_rms_mm" else ""
-            figures = " | ".join(f"{entry[key]:.2f}" for key in ("before", "after", "floor"))
-            lines.append(f"| {name}{unit} | {figures} |")
+    lines.append(gap_table(report["gap"]).markdown())
     if report["candidates"]:
-        lines += ["", "| explanation | ln BF | behind the best |", "|---|---:|---:|"]
-        lines += [
-            f"| {effect_label(c['name'], c['target'])} | {c['log_bayes_factor']:.1f} | {short:.1f} |"
-            for c, short in zip(report["candidates"], behind(report["candidates"]), strict=True)
-        ]
+        lines += ["", candidate_table(report["candidates"]).markdown()]
     lines += [
         "",
         f"Vermilion: as measured. Blue: freed of what was found. The robot stands as measured. Lines on the "
