@@ -203,7 +203,7 @@ def prediction_table(document: dict[str, Any], parameters: BaseParameters) -> Ta
         for k, (name, error, share) in enumerate(zip(parameters.names, errors, shares, strict=True), 1)
     ]
     title = f"Predicted standard errors, preset {document['preset']}, if every posture can be held"
-    return Table(title, columns, rows, f"-: {LARGE_SHARE:.0f} % and more of a nominal value near zero.")
+    return Table(title, columns, rows, "-: the nominal value is near zero.")
 
 
 def margin_table(margins: dict[str, dict[str, Any]]) -> Table:

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
+from textwrap import wrap
 from typing import Any
 
 from tulip_testbed.sim.measurements.table_files import finite
@@ -16,6 +17,7 @@ from tulip_testbed.sim.measurements.table_files import finite
 WIDTH = 100  # characters of a table that is shown by its repr
 GAP = 2  # blanks between two columns
 COMFORTABLE = 32  # characters of a column of text that wraps without being hard to read
+SHORT_HEADING = 9  # characters of a heading that does not wrap unless it must
 LONGEST_WORD = 48  # characters; longer ones, such as hashes, are broken
 LARGE = 1e7  # from here on a number has an exponent
 STYLES = {
@@ -35,7 +37,7 @@ def printable(text: str) -> str:
 
 
 def number(value: float, spec: str = ".6g") -> str:
-    """Format a number so that a person can read it: 820 rather than 8.2e+02, no -0.00.
+    """Format a number so that a person can read it: 820 rather than 8.2e+02, 0.00 rather than -0.00.
 
     Args:
         spec: as of `format`.
@@ -48,8 +50,8 @@ def number(value: float, spec: str = ".6g") -> str:
     elif abs(value) >= LARGE and isinstance(value, float):
         text = format(value, ".3g")
     mantissa, e, exponent = text.partition("e")
-    if mantissa.startswith("-") and not float(mantissa):
-        mantissa = mantissa.removeprefix("-")
+    if not float(mantissa):
+        mantissa = mantissa.lstrip("+-")
     return f"{mantissa}e{int(exponent)}" if e else mantissa
 
 
@@ -213,6 +215,7 @@ class Table:
     def __rich_console__(self, console: Any, options: Any) -> Iterator[Any]:
         """Yield what rich prints: title, table and note."""
         from rich.box import SIMPLE_HEAD
+        from rich.cells import cell_len
         from rich.table import Table as Grid
         from rich.text import Text
 
@@ -223,10 +226,10 @@ class Table:
             heading = Text(f"{printable(column.name)}\n{printable(column.unit)}".strip(), style="bold")
             justify = "right" if column.format else "left"
             grid.add_column(heading, justify=justify, width=width, overflow="fold", vertical="top")
-        wraps = any(len(row[k]) > width for row in self.texts for k, width in shown.items())
-        grid.show_lines = wraps  # a blank line between rows
-        for row, texts in zip(self.cells, self.texts, strict=True):
-            grid.add_row(*(Text(texts[k], style=STYLES.get(row[k].mark, "")) for k in shown))
+        wraps = [any(cell_len(texts[k]) > width for k, width in shown.items()) for texts in self.texts]
+        for n, (row, texts) in enumerate(zip(self.cells, self.texts, strict=True)):
+            cells = (Text(texts[k], style=STYLES.get(row[k].mark, "")) for k in shown)
+            grid.add_row(*cells, end_section=any(wraps[n : n + 2]))  # a blank line where rows wrap
         yield Text(printable(self.title), style="bold")
         total = sum(shown.values()) + GAP * len(shown)
         yield from console.render(grid, options.update_width(max(total, options.max_width)))
@@ -273,12 +276,20 @@ def _widths(table: Table, k: int) -> tuple[int, int]:
     from rich.cells import cell_len
 
     column, cells = table.columns[k], [row[k] for row in table.texts]
-    words = [cell_len(word) for word in [*column.name.split(), column.unit]]
-    natural = max([*words, *map(cell_len, cells)])
-    if column.format:
-        return natural, natural
-    inside = max((cell_len(word) for text in cells for word in text.split()), default=0)
-    return natural, max(*words, min(inside, LONGEST_WORD))
+    words = max(cell_len(word) for word in [*column.name.split(), column.unit])
+    inside = max(map(cell_len, cells), default=0)
+    natural = max(words, inside, _heading_width(column.name))
+    if not column.format:
+        inside = max((cell_len(word) for text in cells for word in text.split()), default=0)
+        inside = min(inside, LONGEST_WORD)
+    return natural, max(words, inside)
+
+
+def _heading_width(name: str) -> int:
+    """Return the least width at which a heading takes two lines, or one if it is short."""
+    if len(name) <= SHORT_HEADING:
+        return len(name)
+    return next(width for width in range(1, len(name) + 1) if len(wrap(name, width)) <= 2)
 
 
 def _scaled(value: Any, column: Column) -> Any:

@@ -12,6 +12,7 @@ from tulip_testbed.experiments.atlas.isolability import ISOLABLE
 from tulip_testbed.experiments.table import Column, Table
 from tulip_testbed.identification.residual_channels import CHANNELS
 
+NO_BIAS = 0.005  # standard errors: shown as 0.00
 LEGEND = (
     "plausible: 1 s.d. of the prior. found from: the least size that is found with 90 % probability, by all "
     "channels or by one alone (A centre of pressure, F sum of the cells, T twist of the plates, C closure of "
@@ -78,7 +79,7 @@ def effect_table(found: Atlas, rows: list[Row], title: str) -> Table:
                 None if angle is None else float(np.degrees(angle)),
                 float(bias[worst]) if known else None,
                 float(row.bias_undetected[worst] / errors[worst]) if known else None,
-                names[worst] if known else "",
+                names[worst] if known and abs(bias[worst]) >= NO_BIAS else "",
                 "" if similar is None else found.shown[similar].label,
                 *(_size(row, row.by_channel[c]) for c in CHANNELS),
             ]

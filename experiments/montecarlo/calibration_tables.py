@@ -14,15 +14,15 @@ LEGEND = (
     "at once."
 )
 TOO_FEW = (
-    "These runs do not suffice to show every check: no check failed, but some intervals still reach beyond "
-    "the bounds. More runs, in a new folder, make them narrower."
+    "Inconclusive: no check failed, but there are too few runs to show that all hold: some intervals still "
+    "reach beyond the bounds. More runs, in a new folder, make them narrower."
 )
 SPREADS = {
-    "condition_number": "condition number",
-    "sigma_mm": "residual sigma per axis (eq. 14), mm",
-    "residual_mean_mm": "residual norm (eq. 12), mean, mm",
-    "residual_sd_mm": "residual norm (eq. 12), s.d., mm",
-    "residual_max_mm": "residual norm (eq. 12), max, mm",
+    "condition_number": ("condition number", ""),
+    "sigma_mm": ("residual sigma per axis (eq. 14)", "mm"),
+    "residual_mean_mm": ("residual norm (eq. 12), mean", "mm"),
+    "residual_sd_mm": ("residual norm (eq. 12), s.d.", "mm"),
+    "residual_max_mm": ("residual norm (eq. 12), max", "mm"),
 }
 
 
@@ -41,8 +41,8 @@ def calibration_table(model: str, rows: list[dict[str, Any]]) -> Table:
         Column("found s.e.", "mm", ".3f", 1e3, extra=True),
         Column("found over stated", "", ".3f"),
         Column("its interval", "", ".2f", extra=True),
-        Column("coverage of 50 %", "%", ".1f", 100),
-        Column("coverage of 90 %", "%", ".1f", 100),
+        Column("coverage of 50 %", "%", ".1f", 100, extra=True),
+        Column("coverage of 90 %", "%", ".1f", 100, extra=True),
         Column("coverage of 95 %", "%", ".1f", 100),
         Column("its 95 % interval", "%", ".1f", 100, extra=True),
     )
@@ -59,24 +59,28 @@ def calibration_table(model: str, rows: list[dict[str, Any]]) -> Table:
 def spread_table(report: dict[str, Any]) -> Table:
     """Return how condition number, residuals and correlations vary over the runs."""
     columns = (
+        Column("model"),
         Column("quantity"),
+        Column("unit"),
         *(Column(name, format=".4g") for name in ("mean", "s.d.", "5 %", "median", "95 %")),
     )
-    keys = [("rows", "rows measured")]
-    for model in ("full", "simplified"):
-        if model == "full" or report["simplified"]["parameters"]:
-            keys += [(_path(model, name), f"{model} model: {words}") for name, words in SPREADS.items()]
-    keys += [
-        (f"correlations.{pair}", f"correlation ({pair.replace(',', ', ')})")
-        for pair in report["correlations"]
+    models = {"full": report, "simplified": report["simplified"]}
+    spreads = [
+        (model, *SPREADS[name], found[name], _path(model, name))
+        for model, found in models.items()
+        for name in SPREADS
+        if found["parameters"]
     ]
-    rows = []
-    for key, words in keys:
-        found = report
-        for part in key.split("."):
-            found = found[part]
-        names = ("mean", "sd", "quantile05", "quantile50", "quantile95")
-        rows.append([words, *(Cell(found[name], f"{key}.{name}") for name in names)])
+    for pair, found in report["correlations"].items():
+        spreads.append(
+            ("full", f"correlation ({pair.replace(',', ', ')})", "", found, f"correlations.{pair}")
+        )
+    spreads.append(("", "rows measured", "", report["rows"], "rows"))
+    names = ("mean", "sd", "quantile05", "quantile50", "quantile95")
+    rows = [
+        [model, quantity, unit, *(Cell(found[name], f"{key}.{name}") for name in names)]
+        for model, quantity, unit, found, key in spreads
+    ]
     return Table("Variation over the runs", columns, rows)
 
 
@@ -88,10 +92,10 @@ def calibration_check_table(checks: list[dict[str, Any]]) -> Table:
         Column("shown"),
         Column("worst no.", format="d"),
         Column("value", format=".4f"),
-        Column("interval", format=".4f"),
+        Column("interval", format=".4f", extra=True),
         Column("bounds", format=".2g"),
         Column("beyond the bounds, no."),
-        Column("where the bounds come from"),
+        Column("where the bounds come from", extra=True),
     )
     rows = []
     for k, check in enumerate(checks):
@@ -113,7 +117,7 @@ def calibration_check_table(checks: list[dict[str, Any]]) -> Table:
     note = (
         f"Bounds: bias within {BIAS[1]:g} s.e., found over stated s.e. {RATIO[0]:g} to {RATIO[1]:g}, "
         f"coverage {100 * COVERAGE[0]:g} to {100 * COVERAGE[1]:g} %. An estimator inside of them fails with "
-        f"a probability below {LEVEL:.0%}. Shown: the interval lies wholly inside of the bounds."
+        f"a probability below {100 * LEVEL:g} %. Shown: the interval lies wholly inside of the bounds."
     )
     return Table("Checks", columns, rows, note)
 

@@ -110,7 +110,7 @@ def _show(report: dict[str, Any]) -> None:
         calibration_check_table(report["checks"]),
     )
     passed = report["verdict"] == "pass"
-    shown = ", not shown" if passed and not report["shown"] else ", shown" if passed else ""
-    show_verdict(report["verdict"], f"{shown}: '{report['estimator']}' after {report['runs']} runs")
+    shown = ", inconclusive" if passed and not report["shown"] else ", shown" if passed else ""
+    show_verdict(report["verdict"], f"{shown}; estimator {report['estimator']}, {report['runs']} runs")
     if passed and not report["shown"]:
         show(TOO_FEW)

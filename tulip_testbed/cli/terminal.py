@@ -35,11 +35,14 @@ def show(*parts: Table | str) -> None:
 
     A pipe or a file gets whole tables and lines of `PIPE_WIDTH`, or as many characters as $COLUMNS says.
     """
+    before: Table | str = ""
     for part in parts:
         if isinstance(part, str):
             _console().print(Text(printable(part)))
         else:
-            _console(whole_width(part)).print(part, crop=False, end="\n\n")
+            gap = [""] if isinstance(before, str) and before else []
+            _console(whole_width(part)).print(*gap, part, "", sep="\n", crop=False)
+        before = part
 
 
 def show_verdict(verdict: str, more: str = "") -> None:
