@@ -9,14 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
-from tulip_testbed.experiments.example import compact_json, example_manifest, example_row
-from tulip_testbed.experiments.terminal import print_table
+from tulip_testbed.experiments.example import example_manifest, example_row
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight import RESULTS, Finding, preflight, worst_of
 from tulip_testbed.identification.preflight.plate_checks import plate_poses
@@ -25,10 +21,9 @@ from tulip_testbed.sim.errors import InputError, shortened
 from tulip_testbed.sim.measurements import Measurements, Series, read_measurements, read_series
 from tulip_testbed.sim.measurements.folder_kind import check_kind
 from tulip_testbed.sim.measurements.measurement_folder import read_manifest
-from tulip_testbed.sim.measurements.survey import MAY_LACK, complaints
+from tulip_testbed.sim.measurements.survey import complaints
 from tulip_testbed.sim.robot import Robot
 
-COLOURS = {"pass": "green", "warn": "yellow", "fail": "bold red", "not evaluated": "dim"}
 UNREADABLE = "could not read"
 
 
@@ -136,55 +131,3 @@ def findings_document(
         "counts": {result: results.count(result) for result in RESULTS},
         "checks": [dataclasses.asdict(finding) for finding in findings],
     }
-
-
-def print_report(console: Console, document: dict[str, Any]) -> None:
-    """What a laboratory reads."""
-    if document["verdict"] == UNREADABLE:
-        print_complaints(console, document)
-        return
-    table = Table(title="Preflight", title_justify="left", header_style="bold", expand=True)
-    for header, width, share in (
-        ("check", 18, None),
-        ("result", 9, None),
-        ("what was seen", None, 5),
-        ("what is expected", None, 4),
-    ):
-        table.add_column(header, width=width, ratio=share)
-    for check in document["checks"]:
-        colour = COLOURS[check["result"]]
-        texts = [escape(check[key]) for key in ("seen", "expected")]
-        table.add_row(check["name"], f"[{colour}]{check['result']}[/]", *texts)
-    print_table(console, table)
-    for check in document["checks"]:
-        if check["result"] in ("warn", "fail"):
-            colour = COLOURS[check["result"]]
-            console.print(f"[{colour}]{check['result']}[/] [bold]{check['name']}[/]")
-            for label, key in (("where", "where"), ("what to do", "advice")):
-                if check[key]:
-                    console.print(f"  {label}: {check[key]}", markup=False, highlight=False)
-    counts = ", ".join(f"{count} {result}" for result, count in document["counts"].items() if count)
-    verdict = document["verdict"]
-    console.print(
-        f"{document['rows']} rows of {document['postures']} postures on {document['placements']} placements. "
-        f"Verdict: [{COLOURS[verdict]}]{verdict}[/] ({counts})"
-    )
-
-
-def print_complaints(console: Console, document: dict[str, Any]) -> None:
-    """What is missing, and something to copy."""
-    plain = {"markup": False, "highlight": False, "soft_wrap": True}
-    console.print("This folder cannot be read yet:")
-    about, within = (document["complaints"][key] for key in ("manifest", "table"))
-    for text in (*about, *within):
-        console.print(f"  - {text}", **plain)
-    if about:
-        console.print("\nAn example manifest.json for this robot; replace every null that you know:")
-        console.print(compact_json(document["example_manifest"]), **plain)
-    if within:
-        console.print("\nAn example postures.csv with one posture, all joints at zero (rad, N, m):")
-        row = document["example_row"]
-        console.print(",".join(row), **plain)
-        console.print(",".join(f"{value:g}" for value in row.values()), **plain)
-        console.print(f"\nMay be left out: {', '.join(MAY_LACK)}.")
-    console.print("\ndocs/your-data.md goes step by step.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from scipy.stats import f as f_distribution
 from scipy.stats import t as t_distribution
 
+from tulip_testbed.experiments.table import Cell, Column, Table
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.statistics import standard_errors
 
@@ -58,6 +60,34 @@ def skipped(name: str, source: str) -> Check:
 def verdict(checks: list[Check]) -> str:
     """ "fail" if any check fails, else "pass"."""
     return "fail" if any(check.result == "fail" for check in checks) else "pass"
+
+
+def check_table(checks: list[dict[str, Any]]) -> Table:
+    """Return the checks of a verdict.
+
+    Args:
+        checks: `Check`s as a report has them.
+    """
+    columns = (
+        Column("check"),
+        Column("result"),
+        Column("value", format=".4g"),
+        Column("threshold", format=".4g"),
+        Column("where the threshold comes from"),
+    )
+    rows = []
+    for k, check in enumerate(checks):
+        limit, key = check["threshold"], f"checks.{k}"
+        rows.append(
+            [
+                Cell(check["name"], f"{key}.name"),
+                Cell(check["result"], f"{key}.result", check["result"]),
+                Cell(check["value"], f"{key}.value"),
+                (-math.inf, limit) if isinstance(limit, int | float) else limit,
+                Cell(check["source"], f"{key}.source"),
+            ]
+        )
+    return Table("Checks", columns, rows)
 
 
 def sigma_check(preset: str, sigma: float, placements: int, known: dict[str, list[float]]) -> Check:
@@ -127,7 +157,7 @@ def correlation_checks(
                 actual[index[a], index[b]],
                 max(low, -1.0),
                 min(high, CORRELATION_LIMIT) if predicted < CORRELATION_LIMIT else high,
-                f"plan predicts {predicted:.4f} +- {CORRELATION_TOLERANCE}; below {CORRELATION_LIMIT}",
+                f"plan predicts {predicted:.4f} ± {CORRELATION_TOLERANCE}; below {CORRELATION_LIMIT}",
             )
         )
     return checks

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
-
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
 from tulip_testbed.experiments.document import flattened
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
 from tulip_testbed.experiments.records import Record
-from tulip_testbed.experiments.terminal import print_table
+from tulip_testbed.experiments.table import Cell, Column, Table
 from tulip_testbed.sim.errors import InputError
 
 NOT_SETTINGS = ("outputs",)  # hashes of results: they differ whenever the results do
+SHOWN = {
+    "estimate": Column("estimate", "mm", ".2f", 1e3),
+    "standard_error": Column("s.e.", "mm", ".2f", 1e3),
+    "truth": Column("truth", "mm", ".2f", 1e3),
+    "before_mm": Column("before", "mm", ".2f"),
+    "after_mm": Column("after", "mm", ".2f"),
+    "standard_error_mm": Column("s.e.", "mm", ".2f"),
+    "bias": Column("bias", "mm", "+.3f", 1e3),
+    "standard_error_ratio": Column("found over stated s.e.", "", ".3f"),
+    "coverage95": Column("coverage of 95 %", "%", ".1f", 100),
+}
 QUANTITIES = {
     "validation": ("estimate", "standard_error", "truth"),
     "Monte Carlo": ("bias", "standard_error", "standard_error_ratio", "coverage95"),
@@ -58,24 +66,62 @@ def differences(first: dict[str, Any], second: dict[str, Any]) -> dict[str, list
     }
 
 
-def print_comparison(screen: Console, document: dict[str, Any]) -> None:
-    """The document as tables."""
-    first, second = document["runs"]
-    screen.print(f"A: {first}, verdict {document['verdict'][0]}", markup=False)
-    screen.print(f"B: {second}, verdict {document['verdict'][1]}", markup=False)
-    print_table(screen, _settings_table(document["settings"]))
-    judged = any(result for check in document["checks"] for result in check["result"])
-    checks = Table(
-        title="Checks" if judged else "Gap and evidence", title_justify="left", header_style="bold"
+def comparison_report(document: dict[str, Any]) -> list[Table | str]:
+    """Return the document as tables and sentences."""
+    (first, second), (a, b) = document["runs"], document["verdict"]
+    return [
+        f"A: {first}, verdict {a}",
+        f"B: {second}, verdict {b}",
+        settings_difference_table(document["settings"]),
+        check_difference_table(document["checks"]),
+        *(model_difference_table(model, rows) for model, rows in document["models"].items() if rows),
+    ]
+
+
+def settings_difference_table(settings: dict[str, list[Any]]) -> Table:
+    """Return the settings that differ."""
+    rows = [[name, *values] for name, values in settings.items()]
+    return Table(
+        "Settings that differ", (Column("setting"), Column("A"), Column("B")), rows or [["none", "", ""]]
     )
-    for header in ("check", "A", "value", "B", "value") if judged else ("", "A", "B"):
-        checks.add_column(header, justify="right" if header == "value" else "left")
-    for check in document["checks"]:
-        (a, b), (x, y) = check["result"], map(_figure, check["value"])
-        checks.add_row(check["name"], *((a or "", x, b or "", y) if judged else (x, y)))
-    print_table(screen, checks)
-    for model, rows in document["models"].items():
-        print_table(screen, _model_table(model, rows))
+
+
+def check_difference_table(checks: list[dict[str, Any]]) -> Table:
+    """Return the checks of both runs; of two discoveries the gap and the evidence."""
+    judged = any(result for check in checks for result in check["result"])
+    value = [Column(f"value {run}", format=".4g") for run in "AB"]
+    if not judged:
+        columns = (Column("quantity"), *value)
+        return Table("Gap and evidence", columns, [[c["name"], *c["value"]] for c in checks])
+    columns = (Column("check"), Column("result A"), value[0], Column("result B"), value[1])
+    rows = [
+        [
+            check["name"],
+            *(
+                x
+                for r, v in zip(check["result"], check["value"], strict=True)
+                for x in (Cell(r, mark=r or ""), v)
+            ),
+        ]
+        for check in checks
+    ]
+    return Table("Checks", columns, rows)
+
+
+def model_difference_table(model: str, rows: list[dict[str, Any]]) -> Table:
+    """Return the parameters of a model in both runs."""
+    quantities = [name for name in rows[0] if name not in ("number", "name")]
+    columns = (
+        Column("no.", format="d"),
+        Column("parameter"),
+        *(
+            dataclasses.replace(SHOWN[name], name=f"{SHOWN[name].name} {run}")
+            for name in quantities
+            for run in "AB"
+        ),
+    )
+    lines = [[row["number"], row["name"], *(v for name in quantities for v in row[name])] for row in rows]
+    return Table(f"{model.capitalize()} model", columns, lines)
 
 
 def _name(run: Record) -> str:
@@ -131,50 +177,3 @@ def _checks(first: list[dict[str, Any]], second: list[dict[str, Any]]) -> list[d
         | {key: [checks.get(name, {}).get(key) for checks in of] for key in ("result", "value")}
         for name in dict.fromkeys([*of[0], *of[1]])
     ]
-
-
-def _settings_table(settings: dict[str, list[Any]]) -> Table:
-    table = Table(title="Settings that differ", title_justify="left", header_style="bold")
-    for header in ("setting", "A", "B"):
-        table.add_column(header)
-    for name, values in settings.items():
-        table.add_row(escape(name), *(escape(str(value)) for value in values))
-    if not settings:
-        table.add_row("none", "", "")
-    return table
-
-
-def _model_table(model: str, rows: list[dict[str, Any]]) -> Table:
-    lengths = "mm" if "bias" not in rows[0] else "mm, ratios and shares"
-    title = f"{model.capitalize()} model, {lengths}"
-    table = Table(title=title, title_justify="left", header_style="bold")
-    quantities = [name for name in rows[0] if name not in ("number", "name")]
-    table.add_column("nr", justify="right")
-    table.add_column("parameter")
-    for name in quantities:
-        for run in "AB":
-            table.add_column(f"{HEADERS[name][0]} {run}", justify="right", no_wrap=True)
-    for row in rows:
-        cells = []
-        for name in quantities:
-            _, scale, style = HEADERS[name]
-            cells += ["" if value is None else format(scale * value, style) for value in row[name]]
-        table.add_row(str(row["number"]), escape(row["name"]), *cells)
-    return table
-
-
-HEADERS = {
-    "estimate": ("est.", 1e3, ".2f"),
-    "standard_error": ("s.e.", 1e3, ".2f"),
-    "truth": ("truth", 1e3, ".2f"),
-    "before_mm": ("before", 1.0, ".2f"),
-    "after_mm": ("after", 1.0, ".2f"),
-    "standard_error_mm": ("s.e.", 1.0, ".2f"),
-    "bias": ("bias", 1e3, "+.3f"),
-    "standard_error_ratio": ("ratio", 1.0, ".3f"),
-    "coverage95": ("95 %", 1.0, ".3f"),
-}
-
-
-def _figure(value: float | None) -> str:
-    return "" if value is None else f"{value:.4g}"

@@ -1,62 +1,68 @@
-"""High correlations (eq. 15) as a person reads them: with the joints that tell the parameters apart."""
+"""High correlations (eq. 15) with their reason: the joints that distinguish the two parameters."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
-from tulip_testbed.experiments.terminal import print_table
+from tulip_testbed.experiments.table import Cell, Column, Table
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.kinematics import walk
+from tulip_testbed.identification.statistics import HIGH_CORRELATION
 
-MOST_JOINTS = 3  # to name as what tells two parameters apart
+NO_CORRELATION = f"No correlation above {HIGH_CORRELATION}."
+MOST_JOINTS = 3  # to name
 
 
 def correlation_table(
-    pairs: list[dict[str, Any]], parameters: BaseParameters, joint_angles: np.ndarray
+    model: str,
+    pairs: list[dict[str, Any]],
+    parameters: BaseParameters,
+    joint_angles: np.ndarray | None = None,
 ) -> Table:
-    """Every high correlation with its reason: which joints tell the two parameters apart."""
-    table = Table(
-        title="Correlations above 0.85 in size (eq. 15, by the estimator): sum or difference is better known",
-        title_justify="left",
-        header_style="bold",
+    """Return every high correlation with the joints that distinguish the two parameters.
+
+    Args:
+        model: "full" or "simplified". pairs: `a`, `b` and `rho` of each, as in a model's part of a report.
+        joint_angles: of the postures, (m, n_joints) [rad], whose ranges are shown; None: they are not.
+    """
+    columns = (
+        Column("no.", format="d"),
+        Column("and", format="d"),
+        Column("correlation", format="+.4f"),
+        Column("parameters"),
+        Column(
+            "distinguished by (range in these postures)" if joint_angles is not None else "distinguished by"
+        ),
     )
-    for header in ("pair", "correlation"):
-        table.add_column(header, justify="right", no_wrap=True)
-    table.add_column("parameters")
-    table.add_column("told apart by (range of the joint in these postures)")
-    for pair in pairs:
-        names = [meaning(parameters, pair[key]) for key in "ab"]
-        ranges = []
-        for joint in joints_between(parameters, pair["a"] - 1, pair["b"] - 1):
-            angles = np.rad2deg(joint_angles[:, parameters.tree.joints.index(joint)])
-            ranges.append(f"{joint} ({angles.min():.0f} to {angles.max():.0f} deg)")
-        if len(ranges) > MOST_JOINTS:
-            ranges = [f"{len(ranges)} joints, all that lie between them"]
-        table.add_row(
-            f"{pair['a']}, {pair['b']}",
-            f"{pair['rho']:+.4f}",
-            escape(" and ".join(names)),
-            escape(", ".join(ranges) or "columns of one link"),
+    rows = []
+    for k, pair in enumerate(pairs):
+        joints = joints_between(parameters, pair["a"] - 1, pair["b"] - 1)
+        names = [_with_range(joint, parameters, joint_angles) for joint in joints]
+        if len(names) > MOST_JOINTS:
+            names = [f"the {len(names)} joints between them"]
+        rows.append(
+            [
+                *(Cell(pair[name], f"{model}.correlations.{k}.{name}") for name in ("a", "b", "rho")),
+                " and ".join(meaning(parameters, pair[name]) for name in ("a", "b")),
+                ", ".join(names) or "no joint: both are of one link",
+            ]
         )
-    return table
+    title = f"Correlations above {HIGH_CORRELATION} in size (eq. 15), {model} model"
+    note = "The sum or the difference of two such parameters is known better than either of them."
+    return Table(title, columns, rows, note)
 
 
-def print_correlations(
-    screen: Console, pairs: list[dict[str, Any]], parameters: BaseParameters, joint_angles: np.ndarray
-) -> None:
-    if pairs:
-        print_table(screen, correlation_table(pairs, parameters, joint_angles))
-    else:
-        screen.print("No correlation above 0.85.")
+def _with_range(joint: str, parameters: BaseParameters, joint_angles: np.ndarray | None) -> str:
+    if joint_angles is None:
+        return joint
+    angles = np.rad2deg(joint_angles[:, parameters.tree.joints.index(joint)])
+    return f"{joint} ({angles.min():.0f} to {angles.max():.0f} deg)"
 
 
 def joints_between(parameters: BaseParameters, first: int, second: int) -> list[str]:
-    """Joints on the shortest way between the links of two base parameters."""
+    """Return the joints on the shortest way between the links of two base parameters."""
     tree, best = parameters.tree, None
     for start in parameters.members(first):
         way: dict[int, list[str]] = {start: []}
@@ -69,10 +75,13 @@ def joints_between(parameters: BaseParameters, first: int, second: int) -> list[
     return best or []
 
 
+def united_links(parameters: BaseParameters, number: int) -> str:
+    """Return the links that a base parameter unites: torso; right_hip ... right_ankle."""
+    names = [parameters.tree.frames[frame] for frame in parameters.members(number - 1)]
+    return " + ".join(names) if len(names) < 3 else f"{names[0]} ... {names[-1]}"
+
+
 def meaning(parameters: BaseParameters, number: int) -> str:
-    """torso z; right_hip ... right_ankle y."""
-    members = parameters.members(number - 1)
+    """Return what a base parameter is of: torso z; right_hip ... right_ankle y."""
     axis = parameters.names[number - 1].rsplit(".", 1)[1]
-    names = [parameters.tree.frames[frame] for frame in members]
-    text = " + ".join(names) if len(names) < 3 else f"{names[0]} ... {names[-1]}"
-    return f"{text} {axis}"
+    return f"{united_links(parameters, number)} {axis}"

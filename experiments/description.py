@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
 
-from tulip_testbed.experiments.parameter_tables import paper_table
+from tulip_testbed.experiments.parameter_tables import read_reported
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
 from tulip_testbed.identification.postures import planning_ranges
 from tulip_testbed.sim.errors import InputError, listed, validation_message
@@ -68,7 +68,7 @@ def described_robot(path: Path) -> Robot:
     except InputError as error:
         raise InputError(f"{robot.model_file}: {error}") from None
     _check_names(path, tables, parameters)
-    paper_table(robot)
+    read_reported(robot)
     return robot
 
 

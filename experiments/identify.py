@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
+
+from scipy.stats import t as t_distribution
 
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
+from tulip_testbed.experiments.correlations import Correlations, parameter_index
+from tulip_testbed.experiments.estimate_report import model_report
+from tulip_testbed.experiments.parameter_tables import mass_line, parameter_table
+from tulip_testbed.experiments.table import Table
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,
     base_parameters,
@@ -18,19 +25,93 @@ from tulip_testbed.identification.center_of_pressure import total_mass
 from tulip_testbed.identification.estimators import DEFAULT, Estimate, estimate_by
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.regressor import check_robot, regression
+from tulip_testbed.identification.statistics import (
+    correlations,
+    standard_errors,
+)
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
 
 
 @dataclass(frozen=True)
-class Identification:
-    """Both models' estimates from one set of measurements."""
+class IdentifiedParameter:
+    """One parameter of the full model.
+
+    Attributes:
+        number: from 1, as in the paper. name: LINK.AXIS.
+        value, standard_error: [m].
+        interval95: low and high end of the 95 % interval [m].
+    """
+
+    number: int
+    name: str
+    value: float
+    standard_error: float
+    interval95: tuple[float, float]
+
+    def __repr__(self) -> str:
+        half = 1e3 * (self.interval95[1] - self.value)
+        return f"{self.name} (no. {self.number}): {1e3 * self.value:.2f} ± {half:.2f} mm (95 %)"
+
+
+@dataclass(frozen=True, repr=False)
+class Identification(Mapping[str, IdentifiedParameter]):
+    """The estimates of both models from one set of measurements; prints as Table II of the paper.
+
+    `identification["torso.x"]` and `identification[1]` are the same parameter of the full model.
+
+    Attributes:
+        mass: total mass and its standard error [kg].
+        estimator: name of the estimator.
+    """
 
     parameters: BaseParameters
     full: Estimate
     simplified: Estimate
     mass: tuple[float, float]
     estimator: str = DEFAULT
+
+    def __getitem__(self, name: str | int) -> IdentifiedParameter:
+        """Return a parameter of the full model by its name or number.
+
+        Raises:
+            UnknownNameError: there is none; lists the names that are close and those that are valid.
+        """
+        k = parameter_index(name, self.full.numbers, self.full.names)
+        value, error = float(self.full.value[k]), float(standard_errors(self.full.covariance)[k])
+        half = float(t_distribution.ppf(0.975, self.full.interval_dof[k])) * error
+        return IdentifiedParameter(
+            int(self.full.numbers[k]), self.full.names[k], value, error, (value - half, value + half)
+        )
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.full.names)
+
+    def __len__(self) -> int:
+        return len(self.full.names)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.full.names)
+
+    @property
+    def correlations(self) -> Correlations:
+        """Return the correlations of the full model's parameters by the estimator's covariance (eq. 15)."""
+        return Correlations(self.full.numbers, self.full.names, correlations(self.full.covariance))
+
+    def table(self, model: str = "full") -> Table:
+        """Return the parameters of a model, "full" or "simplified"."""
+        return parameter_table(model, model_report(getattr(self, model), None).plain(), self.parameters)
+
+    def to_frame(self) -> Any:
+        """Return a pandas DataFrame with one row a parameter of the full model and its name as the index."""
+        return self.table().frame().set_index("parameter")
+
+    def __repr__(self) -> str:
+        return f"{self.table()!r}\n\n{self.correlations.above()!r}\n\n{mass_line(*self.mass)}"
+
+    def _repr_html_(self) -> str:
+        pairs = self.correlations.above()._repr_html_()
+        return f"{self.table().html()}\n{pairs}\n<p>{mass_line(*self.mass)}</p>"
 
 
 def identify(

@@ -1,4 +1,4 @@
-"""What a person reads in the terminal."""
+"""Tables of parameters: estimates beside the truth and the paper, links, what a model is made of."""
 
 from __future__ import annotations
 
@@ -6,63 +6,75 @@ import csv
 import io
 import math
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
-from tulip_testbed.experiments.checks import Check
-from tulip_testbed.experiments.correlation_table import meaning, print_correlations
-from tulip_testbed.experiments.laboratory import Run
-from tulip_testbed.experiments.terminal import print_table
-from tulip_testbed.experiments.validate import Validation
+from tulip_testbed.experiments.correlation_table import united_links
+from tulip_testbed.experiments.table import Cell, Column, Table
 from tulip_testbed.identification.base_parameters import BaseParameters
-from tulip_testbed.identification.estimators import Estimate, StandardEstimate
+from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.rank import describe_combinations, labels, weakly_known
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import read_text
-from tulip_testbed.sim.outcome import Truth
 from tulip_testbed.sim.robot import Robot
 
 LEGEND = (
-    "s.e.: by the estimator (least squares: eq. 14); clustered: errors common to a placement allowed for; "
-    "rel. %: s.e. over estimate (eq. 13); well id.: that is below 15 %."
+    "s.e.: standard error by the estimator (least squares: eq. 14); clustered s.e.: allows for errors common "
+    "to a placement; relative s.e.: s.e. over the estimate (eq. 13); well identified: relative s.e. below "
+    f"{WELL_IDENTIFIED:.0f} %."
 )
 MOST_TABLE = 2**20  # bytes
 NO_PLACEMENT_SD = 1e-3  # of sigma
-COLOURS = {"pass": "green", "fail": "bold red", "not evaluated": "yellow"}
-
-
 PAPER_COLUMNS = tuple(
     f"{model}_{what}" for model in ("full", "simplified") for what in ("mm", "rel_se_percent")
 )
 
 
-def paper_table(robot: Robot) -> dict[int, dict[str, str]]:
-    """Table II by parameter number; empty where the robot has none.
+@dataclass(frozen=True)
+class Reported:
+    """What the paper reports of a robot.
+
+    Attributes:
+        parameters: Table II, values [mm, %] by column of `PAPER_COLUMNS` and number of the parameter.
+        residual: mean, s.d. and maximum of the residual norm by model [mm].
+    """
+
+    parameters: dict[int, dict[str, float | None]]
+    residual: dict[str, list[float]]
+
+
+def read_reported(robot: Robot) -> Reported | None:
+    """Read what the paper reports of a robot; None where its description names no paper.
 
     Raises:
         InputError: the file lies outside of the robot's folder or is no such table.
     """
-    name = robot.settings.get("paper", {}).get("table")
-    if name is None:
-        return {}
+    paper = robot.settings.get("paper")
+    if paper is None:
+        return None
+    found = {model: paper.get(f"residual_{model}_mm") for model in ("full", "simplified")}
+    residual = {model: norms for model, norms in found.items() if norms}
+    return Reported({} if paper.get("table") is None else _paper_table(robot, paper["table"]), residual)
+
+
+def _paper_table(robot: Robot, name: str) -> dict[int, dict[str, float | None]]:
     path = robot.folder / name
     if not Path(os.path.realpath(path)).is_relative_to(robot.folder):
         raise InputError(
             f"{robot.path}: key 'paper.table': found '{name}', expected a file in {robot.folder}"
         )
     rows = csv.DictReader(io.StringIO(read_text(path, MOST_TABLE)))
-    table: dict[int, dict[str, str]] = {}
+    table: dict[int, dict[str, float | None]] = {}
     try:
         for row in rows:
-            table[int(row["number"])] = values = {column: row[column] for column in PAPER_COLUMNS}
+            values = {column: float(row[column]) if row[column] else None for column in PAPER_COLUMNS}
+            table[int(row["number"])] = values
             whole = None not in row and None not in row.values()
-            if not whole or not all(math.isfinite(float(text)) for text in values.values() if text):
+            if not whole or not all(math.isfinite(value) for value in values.values() if value is not None):
                 raise ValueError
     except (KeyError, TypeError, ValueError, csv.Error):
         expected = f"numbers in the columns number, {', '.join(PAPER_COLUMNS)}"
@@ -71,104 +83,145 @@ def paper_table(robot: Robot) -> dict[int, dict[str, str]]:
 
 
 def models(robot: Robot) -> tuple[str, ...]:
-    """The models that are worth a table: without a simplified one the second would be the first."""
+    """Return the models that differ: without a simplified one the second would be the first."""
     return ("full", "simplified") if "simplified" in robot.settings else ("full",)
 
 
 def parameter_table(
-    title: str,
-    document: dict[str, Any],
-    parameters: BaseParameters,
-    paper: dict[int, dict[str, str]],
-    column: str,
+    model: str, document: dict[str, Any], parameters: BaseParameters, paper: Reported | None = None
 ) -> Table:
-    """A model's parameters, beside those of the paper where given.
+    """Return a model's parameters, beside the truth and the paper's Table II where these are known.
 
     Args:
-        paper: `paper_table`, or {}. column: of it, "full" or "simplified".
+        model: "full" or "simplified". document: its part of a report, see `identify.model_document`.
+        paper: see `read_reported`; None: without.
     """
-    known = document["parameters"][0]["truth"] is not None
-    table = Table(title=title, title_justify="left", header_style="bold")
-    table.add_column("nr", justify="right")
-    table.add_column("parameter", min_width=16)
-    headers = ["truth", "estimate", "error"] if known else ["estimate"]
-    beside = ["paper %", "paper s.e.", "ratio"] if paper else []
+    rows = document["parameters"]
+    known = rows[0]["truth"] is not None
     # The default's own standard errors allow for placements: then the second column would repeat the first.
-    apart = any(row["clustered_standard_error"] != row["standard_error"] for row in document["parameters"])
-    for header in [*headers, "s.e.", *(["clustered"] if apart else []), "rel. %", *beside]:
-        table.add_column(header, justify="right", no_wrap=True)
-    table.add_column("well id.", no_wrap=True)
-    for row in document["parameters"]:
-        number = row["number"]
-        reported = paper.get(number, {})
-        relative = reported.get(f"{column}_rel_se_percent") or ""
-        paper_se = abs(float(reported[f"{column}_mm"])) * float(relative) / 100 if relative else None
-        estimate, truth = 1e3 * row["estimate"], row["truth"]
-        values = [f"{estimate:.2f}"]
-        if known:
-            values = [f"{1e3 * truth:.2f}", *values, f"{estimate - 1e3 * truth:+.2f}"]
-        well = row["relative_standard_error"] < WELL_IDENTIFIED
-        theirs = [
-            relative,
-            "" if paper_se is None else f"{paper_se:.2f}",
-            "" if paper_se is None else f"{1e3 * row['standard_error'] / paper_se:.2f}",
+    apart = any(row["clustered_standard_error"] != row["standard_error"] for row in rows)
+    columns = [
+        Column("no.", format="d"),
+        Column("parameter"),
+        *([_millimetres("truth")] if known else []),
+        _millimetres("estimate"),
+        *([_millimetres("error", "+.2f")] if known else []),
+        _millimetres("s.e."),
+        *([_millimetres("clustered s.e.")] if apart else []),
+        Column("relative s.e.", "%", ".1f"),
+        Column("well identified"),
+        Column("links", extra=True),
+    ]
+    beside = paper is not None and bool(paper.parameters)
+    if beside:
+        columns += [
+            Column("paper's estimate", "mm", ".2f", extra=True),
+            Column("paper's relative s.e.", "%", ".1f", extra=True),
+            Column("paper's s.e.", "mm", ".2f", extra=True),
+            Column("s.e. over the paper's", "", ".2f", extra=True),
         ]
-        table.add_row(
-            str(number),
-            escape(meaning(parameters, number)),
-            *values,
-            f"{1e3 * row['standard_error']:.2f}",
-            *([f"{1e3 * row['clustered_standard_error']:.2f}"] if apart else []),
-            f"{row['relative_standard_error']:.1f}" if row["relative_standard_error"] < 1e4 else ">10000",
-            *(theirs if paper else []),
-            "[green]yes[/]" if well else "no",
+    lines = []
+    for k, row in enumerate(rows):
+
+        def cell(name: str, row: dict[str, Any] = row, key: str = f"{model}.parameters.{k}") -> Cell:
+            return Cell(row[name], f"{key}.{name}")
+
+        relative = row["relative_standard_error"]
+        well = relative is not None and relative < WELL_IDENTIFIED
+        lines.append(
+            [
+                cell("number"),
+                cell("name"),
+                *([cell("truth")] if known else []),
+                cell("estimate"),
+                *([row["estimate"] - row["truth"]] if known else []),
+                cell("standard_error"),
+                *([cell("clustered_standard_error")] if apart else []),
+                cell("relative_standard_error"),
+                Cell(well, mark="good" if well else ""),
+                united_links(parameters, row["number"]),
+                *(_beside(row, paper.parameters.get(row["number"], {}), model) if paper and beside else []),
+            ]
         )
-    return table
+    title = f"{model.capitalize()} model{', beside Table II' if beside else ''}"
+    note = f"{residual_line(document, model, paper)} {placements_line(document)}"
+    return Table(title, tuple(columns), lines, note)
 
 
-def standard_table(standard: StandardEstimate) -> Table:
-    """Link masses and centres of mass with their standard errors and how much of each came from the data."""
-    table = Table(
-        title="Links, kg and mm (data: share of the information that the measurements gave)",
-        title_justify="left",
-        header_style="bold",
+def _millimetres(name: str, spec: str = ".2f") -> Column:
+    return Column(name, "mm", spec, 1e3)
+
+
+def _beside(row: dict[str, Any], reported: dict[str, float | None], model: str) -> list[Cell]:
+    value, relative = reported.get(f"{model}_mm"), reported.get(f"{model}_rel_se_percent")
+    error = None if value is None or relative is None else abs(value) * relative / 100
+    ratio = 1e3 * row["standard_error"] / error if error else None
+    return [Cell(x, mark="aside") for x in (value, relative, error, ratio)]
+
+
+def standard_table(model: str, links: list[dict[str, Any]], visible: str) -> Table:
+    """Return masses and centres of mass of the links and how much of each came from the data.
+
+    Args:
+        links: see `identify.link_rows`. visible: which masses the measurements can give at all.
+    """
+    columns = [
+        Column("link"),
+        Column("mass", "kg", ".3f"),
+        Column("s.e. of mass", "kg", ".3f"),
+        Column("mass from data", "%", ".0f", 100),
+    ]
+    for axis in "xyz":
+        columns += [
+            Column(axis, "mm", ".1f", 1e3),
+            Column(f"s.e. of {axis}", "mm", ".1f", 1e3),
+            Column(f"{axis} from data", "%", ".0f", 100, extra=True),
+        ]
+    rows = []
+    for k, row in enumerate(links):
+        of_mass = ("mass", "mass_standard_error", "mass_data_share")
+        of_center = zip(row["center"], row["center_standard_error"], row["center_data_share"], strict=True)
+        rows.append(
+            [
+                row["link"],
+                *(Cell(row[name], f"{model}.links.{k}.{name}") for name in of_mass),
+                *(value for axis in of_center for value in axis),
+            ]
+        )
+    note = f"From data: share of the prior's variance that the measurements took away. {visible}"
+    return Table("Masses and centres of mass of the links", tuple(columns), rows, note)
+
+
+def nominal_link_table(rows: list[dict[str, Any]]) -> Table:
+    """Return the standard parameters of the links, as `tulip model` has them in its JSON."""
+    columns = (
+        Column("link"),
+        Column("mass", "kg", ".3f"),
+        *(Column(f"m c_{axis}", "kg m", ".4f") for axis in "xyz"),
     )
-    table.add_column("link", no_wrap=True)
-    for header in ("mass", "s.e.", "data %", "x", "s.e.", "%", "y", "s.e.", "%", "z", "s.e.", "%"):
-        table.add_column(header, justify="right", no_wrap=True)
-    for k, link in enumerate(standard.links):
-        row = [
-            f"{standard.mass[k]:.3f}",
-            f"{standard.mass_error[k]:.3f}",
-            f"{100 * standard.mass_share[k]:.0f}",
-        ]
-        for axis in range(3):
-            row += [f"{1e3 * standard.center[k, axis]:.1f}", f"{1e3 * standard.center_error[k, axis]:.1f}"]
-            row.append(f"{100 * standard.center_share[k, axis]:.0f}")
-        table.add_row(escape(link), *row)
-    return table
+    names = ("link", "mass", "mcx", "mcy", "mcz")
+    return Table("Standard parameters (eq. 5)", columns, [[row[name] for name in names] for row in rows])
 
 
-def check_table(checks: tuple[Check, ...]) -> Table:
-    table = Table(title="Verdict", title_justify="left", header_style="bold")
-    for header in ("check", "result", "value", "threshold", "where it comes from"):
-        table.add_column(header, justify="right" if header == "value" else "left")
-    for check in checks:
-        threshold = check.threshold
-        text = (
-            ""
-            if threshold is None
-            else f"{threshold[0]:.4g} to {threshold[1]:.4g}"
-            if isinstance(threshold, list)
-            else f"at most {threshold:.4g}"
-        )
-        value = "" if check.value is None else f"{check.value:.4g}"
-        table.add_row(check.name, f"[{COLOURS[check.result]}]{check.result}[/]", value, text, check.source)
-    return table
+def nominal_base_table(rows: list[dict[str, Any]], mass: float) -> Table:
+    """Return the base parameters and what they are made of, as `tulip model` has them in its JSON.
+
+    Args:
+        mass: total mass [kg].
+    """
+    columns = (
+        Column("no.", format="d"),
+        Column("parameter"),
+        _millimetres("value"),
+        Column("times the total mass, in standard parameters"),
+    )
+    names = ("number", "name", "value", "standard")
+    lines = [[row[name] for name in names] for row in rows]
+    return Table(f"Base parameters; the total mass is {mass:.3f} kg", columns, lines)
 
 
 def weak_directions(estimate: Estimate, parameters: BaseParameters) -> str:
-    """Which parameters these postures hardly tell apart: an error longer than the longest link says nothing.
+    """Describe which parameters the postures hardly distinguish: those with an error beyond the longest link.
 
     Returns:
         "" where there are none.
@@ -182,91 +235,28 @@ def weak_directions(estimate: Estimate, parameters: BaseParameters) -> str:
 
 
 def placements_line(document: dict[str, Any]) -> str:
-    """What the placements' shared errors are estimated to be, and what they do to the standard errors."""
+    """Describe the errors that the postures of a placement share."""
     right, left = document["placement_sd_mm"]
     if max(right, left) < NO_PLACEMENT_SD * document["sigma_mm"]:
         return (
-            "No error common to a placement's postures could be told from the rest (estimated s.d. 0), "
-            "so 'clustered' equals s.e. here; few placements often look like that."
+            "The errors common to the postures of a placement are estimated as 0, so the clustered s.e. "
+            "equals the s.e.; this happens often with few placements."
         )
     return f"Errors common to a placement: s.d. {right:.2f} mm of the right plate, {left:.2f} mm of the left."
 
 
-def sag_line(truth: Truth) -> str:
-    sag = 1e3 * np.abs([held.joint_angles - held.commanded for held in truth.held])
-    torque = np.abs([held.torques for held in truth.held]).max()
-    return (
-        f"Joints behind what the servos were sent to: median {np.median(sag):.1f} mrad, "
-        f"largest {sag.max():.1f} mrad; "
-        f"largest torque {torque:.1f} Nm."
-    )
-
-
-def books_line(books: dict[str, float]) -> str:
-    return (
-        f"Largest imbalance in any hold: cells against weight {books['weight']:.1e} N, "
-        f"plates' moments against the feet's wrench {books['moments']:.1e} Nm, "
-        f"torques against statics {books['torques']:.1e} Nm, "
-        f"CoP against CoM {1e3 * books['centre']:.1e} mm, "
-        f"energy left in motion {books['kinetic']:.1e} J."
-    )
-
-
-def residual_line(document: dict[str, Any], beside: str = "") -> str:
+def residual_line(document: dict[str, Any], model: str = "full", paper: Reported | None = None) -> str:
+    """Describe a model's residual (eqs 12 and 14) and its condition number."""
     norms, condition = document["residual_mm"], document["condition_number"]
+    reported = paper.residual.get(model) if paper else None
+    beside = " (paper: {:g}, {:g}, {:g})".format(*reported) if reported else ""
     return (
         f"Residual norm: mean {norms['mean']:.2f}, s.d. {norms['sd']:.2f}, max {norms['max']:.2f} mm"
-        f"{beside}; sigma per axis {document['sigma_mm']:.3f} mm; condition number {condition:.0f}"
+        f"{beside}; sigma per axis (eq. 14) {document['sigma_mm']:.3f} mm; condition number {condition:.0f}."
     )
 
 
-def print_validation(console: Console, result: Validation, document: dict[str, Any]) -> None:
-    """The whole report."""
-    found, robot = result.identification, result.run.laboratory.robot
-    paper = robot.settings.get("paper", {})
-    for model in models(robot):
-        title = f"{model.capitalize()} model{' beside Table II' if paper else ''}, mm"
-        table = parameter_table(title, document[model], found.parameters, paper_table(robot), model)
-        print_table(console, table)
-        reported = paper.get(f"residual_{model}_mm")
-        beside = " (paper {}, {}, {})".format(*reported) if reported else ""
-        console.print(residual_line(document[model], beside))
-        console.print(placements_line(document[model]))
-        angles = result.run.measurements.joint_angles
-        print_correlations(console, document[model]["correlations"], found.parameters, angles)
-        console.print()
-    print_experiment(console, result.run, paper)
-    console.print(LEGEND)
-    mass = document["total_mass"]
-    console.print(
-        f"Total mass {mass['estimate']:.3f} +- {mass['standard_error']:.3f} kg "
-        f"(truth {mass['truth']:.3f} kg)."
-    )
-    if document["books"] is not None:
-        console.print(sag_line(result.run.truth))
-        console.print(books_line(document["books"]))
-    print_table(console, check_table(result.checks))
-    colour = COLOURS[result.verdict]
-    console.print(f"Verdict: [{colour}]{result.verdict}[/] after {result.wall_s:.0f} s")
-
-
-def print_experiment(
-    console: Console,
-    run: Run,
-    paper: dict[str, Any],
-    reasons: bool = True,
-) -> None:
-    """How many postures could be used and, if `reasons`, why the others could not."""
-    dropped, planned = run.truth.dropped, len(run.plan)
-    beside = f" (paper {paper['postures_used']} of {paper['postures_planned']})" if paper else ""
-    console.print(
-        f"Usable postures: {planned - len(dropped)} of {planned}{beside}; "
-        f"{len(run.measurements)} rows with repeats."
-    )
-    tally: dict[str, int] = {}
-    for _, reason in dropped if reasons else ():
-        key = reason.rsplit(" ", 1)[0] if reason.startswith(("lost", "lifted")) else reason
-        key = "slipped" if reason.startswith("slipped") else key
-        tally[key] = tally.get(key, 0) + 1
-    for reason, count in sorted(tally.items(), key=lambda item: -item[1]):
-        console.print(f"  dropped {count}: {reason}")
+def mass_line(mass: float, standard_error: float, truth: float | None = None) -> str:
+    """Describe the total mass [kg]."""
+    beside = "" if truth is None else f", truth {truth:.3f} kg"
+    return f"Total mass {mass:.3f} kg, standard error {standard_error:.3f} kg{beside}."

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import mujoco
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
-from tulip_testbed.experiments.correlation_table import meaning, print_correlations
+from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table, united_links
 from tulip_testbed.experiments.planning_run import joined
-from tulip_testbed.experiments.terminal import print_table
+from tulip_testbed.experiments.table import Column, Table
 from tulip_testbed.experiments.usable_plan import planned_parameters
 from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
 from tulip_testbed.identification.feasibility import predicted_cell_loads, predicted_foot_loads
-from tulip_testbed.identification.planning.optimal_plan import HIGH_CORRELATION, smallest_margins
+from tulip_testbed.identification.planning.optimal_plan import smallest_margins
 from tulip_testbed.identification.planning.problem import Problem, planning_problem
 from tulip_testbed.identification.planning.single_support import single_support_margins
 from tulip_testbed.identification.reading_noise import ReadingNoise, cell_noise, placement_levers
 from tulip_testbed.identification.statistics import (
+    HIGH_CORRELATION,
     WELL_IDENTIFIED,
     high_correlations,
     relative_standard_errors,
@@ -32,6 +32,8 @@ from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, joint_names, sole_point
 from tulip_testbed.sim.scene import boards_under, nominal_plates
+
+LARGE_SHARE = 1000.0  # % of a nominal value: it is near zero
 
 
 def described_plan(
@@ -172,41 +174,63 @@ def _single_margins(problem: Problem, plan: PosturePlan) -> dict[str, dict[str, 
     return least
 
 
-def print_plan(
-    screen: Console, document: dict[str, Any], parameters: BaseParameters, plan: PosturePlan
-) -> None:
-    """The tables of `described_plan`."""
-    screen.print(
+def plan_report(document: dict[str, Any], parameters: BaseParameters, plan: PosturePlan) -> list[Table | str]:
+    """Return the tables and sentences of `described_plan`."""
+    pairs, margins = document["correlations"], document["margins"]
+    return [
         f"{document['well_identified']} of {len(parameters.names)} parameters would be well identified "
-        f"(below {WELL_IDENTIFIED:.0f} %), preset {document['preset']}, sigma {document['sigma_mm']:.2f} mm"
+        f"(relative standard error below {WELL_IDENTIFIED:.0f} %), preset {document['preset']}, sigma "
+        f"{document['sigma_mm']:.2f} mm.",
+        prediction_table(document, parameters),
+        correlation_table("full", pairs, parameters, plan.joint_angles) if pairs else NO_CORRELATION,
+        "Margins are known for six joints a leg only." if margins is None else margin_table(margins),
+    ]
+
+
+def prediction_table(document: dict[str, Any], parameters: BaseParameters) -> Table:
+    """Return the standard errors that a plan promises, of `described_plan`."""
+    columns = (
+        Column("no.", format="d"),
+        Column("parameter"),
+        Column("s.e.", "mm", ".2f"),
+        Column("of the nominal value", "%", ".1f"),
+        Column("links", extra=True),
     )
-    table = Table(
-        title=f"Predicted standard errors, preset {document['preset']}, every posture held",
-        title_justify="left",
+    errors = document["predicted_standard_error_mm"]
+    shares = document["predicted_relative_standard_error_percent"]
+    rows = [
+        [k, name, error, share if share < LARGE_SHARE else math.inf, united_links(parameters, k)]
+        for k, (name, error, share) in enumerate(zip(parameters.names, errors, shares, strict=True), 1)
+    ]
+    title = f"Predicted standard errors, preset {document['preset']}, if every posture can be held"
+    return Table(title, columns, rows, "-: the nominal value is near zero.")
+
+
+def margin_table(margins: dict[str, dict[str, Any]]) -> Table:
+    """Return the smallest margin of every constraint, of `margins_of`."""
+    columns = (
+        Column("constraint"),
+        Column("margin", format=".3f"),
+        Column("unit"),
+        Column("posture", format="d"),
+        Column("where"),
     )
-    for header in ("number", "s.e. (mm)", "of nominal (%)"):
-        table.add_column(header, justify="right")
-    table.add_column("parameter")
-    for k, (error, relative) in enumerate(
-        zip(
-            document["predicted_standard_error_mm"],
-            document["predicted_relative_standard_error_percent"],
-            strict=True,
-        )
-    ):
-        percent = f"{relative:.1f}" if relative < 1000 else "-"
-        table.add_row(str(k + 1), f"{error:.2f}", percent, meaning(parameters, k + 1))
-    print_table(screen, table)
-    print_correlations(screen, document["correlations"], parameters, plan.joint_angles)
-    if document["margins"] is None:
-        screen.print("Margins are known for six joints a leg only.")
-        return
-    table = Table(
-        title="Smallest margin of every constraint of `tulip plan` beyond what it asks for",
-        title_justify="left",
+    rows = [[name, m["value"], m["unit"], m["posture"], m["at"]] for name, m in margins.items()]
+    return Table("Smallest margin of every constraint, beyond what `tulip plan` keeps", columns, rows)
+
+
+def trial_table(trials: list[dict[str, Any]]) -> Table:
+    """Return the condition numbers of several trials beside those of the paper's Table I."""
+    columns = (
+        Column("trial", format="d"),
+        Column("seed", format="d"),
+        Column("random", format=".1f"),
+        Column("optimal", format=".1f"),
+        Column("paper: random", format=".1f"),
+        Column("paper: optimal", format=".1f"),
+        Column("CPU time", "s", ".1f"),
     )
-    for header in ("constraint", "margin", "posture", "where"):
-        table.add_column(header)
-    for name, margin in document["margins"].items():
-        table.add_row(name, f"{margin['value']:.3f} {margin['unit']}", str(margin["posture"]), margin["at"])
-    print_table(screen, table)
+    names = ("seed", "initial_condition_number", "condition_number", "paper_initial", "paper", "cpu_s")
+    rows = [[k, *(trial[name] for name in names)] for k, trial in enumerate(trials, 1)]
+    note = "The paper does not publish its ranges, so only the orders of magnitude compare."
+    return Table("Condition numbers of 50 postures, random and optimal (Table I)", columns, rows, note)

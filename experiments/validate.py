@@ -6,12 +6,14 @@ import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from tulip_testbed.experiments.checks import (
     Check,
     below,
+    check_table,
     correlation_checks,
     ideal_error_check,
     joint_check,
@@ -21,8 +23,11 @@ from tulip_testbed.experiments.checks import (
     skipped,
     verdict,
 )
+from tulip_testbed.experiments.estimate_report import model_report
 from tulip_testbed.experiments.identify import Identification, identify
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory, Run
+from tulip_testbed.experiments.parameter_tables import parameter_table
+from tulip_testbed.experiments.table import Table
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.identification.base_parameters import BaseParameters, renumbered
 from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS, solve_least_squares
@@ -35,9 +40,9 @@ from tulip_testbed.sim.sensors import Sensors
 NEGLIGIBLE = 1e-6  # m: a parameter that the simplified model may drop without bias
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Validation:
-    """A run held against its truth.
+    """A run held against its truth; prints its checks and the verdict.
 
     Attributes:
         run: the experiment. identification: the estimates from its measurements.
@@ -55,6 +60,25 @@ class Validation:
     def verdict(self) -> str:
         """ "pass", or "fail" if any check fails."""
         return verdict(list(self.checks))
+
+    def table(self) -> Table:
+        """Return the checks, one a row."""
+        return check_table([dataclasses.asdict(check) for check in self.checks])
+
+    def to_frame(self) -> Any:
+        """Return a pandas DataFrame with one row a parameter of the full model, beside its truth.
+
+        The checks are plain records: `pandas.DataFrame(validation.checks)`.
+        """
+        found = self.identification
+        table = parameter_table("full", model_report(found.full, self.truth).plain(), found.parameters)
+        return table.frame().set_index("parameter")
+
+    def __repr__(self) -> str:
+        return f"{self.table()!r}\n\nVerdict: {self.verdict}"
+
+    def _repr_html_(self) -> str:
+        return f"{self.table().html()}\n<p>Verdict: <b>{self.verdict}</b></p>"
 
 
 def validate(

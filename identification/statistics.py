@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 WELL_IDENTIFIED = 15.0  # % relative standard error (Khalil and Dombre 2004, as in the paper)
+HIGH_CORRELATION = 0.85  # the paper's level
 
 
 def standard_errors(covariance: np.ndarray) -> np.ndarray:

@@ -7,6 +7,12 @@ class InputError(ValueError):
     """Bad input; the message names what was found, where, and what was expected."""
 
 
+class UnknownNameError(InputError, KeyError):
+    """A name that is not among the valid ones; mappings raise it, so that `in` and `get` work."""
+
+    __str__ = InputError.__str__  # that of KeyError would quote the message
+
+
 def listed(names) -> str:
     """Names for an error message, in their own order."""
     return ", ".join(str(name) for name in names)

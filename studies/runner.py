@@ -23,7 +23,7 @@ import joblib
 import numpy as np
 import tyro
 
-from tulip_testbed.experiments.terminal import progress
+from tulip_testbed.cli.terminal import progress
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.sim.errors import InputError, look_up
 from tulip_testbed.sim.files import write_text

@@ -19,6 +19,7 @@ from scipy.stats import ks_2samp
 
 from studies.runner import Settings, header, row, shipped_plan
 from studies.study_estimators import scaled
+from tulip_testbed.cli.terminal import progress
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.calibration_report import report
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
@@ -27,7 +28,6 @@ from tulip_testbed.experiments.montecarlo.engine import engine
 from tulip_testbed.experiments.montecarlo.laboratory_runs import Source, source_of
 from tulip_testbed.experiments.montecarlo.run_columns import Job, Layout, layout_of
 from tulip_testbed.experiments.montecarlo.summary import summarise
-from tulip_testbed.experiments.terminal import progress
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.sim.outcome import Outcome

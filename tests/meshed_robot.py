@@ -51,8 +51,8 @@ def write_meshed_robot(folder: Path) -> Robot:
     )
     planning = load_robot().settings["planning"]
     (folder / "robot.toml").write_text(
-        'name = "meshed"\nmodel = "robot.xml"\nstance_foot = "right_foot"\nswing_foot = "left_foot"\n[planning]\n'
-        + "".join(f"{key} = {value}\n" for key, value in planning.items())
+        'name = "meshed"\nmodel = "robot.xml"\nstance_foot = "right_foot"\nswing_foot = "left_foot"\n'
+        "[planning]\n" + "".join(f"{key} = {value}\n" for key, value in planning.items())
     )
     return load_robot(folder / "robot.toml")
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from studies.study_fuzz import cases_of
 from tests.fuzz.runner import Bases, run_cases
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.terminal import printable
+from tulip_testbed.experiments.table import printable
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import write_measurements
 from tulip_testbed.sim.measurements.table_files import MOST_DEPTH, Table, read_json

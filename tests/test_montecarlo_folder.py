@@ -24,7 +24,7 @@ def scenario(robot, plan):
 
 
 def document_of(scenario, settings=SETTINGS):
-    return montecarlo_file(*scenario, settings)
+    return montecarlo_file(scenario[0], scenario[1], settings)
 
 
 def begin(folder, scenario, settings=SETTINGS):

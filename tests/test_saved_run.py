@@ -6,10 +6,10 @@ import shutil
 from pathlib import Path
 
 import pytest
-from tulip_testbed.experiments.saved_run import kind_of, read_montecarlo, read_run, run_kind
+from tulip_testbed.pages.page_tables import settings_table
 
 from tests.test_view import calibration, run  # noqa: F401
-from tulip_testbed.pages.page_tables import settings_table
+from tulip_testbed.experiments.settings_table import settings_table
 from tulip_testbed.sim.errors import InputError
 
 GONE = object()

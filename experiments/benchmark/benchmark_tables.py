@@ -1,4 +1,4 @@
-"""The benchmark's tables: Markdown for people, CSV for everybody else."""
+"""The benchmark's tables, as Markdown and as CSV files."""
 
 from __future__ import annotations
 
@@ -15,30 +15,26 @@ from tulip_testbed.effects.instance import split_label
 from tulip_testbed.experiments.benchmark import cases as arms
 from tulip_testbed.experiments.benchmark.outcome import Outcome
 from tulip_testbed.experiments.benchmark.score import Figure, figures, in_set, of, rate, right, wrong
+from tulip_testbed.experiments.table import Column, Table
 
-Rows = list[tuple[str, ...]]
-
-
-def demand(figure: Figure) -> str:
-    """What a figure must reach, as text."""
-    if figure.least is not None and figure.most is not None:
-        return f"{figure.least:g} to {figure.most:g}"
-    if figure.least is not None:
-        return f"at least {figure.least:g}"
-    return f"at most {figure.most:g}" if figure.most is not None else ""
+SAID = (Column("verdicts"), Column("named"))
 
 
-def shown(figure: Figure) -> str:
-    """Value and interval."""
-    if not figure.count:
-        return "-"
-    if not np.isfinite(figure.low):
-        return f"{figure.value:.3g} (too few for an interval)"
-    return f"{figure.value:.3g} ({figure.low:.2g} to {figure.high:.2g})"
+def demand(figure: Figure) -> tuple[float, float] | None:
+    """Return what a figure must reach; None: no demand."""
+    if figure.least is None and figure.most is None:
+        return None
+    least, most = figure.least, figure.most
+    return (-np.inf if least is None else least, np.inf if most is None else most)
+
+
+def shown(figure: Figure) -> tuple[float, float, float] | None:
+    """Return value and interval; None without cases."""
+    return (figure.value, figure.low, figure.high) if figure.count else None
 
 
 def verdict(figure: Figure) -> str:
-    """Whether a figure is what it must be, and whether its interval leaves that open."""
+    """Return whether a figure is what it must be, and whether its interval leaves that open."""
     if figure.met is None:
         return ""
     least = -np.inf if figure.least is None else figure.least
@@ -48,31 +44,36 @@ def verdict(figure: Figure) -> str:
     return "missed, shown" if figure.high < least or figure.low > most else "missed, not shown"
 
 
-def figure_rows(found: Sequence[Figure]) -> Rows:
-    """Of the main table."""
-    rows: Rows = [("figure", "value (95 % interval)", "cases", "must be", "")]
-    return rows + [(f.name, shown(f), str(f.count), demand(f), verdict(f)) for f in found if f.count]
+def figure_table(title: str, found: Sequence[Figure]) -> Table:
+    """Return every figure with what it must reach."""
+    columns = (
+        Column("figure"),
+        Column("value (95 % interval)", format=".3g"),
+        Column("cases", format="d"),
+        Column("must be", format="g"),
+        Column("verdict"),
+    )
+    rows = [[f.name, shown(f), f.count, demand(f), verdict(f)] for f in found if f.count]
+    return Table(title, columns, rows)
 
 
-def power_rows(outcomes: Sequence[Outcome]) -> Rows:
-    """Against multiples of the minimum detectable size."""
-    rows: Rows = [("MDE", "cases", "predicted", "gap seen", "right name first", "in the set", "wrong name")]
+def power_table(outcomes: Sequence[Outcome]) -> Table:
+    """Return how often single effects are found, by multiples of the minimum detectable size."""
+    columns = (
+        Column("MDE", format="g"),
+        Column("cases", format="d"),
+        Column("predicted", format=".2f"),
+        *(Column(n, format=".3g") for n in ("gap seen", "right name first", "in the set", "wrong name")),
+    )
+    rows = []
     single = of(outcomes, arms.SINGLE, lambda o: o.multiple in arms.MULTIPLES)
     for multiple in arms.MULTIPLES:
         some = [o for o in single if o.multiple == multiple]
         if some:
-            shares = (
-                shown(rate("", hits))
-                for hits in (
-                    [o.flagged for o in some],
-                    map(right, some),
-                    map(in_set, some),
-                    map(wrong, some),
-                )
-            )
-            predicted = f"{np.mean([o.predicted for o in some]):.2f}"
-            rows.append((f"{multiple:g}", str(len(some)), predicted, *shares))
-    return rows
+            hits = ([o.flagged for o in some], map(right, some), map(in_set, some), map(wrong, some))
+            predicted = float(np.mean([o.predicted for o in some]))
+            rows.append([multiple, len(some), predicted, *(shown(rate("", hit)) for hit in hits)])
+    return Table("Power against the predicted minimum detectable size (MDE)", columns, rows)
 
 
 def confusion(outcomes: Sequence[Outcome]) -> Counter[tuple[str, float, str, str]]:
@@ -88,11 +89,15 @@ def confusion(outcomes: Sequence[Outcome]) -> Counter[tuple[str, float, str, str
     )
 
 
-def confusion_rows(outcomes: Sequence[Outcome]) -> Rows:
-    """By true kind, from 2 MDE on."""
-    rows: Rows = [
-        ("hidden", "cases", "isolable", "right first", "in the set", "verdicts", "else named first")
-    ]
+def confusion_table(title: str, outcomes: Sequence[Outcome]) -> Table:
+    """Return what single effects are taken for, by true kind, from 2 MDE on."""
+    columns = (
+        Column("hidden"),
+        *(Column(name, format="d") for name in ("cases", "isolable", "right first", "in the set")),
+        Column("verdicts"),
+        Column("else named first"),
+    )
+    rows = []
     clear = of(outcomes, arms.SINGLE, lambda o: o.multiple >= 2)
     for kind in sorted({o.kinds[0] for o in clear}):
         some = [o for o in clear if o.kinds[0] == kind]
@@ -101,66 +106,44 @@ def confusion_rows(outcomes: Sequence[Outcome]) -> Rows:
             for o in some
             if o.names and not right(o)
         )
-        rows.append(
-            (
-                kind,
-                str(len(some)),
-                str(sum(o.isolable for o in some)),
-                str(sum(map(right, some))),
-                str(sum(map(in_set, some))),
-                _counted(Counter(o.verdict for o in some)),
-                _counted(others),
-            )
-        )
-    return rows
+        counts = (sum(o.isolable for o in some), sum(map(right, some)), sum(map(in_set, some)))
+        rows.append([kind, len(some), *counts, _verdicts(some), _counted(others)])
+    return Table(title, columns, rows)
 
 
-def outside_rows(outcomes: Sequence[Outcome]) -> Rows:
-    """By fault and size."""
-    rows: Rows = [("fault", "MDE", "cases", "verdicts", "named")]
+def outside_table(outcomes: Sequence[Outcome]) -> Table:
+    """Return what is said of faults outside the catalogue, by fault and size."""
+    columns = (Column("fault"), Column("MDE", format="g"), Column("cases", format="d"), *SAID)
+    rows = []
     outside = of(outcomes, arms.OUTSIDE_ARM)
     for kind, multiple in sorted({(o.kinds[0], o.multiple) for o in outside}):
         some = [o for o in outside if (o.kinds[0], o.multiple) == (kind, multiple)]
-        named = Counter(" + ".join(o.names) for o in some if o.said)
-        rows.append(
-            (
-                kind,
-                f"{multiple:g}",
-                str(len(some)),
-                _counted(Counter(o.verdict for o in some)),
-                _counted(named),
-            )
-        )
-    return rows
+        rows.append([kind, multiple, len(some), _verdicts(some), _named(some)])
+    return Table("Faults outside the catalogue", columns, rows)
 
 
-def left_out_rows(outcomes: Sequence[Outcome]) -> Rows:
-    """By kind."""
-    rows: Rows = [("left out", "cases", "with twins", "verdicts", "named")]
+def left_out_table(outcomes: Sequence[Outcome]) -> Table:
+    """Return what is said of effects that were left out of the catalogue, by kind."""
+    columns = (Column("left out"), Column("cases", format="d"), Column("with twins", format="d"), *SAID)
+    rows = []
     left = of(outcomes, arms.LEFT_OUT)
     for kind in sorted({o.kinds[0] for o in left}):
         some = [o for o in left if o.kinds[0] == kind]
-        named = Counter(" + ".join(o.names) for o in some if o.said)
-        rows.append(
-            (
-                kind,
-                str(len(some)),
-                str(sum(not o.isolable for o in some)),
-                _counted(Counter(o.verdict for o in some)),
-                _counted(named),
-            )
-        )
-    return rows
+        twins = sum(not o.isolable for o in some)
+        rows.append([kind, len(some), twins, _verdicts(some), _named(some)])
+    return Table("Effects left out of the catalogue", columns, rows)
+
+
+def _verdicts(outcomes: Sequence[Outcome]) -> str:
+    return _counted(Counter(o.verdict for o in outcomes))
+
+
+def _named(outcomes: Sequence[Outcome]) -> str:
+    return _counted(Counter(" + ".join(o.names) for o in outcomes if o.said))
 
 
 def _counted(counter: Counter[str]) -> str:
     return ", ".join(f"{count} {name}" for name, count in sorted(counter.items()))
-
-
-def markdown(rows: Sequence[Sequence[str]]) -> str:
-    """A table; the first row is its header."""
-    lines = [f"| {' | '.join(row)} |" for row in rows]
-    return "\n".join([lines[0], "|---" * len(rows[0]) + "|", *lines[1:]])
 
 
 def csv_text(rows: Sequence[Sequence[object]]) -> str:
@@ -170,30 +153,30 @@ def csv_text(rows: Sequence[Sequence[object]]) -> str:
     return out.getvalue()
 
 
-def sections(outcomes: Sequence[Outcome]) -> list[tuple[str, Rows]]:
-    """Titles and tables."""
+def tables(outcomes: Sequence[Outcome]) -> list[Table]:
+    """Return all tables that have a row."""
     statics = [o for o in outcomes if not o.dynamics]
     dynamics = [o for o in outcomes if o.dynamics]
-    return [
-        ("Figures, static laboratory", figure_rows(figures(statics))),
-        ("Figures, full dynamics", figure_rows(figures(dynamics))),
-        ("Power against the predicted minimum detectable size (MDE)", power_rows(statics)),
-        ("Single effects from 2 MDE on", confusion_rows(statics)),
-        ("Single effects in full dynamics", confusion_rows(dynamics)),
-        ("Faults outside the catalogue", outside_rows(statics)),
-        ("Effects left out of the catalogue", left_out_rows(statics)),
+    made = [
+        figure_table("Figures, static laboratory", figures(statics)),
+        figure_table("Figures, full dynamics", figures(dynamics)),
+        power_table(statics),
+        confusion_table("Single effects from 2 MDE on", statics),
+        confusion_table("Single effects in full dynamics", dynamics),
+        outside_table(statics),
+        left_out_table(statics),
     ]
+    return [table for table in made if table.rows]
 
 
 def report_text(outcomes: Sequence[Outcome]) -> str:
-    """All tables as Markdown."""
-    return "\n\n".join(
-        f"### {title}\n\n{markdown(rows)}" for title, rows in sections(outcomes) if len(rows) > 1
-    )
+    """Return all tables as Markdown."""
+    return "\n\n".join(f"### {table.title}\n\n{table.markdown()}" for table in tables(outcomes))
 
 
 def files(outcomes: Sequence[Outcome], heading: str) -> dict[str, str]:
     """Names and contents of what is written beside the cases."""
+    power = power_table([o for o in outcomes if not o.dynamics])
     counted = sorted(confusion([o for o in outcomes if not o.dynamics]).items())
     cases = [
         (
@@ -211,7 +194,7 @@ def files(outcomes: Sequence[Outcome], heading: str) -> dict[str, str]:
     ]
     return {
         "report.md": f"{heading}\n\n{report_text(outcomes)}\n",
-        "power.csv": csv_text(power_rows([o for o in outcomes if not o.dynamics])),
+        "power.csv": csv_text([[c.heading for c in power.columns], *power.texts]),
         "confusion.csv": csv_text(
             [("hidden", "mde", "verdict", "named_first", "cases"), *((*key, count) for key, count in counted)]
         ),

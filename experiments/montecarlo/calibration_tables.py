@@ -1,135 +1,147 @@
-"""What a person reads of a Monte Carlo in the terminal."""
+"""Tables and sentences of a Monte Carlo, from its report."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
-
 from tulip_testbed.experiments.montecarlo.calibration_verdict import BIAS, COVERAGE, LEVEL, RATIO
-from tulip_testbed.experiments.parameter_tables import COLOURS
-from tulip_testbed.experiments.terminal import print_table
+from tulip_testbed.experiments.table import Cell, Column, Table, number
 
 LEGEND = (
-    "bias: mean error, with its Monte Carlo error; ratio: s.d. of the errors over the reported s.e., with "
-    "its 95 % interval; coverage: share of runs whose 50, 90 and 95 % intervals hold the truth, the last "
-    "with its 95 % interval."
+    "bias: mean error, ± its Monte Carlo standard error; stated s.e.: by the estimator; found s.e.: s.d. of "
+    "the errors over the runs; coverage: share of the runs whose 50, 90 and 95 % intervals hold the truth. "
+    "Intervals are of 95 % for every single number; those of the checks are wider, since they hold for all "
+    "at once."
 )
+TOO_FEW = (
+    "Inconclusive: no check failed, but there are too few runs to show that all hold: some intervals still "
+    "reach beyond the bounds. More runs, in a new folder, make them narrower."
+)
+SPREADS = {
+    "condition_number": ("condition number", ""),
+    "sigma_mm": ("residual sigma per axis (eq. 14)", "mm"),
+    "residual_mean_mm": ("residual norm (eq. 12), mean", "mm"),
+    "residual_sd_mm": ("residual norm (eq. 12), s.d.", "mm"),
+    "residual_max_mm": ("residual norm (eq. 12), max", "mm"),
+}
 
 
-SHOWN = {True: "shown", False: "not shown"}
+def calibration_table(model: str, rows: list[dict[str, Any]]) -> Table:
+    """Return bias, standard errors and coverage of a model's parameters.
+
+    Args:
+        model: "full" or "simplified". rows: its parameters, as a report has them.
+    """
+    columns = (
+        Column("no.", format="d"),
+        Column("parameter"),
+        Column("bias", "mm", "+.3f", 1e3),
+        Column("± of bias", "mm", ".3f", 1e3),
+        Column("stated s.e.", "mm", ".3f", 1e3),
+        Column("found s.e.", "mm", ".3f", 1e3, extra=True),
+        Column("found over stated", "", ".3f"),
+        Column("its interval", "", ".2f", extra=True),
+        Column("coverage of 50 %", "%", ".1f", 100, extra=True),
+        Column("coverage of 90 %", "%", ".1f", 100, extra=True),
+        Column("coverage of 95 %", "%", ".1f", 100),
+        Column("its 95 % interval", "%", ".1f", 100, extra=True),
+    )
+    names = (
+        *("number", "name", "bias", "bias_mc_error", "standard_error", "empirical_standard_error"),
+        *("standard_error_ratio", "standard_error_ratio_interval"),
+        *("coverage50", "coverage90", "coverage95", "coverage95_interval"),
+    )
+    path = _path(model, "parameters")
+    lines = [[Cell(row.get(name), f"{path}.{k}.{name}") for name in names] for k, row in enumerate(rows)]
+    return Table(f"{model.capitalize()} model", columns, lines)
 
 
-def print_report(console: Console, report: dict[str, Any]) -> None:
-    """Tables, distributions and verdict."""
-    print_table(console, parameter_table("Full model", report["parameters"]))
-    _print_model(console, report)
-    for pair, rho in report["correlations"].items():
-        console.print(f"Correlation ({pair.replace(',', ', ')}): {_spread(rho, '.4f')}")
-    if report["simplified"]["parameters"]:
-        print_table(console, parameter_table("Simplified model", report["simplified"]["parameters"]))
-        _print_model(console, report["simplified"])
+def spread_table(report: dict[str, Any]) -> Table:
+    """Return how condition number, residuals and correlations vary over the runs."""
+    columns = (
+        Column("model"),
+        Column("quantity"),
+        Column("unit"),
+        *(Column(name, format=".4g") for name in ("mean", "s.d.", "5 %", "median", "95 %")),
+    )
+    models = {"full": report, "simplified": report["simplified"]}
+    spreads = [
+        (model, *SPREADS[name], found[name], _path(model, name))
+        for model, found in models.items()
+        for name in SPREADS
+        if found["parameters"]
+    ]
+    for pair, found in report["correlations"].items():
+        spreads.append(
+            ("full", f"correlation ({pair.replace(',', ', ')})", "", found, f"correlations.{pair}")
+        )
+    spreads.append(("", "rows measured", "", report["rows"], "rows"))
+    names = ("mean", "sd", "quantile05", "quantile50", "quantile95")
+    rows = [
+        [model, quantity, unit, *(Cell(found[name], f"{key}.{name}") for name in names)]
+        for model, quantity, unit, found, key in spreads
+    ]
+    return Table("Variation over the runs", columns, rows)
+
+
+def calibration_check_table(checks: list[dict[str, Any]]) -> Table:
+    """Return the checks of the verdict."""
+    columns = (
+        Column("check"),
+        Column("result"),
+        Column("shown"),
+        Column("worst no.", format="d"),
+        Column("value", format=".4f"),
+        Column("interval", format=".4f", extra=True),
+        Column("bounds", format=".2g"),
+        Column("beyond the bounds, no."),
+        Column("where the bounds come from", extra=True),
+    )
+    rows = []
+    for k, check in enumerate(checks):
+
+        def cell(name: str, check: dict[str, Any] = check, key: str = f"checks.{k}", mark: str = "") -> Cell:
+            return Cell(check[name], f"{key}.{name}", mark)
+
+        evaluated = check["result"] != "not evaluated"
+        rows.append(
+            [
+                cell("name"),
+                cell("result", mark=check["result"]),
+                cell("shown") if evaluated else None,
+                *(cell(name) for name in ("number", "value", "interval", "bounds")),
+                cell("beyond"),
+                cell("source"),
+            ]
+        )
+    note = (
+        f"Bounds: bias within {BIAS[1]:g} s.e., found over stated s.e. {RATIO[0]:g} to {RATIO[1]:g}, "
+        f"coverage {100 * COVERAGE[0]:g} to {100 * COVERAGE[1]:g} %. An estimator inside of them fails with "
+        f"a probability below {100 * LEVEL:g} %. Shown: the interval lies wholly inside of the bounds."
+    )
+    return Table("Checks", columns, rows, note)
+
+
+def calibration_lines(report: dict[str, Any]) -> list[str]:
+    """Describe the total mass, the errors of all parameters together, and the runs that failed."""
+    lines = []
+    for model, found in (("full", report), ("simplified", report["simplified"])):
+        if beyond := found.get("beyond_95"):
+            low, high = (100 * end for end in beyond["interval"])
+            lines.append(
+                f"Runs whose errors together exceed 95 % of F, {model} model: {100 * beyond['share']:.1f} % "
+                f"({low:.1f} to {high:.1f})."
+            )
     mass = report["total_mass"]
     if mass["bias"] is not None:
-        console.print(
-            f"Total mass: bias {1e3 * mass['bias']:+.2f} +- {1e3 * mass['bias_mc_error']:.2f} g, "
-            f"ratio {mass['standard_error_ratio']:.3f}, coverage {100 * mass['coverage95']:.1f} %"
+        lines.append(
+            f"Total mass: bias {1e3 * mass['bias']:+.2f} ± {1e3 * mass['bias_mc_error']:.2f} g, found over "
+            f"stated s.e. {number(mass['standard_error_ratio'], '.3f')}, coverage of 95 % intervals "
+            f"{100 * mass['coverage95']:.1f} %."
         )
-    console.print(f"Rows measured: {_spread(report['rows'], '.1f')}")
-    for reason, count in report["failures"].items():
-        console.print(f"{count} runs not identified: {reason}", markup=False)
-    console.print(LEGEND)
-    print_table(console, check_table(report["checks"]))
-    colour = COLOURS[report["verdict"]]
-    shown = f", {SHOWN[report['shown']]}" if report["verdict"] == "pass" else ""
-    console.print(
-        f"Verdict on '{report['estimator']}' after {report['runs']} runs: "
-        f"[{colour}]{report['verdict']}[/]{shown}"
-    )
-    if report["verdict"] == "pass" and not report["shown"]:
-        console.print(
-            "These runs do not suffice to show every check: nothing contradicts the estimator, but its "
-            "intervals still reach beyond the bounds. More runs, in a new folder, narrow them."
-        )
+    return lines + [f"{count} runs not identified: {reason}" for reason, count in report["failures"].items()]
 
 
-def parameter_table(title: str, rows: list[dict[str, Any]]) -> Table:
-    """Bias, ratio and coverage of every parameter, mm and %."""
-    table = Table(title=title, title_justify="left", header_style="bold")
-    table.add_column("nr", justify="right")
-    table.add_column("parameter", no_wrap=True)
-    headers = (
-        *("bias\nmm", "+-", "s.e.\nmm", "ratio\ns.d./s.e.", "its 95 %\ninterval"),
-        *("coverage %\nof 50 %", "of\n90 %", "of\n95 %", "its 95 %\ninterval"),
-    )
-    for header in headers:
-        table.add_column(header, justify="right", no_wrap=True)
-    for row in rows:
-        figures = [""] * len(headers)
-        if row["bias"] is not None:
-            figures = [
-                f"{1e3 * row['bias']:+.3f}",
-                f"{1e3 * row['bias_mc_error']:.3f}",
-                f"{1e3 * row['standard_error']:.2f}",
-                f"{row['standard_error_ratio']:.3f}",
-                _interval(row["standard_error_ratio_interval"], ".2f"),
-                *(f"{100 * row[f'coverage{level}']:.1f}" for level in (50, 90, 95)),
-                _interval([100 * end for end in row["coverage95_interval"]], ".1f"),
-            ]
-        table.add_row(str(row["number"]), escape(row["name"]), *figures)
-    return table
-
-
-def check_table(checks: list[dict[str, Any]]) -> Table:
-    """The verdict, line by line."""
-    title = (
-        f"Verdict: bias within {BIAS[1]:g} s.e., ratio {RATIO[0]:g} to {RATIO[1]:g}, coverage "
-        f"{100 * COVERAGE[0]:g} to {100 * COVERAGE[1]:g} %; chance to fail inside of them below {LEVEL:.0%}"
-    )
-    table = Table(title=title, title_justify="left", header_style="bold")
-    for header in ("check", "result", "shown", "worst nr", "value", "interval", "bounds"):
-        table.add_column(header)
-    notes = any(check["result"] == "not evaluated" or check["beyond"] for check in checks)
-    if notes:
-        table.add_column("beyond")
-    for check in checks:
-        result = check["result"]
-        numbers = ", ".join(map(str, check["beyond"]))
-        table.add_row(
-            escape(check["name"]),
-            f"[{COLOURS[result]}]{result}[/]",
-            "" if result == "not evaluated" else "yes" if check["shown"] else "no",
-            "" if check["number"] is None else str(check["number"]),
-            "" if check["value"] is None else f"{check['value']:.4f}",
-            "" if check["interval"] is None else _interval(check["interval"], ".4f"),
-            "" if check["bounds"] is None else _interval(check["bounds"], ".2g"),
-            *([escape(check["source"]) if result == "not evaluated" else numbers] if notes else []),
-        )
-    return table
-
-
-def _print_model(console: Console, model: dict[str, Any]) -> None:
-    console.print(f"Condition number: {_spread(model['condition_number'], '.0f')}")
-    console.print(f"Residual sigma (eq. 14): {_spread(model['sigma_mm'], '.3f')} mm")
-    norms = ", ".join(
-        f"{what} {model[f'residual_{what}_mm']['mean']:.2f} +- {model[f'residual_{what}_mm']['sd']:.2f}"
-        for what in ("mean", "sd", "max")
-    )
-    console.print(f"Residual norms (eq. 12), over the runs: {norms} mm")
-    beyond = model["beyond_95"]
-    if beyond is not None:
-        interval = _interval([100 * end for end in beyond["interval"]], ".1f")
-        console.print(
-            f"Runs whose errors together exceed 95 % of F: {100 * beyond['share']:.1f} % ({interval})"
-        )
-
-
-def _spread(found: dict[str, float], style: str) -> str:
-    mean, sd, low, high = (format(found[key], style) for key in ("mean", "sd", "quantile05", "quantile95"))
-    return f"{mean} +- {sd}, 5 to 95 %: {low} to {high}"
-
-
-def _interval(ends: Any, style: str) -> str:
-    return f"{ends[0]:{style}} to {ends[1]:{style}}"
+def _path(model: str, name: str) -> str:
+    """Return where a report has something of a model."""
+    return name if model == "full" else f"{model}.{name}"

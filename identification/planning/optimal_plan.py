@@ -32,7 +32,6 @@ from tulip_testbed.sim.errors import InputError, look_up
 from tulip_testbed.sim.measurements import PosturePlan
 
 SPARE = 2  # random placements drawn for each that is wanted: some cannot be repaired
-HIGH_CORRELATION = 0.85
 UNITS = {  # of a margin, by the first word of its constraint: unit, and how much a slot of one is
     "joint": ("deg", float(np.rad2deg(ANGLE))),
     "cell": ("N", FORCE),

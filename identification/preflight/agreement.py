@@ -230,5 +230,5 @@ def _wandering(
 
 
 def _millimetres(shift: np.ndarray, error: np.ndarray) -> str:
-    x, y = (f"{1e3 * s:+.1f} +- {1e3 * e:.1f}" for s, e in zip(shift, error, strict=True))
+    x, y = (f"{1e3 * s:+.1f} ± {1e3 * e:.1f}" for s, e in zip(shift, error, strict=True))
     return f"({x}, {y}) mm"

@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
-from rich.table import Table
 
 from tulip_testbed.cli.options import CORES, Json, Seed, Workers
+from tulip_testbed.cli.terminal import print_json, say, show
 from tulip_testbed.experiments.benchmark.benchmark_run import benchmark, so_far
-from tulip_testbed.experiments.benchmark.benchmark_tables import files, report_document, sections
+from tulip_testbed.experiments.benchmark.benchmark_tables import files, report_document, tables
 from tulip_testbed.experiments.benchmark.cases import Settings
 from tulip_testbed.experiments.montecarlo.montecarlo_run import Interrupted
-from tulip_testbed.experiments.terminal import ERR, console, print_json, print_table, printable
 from tulip_testbed.sim.errors import InputError, at_least
 from tulip_testbed.sim.files import write_bytes
 
@@ -55,7 +54,7 @@ def benchmark_command(
     try:
         outcomes = benchmark(Settings(preset, seed, size), out, workers)
     except Interrupted as error:
-        ERR.print(printable(f"tulip: {error}"), markup=False, highlight=False, soft_wrap=True)
+        say(f"tulip: {error}")
         outcomes, code = so_far(out), 130
     stopped = ", stopped" if code else ""
     heading = f"{len(outcomes)} cases, preset {preset}, seed {seed}, size {size:g}{stopped}"
@@ -64,17 +63,6 @@ def benchmark_command(
     if as_json:
         print_json(report_document(outcomes) | {"wall_s": time.perf_counter() - began})
     else:
-        for title, rows in sections(outcomes):
-            _show(title, rows)
-    ERR.print(f"Run folder: {out}")
+        show(*tables(outcomes))
+    say(f"Run folder: {out}")
     return code
-
-
-def _show(title: str, rows: list[tuple[str, ...]]) -> None:
-    if len(rows) > 1:
-        table = Table(title=title, title_justify="left", header_style="bold")
-        for name in rows[0]:
-            table.add_column(name)
-        for row in rows[1:]:
-            table.add_row(*row)
-        print_table(console(), table)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
 from tulip_testbed.cli.options import Json, RigFolder, RobotFile
-from tulip_testbed.experiments.check_folder import UNREADABLE, check_folder, print_report
+from tulip_testbed.cli.terminal import print_json, show, show_verdict, show_whole
+from tulip_testbed.experiments.check_folder import UNREADABLE, check_folder
 from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.preflight_tables import advice_table, complaint_lines, finding_table
 from tulip_testbed.experiments.rig_folder import read_rig
-from tulip_testbed.experiments.terminal import console, print_json
 from tulip_testbed.sim.robot import TULIP
 
 
@@ -36,5 +37,17 @@ def check_command(
     if as_json:
         print_json(document)
     else:
-        print_report(console(), document)
+        _show(document)
     return {UNREADABLE: 2, "fail": 1}.get(document["verdict"], 0)
+
+
+def _show(document: dict[str, Any]) -> None:
+    if document["verdict"] == UNREADABLE:
+        show_whole(complaint_lines(document))
+        return
+    show(finding_table(document["checks"]))
+    if (advice := advice_table(document["checks"])).rows:
+        show(advice)
+    counts = ", ".join(f"{count} {result}" for result, count in document["counts"].items() if count)
+    show("{rows} rows of {postures} postures on {placements} placements.".format_map(document))
+    show_verdict(document["verdict"], f" ({counts})")

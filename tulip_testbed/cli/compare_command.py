@@ -8,10 +8,10 @@ from typing import Annotated
 import tyro
 
 from tulip_testbed.cli.options import Json, RobotFile
-from tulip_testbed.experiments.comparison import compare, print_comparison
+from tulip_testbed.cli.terminal import print_json, show
+from tulip_testbed.experiments.comparison import compare, comparison_report
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.records import read_record
-from tulip_testbed.experiments.terminal import console, print_json
 from tulip_testbed.sim.robot import TULIP
 
 Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(help="run folder")]
@@ -34,5 +34,5 @@ def compare_command(
     if as_json:
         print_json(document)
     else:
-        print_comparison(console(), document)
+        show(*comparison_report(document))
     return 0

@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 import tyro
-from rich.console import Console
-from rich.table import Table
 
 from tulip_testbed.cli.options import Json, RobotFile
+from tulip_testbed.cli.terminal import print_json, show, show_whole
 from tulip_testbed.effects.catalogue import HEADERS, Catalogue, catalogue, explanation
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.targets import PLACEMENTS
 from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.terminal import console, print_json, print_table
+from tulip_testbed.experiments.table import Column, Table
 from tulip_testbed.sim.errors import listed, look_up
 from tulip_testbed.sim.robot import TULIP, Robot
 
@@ -36,9 +35,9 @@ def effects_command(
     if as_json:
         print_json({"effects": [_document(effect, described) for effect in chosen.values()]})
     elif name is None:
-        print_table(console(), _table(chosen))
+        show(Table("Effects; values are given in SI units", tuple(map(Column, HEADERS)), chosen.rows()))
     else:
-        _explain(console(), chosen[name], described)
+        show_whole(_explanation(chosen[name], described))
     return 0
 
 
@@ -69,20 +68,11 @@ def _document(effect: Effect, robot: Robot) -> dict[str, Any]:
     }
 
 
-def _table(effects: Catalogue) -> Table:
-    table = Table(title="Effects; values are given in SI units", title_justify="left", header_style="bold")
-    for header in HEADERS:
-        table.add_column(header, no_wrap=header == "unit")
-    for row in effects.rows():
-        table.add_row(*row)
-    return table
-
-
-def _explain(screen: Console, effect: Effect, robot: Robot) -> None:
+def _explanation(effect: Effect, robot: Robot) -> list[str]:
     where = "static laboratory and full dynamics" if effect.statics else "full dynamics only"
     named = effect.targets is PLACEMENTS
     targets = "the experiment's placements" if named else listed(_targets(effect, robot))
-    lines = [
+    return [
         f"{effect.name}: {effect.sentence}",
         "",
         *explanation(effect.name).splitlines(),
@@ -92,5 +82,3 @@ def _explain(screen: Console, effect: Effect, robot: Robot) -> None:
         *([f"  {effect.targets.word}: {targets}"] if effect.targets.word else []),
         f"Laboratory: {where}",
     ]
-    for line in lines:
-        screen.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -9,21 +9,20 @@ import numpy as np
 import tyro
 
 from tulip_testbed.cli.options import EstimatorName, Json, RigFolder, RobotFile
-from tulip_testbed.experiments.correlation_table import print_correlations
+from tulip_testbed.cli.terminal import print_json, show
+from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.estimate_report import model_report
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.parameter_tables import (
     LEGEND,
+    mass_line,
     models,
     parameter_table,
-    placements_line,
-    residual_line,
     standard_table,
     weak_directions,
 )
 from tulip_testbed.experiments.rig_folder import read_rig
-from tulip_testbed.experiments.terminal import console, print_json, print_table
 from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS
 from tulip_testbed.sim.errors import look_up
 from tulip_testbed.sim.measurements import read_measurements
@@ -67,23 +66,16 @@ def identify_command(
     if as_json:
         print_json(document)
         return 0
-    screen = console()
-    for instance in adopted:
-        screen.print(f"Corrected: {instance.finding}", markup=False, highlight=False, soft_wrap=True)
+    show(*(f"Corrected: {instance.finding}" for instance in adopted))
     for model in models(described):
-        title = f"{model.capitalize()} model, mm"
-        print_table(screen, parameter_table(title, fitted[model], found.parameters, {}, model))
-        screen.print(residual_line(fitted[model]))
-        screen.print(placements_line(fitted[model]))
-        pairs = fitted[model]["correlations"]
-        print_correlations(screen, pairs, found.parameters, measurements.joint_angles)
-        if fitted[model]["hardly_known"]:
-            screen.print(f"Hardly known: {fitted[model]['hardly_known']}", markup=False)
-        screen.print()
-    screen.print(f"Estimator: {found.estimator}. {ESTIMATORS[found.estimator].summary}")
+        pairs, hardly_known = fitted[model]["correlations"], fitted[model]["hardly_known"]
+        angles = measurements.joint_angles
+        show(parameter_table(model, fitted[model], found.parameters))
+        show(correlation_table(model, pairs, found.parameters, angles) if pairs else NO_CORRELATION)
+        show(*([f"Hardly known: {hardly_known}."] if hardly_known else []), "")
     if found.full.standard is not None:
-        print_table(screen, standard_table(found.full.standard))
-        screen.print(found.full.standard.visible)
-    screen.print(LEGEND)
-    screen.print(f"Total mass {found.mass[0]:.3f} +- {found.mass[1]:.3f} kg")
+        show(standard_table("full", fitted["full"]["links"], found.full.standard.visible))
+    show(
+        f"Estimator: {found.estimator}. {ESTIMATORS[found.estimator].summary}", LEGEND, mass_line(*found.mass)
+    )
     return 0

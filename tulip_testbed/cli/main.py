@@ -24,10 +24,10 @@ from tulip_testbed.cli.plan_command import plan_command
 from tulip_testbed.cli.postures_command import postures_command
 from tulip_testbed.cli.report_command import report_command
 from tulip_testbed.cli.simulate_command import simulate_command
+from tulip_testbed.cli.terminal import refuse, say
 from tulip_testbed.cli.tolerance_command import tolerance_command
 from tulip_testbed.cli.validate_command import validate_command
 from tulip_testbed.cli.view_command import view_command
-from tulip_testbed.experiments.terminal import ERR, printable
 from tulip_testbed.sim.errors import InputError, listed, shortened
 from tulip_testbed.sim.measurements.table_files import software
 
@@ -63,11 +63,10 @@ def main(arguments: list[str] | None = None) -> int:
             args=arguments,
         )
     except InputError as error:
-        ERR.print("tulip:", style="bold red", end=" ")
-        ERR.print(printable(_with_flags(str(error), given[0])), highlight=False, soft_wrap=True, markup=False)
+        refuse(_with_flags(str(error), given[0]))
         return 2
     except KeyboardInterrupt:
-        ERR.print("tulip: interrupted; nothing was written")
+        say("tulip: interrupted; nothing was written")
         return 130
 
 
@@ -100,7 +99,7 @@ def run() -> None:
         if error.errno not in (errno.EPIPE, errno.ENOSPC, errno.EIO):
             raise
         if error.errno != errno.EPIPE:  # who closes a pipe early knows it
-            ERR.print(f"tulip: cannot write the results ({error.strerror})")
+            say(f"tulip: cannot write the results ({error.strerror})")
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left in the buffer
         code = 2
     sys.exit(code)

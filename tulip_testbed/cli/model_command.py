@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Literal
 
 from tulip_testbed.cli.options import Json, RobotFile
+from tulip_testbed.cli.terminal import print_json, show
 from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.terminal import console, print_json
+from tulip_testbed.experiments.parameter_tables import nominal_base_table, nominal_link_table
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.sim.robot import TULIP
 
@@ -57,24 +58,11 @@ def model_command(
     if as_json:
         print_json(document)
         return 0
-    screen = console()
-    steps = (counts["columns"], counts["joined"], counts["base"])
-    grouping = f"{steps[0]} columns -> {steps[1]} -> {steps[2]} base parameters in {support} support"
-    screen.print(
-        f"{described.model_file.name}: {counts['standard']} standard parameters -> {grouping}", soft_wrap=True
+    show(
+        f"{described.model_file.name}: {counts['standard']} standard parameters -> {counts['columns']} "
+        f"columns -> {counts['joined']} -> {counts['base']} base parameters in {support} support",
+        "",
+        nominal_link_table(document["standard"]),
+        nominal_base_table(document["base"], document["total_mass"]),
     )
-    screen.print("Standard parameters m, m c_x, m c_y, m c_z (kg, kg m):")
-    for row in document["standard"]:
-        screen.print(
-            f"  {row['link']:18s} {row['mass']:8.3f} {row['mcx']:9.4f} {row['mcy']:9.4f} {row['mcz']:9.4f}",
-            highlight=False,
-        )
-    screen.print(f"Base parameters in mm; M = {document['total_mass']:.3f} kg:")
-    for row in document["base"]:
-        screen.print(
-            f"  {row['number']:2d} {row['name']:20s} {1e3 * row['value']:9.2f}  times M: {row['standard']}",
-            highlight=False,
-            markup=False,
-            soft_wrap=True,
-        )
     return 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -20,12 +20,19 @@ from tulip_testbed.cli.options import (
     Seed,
     Workers,
 )
+from tulip_testbed.cli.terminal import print_json, progress, say, show, show_verdict
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED
-from tulip_testbed.experiments.montecarlo.calibration_tables import print_report
+from tulip_testbed.experiments.montecarlo.calibration_tables import (
+    LEGEND,
+    TOO_FEW,
+    calibration_check_table,
+    calibration_lines,
+    calibration_table,
+    spread_table,
+)
 from tulip_testbed.experiments.montecarlo.engine import ENGINES, check_engine
 from tulip_testbed.experiments.montecarlo.montecarlo_run import Interrupted, Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings, check_settings
-from tulip_testbed.experiments.terminal import ERR, console, print_json, printable, progress
 from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.sim.errors import at_least
 from tulip_testbed.sim.robot import TULIP
@@ -81,11 +88,29 @@ def montecarlo_command(
     try:
         report = montecarlo(laboratory, made, settings, Place(out, workers, address), progress).report.plain()
     except Interrupted as stopped:
-        ERR.print(printable(f"tulip: {stopped}"), markup=False, highlight=False, soft_wrap=True)
+        say(f"tulip: {stopped}")
         return 130
     if as_json:
         print_json(report | {"wall_s": time.perf_counter() - began})
     else:
-        print_report(console(), report)
-    ERR.print(f"Run folder: {out}")
+        _show(report)
+    say(f"Run folder: {out}")
     return 0 if report["verdict"] == "pass" else 1
+
+
+def _show(report: dict[str, Any]) -> None:
+    models = {"full": report["parameters"], "simplified": report["simplified"]["parameters"]}
+    show(*(calibration_table(model, rows) for model, rows in models.items() if rows))
+    show(
+        LEGEND,
+        "",
+        spread_table(report),
+        *calibration_lines(report),
+        "",
+        calibration_check_table(report["checks"]),
+    )
+    passed = report["verdict"] == "pass"
+    shown = ", inconclusive" if passed and not report["shown"] else ", shown" if passed else ""
+    show_verdict(report["verdict"], f"{shown}; estimator {report['estimator']}, {report['runs']} runs")
+    if passed and not report["shown"]:
+        show(TOO_FEW)

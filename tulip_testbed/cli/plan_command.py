@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import tyro
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
 from tulip_testbed.cli.options import Json, NoisyPreset, RobotFile, Seed
+from tulip_testbed.cli.terminal import best_so_far, print_json, say, show
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED
-from tulip_testbed.experiments.plan_description import described_plan, print_plan
+from tulip_testbed.experiments.plan_description import described_plan, plan_report, trial_table
 from tulip_testbed.experiments.planning_run import (
     Job,
     PlanSettings,
@@ -32,13 +29,14 @@ from tulip_testbed.experiments.planning_run import (
     set_up_search,
     state_file,
 )
-from tulip_testbed.experiments.terminal import ERR, console, finite, print_json, print_table
+from tulip_testbed.experiments.table import number
 from tulip_testbed.experiments.usable_plan import planned_parameters
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.planning.interior_point import SOLVERS
-from tulip_testbed.identification.planning.search import HOPS, SearchState
+from tulip_testbed.identification.planning.search import HOPS
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_plan
+from tulip_testbed.sim.measurements.table_files import finite
 from tulip_testbed.sim.robot import TULIP, Robot
 
 TABLE1 = ((647.4, 337.5), (732.1, 405.1), (925.8, 352.6), (714.1, 314.7), (733.6, 406.9), (689.1, 394.4))
@@ -98,16 +96,17 @@ def plan_command(
         print_json(document)
     else:
         _print(own, document, out, measured)
-    ERR.print(f"Plan folder: {out}")
+    say(f"Plan folder: {out}")
     if not finished:
-        ERR.print("tulip: interrupted; this is the best plan so far, the same command goes on from it")
+        say("tulip: interrupted; this is the best plan so far, the same command goes on from it")
     return 0 if finished else 130
 
 
 def _shown(job: Job, kept: Path, label: str) -> tuple[PosturePlan, bool]:
     """A job with its progress bar."""
-    with _bar(label, job.rounds, read_state(kept, job.key)) as show:
-        return carry_out(job, kept, show)
+    state = read_state(kept, job.key)
+    with best_so_far(label, job.rounds, state.rounds if state else 0) as advance:
+        return carry_out(job, kept, lambda found: advance(found.rounds, found.value))
 
 
 def _written(
@@ -137,7 +136,7 @@ def _table1(search: Search, out: Path, preset: str, as_json: bool) -> int:
         kept = out.with_name(f".{out.name}.seed{seed}.state.json")
         plan, finished = _shown(search.job(seed), kept, f"seed {seed}")
         if not finished:
-            ERR.print("tulip: interrupted; give the same command to go on")
+            say("tulip: interrupted; give the same command to go on")
             return 130
         plans.append(plan)
         said = described_plan(robot, plan, preset)
@@ -160,16 +159,7 @@ def _table1(search: Search, out: Path, preset: str, as_json: bool) -> int:
     if as_json:
         print_json(document)
         return 0
-    table = Table(title="Condition numbers of 50 postures, before and after (Table I)", title_justify="left")
-    for header in ("trial", "seed", "random", "optimal", "paper random", "paper optimal", "CPU s"):
-        table.add_column(header, justify="right")
-    for k, row in enumerate(rows):
-        figures = [row["initial_condition_number"], row["condition_number"], row["paper_initial"]]
-        texts = [f"{x:.1f}" for x in (*figures, row["paper"], row["cpu_s"])]
-        table.add_row(str(k + 1), str(row["seed"]), *texts)
-    screen = console()
-    print_table(screen, table)
-    screen.print("The paper does not publish its ranges, so only the orders of magnitude compare.")
+    show(trial_table(rows))
     return 0
 
 
@@ -190,31 +180,16 @@ def _joined(plans: list[PosturePlan]) -> PosturePlan:
 
 
 def _print(robot: Robot, document: dict[str, Any], out: Path, measured: Measurements | None) -> None:
-    screen, plan = console(), read_plan(out, robot)
+    plan = read_plan(out, robot)
     head = "{postures} postures on {placements} placements, objective {objective}".format_map(document)
     if measured is None:
         first, last = document["initial_condition_number"], document["condition_number"]
-        screen.print(f"{head}: condition number {first:.1f} -> {last:.1f}")
+        show(f"{head}: condition number {first:.1f} -> {last:.1f}.")
     else:
-        before, random, chosen = (document[key] for key in CRITERIA)
-        screen.print(
-            f"{head}: {before:.4g} with the {len(measured)} measured postures, {random:.4g} with the random "
-            f"ones to begin with, {chosen:.4g} with these; figures below are of both together"
+        before, random, chosen = (number(document[key], ".4g") for key in CRITERIA)
+        show(
+            f"{head}: {before} with the {len(measured)} measured postures, {random} with the random ones to "
+            f"begin with, {chosen} with these; the numbers below are of both together."
         )
         plan = joined([as_plan(robot, measured), plan])
-    print_plan(screen, document, planned_parameters(robot, plan), plan)
-
-
-@contextmanager
-def _bar(label: str, total: int, state: SearchState | None) -> Iterator[Callable[[SearchState], None]]:
-    columns = (
-        TextColumn(label),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[value]}"),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=ERR, transient=True, disable=not ERR.is_terminal) as bar:
-        done = state.rounds if state else 0
-        task = bar.add_task(label, total=total, completed=done, value="")
-        yield lambda found: bar.update(task, completed=found.rounds, value=f"{found.value:.4g}")
+    show(*plan_report(document, planned_parameters(robot, plan), plan))

@@ -9,11 +9,11 @@ import numpy as np
 import tyro
 
 from tulip_testbed.cli.options import Json, NoisyPreset, Plan, RobotFile
+from tulip_testbed.cli.terminal import print_json, progress, say, show
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED
-from tulip_testbed.experiments.plan_description import described_plan, print_plan
+from tulip_testbed.experiments.plan_description import described_plan, plan_report
 from tulip_testbed.experiments.planning_run import as_plan, joined, measured_for
-from tulip_testbed.experiments.terminal import ERR, console, print_json, progress
 from tulip_testbed.experiments.usable_plan import (
     DEFAULT_PLAN,
     identifiable_regressor,
@@ -91,12 +91,11 @@ def postures_command(
     if as_json:
         print_json(document)
         return 0
-    screen = console()
-    screen.print(
+    show(
         f"{document['postures']} postures on {document['placements']} placements, "
-        f"condition number {document['condition_number']:.0f}"
+        f"condition number {document['condition_number']:.0f}.",
+        *plan_report(document, parameters, whole),
     )
-    print_plan(screen, document, parameters, whole)
     return 0
 
 
@@ -109,5 +108,5 @@ def _draw(folder: Path, robot: Robot, plan: PosturePlan) -> None:
         try:
             write_bytes(working / "postures.png", contact_sheet(robot, plan))
         except InputError as problem:
-            ERR.print(f"tulip: no postures.png: {problem}", markup=False)
-    ERR.print(f"Pictures: {folder}")
+            say(f"tulip: no postures.png: {problem}")
+    say(f"Pictures: {folder}")

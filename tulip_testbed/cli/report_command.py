@@ -8,9 +8,9 @@ from typing import Annotated
 import tyro
 
 from tulip_testbed.cli.options import Json, RobotFile
+from tulip_testbed.cli.terminal import print_json, say
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.records import read_record
-from tulip_testbed.experiments.terminal import ERR, print_json
 from tulip_testbed.sim.files import check_new
 from tulip_testbed.sim.robot import TULIP
 
@@ -36,6 +36,6 @@ def report_command(
     if as_json:
         print_json({"report": str(out), "bytes": size, "left_out": list(page.missing)})
     for note in page.missing:
-        ERR.print(f"Left out: {note}", highlight=False, soft_wrap=True, markup=False)
-    ERR.print(f"Report: {out} ({size / 1e6:.1f} MB)", highlight=False)
+        say(f"Left out: {note}")
+    say(f"Report: {out} ({size / 1e6:.1f} MB)")
     return 0

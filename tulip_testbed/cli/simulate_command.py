@@ -9,10 +9,10 @@ import tyro
 
 from tulip_testbed.cli.laboratory_options import laboratory_and_plan
 from tulip_testbed.cli.options import CORES, Json, Plan, Preset, RigFolder, RobotFile, Seed, Workers
+from tulip_testbed.cli.terminal import print_json, progress, say, show
 from tulip_testbed.effects.random_effects import RANDOM
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED, tries
-from tulip_testbed.experiments.parameter_tables import print_experiment
-from tulip_testbed.experiments.terminal import ERR, console, print_json, progress
+from tulip_testbed.experiments.run_summary import usable_postures
 from tulip_testbed.experiments.truth_record import write_experiment
 from tulip_testbed.sim.errors import InputError, at_least
 from tulip_testbed.sim.files import check_new
@@ -67,7 +67,7 @@ def simulate_command(
     laboratory, made = laboratory_and_plan(robot, preset, plan, rig, effect, seed, statics)
     if not secret:
         for doubt in (text for found in laboratory.hidden for text in found.doubts):
-            ERR.print(f"tulip: warning: {doubt}", markup=False, highlight=False, soft_wrap=True)
+            say(f"tulip: warning: {doubt}")
     engine = "statics" if statics else "dynamics"
     try:
         with progress("holding postures", tries(laboratory, made)) as advance:
@@ -91,6 +91,6 @@ def simulate_command(
             }
         )
     else:
-        print_experiment(console(), run, {}, reasons=not secret)
-    ERR.print(f"Measurement folder: {out}")
+        show(*usable_postures(run, {}, reasons=not secret))
+    say(f"Measurement folder: {out}")
     return 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from tulip_testbed.cli.laboratory_options import laboratory_and_plan
 from tulip_testbed.cli.options import (
@@ -16,12 +17,18 @@ from tulip_testbed.cli.options import (
     Seed,
     Workers,
 )
+from tulip_testbed.cli.terminal import print_json, progress, say, show, show_verdict
+from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED, tries
 from tulip_testbed.experiments.parameter_tables import (
-    print_validation,
+    LEGEND,
+    mass_line,
+    models,
+    parameter_table,
+    read_reported,
 )
-from tulip_testbed.experiments.terminal import ERR, console, print_json, progress
-from tulip_testbed.experiments.validate import validate
+from tulip_testbed.experiments.run_summary import balance_line, sag_line, usable_postures
+from tulip_testbed.experiments.validate import Validation, validate
 from tulip_testbed.experiments.validation_record import validation_record, write_validation
 from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS
 from tulip_testbed.sim.errors import at_least, look_up
@@ -60,6 +67,22 @@ def validate_command(
     if as_json:
         print_json(document)
     else:
-        print_validation(console(), result, document)
-    ERR.print(f"Run folder: {out}")
+        _show(result, document)
+    say(f"Run folder: {out}")
     return 0 if result.verdict == "pass" else 1
+
+
+def _show(result: Validation, document: dict[str, Any]) -> None:
+    run, parameters = result.run, result.identification.parameters
+    robot, angles = run.laboratory.robot, run.measurements.joint_angles
+    for model in models(robot):
+        pairs = document[model]["correlations"]
+        show(parameter_table(model, document[model], parameters, read_reported(robot)))
+        show(correlation_table(model, pairs, parameters, angles) if pairs else NO_CORRELATION, "")
+    mass = document["total_mass"]
+    show(LEGEND, *usable_postures(run, robot.settings.get("paper", {})))
+    show(mass_line(mass["estimate"], mass["standard_error"], mass["truth"]))
+    if document["books"] is not None:
+        show(sag_line(run.truth), balance_line(document["books"]))
+    show("", result.table())
+    show_verdict(result.verdict, f" after {result.wall_s:.0f} s")

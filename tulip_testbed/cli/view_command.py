@@ -9,8 +9,8 @@ from typing import Annotated
 import tyro
 
 from tulip_testbed.cli.options import Json, RobotFile
+from tulip_testbed.cli.terminal import print_json, say
 from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.terminal import ERR, print_json
 from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.robot import TULIP
 
@@ -44,17 +44,15 @@ def view_command(
         window.check_display()
     view = folder_view(folder, described)
     if bare := undrawn(described.visual_model):
-        ERR.print(
+        say(
             f"{described.model_file.name}: no geom shows the links {listed(bare)}; "
-            "their frames and masses stand alone",
-            highlight=False,
-            soft_wrap=True,
+            "their frames and masses stand alone"
         )
     if save is not None:
         size = window.save(save, view.title, view.log)
         if as_json:
             print_json({"view": str(save), "bytes": size})
-        ERR.print(f"View: {save} ({size / 1e6:.1f} MB); open it by `rerun {save}`", highlight=False)
+        say(f"View: {save} ({size / 1e6:.1f} MB); open it by `rerun {save}`")
     elif serve:
         window.serve(view.title, view.log, partial(_announce, as_json))
     else:
@@ -65,4 +63,4 @@ def view_command(
 def _announce(as_json: bool, address: str) -> None:
     if as_json:
         print_json({"address": address})
-    ERR.print(f"Open {address} in a browser; Ctrl-C ends it.", highlight=False, soft_wrap=True)
+    say(f"Open {address} in a browser; Ctrl-C ends it.")

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL
-from tulip_testbed.experiments.discovery_report import Explanation
+from tulip_testbed.experiments.discovery_tables import behind
 from tulip_testbed.experiments.residual_curves import Curve
 from tulip_testbed.pages.figures import Figure, figure
-from tulip_testbed.pages.words import behind
 
 BEFORE, AFTER = MEASURED, ESTIMATE
 WIDE = 1.96  # s.d. that 95 % of the noise stay within
@@ -104,21 +104,22 @@ def plane_figure(side: str, x: np.ndarray, y: np.ndarray, sd: float, reach: floa
     return replace(figure(f"plane-{side}", caption, text, drawn, 340), small=True)
 
 
-def evidence_figure(found: list[Explanation]) -> Figure:
+def evidence_figure(candidates: list[dict[str, Any]], labels: list[str]) -> Figure:
     """ln of the Bayes factor of every explanation that is left, as bars."""
     drawn = go.Figure()
-    factors = [one.log_bayes_factor for one in found]
+    factors = [candidate["log_bayes_factor"] for candidate in candidates]
+    names = [f"{label} " for label in labels]
     drawn.add_bar(
         x=factors,
-        y=[f"{one.label} " for one in found],
+        y=names,
         orientation="h",
-        marker={"color": [AFTER if b == 0 else MARGIN for b in behind(found)]},
+        marker={"color": [AFTER if b == 0 else MARGIN for b in behind(candidates)]},
         text=[f"{factor:.1f}" for factor in factors],
         textposition="auto",
     )
     drawn.update_xaxes(title="ln of the Bayes factor against no effect", rangemode="tozero")
     drawn.update_yaxes(autorange="reversed", automargin=True)
-    text = "; ".join(f"{one.label}: {one.log_bayes_factor:.1f}" for one in found)
+    text = "; ".join(f"{label}: {factor:.1f}" for label, factor in zip(labels, factors, strict=True))
     caption = "Evidence for every explanation within 3 of its gap's best (dark)."
     return figure("evidence", caption, f"Evidence. {text}.", drawn, 150 + 34 * len(factors))
 

@@ -13,12 +13,21 @@ import numpy as np
 from markupsafe import Markup
 from PIL import Image
 
+from tulip_testbed.experiments.checks import check_table
+from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
 from tulip_testbed.experiments.estimate_report import ModelReport
 from tulip_testbed.experiments.montecarlo.calibration_report import CalibrationRow
+from tulip_testbed.experiments.montecarlo.calibration_tables import (
+    calibration_check_table,
+    calibration_table,
+    spread_table,
+)
 from tulip_testbed.experiments.montecarlo.calibration_verdict import BIAS, COVERAGE, RATIO
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
-from tulip_testbed.experiments.parameter_tables import models, paper_table
+from tulip_testbed.experiments.parameter_tables import models, parameter_table, read_reported
 from tulip_testbed.experiments.records import Record
+from tulip_testbed.experiments.settings_table import settings_table
+from tulip_testbed.experiments.table import Table
 from tulip_testbed.experiments.validate import correlations_at
 from tulip_testbed.experiments.validation_record import ValidationRecord
 from tulip_testbed.identification.base_parameters import base_parameters, common_support, renumbered
@@ -28,13 +37,6 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.pages import figures as drawn
 from tulip_testbed.pages import words
 from tulip_testbed.pages.figures import Figure
-from tulip_testbed.pages.page_tables import (
-    Table,
-    calibration_table,
-    check_table,
-    parameter_table,
-    settings_table,
-)
 from tulip_testbed.rendering import rendered
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
@@ -117,7 +119,7 @@ def validation_page(run: ValidationRecord) -> Page:
     """Make the page of a validation."""
     report, content, robot, measured = run.report, run.report.plain(), run.robot, run.measurements
     parameters = base_parameters(robot, support=common_support(measured.support))
-    paper = paper_table(robot)
+    paper = read_reported(robot)
     shown = models(robot)
     missing: list[str] = []
     com = run.truth.com
@@ -130,17 +132,24 @@ def validation_page(run: ValidationRecord) -> Page:
         for entry in robot.settings.get("correlated", [])
     ]
     matrix = correlations_at(parameters, measured.joint_angles)
+    high = tuple(
+        correlation_table(model, content[model]["correlations"], parameters, measured.joint_angles)
+        for model in shown
+        if content[model]["correlations"]
+    )
     sections = (
         Section("What was checked", tables=(check_table(content["checks"]),)),
-        Section("Parameters", words.parameter_words(report), tuple(tables), (drawn.errors_over_se(z),)),
+        Section("Parameters", words.parameter_words(content), tuple(tables), (drawn.errors_over_se(z),)),
         Section(
             "Residuals",
             figures=(drawn.residual_norms(measured.posture, measured.placement, norms, means),),
         ),
-        Section("Correlations", figures=(drawn.correlation_map(matrix, pairs),)),
+        Section(
+            "Correlations", () if high else (NO_CORRELATION,), high, (drawn.correlation_map(matrix, pairs),)
+        ),
         Section(
             "Postures",
-            (words.dropped(report), words.POLYGON_WORDS, *([words.NO_TRUE_COM] if com is None else [])),
+            (words.dropped(content), words.POLYGON_WORDS, *([words.NO_TRUE_COM] if com is None else [])),
             figures=_polygons(robot, measured, com),
             pictures=_pictures(robot, measured.joint_angles, measured.plate_poses, _names(measured), missing),
         ),
@@ -165,8 +174,7 @@ def montecarlo_page(run: MonteCarloRecord) -> Page:
     missing: list[str] = []
     rows = {model: of.parameters for model, of in report.models.items()}
     places = {"full": content, "simplified": content["simplified"]}
-    paths = {"full": "parameters", "simplified": "simplified.parameters"}
-    tables = tuple(calibration_table(model, places[model]["parameters"], paths[model]) for model in rows)
+    tables = tuple(calibration_table(model, places[model]["parameters"]) for model in rows)
     figures: tuple[Figure, ...] = ()
     if report.identified > 1:
         figures = (
@@ -176,10 +184,10 @@ def montecarlo_page(run: MonteCarloRecord) -> Page:
     size = len(run.plan)
     chosen = np.unique(np.linspace(0, size - 1, PICTURES).astype(int))
     sections = (
-        Section("What was checked", tables=(check_table(content["checks"]),)),
-        Section("Calibration and coverage", (words.CALIBRATION_WORDS,), (), figures[:3]),
+        Section("What was checked", tables=(calibration_check_table(content["checks"]),)),
+        Section("Calibration and coverage", words.calibration_words(content), (), figures[:3]),
         Section("Errors", figures=figures[3:]),
-        Section("Parameters", tables=tables),
+        Section("Parameters", tables=(*tables, spread_table(content))),
         Section("Postures", pictures=_planned_pictures(run.robot, run.plan, chosen, missing)),
         Section("How it was made", tables=(settings_table(run.document.plain()),)),
     )

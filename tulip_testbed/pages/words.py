@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import math
+from typing import Any
 
-from tulip_testbed.experiments.discovery_report import Explanation, Gap
+from tulip_testbed.experiments import parameter_tables
+from tulip_testbed.experiments.montecarlo import calibration_tables
 from tulip_testbed.experiments.montecarlo.calibration_report import CalibrationReport
 from tulip_testbed.experiments.validation_record import Report
 
@@ -20,14 +21,6 @@ CALIBRATION_WORDS = (
 )
 NO_TRUE_COM = "The true centre of mass of each posture is not shown: the statics engine does not record it."
 
-CHANNEL_NAMES: dict[Gap, str] = {
-    "A": "A, centre of pressure",
-    "F": "F, sum of the cells",
-    "T": "T, twist of the plates",
-    "C": "C, closure of the legs",
-    "all": "all channels",
-    "heldout_rms_mm": "centre of pressure",
-}
 EVIDENCE_WORDS = (
     "Explanations of one gap whose ln of the Bayes factor is within 3 of the best cannot be told apart by "
     "this experiment; all of them are listed. Others of the catalogue explain it less well.",
@@ -56,8 +49,8 @@ def validation_sentence(report: Report) -> str:
         )
     return (
         f"In this laboratory, with these sensors and postures, the estimates and the standard errors they "
-        f"come with are right: all {evaluated} evaluated checks passed. This says nothing about effects that "
-        "the laboratory does not hold."
+        f"come with are right: all {evaluated} evaluated checks passed. They cannot rule out effects that "
+        "the simulator does not model."
     )
 
 
@@ -74,27 +67,19 @@ def montecarlo_sentence(report: CalibrationReport) -> str:
     )
 
 
-def parameter_words(report: Report) -> tuple[str, ...]:
-    """How the table of a validation's parameters is read."""
-    right, left = report.full.placement_sd_mm
-    return (
-        f"s.e.: standard error by the estimator ({report.estimator}); rel. %: standard error over "
-        "estimate (eq. 13); well identified: below 15 %. Errors common to a placement are estimated as s.d. "
-        f"{right:.2f} mm of the right plate and {left:.2f} mm of the left.",
-    )
+def parameter_words(report: dict[str, Any]) -> tuple[str, ...]:
+    """Return how the table of a validation's parameters is read."""
+    return (f"Estimator: {report['estimator']}. {parameter_tables.LEGEND}",)
 
 
-def dropped(report: Report) -> str:
+def calibration_words(report: dict[str, Any]) -> tuple[str, ...]:
+    """Return how the figures of a Monte Carlo are read, and what its tables do not say."""
+    return (calibration_tables.LEGEND, *calibration_tables.calibration_lines(report))
+
+
+def dropped(report: dict[str, Any]) -> str:
     """Which postures could not be measured, and why."""
-    if not report.dropped:
-        return f"All {report.postures_planned} planned postures could be measured."
-    reasons = "; ".join(f"{entry.posture}: {entry.reason}" for entry in report.dropped)
-    return f"Dropped {len(report.dropped)} of {report.postures_planned} postures. {reasons}."
-
-
-def behind(found: list[Explanation]) -> list[float]:
-    """Return by how much ln BF of each explanation lies below the best of its gap."""
-    best: dict[int, float] = {}
-    for one in found:
-        best[one.gap] = max(best.get(one.gap, -math.inf), one.log_bayes_factor)
-    return [best[one.gap] - one.log_bayes_factor for one in found]
+    if not report["dropped"]:
+        return f"All {report['postures_planned']} planned postures could be measured."
+    reasons = "; ".join(f"{entry['posture']}: {entry['reason']}" for entry in report["dropped"])
+    return f"Dropped {len(report['dropped'])} of {report['postures_planned']} postures. {reasons}."

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, rgb
+from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
-from tulip_testbed.experiments.discovery_report import Explanation
+from tulip_testbed.experiments.discovery_tables import CHANNEL_NAMES, behind, candidate_table, gap_table
 from tulip_testbed.experiments.residual_curves import Curve, residual_curves, time_order
 from tulip_testbed.identification.center_of_pressure import cell_positions
-from tulip_testbed.pages.words import CHANNEL_NAMES, VERDICTS, behind
+from tulip_testbed.pages.words import VERDICTS
 from tulip_testbed.viewer.balance_series import ABOVE_GROUND, factor_for, from_above, log_balance
 from tulip_testbed.viewer.layout import space_view
 from tulip_testbed.viewer.plates_view import log_loads, log_plates
@@ -60,7 +62,7 @@ def log_discovery(recording: rr.RecordingStream, run: DiscoveryRecord) -> None:
         _log_residual(recording, side, index, subject.cop, factor * values)
         _log_plane(recording, side, index, values, curves)
     _log_channels(recording, curves, sides(run))
-    _log_evidence(recording, run.report.candidates)
+    _log_evidence(recording, run.report.plain()["candidates"])
     recording.log(
         "text", rr.TextDocument(discovery_text(run, factor), media_type=rr.MediaType.MARKDOWN), static=True
     )
@@ -130,11 +132,12 @@ def _log_channels(recording: rr.RecordingStream, curves: list[Curve], of: tuple[
             recording.send_columns(path, [ends], rr.Scalars.columns(scalars=[level, level]))
 
 
-def _log_evidence(recording: rr.RecordingStream, found: list[Explanation]) -> None:
+def _log_evidence(recording: rr.RecordingStream, found: list[dict[str, Any]]) -> None:
     """Log ln of the Bayes factor of every explanation that is left, as bars."""
-    most = max((one.log_bayes_factor for one in found), default=1.0)
+    most = max((one["log_bayes_factor"] for one in found), default=1.0)
     for k, (one, short) in enumerate(zip(found, behind(found), strict=True)):
-        length = max(BAR * one.log_bayes_factor / most, 0.5) if most else 0.5
+        factor = one["log_bayes_factor"]
+        length = max(BAR * factor / most, 0.5) if most else 0.5
         bar = rr.LineStrips2D(
             [[[0.0, STEP * k], [length, STEP * k]]],
             colors=rgb(ESTIMATE if short == 0 else MARGIN),
@@ -146,7 +149,7 @@ def _log_evidence(recording: rr.RecordingStream, found: list[Explanation]) -> No
             [[BAR / 2, STEP * (k + 0.15)]],
             colors=(40, 40, 40),
             radii=rr.Radius.ui_points(0.0),
-            labels=f"{one.label}: {one.log_bayes_factor:.1f}",
+            labels=f"{effect_label(one['name'], one['target'])}: {factor:.1f}",
             show_labels=True,
         )
         recording.log(f"evidence/{k}/label", label, static=True)
@@ -154,24 +157,16 @@ def _log_evidence(recording: rr.RecordingStream, found: list[Explanation]) -> No
 
 def discovery_text(run: DiscoveryRecord, factor: int) -> str:
     """Return the story, the gap and the explanations as Markdown."""
-    report = run.report
-    lines = [f"## Verdict: {report.verdict}", VERDICTS[report.verdict], ""]
-    lines += [f"{line}\n" for line in report.story]
-    lines += ["| residual over noise | before | after | by chance |", "|---|---:|---:|---:|"]
-    for channel, name in CHANNEL_NAMES.items():
-        if (ratio := report.gap.get(channel)) and ratio.after is not None:
-            unit = ", mm" if channel == "heldout_rms_mm" else ""
-            lines.append(f"| {name}{unit} | {ratio.before:.2f} | {ratio.after:.2f} | {ratio.floor:.2f} |")
-    if report.candidates:
-        lines += ["", "| explanation | ln BF | behind the best |", "|---|---:|---:|"]
-        lines += [
-            f"| {one.label} | {one.log_bayes_factor:.1f} | {short:.1f} |"
-            for one, short in zip(report.candidates, behind(report.candidates), strict=True)
-        ]
+    report = run.report.plain()
+    lines = [f"## Verdict: {report['verdict']}", VERDICTS[report["verdict"]], ""]
+    lines += [f"{line}\n" for line in report["story"]]
+    lines.append(gap_table(report["gap"]).markdown())
+    if report["candidates"]:
+        lines += ["", candidate_table(report["candidates"]).markdown()]
     lines += [
         "",
-        f"Vermilion: as measured. Blue: freed of what was found. The robot stands as measured. Lines on the "
-        f"ground: CoP minus estimated CoM (eq. 12) from the CoP, {factor} times. Below, "
+        "Vermilion: as measured. Blue: with the found effects removed. The robot stands as measured. "
+        f"Lines on the ground: CoP minus estimated CoM (eq. 12) from the CoP, {factor} times. Below, "
         "x up, y left; circle: 95 % of the noise. Channels: residuals over their noise, lines at -2 and 2; "
         "postures in the order of time.",
     ]

@@ -145,8 +145,9 @@ def _log_errors(recording: rr.RecordingStream, run: MonteCarloRecord) -> None:
 
 def _text(run: MonteCarloRecord, note: str) -> str:
     report = run.report
+    open_ended = report.verdict == "pass" and not report.shown
     lines = [
-        f"## Verdict: {report.verdict}{'' if report.shown else ', not shown'}",
+        f"## Verdict: {report.verdict}{', inconclusive' if open_ended else ''}",
         f"{report.identified} of {report.runs} runs identified, estimator {report.estimator}.",
         "",
         "| check | result |",

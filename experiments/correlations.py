@@ -1,0 +1,123 @@
+"""Correlations of an estimate's parameters (eq. 15), by name."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, overload
+
+import numpy as np
+
+from tulip_testbed.experiments.table import Column, Table
+from tulip_testbed.identification.statistics import HIGH_CORRELATION
+from tulip_testbed.sim.errors import UnknownNameError, listed, shortened
+
+
+class Pair(NamedTuple):
+    """Two parameters by name and their correlation."""
+
+    a: str
+    b: str
+    rho: float
+
+
+@dataclass(frozen=True, repr=False)
+class Pairs(Sequence[Pair]):
+    """High correlations; shown as a table.
+
+    Attributes:
+        level: that all of them exceed in size.
+    """
+
+    pairs: tuple[Pair, ...]
+    level: float
+
+    @overload
+    def __getitem__(self, index: int) -> Pair: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Pair, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> Pair | tuple[Pair, ...]:
+        return self.pairs[index]
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    def table(self) -> Table:
+        """Return one row a pair."""
+        columns = (Column("parameter"), Column("and"), Column("correlation", format="+.4f"))
+        return Table(f"Correlations above {self.level:g} in size (eq. 15)", columns, self.pairs)
+
+    def to_frame(self) -> Any:
+        """Return a pandas DataFrame with one row a pair."""
+        return self.table().frame()
+
+    def __repr__(self) -> str:
+        return repr(self.table()) if self.pairs else f"No correlation above {self.level:g}."
+
+    def _repr_html_(self) -> str:
+        return self.table().html() if self.pairs else f"<p>{self!r}</p>"
+
+
+def parameter_index(name: str | int, numbers: np.ndarray, names: tuple[str, ...]) -> int:
+    """Return the place of a parameter, given by name or number, among those of an estimate.
+
+    Args:
+        numbers, names: of the estimate's parameters, (p,).
+
+    Raises:
+        UnknownNameError: there is none; lists the names that are close and those that are valid.
+    """
+    if name in names:
+        return names.index(str(name))
+    if not isinstance(name, str) and name in numbers:
+        return numbers.tolist().index(name)
+    close = difflib.get_close_matches(str(name), names, n=3)
+    meant = f"did you mean {' or '.join(map(repr, close))}? " if close else ""
+    raise UnknownNameError(
+        f"unknown parameter {shortened(repr(name))}; {meant}valid: {listed(names)}, or their numbers "
+        f"{listed(numbers)}"
+    )
+
+
+@dataclass(frozen=True, repr=False)
+class Correlations:
+    """Correlations of p parameters.
+
+    Attributes:
+        numbers, names: of the parameters, (p,).
+        matrix: eq. 15, (p, p).
+    """
+
+    numbers: np.ndarray
+    names: tuple[str, ...]
+    matrix: np.ndarray
+
+    def __getitem__(self, pair: tuple[str | int, str | int]) -> float:
+        """Return the correlation of two parameters, given by name or number.
+
+        Raises:
+            UnknownNameError: there is none; lists the names that are close and those that are valid.
+        """
+        a, b = (parameter_index(name, self.numbers, self.names) for name in pair)
+        return float(self.matrix[a, b])
+
+    def above(self, level: float = HIGH_CORRELATION) -> Pairs:
+        """Return the pairs whose correlation exceeds a level in size."""
+        found = np.argwhere(np.triu(np.abs(self.matrix) > level, k=1))
+        pairs = (Pair(self.names[a], self.names[b], float(self.matrix[a, b])) for a, b in found)
+        return Pairs(tuple(pairs), level)
+
+    def to_frame(self) -> Any:
+        """Return the matrix as a pandas DataFrame with the names as its index and columns, (p, p)."""
+        import pandas as pd
+
+        return pd.DataFrame(self.matrix, index=list(self.names), columns=list(self.names))
+
+    def __repr__(self) -> str:
+        return f"Correlations of {len(self.names)} parameters.\n{self.above()!r}"
+
+    def _repr_html_(self) -> str:
+        return f"<p>Correlations of {len(self.names)} parameters.</p>\n{self.above()._repr_html_()}"

@@ -1,0 +1,182 @@
+"""Tables of a discovery, from its JSON document."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.effect import Parameter
+from tulip_testbed.effects.instance import effect_label
+from tulip_testbed.experiments.table import Cell, Column, Table
+
+MOVED = 0.5  # standard errors from which on a parameter's change is marked
+MOST_P = 0.05  # above it a pattern in the residuals is not worth a row
+HELD_OUT_MM = "heldout_rms_mm"
+CHANNEL_NAMES = {
+    "A": "A, centre of pressure",
+    "F": "F, sum of the cells",
+    "T": "T, twist of the plates",
+    "C": "C, closure of the legs",
+    "all": "all channels",
+    HELD_OUT_MM: "centre of pressure, mm r.m.s. per axis",
+}
+
+
+def gap_table(gap: dict[str, Any]) -> Table:
+    """Return the residuals by channel before and after, and what chance alone may give."""
+    columns = (Column("channel"), *(Column(n, format=".2f") for n in ("before", "after", "by chance up to")))
+    rows = [
+        [name, *(Cell(gap[channel][key], f"gap.{channel}.{key}") for key in ("before", "after", "floor"))]
+        for channel, name in CHANNEL_NAMES.items()
+        if gap.get(channel)
+    ]
+    note = "In millimetres the last number is the noise." if gap.get(HELD_OUT_MM) else ""
+    return Table("Residuals on held-out placements, as multiples of the noise", columns, rows, note)
+
+
+def candidate_table(candidates: list[dict[str, Any]]) -> Table:
+    """Return the effects that explain a gap, with their sizes and evidence."""
+    columns = (
+        Column("gap", format="d"),
+        Column("effect"),
+        Column("size ± half of the 95 % interval"),
+        Column("ln of Bayes factor", format=".1f"),
+        Column("behind the best", format=".1f"),
+    )
+    rows = []
+    for k, (candidate, short) in enumerate(zip(candidates, behind(candidates), strict=True)):
+        key = f"candidates.{k}"
+        rows.append(
+            [
+                Cell(candidate["gap"], f"{key}.gap"),
+                effect_label(candidate["name"], candidate["target"]),
+                "; ".join(f"{p['name']} {_size(candidate['name'], p)}" for p in candidate["parameters"]),
+                Cell(candidate["log_bayes_factor"], f"{key}.log_bayes_factor"),
+                short,
+            ]
+        )
+    return Table("Explanations", columns, rows)
+
+
+def behind(candidates: list[dict[str, Any]]) -> list[float]:
+    """Return by how much ln of the Bayes factor of each falls short of the best of its gap."""
+    best: dict[int, float] = {}
+    for candidate in candidates:
+        gap = candidate["gap"]
+        best[gap] = max(best.get(gap, -math.inf), candidate["log_bayes_factor"])
+    return [best[candidate["gap"]] - candidate["log_bayes_factor"] for candidate in candidates]
+
+
+def _size(effect: str, document: dict[str, Any]) -> str:
+    name, unit, value = document["name"], document["unit"], document["value"]
+    known = catalogue()[effect].parameters if effect in catalogue() else ()
+    parameter = next((p for p in known if p.name == name), Parameter(name, unit))
+    if parameter.choices and value not in range(len(parameter.choices)):
+        parameter = Parameter(name, unit)
+    low, high = document["low95"], document["high95"]
+    return parameter.text(value, None if low is None or high is None else (low, high))
+
+
+def moved_table(rows: list[dict[str, Any]], least: float = 0.0) -> Table:
+    """Return the base parameters before and after the correction of what was found.
+
+    Args:
+        least: parameters that move by less are left out [standard errors].
+    """
+    columns = (
+        Column("no.", format="d"),
+        Column("parameter"),
+        Column("before", "mm", ".2f"),
+        Column("after", "mm", ".2f"),
+        Column("s.e.", "mm", ".2f"),
+        Column("moved by", "s.e.", "+.2f"),
+        Column("change"),
+    )
+    names = ("number", "name", "before_mm", "after_mm", "standard_error_mm", "moved_in_standard_errors")
+    lines = []
+    for k, row in enumerate(rows):
+        moved = abs(row["moved_in_standard_errors"])
+        if moved < least:
+            continue
+        mark = "moved" if moved > MOVED else ""
+        lines.append(
+            [*(Cell(row[name], f"parameters.{k}.{name}", mark) for name in names), Cell(mark, mark=mark)]
+        )
+    note = "After: identified from the corrected measurements; moved: by more than half a standard error."
+    return Table("Base parameters before and after the correction", columns, lines, note)
+
+
+def proposal_table(proposals: list[dict[str, Any]]) -> Table:
+    """Return the experiments that would distinguish the explanations."""
+    columns = (Column("experiment"), Column("separation, times that of now", format=".3g"))
+    rows = [
+        [Cell(p[name], f"next_experiment.{k}.{name}") for name in ("do", "separation_gain")]
+        for k, p in enumerate(proposals)
+    ]
+    return Table("What would distinguish the explanations", columns, rows)
+
+
+def pattern_table(patterns: list[dict[str, Any]]) -> Table:
+    """Return the clearest patterns in the residuals after the correction."""
+    columns = (Column("channel"), Column("pattern"), Column("p", format=".2g"))
+    rows = [
+        [Cell(p[name], f"left.{k}.{name}") for name in ("channel", "pattern", "p")]
+        for k, p in enumerate(patterns)
+        if p["p"] < MOST_P
+    ]
+    return Table("The clearest patterns in the remaining residuals", columns, rows)
+
+
+def repeat_table(repeats: dict[str, Any]) -> Table:
+    """Return how repeated postures agree with the stated noise."""
+    columns = (
+        Column("channel"),
+        Column("chi² per degree of freedom", format=".2f"),
+        Column("p", format=".2g"),
+    )
+    rows = [
+        [
+            CHANNEL_NAMES.get(channel, channel),
+            Cell(ratio, f"repeats.chi_square_per_freedom.{channel}"),
+            Cell(repeats["p"].get(channel), f"repeats.p.{channel}"),
+        ]
+        for channel, ratio in repeats["chi_square_per_freedom"].items()
+    ]
+    return Table("Repeated postures against the stated noise", columns, rows)
+
+
+def undetectable_table(entries: list[dict[str, Any]]) -> Table:
+    """Return the effects that these postures cannot detect, one a row."""
+    columns = (
+        Column("effect"),
+        Column("targets"),
+        Column("biases most the parameter no.", format="d"),
+        Column("by, per prior s.d.", "mm", ".2f"),
+    )
+    by_name: dict[str, list[dict[str, Any]]] = {}
+    for entry in entries:
+        by_name.setdefault(entry["name"], []).append(entry)
+    rows = []
+    for name, of in by_name.items():
+        worst = max(of, key=lambda entry: entry["bias_mm_per_prior_sd"] or 0.0)
+        predicted = worst["parameter"] is not None
+        rows.append(
+            [
+                name,
+                [entry["target"] for entry in of if entry["target"]],
+                worst["parameter"] if predicted else "not predicted",
+                worst["bias_mm_per_prior_sd"] if predicted else None,
+            ]
+        )
+    return Table("Effects that these postures cannot detect", columns, rows)
+
+
+def dynamics_line(check: dict[str, Any]) -> str:
+    """Describe how the adopted effects compare with a simulation in full dynamics."""
+    if check["reason"] is not None:
+        return f"In full dynamics nothing could be compared: {check['reason']}."
+    return (
+        f"In full dynamics {check['postures']} of {check['tried']} postures stood; the residual after "
+        f"removing the adopted effects is {check['left_over_noise']:.2f} times the noise."
+    )

@@ -1,0 +1,59 @@
+"""A run in sentences: how many postures could be used, how the servos sagged, how the forces balanced."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tulip_testbed.experiments.laboratory import Run
+from tulip_testbed.experiments.table import number
+from tulip_testbed.sim.outcome import Truth
+
+
+def usable_postures(run: Run, paper: dict[str, Any], reasons: bool = True) -> list[str]:
+    """Describe how many postures could be used.
+
+    Args:
+        paper: the part `paper` of the robot's description, or {}.
+        reasons: whether to tell why the others could not.
+    """
+    dropped, planned = run.truth.dropped, len(run.plan)
+    beside = f" (paper {paper['postures_used']} of {paper['postures_planned']})" if paper else ""
+    tally: dict[str, int] = {}
+    for _, reason in dropped if reasons else ():
+        key = reason.rsplit(" ", 1)[0] if reason.startswith(("lost", "lifted")) else reason
+        key = "slipped" if reason.startswith("slipped") else key
+        tally[key] = tally.get(key, 0) + 1
+    return [
+        f"Usable postures: {planned - len(dropped)} of {planned}{beside}; "
+        f"{len(run.measurements)} rows with repeats.",
+        *(
+            f"  dropped {count}: {reason}"
+            for reason, count in sorted(tally.items(), key=lambda item: -item[1])
+        ),
+    ]
+
+
+def sag_line(truth: Truth) -> str:
+    """Describe how far the joints stay behind their commands."""
+    sag = 1e3 * np.abs([held.joint_angles - held.commanded for held in truth.held])
+    torque = np.abs([held.torques for held in truth.held]).max()
+    return (
+        f"Difference between joint angles and commands: median {np.median(sag):.1f} mrad, largest "
+        f"{sag.max():.1f} mrad; largest torque {torque:.1f} Nm."
+    )
+
+
+def balance_line(books: dict[str, float]) -> str:
+    """Describe the largest imbalance of forces in any hold.
+
+    Args:
+        books: of a report, see `validate.worst_balance`.
+    """
+    shown = {name: number(value, ".2g") for name, value in books.items()}
+    return (
+        f"Largest imbalance in any hold: cells against weight {shown['weight']} N, plates' moments against "
+        f"the feet's wrench {shown['moments']} Nm, torques against statics {shown['torques']} Nm, CoP "
+        f"against CoM {number(1e3 * books['centre'], '.2g')} mm, energy left in motion {shown['kinetic']} J."
+    )

@@ -1,0 +1,316 @@
+"""A table: columns with units and rows of plain values, rendered as text, HTML, Markdown or a data frame."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from html import escape
+from textwrap import wrap
+from typing import Any
+
+from tulip_testbed.sim.measurements.table_files import finite
+
+WIDTH = 100  # characters of a table that is shown by its repr
+GAP = 2  # blanks between two columns
+COMFORTABLE = 32  # characters of a column of text that wraps without being hard to read
+SHORT_HEADING = 9  # characters of a heading that does not wrap unless it must
+LONGEST_WORD = 48  # characters; longer ones, such as hashes, are broken
+LARGE = 1e7  # from here on a number has an exponent
+STYLES = {
+    "pass": "green",
+    "good": "green",
+    "warn": "yellow",
+    "fail": "bold red",
+    "not evaluated": "dim",
+    "moved": "bold",
+    "aside": "dim",
+}
+
+
+def printable(text: str) -> str:
+    """Escape every character that would steer a terminal or cannot be encoded, line ends included."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def number(value: float, spec: str = ".6g") -> str:
+    """Format a number so that a person can read it: 820 rather than 8.2e+02, 0.00 rather than -0.00.
+
+    Args:
+        spec: as of `format`.
+    """
+    if not math.isfinite(value):
+        return "" if math.isnan(value) else "-"
+    text = format(value, spec)
+    if "e" in text and 1 <= abs(value) < LARGE:
+        text = format(value, "+.0f" if "+" in spec else ".0f")
+    elif abs(value) >= LARGE and isinstance(value, float):
+        text = format(value, ".3g")
+    mantissa, e, exponent = text.partition("e")
+    if not float(mantissa):
+        mantissa = mantissa.lstrip("+-")
+    return f"{mantissa}e{int(exponent)}" if e else mantissa
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column.
+
+    Attributes:
+        name: heading.
+        unit: of the numbers as they are shown; "": none.
+        format: of numbers, as of `format`; such columns are aligned to the right. "": a column of text.
+        scale: factor from the values in the rows to the unit.
+        extra: whether the column may be left out where the width does not suffice.
+    """
+
+    name: str
+    unit: str = ""
+    format: str = ""
+    scale: float = 1.0
+    extra: bool = False
+
+    @property
+    def heading(self) -> str:
+        """Return the name with its unit in brackets."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+    def text(self, value: Any) -> str:
+        """Return a value as it is shown.
+
+        Args:
+            value: a number, a text, yes or no, None for a blank; in a column of numbers also an interval
+                (low, high), of which one end may be infinite, or an estimate with its interval
+                (value, low, high); in a column of text also a list.
+        """
+        if value is None:
+            return ""
+        if isinstance(value, str):
+            return printable(value)
+        if isinstance(value, bool):
+            return "yes" if value else "no"
+        if isinstance(value, list | tuple):
+            return self._interval(value) if self.format else ", ".join(map(self.text, value))
+        if not self.format:
+            return str(value) if isinstance(value, int) else number(value)
+        return number(value if self.scale == 1.0 else self.scale * value, self.format)
+
+    def _interval(self, values: Sequence[float]) -> str:
+        *estimate, low, high = values
+        first, last = self.text(low), self.text(high)
+        if estimate:
+            known = math.isfinite(low) and math.isfinite(high)
+            return f"{self.text(estimate[0])} ({f'{first} to {last}' if known else 'no interval'})"
+        if math.isinf(low):
+            return f"at most {last}"
+        return f"at least {first}" if math.isinf(high) else f"{first} to {last}"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A value with what a renderer needs beside it.
+
+    Attributes:
+        value: see `Column.text`.
+        key: path in the run's JSON that it comes from, with dots; "": it is not from there.
+        mark: one of `STYLES`; "": none.
+    """
+
+    value: Any
+    key: str = ""
+    mark: str = ""
+
+
+@dataclass(frozen=True, repr=False)
+class Table:
+    """Rows of values under headings.
+
+    Attributes:
+        rows: values or `Cell`s, one a column.
+        note: what a reader needs below it.
+    """
+
+    title: str
+    columns: tuple[Column, ...]
+    rows: Sequence[Sequence[Any]]
+    note: str = ""
+
+    @cached_property
+    def cells(self) -> list[list[Cell]]:
+        """Return the rows with every value in a `Cell`."""
+        return [[v if isinstance(v, Cell) else Cell(v) for v in row] for row in self.rows]
+
+    @cached_property
+    def texts(self) -> list[list[str]]:
+        """Return the cells as they are shown; nothing in them steers a terminal."""
+        return [
+            [column.text(cell.value) for column, cell in zip(self.columns, row, strict=True)]
+            for row in self.cells
+        ]
+
+    def text(self, width: int = WIDTH) -> str:
+        """Return the table as plain text.
+
+        Args:
+            width: see `shown_columns`.
+        """
+        from rich.console import Console
+
+        screen = Console(file=io.StringIO(), width=width, color_system=None)
+        screen.print(self, crop=False, end="")
+        assert isinstance(screen.file, io.StringIO)
+        return "\n".join(line.rstrip() for line in screen.file.getvalue().splitlines())
+
+    def html(self) -> str:
+        """Return the table as an HTML element."""
+        heads = "".join(
+            f'<th scope="col"{_classes(column, "")}>{_html(column.name)}'
+            + (f" <span>{_html(column.unit)}</span></th>" if column.unit else "</th>")
+            for column in self.columns
+        )
+        rows = "".join(
+            f"<tr>{''.join(_td(*one) for one in zip(self.columns, row, texts, strict=True))}</tr>\n"
+            for row, texts in zip(self.cells, self.texts, strict=True)
+        )
+        note = f'\n<p class="note">{_html(self.note)}</p>' if self.note else ""
+        return (
+            f"<table>\n<caption>{_html(self.title)}</caption>\n<thead><tr>{heads}</tr></thead>\n"
+            f"<tbody>\n{rows}</tbody>\n</table>{note}"
+        )
+
+    def markdown(self) -> str:
+        """Return the table as Markdown, without its title."""
+        lines = [[column.heading for column in self.columns], *self.texts]
+        lines = [[text.replace("|", "\\|") for text in line] for line in lines]
+        lines.insert(1, ["---:" if column.format else "---" for column in self.columns])
+        return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+    def frame(self) -> Any:
+        """Return a pandas DataFrame of plain numbers in the units that the names of its columns tell.
+
+        An interval becomes two columns, "... low" and "... high".
+        """
+        import pandas as pd
+
+        content: dict[str, list[Any]] = {}
+        for k, column in enumerate(self.columns):
+            values = [_scaled(row[k].value, column) for row in self.cells]
+            unit = f" [{column.unit}]" if column.unit else ""
+            parts = max((len(v) for v in values if isinstance(v, tuple)), default=1)
+            for part, name in enumerate({1: ("",), 2: (" low", " high"), 3: ("", " low", " high")}[parts]):
+                content[f"{column.name}{name}{unit}"] = [
+                    v[part] if isinstance(v, tuple) else v if parts == 1 else None for v in values
+                ]
+        return pd.DataFrame(content)
+
+    def __repr__(self) -> str:
+        return self.text()
+
+    def _repr_html_(self) -> str:
+        return self.html()
+
+    def __rich_console__(self, console: Any, options: Any) -> Iterator[Any]:
+        """Yield what rich prints: title, table and note."""
+        from rich.box import SIMPLE_HEAD
+        from rich.cells import cell_len
+        from rich.table import Table as Grid
+        from rich.text import Text
+
+        shown = shown_columns(self, options.max_width)
+        grid = Grid(box=SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, GAP - 1, 0, 0))
+        for k, width in shown.items():
+            column = self.columns[k]
+            heading = Text(f"{printable(column.name)}\n{printable(column.unit)}".strip(), style="bold")
+            justify = "right" if column.format else "left"
+            grid.add_column(heading, justify=justify, width=width, overflow="fold", vertical="top")
+        wraps = [any(cell_len(texts[k]) > width for k, width in shown.items()) for texts in self.texts]
+        for n, (row, texts) in enumerate(zip(self.cells, self.texts, strict=True)):
+            cells = (Text(texts[k], style=STYLES.get(row[k].mark, "")) for k in shown)
+            grid.add_row(*cells, end_section=any(wraps[n : n + 2]))  # a blank line where rows wrap
+        yield Text(printable(self.title), style="bold")
+        total = sum(shown.values()) + GAP * len(shown)
+        yield from console.render(grid, options.update_width(max(total, options.max_width)))
+        hidden = [column.name for k, column in enumerate(self.columns) if k not in shown]
+        if hidden:
+            yield Text(f"Too narrow here for: {printable(', '.join(hidden))}.", style="dim")
+        if self.note:
+            yield Text(printable(self.note), style="dim")
+
+
+def shown_columns(table: Table, width: int) -> dict[int, int]:
+    """Choose the columns that a width has room for.
+
+    Columns that are `extra` are left out from the right until the others fit; then texts wrap. Numbers and
+    words are never cut: a table that still does not fit is wider than asked for.
+
+    Returns:
+        Width by number of the column [characters].
+    """
+    natural, least = zip(*(_widths(table, k) for k in range(len(table.columns))), strict=True)
+    shown = list(range(len(table.columns)))
+
+    def room(widths: Sequence[int]) -> int:
+        return sum(widths[k] for k in shown) + GAP * (len(shown) - 1)
+
+    comfortable = [min(n, max(m, COMFORTABLE)) for n, m in zip(natural, least, strict=True)]
+    for k in reversed(range(len(table.columns))):
+        if table.columns[k].extra and room(comfortable) > width:
+            shown.remove(k)
+    widths = list(natural)
+    while room(widths) > width and (wider := [k for k in shown if widths[k] > least[k]]):
+        widths[max(wider, key=widths.__getitem__)] -= 1
+    return {k: widths[k] for k in shown}
+
+
+def whole_width(table: Table) -> int:
+    """Return the width from which on no column is left out and none is hard to read."""
+    sizes = [_widths(table, k) for k in range(len(table.columns))]
+    return sum(min(n, max(m, COMFORTABLE)) for n, m in sizes) + GAP * (len(sizes) - 1)
+
+
+def _widths(table: Table, k: int) -> tuple[int, int]:
+    """Return the natural and the least width of a column: numbers do not wrap, texts wrap at blanks."""
+    from rich.cells import cell_len
+
+    column, cells = table.columns[k], [row[k] for row in table.texts]
+    words = max(cell_len(word) for word in [*column.name.split(), column.unit])
+    inside = max(map(cell_len, cells), default=0)
+    natural = max(words, inside, _heading_width(column.name))
+    if not column.format:
+        inside = max((cell_len(word) for text in cells for word in text.split()), default=0)
+        inside = min(inside, LONGEST_WORD)
+    return natural, max(words, inside)
+
+
+def _heading_width(name: str) -> int:
+    """Return the least width at which a heading takes two lines, or one if it is short."""
+    if len(name) <= SHORT_HEADING:
+        return len(name)
+    return next(width for width in range(1, len(name) + 1) if len(wrap(name, width)) <= 2)
+
+
+def _scaled(value: Any, column: Column) -> Any:
+    if isinstance(value, list | tuple):
+        return tuple(_scaled(v, column) for v in value) if column.format else column.text(value)
+    scales = column.scale != 1.0 and isinstance(value, int | float)
+    return column.scale * value if scales else value
+
+
+def _td(column: Column, cell: Cell, text: str) -> str:
+    source = ""
+    if cell.key:
+        value = escape(json.dumps(finite(cell.value)))
+        source = f' data-key="{_html(cell.key)}" data-value="{value}"'
+    return f"<td{_classes(column, cell.mark)}{source}>{escape(text)}</td>"
+
+
+def _classes(column: Column, mark: str) -> str:
+    names = ["number"] * bool(column.format) + [mark.replace(" ", "-")] * bool(mark)
+    return f' class="{" ".join(names)}"' if names else ""
+
+
+def _html(text: str) -> str:
+    return escape(printable(text))

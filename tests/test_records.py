@@ -1,0 +1,375 @@
+"""Records: what is written is read, from memory or from a folder; damaged folders are refused in words."""
+
+import copy
+import dataclasses
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.test_view import calibration, run  # noqa: F401
+from tulip_testbed.experiments.discovering import Discovered, discover_effects
+from tulip_testbed.experiments.discovery_record import read_discovery, write_discovery
+from tulip_testbed.experiments.estimate_report import ParameterRow
+from tulip_testbed.experiments.laboratory import Laboratory, Run
+from tulip_testbed.experiments.montecarlo.montecarlo_run import Place, montecarlo
+from tulip_testbed.experiments.montecarlo.settings import Settings
+from tulip_testbed.experiments.records import read_record, record_of
+from tulip_testbed.experiments.run_file import kind_of
+from tulip_testbed.experiments.validation_record import ValidationRecord, read_validation, write_validation
+from tulip_testbed.pages.page_tables import settings_table
+from tulip_testbed.pages.report_page import page_of, write_page
+from tulip_testbed.pages.words import NO_TRUE_COM
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.robot import sha256
+from tulip_testbed.viewer import window
+from tulip_testbed.viewer.record_view import record_view
+from tulip_testbed.viewer.subject import validated
+
+GONE = object()
+VALUES = (GONE, None, -1, 1e300, "\x1b[2J", [], {}, [None], {"": None})
+SEED = 141
+
+
+def mutations(document):
+    """Every key of the first two levels, every value."""
+    paths = [(key,) for key in document]
+    paths += [(key, inner) for key, value in document.items() if isinstance(value, dict) for inner in value]
+    for path in paths:
+        if path[0] == "configuration" and len(path) == 2 and path[1] not in ("preset", "seed", "robot"):
+            continue  # shown, not used
+        for value in VALUES:
+            changed = copy.deepcopy(document)
+            place = changed
+            for key in path[:-1]:
+                place = place[key]
+            if value is GONE:
+                del place[path[-1]]
+            else:
+                place[path[-1]] = value
+            yield changed
+
+
+@pytest.fixture
+def empty(tmp_path):
+    """A folder for run.json alone: whatever passes it is refused for what is not there."""
+    (tmp_path / "made_up").mkdir()
+    return tmp_path / "made_up"
+
+
+@pytest.mark.parametrize("name", ["run", "montecarlo"])
+def test_no_run_file_breaks_the_reader(name, run, calibration, robot, empty):  # noqa: F811
+    folder = {"run": run, "montecarlo": calibration}[name]
+    document = json.loads((folder / "run.json").read_text())
+    tried = 0
+    for changed in mutations(document):
+        (empty / "run.json").write_text(json.dumps(changed))
+        with pytest.raises(InputError):
+            read_record(empty, robot)
+        settings_table(changed)
+        tried += 1
+    assert tried > 100
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{", '{"format": 1}', '{"version": 1}', "\x00", '{"a": NaN}'])
+def test_what_is_no_run_file(content, empty):
+    (empty / "run.json").write_text(content)
+    with pytest.raises(InputError, match=r"run\.json"):
+        kind_of(empty)
+
+
+def test_every_file_of_a_run_is_guarded(run, robot, tmp_path):  # noqa: F811
+    """Changed, emptied or removed: each is noticed."""
+    names = [path.relative_to(run) for path in sorted(run.rglob("*")) if path.is_file()]
+    assert len(names) > 8
+    for name in names:
+        if name == Path("run.json"):
+            continue
+        for damage in ("changed", "emptied", "removed"):
+            other = tmp_path / damage / str(name).replace("/", "-")
+            shutil.copytree(run, other)
+            content = (other / name).read_bytes()
+            if damage == "removed":
+                (other / name).unlink()
+            else:
+                (other / name).write_bytes(b"" if damage == "emptied" else content + b" ")
+            with pytest.raises(InputError, match=name.name.replace(".", r"\.")):
+                read_validation(other, robot)
+
+
+def test_outputs_lie_in_the_folder(run, robot, tmp_path):  # noqa: F811
+    shutil.copytree(run, tmp_path / "run")
+    document = json.loads((tmp_path / "run" / "run.json").read_text())
+    document["outputs"]["../elsewhere"] = "0"
+    (tmp_path / "run" / "run.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"'\.\./elsewhere'"):
+        read_validation(tmp_path / "run", robot)
+
+
+@pytest.fixture(scope="module")
+def static_run(robot, plan) -> Run:
+    """An experiment of the statics engine with an effect, in memory."""
+    laboratory = Laboratory(robot, "force-plate").with_effects("encoder-offset:right_knee=0.01")
+    return laboratory.run(plan, SEED, "statics")
+
+
+@pytest.fixture(scope="module")
+def discovered(static_run, robot) -> Discovered:
+    return discover_effects(static_run.measurements, robot, check=False)
+
+
+def same(first, second) -> None:
+    """Documents and arrays alike; in memory nothing is known of hashes and folders."""
+    for field in dataclasses.fields(first):
+        a, b = getattr(first, field.name), getattr(second, field.name)
+        if field.name in ("document", "report", "truth"):
+            assert a.plain() | {"outputs": 0, "rig": 0} == b.plain() | {"outputs": 0, "rig": 0}
+        elif field.name in ("residual_mm", "errors_mm"):
+            assert a.keys() == b.keys()
+            for model in a:
+                np.testing.assert_array_equal(a[model], b[model])
+        elif field.name in ("before", "after"):
+            np.testing.assert_array_equal(a, b)
+        elif field.name == "rig":
+            assert a == b
+
+
+def test_a_validation_in_memory_is_the_one_in_its_folder(wii, robot, tmp_path):
+    memory = record_of(wii)
+    assert isinstance(memory, ValidationRecord)
+    written = write_validation(tmp_path / "run", memory)
+    read = read_validation(tmp_path / "run", robot)
+    same(memory, read)
+    assert written.document == read.document
+    assert (written.report, written.truth, written.folder) == (read.report, read.truth, read.folder)
+    for name in ("report.json", "truth.json"):
+        document = json.loads((tmp_path / "run" / name).read_text())
+        assert document == {"report.json": read.report, "truth.json": read.truth}[name].plain()
+
+
+def test_the_same_run_gives_the_same_bytes(static_run, robot, tmp_path):
+    """All but what is a time: of the work and of the manifest."""
+    first = write_validation(tmp_path / "first", record_of(static_run)).document.outputs
+    again = static_run.laboratory.run(static_run.plan, SEED, "statics")
+    second = write_validation(tmp_path / "second", record_of(again)).document.outputs
+    assert first.keys() == second.keys()
+    timed = ("report.json", "measurements/manifest.json")
+    assert all(first[name] == second[name] for name in first if name not in timed)
+
+
+def test_a_discovery_in_memory_is_the_one_in_its_folder(discovered, robot, tmp_path):
+    memory = record_of(discovered)
+    assert memory.report.rig is None
+    written = write_discovery(tmp_path / "found", memory)
+    read = read_discovery(tmp_path / "found", robot)
+    same(memory, read)
+    assert written.document == read.document
+    assert written.report == read.report
+    assert read.report.rig == str(tmp_path / "found" / "rig")
+    with pytest.raises(InputError, match="exists already"):
+        write_discovery(tmp_path / "found", memory)
+
+
+def test_a_monte_carlo_in_memory_is_the_one_in_its_folder(robot, plan, tmp_path):
+    laboratory, settings = Laboratory(robot, "wii"), Settings(30, SEED, "mixed-model", None)
+    memory = record_of(montecarlo(laboratory, plan, settings, Place(tmp_path / "runs", 1, None)))
+    read = read_record(tmp_path / "runs", robot)
+    same(memory, read)
+    assert json.loads((tmp_path / "runs" / "report.json").read_text()) == read.report.plain()
+
+
+def test_any_result_in_memory_has_a_page_and_a_view(static_run, discovered, robot, plan, tmp_path):
+    settings = Settings(10, SEED, "mixed-model", None)
+    repeated = montecarlo(Laboratory(robot, "wii"), plan, settings, Place(tmp_path / "runs", 1, None))
+    for kind, result in {"validation": static_run, "discovery": discovered, "Monte Carlo": repeated}.items():
+        record = record_of(result)
+        page = write_page(tmp_path / f"{kind}.html", record)
+        assert page.title == f"TULip: {kind}"
+        assert page.verdict == record.report.verdict
+        view = record_view(record)
+        assert view.title == f"TULip ({kind})"
+        assert window.save(tmp_path / f"{kind}.rrd", view.title, view.log) > 1e5
+        with pytest.raises(InputError, match="exists already"):
+            write_page(tmp_path / f"{kind}.html", record)
+
+
+def test_a_run_of_the_statics_says_that_it_has_no_true_centre_of_mass(static_run):
+    record = record_of(static_run)
+    assert isinstance(record, ValidationRecord)
+    assert record.report.books is None
+    assert record.truth.com is None
+    page = page_of(record)
+    assert any(NO_TRUE_COM in section.paragraphs for section in page.sections)
+    assert "CoM, truth" not in "".join(figure.json for part in page.sections for figure in part.figures)
+    subject = validated(record)
+    assert set(subject.com) == {"estimate", "nominal model"}
+    assert NO_TRUE_COM in subject.notes
+
+
+def changed(document, path, value):
+    """A copy with another value at a path; GONE removes it."""
+    document = copy.deepcopy(document)
+    *way, last = path
+    place = document
+    for key in way:
+        place = place[key]
+    if value is GONE:
+        del place[last]
+    else:
+        place[last] = value
+    return document
+
+
+@pytest.mark.parametrize(
+    ("name", "path", "value", "message"),
+    [
+        ("report.json", ("verdict",), "maybe", "key 'verdict': found 'maybe'; expected 'pass' or 'fail'"),
+        ("report.json", ("checks", 0, "result"), None, "key 'checks.0.result': found None"),
+        ("report.json", ("checks", 4, "threshold"), [-1.0], "key 'checks.4.threshold"),
+        (
+            "report.json",
+            ("total_mass", "truth"),
+            "23",
+            "key 'total_mass.truth': found '23'; expected a valid",
+        ),
+        ("report.json", ("total_mass",), GONE, "key 'total_mass': found nothing"),
+        (
+            "report.json",
+            ("full", "parameters", 3, "estimate"),
+            GONE,
+            "key 'full.parameters.3.estimate': found n",
+        ),
+        (
+            "report.json",
+            ("full", "parameters", 3, "truth"),
+            None,
+            "key 'full.parameters.3.truth': found None",
+        ),
+        (
+            "report.json",
+            ("full", "parameters", 24),
+            GONE,
+            "key 'full.parameters': found 24 rows, expected 25",
+        ),
+        (
+            "report.json",
+            ("simplified", "parameters", 0, "number"),
+            7,
+            "key 'simplified.parameters.0': found par",
+        ),
+        (
+            "report.json",
+            ("full", "parameters", 9, "name"),
+            "head.x",
+            "found parameter 10, head.x, expected 10, ",
+        ),
+        ("report.json", ("full", "placement_sd_mm"), [1.0], "key 'full.placement_sd_mm'"),
+        ("report.json", ("dropped",), [[1, "tipped"]], "key 'dropped.0'"),
+        ("truth.json", ("version",), 2, "key 'version': found 2; expected 1"),
+        ("truth.json", ("attempts", 0, "com"), [0.1], "key 'attempts.0.com'"),
+        ("truth.json", ("attempts", 0, "com"), GONE, "key 'attempts.0': found"),
+        ("truth.json", ("attempts", 0, "posture"), 77, "found other postures than in the measurements"),
+        ("truth.json", ("standard_parameters", 2), [1.0, 0.0, 0.0], "key 'standard_parameters.2'"),
+        ("truth.json", ("links",), ["torso"], "key 'links'"),
+    ],
+)
+def test_an_edited_validation_is_refused_by_file_and_key(run, robot, tmp_path, name, path, value, message):  # noqa: F811
+    """Edited by hand, with the hash put right."""
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    document = json.loads((folder / name).read_text())
+    (folder / name).write_text(json.dumps(changed(document, path, value)))
+    _put_right(folder, name)
+    with pytest.raises(InputError, match=f"{re.escape(name)}: {re.escape(message)}"):
+        read_validation(folder, robot)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        (("verdict",), "found", "key 'verdict': found 'found'"),
+        (("candidates", 0, "log_bayes_factor"), None, "key 'candidates.0.log_bayes_factor': found None"),
+        (
+            ("candidates", 0, "parameters", 0, "value"),
+            "0.01",
+            "key 'candidates.0.parameters.0.value': found '0.01'",
+        ),
+        (
+            ("candidates", 0, "parameters", 0, "unit"),
+            GONE,
+            "key 'candidates.0.parameters.0.unit': found nothing",
+        ),
+        (("gap", "C", "floor"), GONE, "key 'gap.C.floor': found nothing"),
+        (("gap", "B"), None, "key 'gap.B"),
+        (("noise", "placement_sd"), [1e-3], "key 'noise.placement_sd'"),
+        (("noise", "encoder_sd"), 1e300, "key 'noise.encoder_sd': found 1e+300"),
+        (("repeats", "p"), {}, "key 'repeats': found"),
+        (("parameters", 24), GONE, "key 'parameters': found 24 rows, expected 25"),
+        (
+            ("parameters", 0, "name"),
+            "head.x",
+            "key 'parameters.0': found parameter 1, head.x, expected 1, torso.x",
+        ),
+        (("story",), [], "key 'story'"),
+        (("check",), {"reason": None}, "key 'check.postures': found nothing"),
+    ],
+)
+def test_an_edited_discovery_is_refused_by_key(discovered, robot, tmp_path, path, value, message):
+    folder = write_discovery(tmp_path / "found", record_of(discovered)).folder
+    document = json.loads((folder / "discovery.json").read_text())
+    (folder / "discovery.json").write_text(json.dumps(changed(document, path, value)))
+    _put_right(folder, "discovery.json")
+    with pytest.raises(InputError, match=f"discovery.json: {re.escape(message)}"):
+        read_discovery(folder, robot)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("full_mm", "whole_mm", "column 'full_mm' is missing"),
+        ("\r\n1,1,", "\r\n1,1,x", "column 'full_mm': found string, expected numbers"),
+        ("\r\n1,1,", "\r\n1,1,2.0,2.0\r\n1,1,", "rows, expected"),
+    ],
+)
+def test_an_edited_table_is_refused(static_run, robot, tmp_path, old, new, message):
+    folder = write_validation(tmp_path / "run", record_of(static_run)).folder
+    table = folder / "residuals.csv"
+    text = table.read_bytes().decode()
+    assert old in text
+    table.write_bytes(text.replace(old, new, 1).encode())
+    _put_right(folder, "residuals.csv")
+    with pytest.raises(InputError, match=f"residuals.csv: .*{message}"):
+        read_validation(folder, robot)
+
+
+def _put_right(folder, name):
+    document = json.loads((folder / "run.json").read_text())
+    document["outputs"][name] = sha256(folder / name)
+    (folder / "run.json").write_text(json.dumps(document))
+
+
+def test_keys_that_nobody_knows_are_kept(run, robot, tmp_path):  # noqa: F811
+    """As another version might write them."""
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    document = json.loads((folder / "report.json").read_text()) | {"weather": {"sky": "blue"}}
+    (folder / "report.json").write_text(json.dumps(document))
+    _put_right(folder, "report.json")
+    assert read_validation(folder, robot).report.plain() == document
+
+
+def test_what_is_infinite_or_undefined_is_null_on_disk(static_run, robot, tmp_path):
+    """An estimate of exactly 0 has no relative standard error."""
+    record = record_of(static_run)
+    assert isinstance(record, ValidationRecord)
+    row = ParameterRow.model_validate(
+        record.report.full.parameters[0].plain() | {"relative_standard_error": np.inf}
+    )
+    rows = [row, *record.report.full.parameters[1:]]
+    full = record.report.full.model_copy(update={"parameters": rows})
+    record = dataclasses.replace(record, report=record.report.model_copy(update={"full": full}))
+    write_validation(tmp_path / "run", record)
+    assert read_validation(tmp_path / "run", robot).report.full.parameters[0].relative_standard_error is None

@@ -1,0 +1,131 @@
+"""What the commands print: results go to stdout, everything else to stderr."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.status import Status
+from rich.text import Text
+
+from tulip_testbed.experiments.table import STYLES, Table, printable, whole_width
+from tulip_testbed.sim.measurements.table_files import finite
+
+ERR = Console(stderr=True)
+PIPE_WIDTH = 150
+
+
+def show(*parts: Table | str) -> None:
+    """Print tables and sentences on stdout, as wide as the terminal.
+
+    A pipe or a file gets whole tables and lines of `PIPE_WIDTH`, or as many characters as $COLUMNS says.
+    """
+    before: Table | str = ""
+    for part in parts:
+        if isinstance(part, str):
+            _console().print(Text(printable(part)))
+        else:
+            gap = [""] if isinstance(before, str) and before else []
+            _console(whole_width(part)).print(*gap, part, "", sep="\n", crop=False)
+        before = part
+
+
+def show_verdict(verdict: str, more: str = "") -> None:
+    """Print a verdict in its colour.
+
+    Args:
+        more: follows it.
+    """
+    _console().print(Text.assemble("Verdict: ", (verdict, STYLES.get(verdict, "bold")), printable(more)))
+
+
+def show_whole(lines: Iterable[str]) -> None:
+    """Print lines that a person may copy: whole, whatever the width."""
+    screen = _console()
+    for line in lines:
+        screen.print(Text(printable(line)), soft_wrap=True)
+
+
+def say(text: str) -> None:
+    """Print a line on stderr."""
+    ERR.print(Text(printable(text)), soft_wrap=True)
+
+
+def refuse(message: str) -> None:
+    """Print what is wrong with the input on stderr."""
+    ERR.print(Text.assemble(("tulip: ", "bold red"), printable(message)), soft_wrap=True)
+
+
+def working_on(text: str) -> Status:
+    """Show on stderr, while the context lasts, what is being done."""
+    return ERR.status(text)
+
+
+def print_json(document: dict[str, Any]) -> None:
+    """Print one JSON document on stdout."""
+    json.dump(finite(document), sys.stdout, indent=1)
+    sys.stdout.write("\n")
+
+
+class RateColumn(ProgressColumn):
+    """Steps a second."""
+
+    def render(self, task: Task) -> Text:
+        return Text(f"{task.speed:.3g}/s" if task.speed else "")
+
+
+@contextmanager
+def progress(label: str, total: int, done: int = 0) -> Iterator[Callable[[int], None]]:
+    """Show a bar with rate and time left on stderr.
+
+    Args:
+        done: steps that were done before.
+
+    Yields:
+        What is called with the number of steps that are done now.
+    """
+    with _bar(label, RateColumn(), TimeElapsedColumn(), TimeRemainingColumn()) as bar:
+        task = bar.add_task(label, total=total, completed=done)
+        yield lambda count: bar.advance(task, count)
+
+
+@contextmanager
+def best_so_far(label: str, total: int, done: int = 0) -> Iterator[Callable[[int, float], None]]:
+    """Show a bar with the best value so far on stderr.
+
+    Yields:
+        What is called with the number of rounds that are done and the value.
+    """
+    with _bar(label, TextColumn("{task.fields[value]}"), TimeElapsedColumn()) as bar:
+        task = bar.add_task(label, total=total, completed=done, value="")
+        yield lambda rounds, value: bar.update(task, completed=rounds, value=f"{value:.4g}")
+
+
+def _bar(label: str, *columns: ProgressColumn) -> Progress:
+    first = (TextColumn(label), BarColumn(), MofNCompleteColumn())
+    return Progress(*first, *columns, console=ERR, transient=True, disable=not ERR.is_terminal)
+
+
+def _console(least: int = 0) -> Console:
+    """Return stdout as rich sees it.
+
+    Args:
+        least: width that a pipe or a file must have at least.
+    """
+    piped = not sys.stdout.isatty() and "COLUMNS" not in os.environ
+    return Console(width=max(PIPE_WIDTH, least) if piped else None)
