@@ -13,6 +13,8 @@ import numpy as np
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.example import example_manifest, example_row
+from tulip_testbed.experiments.preflight_tables import advice_table, complaint_lines, finding_table
+from tulip_testbed.experiments.table import Shown, Table
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight import RESULTS, Finding, preflight, worst_of
 from tulip_testbed.identification.preflight.plate_checks import plate_poses
@@ -27,8 +29,8 @@ from tulip_testbed.sim.robot import Robot
 UNREADABLE = "could not read"
 
 
-@dataclass(frozen=True)
-class Preflight:
+@dataclass(frozen=True, repr=False)
+class Preflight(Shown):
     """What a preflight found, as its JSON document: verdict, counts and every check."""
 
     document: dict[str, Any]
@@ -37,6 +39,14 @@ class Preflight:
     def verdict(self) -> str:
         """ "pass", "warn", "fail" or "could not read"."""
         return self.document["verdict"]
+
+    def parts(self) -> list[Table | str]:
+        """Return the checks and what to do about them; of a folder that cannot be read what it lacks."""
+        if self.verdict == UNREADABLE:
+            return list(complaint_lines(self.document))
+        checks = self.document["checks"]
+        advice = advice_table(checks)
+        return [finding_table(checks), *([advice] if advice.rows else []), f"Verdict: {self.verdict}"]
 
 
 def check_folder(folder: Path, robot: Robot, corrections: Sequence[EffectInstance] = ()) -> Preflight:

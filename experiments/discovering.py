@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 from tulip_testbed.discovery.discover import AMBIGUOUS, Discovery, discover
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck, check_in_dynamics
@@ -12,6 +13,7 @@ from tulip_testbed.discovery.proposals import Proposal, proposals
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.identify import Identification, identify
+from tulip_testbed.experiments.table import Shown, Table
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight.units import units
 from tulip_testbed.sim.errors import InputError, at_least
@@ -19,8 +21,8 @@ from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
 
 
-@dataclass(frozen=True)
-class Discovered:
+@dataclass(frozen=True, repr=False)
+class Discovered(Shown):
     """What a discovery found, and what it changes.
 
     Attributes:
@@ -56,8 +58,15 @@ class Discovered:
         """The finding in sentences, the most important first."""
         return story(self.discovery, self.proposals)
 
-    def __repr__(self) -> str:
-        return "\n".join([f"Verdict: {self.verdict}", *self.story])
+    def parts(self) -> list[Table | str]:
+        """Return the verdict and the story."""
+        return [f"Verdict: {self.verdict}", *self.story]
+
+    def to_frame(self) -> Any:
+        """Return a pandas DataFrame with one row a parameter, identified before and after."""
+        before, after = self.before.to_frame(), (self.after or self.before).to_frame()
+        kept = [name for name in before if name.startswith(("estimate", "s.e."))]
+        return before[kept].join(after[kept], lsuffix=", before", rsuffix=", after")
 
 
 def discover_effects(

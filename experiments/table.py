@@ -240,6 +240,20 @@ class Table:
             yield Text(printable(self.note), style="dim")
 
 
+class Shown:
+    """A result that prints as its `parts`, tables and lines, in a terminal and in a notebook."""
+
+    def parts(self) -> list[Table | str]:
+        """Return what is shown."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return "\n".join(part.text() + "\n" if isinstance(part, Table) else part for part in self.parts())
+
+    def _repr_html_(self) -> str:
+        return "\n".join(p.html() if isinstance(p, Table) else f"<p>{_html(p)}</p>" for p in self.parts())
+
+
 def shown_columns(table: Table, width: int) -> dict[int, int]:
     """Choose the columns that a width has room for.
 

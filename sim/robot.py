@@ -44,7 +44,7 @@ CELLS = tuple(f"{plate}.{corner}" for plate in PLATES for corner in CORNERS)
 mujoco.set_mju_user_warning(lambda message: None)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Robot:
     """A robot, loaded once and passed on: its description, its compiled model, the hashes of its files.
 
@@ -73,6 +73,10 @@ class Robot:
     spec: mujoco.MjSpec = field(repr=False)
     model: mujoco.MjModel = field(repr=False)
     meshes: bool = False
+
+    def __repr__(self) -> str:
+        mass = float(self.model.body_mass.sum())
+        return f"Robot {self.name}: {len(joint_names(self.model))} joints, {mass:.2f} kg ({self.path.name})"
 
     @property
     def folder(self) -> Path:

@@ -19,8 +19,8 @@ from tulip_testbed.experiments.montecarlo.montecarlo_run import Place, montecarl
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.records import read_record, record_of
 from tulip_testbed.experiments.run_file import kind_of
+from tulip_testbed.experiments.settings_table import settings_table
 from tulip_testbed.experiments.validation_record import ValidationRecord, read_validation, write_validation
-from tulip_testbed.pages.page_tables import settings_table
 from tulip_testbed.pages.report_page import page_of, write_page
 from tulip_testbed.pages.words import NO_TRUE_COM
 from tulip_testbed.sim.errors import InputError

@@ -65,7 +65,7 @@ class Row:
         return self.bias * (self.detectable / self.prior if np.isfinite(self.detectable) else np.nan)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Atlas:
     """All of it.
 
@@ -83,6 +83,20 @@ class Atlas:
     groups: tuple[tuple[int, ...], ...]
     tests: float
     level: float
+
+    def __repr__(self) -> str:
+        seen = sum(row.visible for row in self.rows)
+        return (
+            f"Atlas of {len(self.planned.plan)} postures: {seen} of {len(self.rows)} sizes can be seen, "
+            f"{len(self.groups)} groups of effects look alike"
+        )
+
+    def to_frame(self) -> Any:
+        """Return a pandas DataFrame with one row a size of an effect, in SI units."""
+        import pandas as pd
+
+        kept = ("effect", "target", "parameter", "unit", "prior_sd", "detectable", "visible", "nearest")
+        return pd.DataFrame([{name: row[name] for name in kept} for row in document(self)["effects"]])
 
     def nearest(self, number: int) -> tuple[int, float]:
         """The other candidate that looks most like one, and the angle to it [rad]."""

@@ -6,11 +6,13 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.calibration_report import CalibrationReport, report
+from tulip_testbed.experiments.montecarlo.calibration_tables import calibration_check_table, calibration_table
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.collect import collect
 from tulip_testbed.experiments.montecarlo.engine import Work, engine
@@ -25,6 +27,7 @@ from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
 from tulip_testbed.experiments.montecarlo.run_columns import Job, layout_of
 from tulip_testbed.experiments.montecarlo.settings import Settings, check_settings
 from tulip_testbed.experiments.montecarlo.summary import errors_mm, summarise
+from tulip_testbed.experiments.table import Shown, Table
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PosturePlan
@@ -56,8 +59,8 @@ class Place:
     address: str | None
 
 
-@dataclass(frozen=True)
-class MonteCarlo:
+@dataclass(frozen=True, repr=False)
+class MonteCarlo(Shown):
     """Many runs of one experiment, and what they say of the estimator.
 
     Attributes:
@@ -78,6 +81,20 @@ class MonteCarlo:
     def verdict(self) -> str:
         """ "pass", or "fail" if any check fails."""
         return self.report.verdict
+
+    def table(self) -> Table:
+        """Return bias, ratio of standard errors and coverage of the full model's parameters."""
+        return calibration_table("full", self.report.plain()["parameters"])
+
+    def to_frame(self) -> Any:
+        """Return a pandas DataFrame with one row a parameter of the full model and its name as the index."""
+        return self.table().frame().set_index("parameter")
+
+    def parts(self) -> list[Table | str]:
+        """Return the parameters, the checks and the verdict."""
+        checks = calibration_check_table(self.report.plain()["checks"])
+        enough = "" if self.report.shown or self.verdict == "fail" else ", inconclusive: too few runs"
+        return [self.table(), checks, f"Verdict after {self.report.runs} runs: {self.verdict}{enough}"]
 
 
 def montecarlo(
