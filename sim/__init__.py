@@ -1,1 +1,1 @@
-"""The virtual laboratory: the only place where the truth lives."""
+"""The virtual laboratory, the only room that knows the true parameters of a simulation."""

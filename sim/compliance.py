@@ -1,4 +1,4 @@
-"""Soles and load cells that give way: springs between the foot and its sole, the board and its cells."""
+"""Compliant soles and load cells: springs between foot and sole, and between board and cells."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy as np
 
 from tulip_testbed.sim.robot import CORNERS, PLATES, Robot
 
-# Springs are critically damped at this rate, which an inertia on the spring itself makes: slow enough
-# for the time step, fast against what settles. It carries no weight.
-RATE = 50.0  # 1/s; at 150, together with flexible drives, contacts made energy out of nothing
+# Springs are critically damped at this rate by an armature inertia of their own, which has no weight. The
+# rate is slow enough for the time step and fast compared with the settling of the robot.
+RATE = 50.0  # 1/s; at 150, together with flexible drives, the contacts gained energy
 SHAPE = ("type", "size", "quat", "group", "rgba")
 CONTACT = ("contype", "conaffinity", "condim", "priority", "friction", "solref", "solimp", "margin")
 
 
 @dataclass(frozen=True)
 class Compliance:
-    """How far soles and cells give way; all zero: rigid.
+    """Compliances of soles and load cells; zero means rigid.
 
     Attributes:
-        sole: of a foot's sole, straight down [m/N].
-        sole_tilt: of a foot's sole, roll and pitch about the point below the ankle [rad/(N m)].
-        cell: of every load cell [m/N].
+        sole: vertical compliance of a sole [m/N].
+        sole_tilt: compliance of a sole in roll and pitch about the point below the ankle [rad/(N m)].
+        cell: vertical compliance of every load cell [m/N].
     """
 
     sole: float = 0.0
@@ -32,7 +32,7 @@ class Compliance:
 
 
 def add_compliance(spec: mujoco.MjSpec, robot: Robot, compliance: Compliance) -> None:
-    """Hang every foot's sole corners and every board's cells on springs, where these are asked for."""
+    """Mount the sole corners of each foot and the cells of each board on springs where compliance > 0."""
     if compliance.sole > 0 or compliance.sole_tilt > 0:
         for foot in robot.feet:
             corners = [spec.geom(f"{foot}_{corner}") for corner in CORNERS]
@@ -55,7 +55,7 @@ def add_compliance(spec: mujoco.MjSpec, robot: Robot, compliance: Compliance) ->
 def _hang(
     spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, position: list[float], parts: list
 ) -> mujoco.MjsBody:
-    """A weightless body at `position` in `body` that takes over its geoms and sites `parts`."""
+    """Add a massless body at `position` in `body` and move the geoms and sites `parts` to it."""
     child = body.add_body(name=name, pos=position, mass=1e-9, inertia=[1e-9] * 3, ipos=[0, 0, 0])
     child.explicitinertial = True
     for part in parts:
@@ -71,11 +71,11 @@ def _hang(
 
 
 def _spring(
-    body: mujoco.MjsBody, way: str, kind: mujoco.mjtJoint, axis: list[int], compliance: float
+    body: mujoco.MjsBody, direction: str, kind: mujoco.mjtJoint, axis: list[int], compliance: float
 ) -> None:
     inertia = 1.0 / (compliance * RATE**2)
     body.add_joint(
-        name=f"{body.name}_{way}",
+        name=f"{body.name}_{direction}",
         type=kind,
         axis=axis,
         stiffness=1.0 / compliance,

@@ -1,4 +1,4 @@
-"""Joint PD control with torque limits: the model's motors turned into position servos."""
+"""Joint PD control with torque limits: replace the model's motors by position servos."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from tulip_testbed.sim.errors import InputError
 
 @dataclass(frozen=True)
 class Controller:
-    """Gains by two rules, so that every drive is used alike.
+    """Gains of all servos by two rules, so that every drive is used alike.
 
     Attributes:
-        error_at_full_torque: joint error that asks for the whole torque limit [rad];
-            kp = torque limit / this.
+        error_at_full_torque: joint error at which the servo reaches its torque limit [rad];
+            kp = torque limit / error_at_full_torque.
         derivative_time: kd / kp [s].
         command_sd: s.d. of the commanded angle about the planned one, per posture [rad].
     """
@@ -29,7 +29,7 @@ def add_servos(spec: mujoco.MjSpec, controller: Controller) -> None:
     """Make every actuator of `spec` a PD servo on its joint's angle that saturates at its torque limit.
 
     Raises:
-        InputError: an actuator without a torque limit.
+        InputError: an actuator has no torque limit.
     """
     for actuator in spec.actuators:
         limit = torque_limit(spec, actuator)
@@ -42,10 +42,10 @@ def add_servos(spec: mujoco.MjSpec, controller: Controller) -> None:
 
 
 def torque_limit(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> float:
-    """Torque on its joint that an actuator cannot exceed [Nm]: the least of the limits that are given.
+    """Return the largest torque of an actuator on its joint [Nm], the least of the given limits.
 
     Raises:
-        InputError: none is given, or one that lets the drive push one way only.
+        InputError: no limit is given, or one that allows a single direction only.
     """
     gear, joint = abs(actuator.gear[0]), spec.joint(actuator.target)
     plain_motor = (
@@ -77,6 +77,6 @@ def torque_limit(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> float:
 
 
 def remove_servos(spec: mujoco.MjSpec) -> None:
-    """Make every servo of `spec` a plain motor again: its control is a torque [Nm]."""
+    """Make every servo of `spec` a plain motor again, with a torque [Nm] as its control."""
     for actuator in spec.actuators:
         actuator.set_to_motor()

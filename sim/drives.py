@@ -1,4 +1,4 @@
-"""What lies between motor and joint: flexibility and backlash of the drives."""
+"""Flexibility and backlash of the drives, between motor and joint."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from tulip_testbed.sim.control import torque_limit
 from tulip_testbed.sim.errors import InputError
 
 SUFFIX = "_motor"
-# Damping over stiffness of the flexible element, so that the links do not ring [s], assumed. It acts on
-# the joint's own speed, where it is integrated implicitly; at rest it makes no difference.
+# Ratio of damping to stiffness of the flexible element, which keeps the links from ringing [s], assumed. It
+# acts on the joint's own speed, where it is integrated implicitly, and has no effect at rest.
 LOSS_TIME = 0.001
-# Share of the drive's reflected inertia on the joint's side of the spring, assumed.
+# Share of the drive's reflected inertia on the joint side of the spring, assumed.
 LINK_SHARE = 0.2
 
 
 @dataclass(frozen=True)
 class Drives:
-    """One rule for all drives, as `Controller` has one for all servos.
+    """Flexibility of all drives by one rule, as `Controller` has one for all servos.
 
     Attributes:
-        wind_up: angle between motor and joint at the full torque [rad]; stiffness = torque limit /
-            this; 0: rigid.
-        backlash: free play between them, its whole width at the joint [rad].
+        wind_up: angle between motor and joint at the torque limit [rad]; stiffness = torque limit /
+            wind_up; 0 means rigid.
+        backlash: whole width of the free play between motor and joint, at the joint [rad].
     """
 
     wind_up: float = 0.0
@@ -32,13 +32,13 @@ class Drives:
 
 
 def add_drives(spec: mujoco.MjSpec, drives: Drives) -> None:
-    """Put a rotor before every actuated joint and a spring with a dead band between them.
+    """Add a rotor to every actuated joint, with a spring and a dead band between them.
 
-    The rotor takes over the drive's inertia and friction and the actuator; it turns the joint by
-    a fixed tendon whose length is joint minus motor angle. Rigid drives are left as they are.
+    The rotor takes over the actuator and the drive's inertia and friction; it turns the joint by
+    a fixed tendon whose length is joint minus motor angle. Rigid drives stay unchanged.
 
     Raises:
-        InputError: backlash without flexibility, or an actuator without a torque limit.
+        InputError: the drives have backlash but no flexibility, or an actuator has no torque limit.
     """
     if drives.wind_up <= 0 and drives.backlash > 0:
         raise InputError(f"drives: found a backlash of {drives.backlash} rad and no wind_up, expected both")
@@ -75,6 +75,6 @@ def add_drives(spec: mujoco.MjSpec, drives: Drives) -> None:
 
 
 def motor_joint(model: mujoco.MjModel, joint: str) -> str:
-    """The joint that a joint's motor turns: its rotor's, or the joint itself where it is rigid."""
+    """Return the name of the joint that a joint's motor turns: its rotor, or itself in a rigid drive."""
     rotor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, f"{joint}{SUFFIX}")
     return f"{joint}{SUFFIX}" if rotor >= 0 else joint

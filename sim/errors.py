@@ -1,4 +1,4 @@
-"""The one exception for input that a person can mend, and how its message is worded."""
+"""The exception for bad input, and helpers that word its messages."""
 
 from pydantic import ValidationError
 
@@ -14,12 +14,12 @@ class UnknownNameError(InputError, KeyError):
 
 
 def listed(names) -> str:
-    """Names for an error message, in their own order."""
+    """Join names for an error message, in their own order."""
     return ", ".join(str(name) for name in names)
 
 
 def shortened(value: object, most: int = 60) -> str:
-    """Anything as text for a message: one line, no longer than `most`."""
+    """Return any value as text of one line with at most `most` characters."""
     text = " ".join(str(value).split())
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
@@ -39,14 +39,14 @@ def at_least(name: str, value: int, least: int) -> None:
     """Refuse a number below `least`.
 
     Raises:
-        InputError: names the number.
+        InputError: the number is too small.
     """
     if value < least:
         raise InputError(f"{name}: found {value}, expected {least} or more")
 
 
 def validation_message(error: ValidationError) -> str:
-    """The first complaint of pydantic in one line."""
+    """Return pydantic's first complaint as one line."""
     first = error.errors()[0]
     place = shortened(".".join(str(part) for part in first["loc"]))
     found = "nothing" if first["type"] == "missing" else shortened(repr(first["input"]))

@@ -1,4 +1,4 @@
-"""Reading files that may be anything, and writing so that a file or folder appears whole or not at all."""
+"""Read arbitrary files safely, and write files and folders so that they appear whole or not at all."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ KINDS = {
 
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
-    """The bytes of a regular file; never waits, whatever the path names.
+    """Return the bytes of a regular file, without ever blocking.
 
     Raises:
-        InputError: it cannot be read, is no regular file, or is larger than `most`.
+        InputError: the file cannot be read, is no regular file, or is larger than `most`.
     """
     try:
-        # Without O_NONBLOCK, opening a named pipe waits for somebody who writes into it.
+        # Without O_NONBLOCK, opening a named pipe waits for a writer.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
             mode = os.fstat(descriptor).st_mode
@@ -47,15 +47,15 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         raise InputError(f"{path}: cannot read ({error_text(error)})") from None
     if len(content) > most:
-        raise InputError(f"{path}: found more than {most} bytes, expected at most that")
+        raise InputError(f"{path}: found more than {most} bytes, expected at most {most}")
     return content
 
 
 def read_text(path: Path, most: int = MOST_BYTES) -> str:
-    """A regular file as UTF-8, with or without byte order mark.
+    """Return a regular file as UTF-8 text, with or without byte order mark.
 
     Raises:
-        InputError: as `read_bytes`, or not UTF-8.
+        InputError: as `read_bytes`, or the file is not UTF-8.
     """
     try:
         return read_bytes(path, most).decode("utf-8-sig")
@@ -64,10 +64,10 @@ def read_text(path: Path, most: int = MOST_BYTES) -> str:
 
 
 def present(path: Path) -> bool:
-    """Whether the name is there, be it a file or not.
+    """Return whether the name exists, as a file or anything else.
 
     Raises:
-        InputError: its folder cannot be searched.
+        InputError: the folder cannot be searched.
     """
     try:
         os.lstat(path)
@@ -97,10 +97,10 @@ def check_new(path: Path) -> None:
 
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """A folder to fill; it gets its name when the block ends well, else nothing stays behind.
+    """Yield a folder to fill; it gets its name if the block succeeds and is removed otherwise.
 
     Raises:
-        InputError: the name is taken or the folder cannot be written.
+        InputError: the name exists already or the folder cannot be written.
     """
     path = Path(path)
     if os.path.lexists(path):
@@ -114,7 +114,7 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write one UTF-8 file, which appears whole; one of the same name is replaced.
+    """Write a UTF-8 file atomically and replace one of the same name.
 
     Raises:
         InputError: it cannot be written.
@@ -123,7 +123,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write one file, which appears whole; one of the same name is replaced.
+    """Write a file atomically and replace one of the same name.
 
     Raises:
         InputError: it cannot be written.
@@ -139,10 +139,10 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 @contextmanager
 def _partial(path: Path) -> Iterator[Path]:
-    """A hidden folder beside `path` to prepare it in: locked while in use, removed at the end.
+    """Yield a hidden folder beside `path`, locked while in use and removed at the end.
 
-    A killed process leaves its own behind, but not the lock, so the next one that writes to
-    the same name can tell it from a folder in use, and removes it.
+    A killed process leaves its folder but not the lock, so that the next process that writes to the same
+    name recognises the folder as stale and removes it.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -162,9 +162,9 @@ def _make_locked(path: Path) -> tuple[Path, int]:
         working = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.partial")
         working.mkdir()
         lock = os.open(working, os.O_RDONLY)
-        with suppress(OSError):  # some network file systems cannot lock; there stale folders stay
+        with suppress(OSError):  # some network file systems cannot lock; stale folders remain there
             fcntl.flock(lock, fcntl.LOCK_EX)
-        if working.exists():  # else somebody took it for stale before it was locked
+        if working.exists():  # otherwise another process removed it as stale before it was locked
             return working, lock
         os.close(lock)
 
@@ -181,7 +181,7 @@ def _remove_stale(path: Path) -> None:
 
 
 def _to_disk(path: Path) -> None:
-    """Make a file's content, or a folder's names, survive a power cut."""
+    """Flush a file's content, or a folder's names, to disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -190,5 +190,5 @@ def _to_disk(path: Path) -> None:
 
 
 def error_text(error: Exception) -> str:
-    """What the system says, as one line."""
+    """Return the system's message as one line."""
     return getattr(error, "strerror", None) or " ".join(str(error).split())

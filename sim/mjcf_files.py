@@ -1,4 +1,4 @@
-"""Which files an MJCF makes MuJoCo open, and whether it may: looked at before MuJoCo opens any."""
+"""Find the files that an MJCF makes MuJoCo open, and check them before MuJoCo opens any."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from tulip_testbed.sim.files import present, read_bytes
 
 MOST_XML = 16 * 2**20  # bytes
 MOST_ELEMENTS = 100_000
-MOST_DEPTH = 200  # tinyxml2, which MuJoCo reads with, gives up at 500
+MOST_DEPTH = 200  # the limit of tinyxml2, which MuJoCo reads with, is 500
 FOLDER_ATTRIBUTES = ("meshdir", "texturedir", "assetdir")
-XML_ELEMENTS = ("include", "model")  # what their `file` names is MJCF itself
+XML_ELEMENTS = ("include", "model")  # their `file` is itself MJCF
 
 
 @dataclass
 class _Search:
-    """What has been found so far.
+    """State of the search.
 
     Attributes:
-        top: folder of the first file; MuJoCo looks for everything from there.
-        folder: nothing outside of it may be opened.
-        hashes: of every file.
-        assets: of meshes, textures, height fields, skins: where it is named, from which folder, its name.
-        asset_folders: that any <compiler> names.
+        top: folder of the first file, to which MuJoCo's paths are relative.
+        folder: folder of the robot; nothing outside of it may be opened.
+        hashes: hash of every file.
+        assets: meshes, textures, height fields and skins as (place, folder of the naming file, name).
+        asset_folders: folders that any <compiler> names.
     """
 
     top: Path
@@ -38,14 +38,14 @@ class _Search:
 
 
 def mjcf_files(path: Path, folder: Path) -> dict[Path, str]:
-    """Every file that an MJCF is made of, with its hash.
+    """Return every file that an MJCF consists of, with its hash.
 
     Args:
-        folder: of the robot; files outside of it, also by a symbolic link, are refused.
+        folder: folder of the robot; files outside of it, also by a symbolic link, are refused.
 
     Raises:
         InputError: a file is no MJCF, includes itself, declares a document type, holds a number
-            that is not finite, names a file outside, or names something that is no file.
+            that is not finite, or names something that is outside of the folder or no file.
     """
     path = Path(path)
     search = _Search(path.parent, Path(os.path.realpath(folder)))
@@ -63,8 +63,8 @@ def mjcf_files(path: Path, folder: Path) -> dict[Path, str]:
 
 def _read(search: _Search, path: Path, trail: list[Path]) -> None:
     if path in trail:
-        way = " -> ".join(file.name for file in [*trail[trail.index(path) :], path])
-        raise InputError(f"{path}: broken MJCF: includes itself ({way})")
+        chain = " -> ".join(file.name for file in [*trail[trail.index(path) :], path])
+        raise InputError(f"{path}: broken MJCF: includes itself ({chain})")
     if path in search.hashes:
         return
     content = read_bytes(path, MOST_XML)
@@ -79,7 +79,7 @@ def _read(search: _Search, path: Path, trail: list[Path]) -> None:
 
 
 def _inside(search: _Search, where: str, start: Path, name: str) -> Path:
-    """The path that a name stands for."""
+    """Return the path of a name, which has to lie inside the robot's folder."""
     path = start / name
     if os.path.isabs(name) or not Path(os.path.realpath(path)).is_relative_to(search.folder):
         raise InputError(f"{where}: found '{shortened(name)}', expected a path inside {search.folder}")
@@ -87,7 +87,7 @@ def _inside(search: _Search, where: str, start: Path, name: str) -> Path:
 
 
 def _references(search: _Search, path: Path, content: bytes, root: str | None) -> list[tuple[str, str, str]]:
-    """Place, element and name of every file that one MJCF file names."""
+    """Return place, element and name of every file that an MJCF file names."""
     parser = expat.ParserCreate()
     found: list[tuple[str, str, str]] = []
     depth = elements = 0
@@ -136,7 +136,7 @@ def _hash(content: bytes) -> str:
 
 
 def _not_finite(token: str) -> bool:
-    """Whether a token is a number, but none that can be computed with."""
+    """Return whether a token is a number that is infinite or not a number."""
     try:
         return not abs(float(token)) < float("inf")
     except ValueError:

@@ -1,4 +1,4 @@
-"""What a robot has to be, beyond an MJCF that compiles, to stand in a laboratory and to be identified."""
+"""Requirements on a robot beyond an MJCF that compiles."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ LEAST_STEP, MOST_STEP = 1e-5, 0.01  # s
 
 
 def check_model(model: mujoco.MjModel, where: str) -> None:
-    """Refuse a robot alone that cannot be one.
+    """Refuse a model of the robot alone that cannot be simulated or identified.
 
     Raises:
-        InputError: too many bodies, an unnamed body or joint, no single root on a free joint, no
-            hinge, or a length, mass, gravity or time step out of range.
+        InputError: too many bodies, an unnamed body or joint, other than one root body on a free joint,
+            no hinge, or a length, mass, gravity or time step out of range.
     """
     if model.nbody - 1 > MOST_BODIES:
         raise InputError(f"{where}: found {model.nbody - 1} bodies, expected at most {MOST_BODIES}")
@@ -51,7 +51,7 @@ def check_model(model: mujoco.MjModel, where: str) -> None:
 
 
 def check_options(model: mujoco.MjModel, where: str) -> None:
-    """Refuse a gravity that does not pull straight down and a time step that leads nowhere."""
+    """Refuse a gravity that is not vertical or out of range, and a time step out of range."""
     *aside, up = model.opt.gravity
     if any(aside) or not LEAST_GRAVITY <= -up <= MOST_GRAVITY:
         raise InputError(

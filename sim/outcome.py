@@ -1,4 +1,4 @@
-"""What an experiment in a laboratory comes to: measurements and, kept apart from them, the truth."""
+"""Outcome of a simulated experiment: the measurements and, separate from them, the truth."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from tulip_testbed.sim.measurements import Measurements
 
 @dataclass(frozen=True)
 class Attempt:
-    """One try at one posture in the full dynamics.
+    """One attempt at one posture in the full dynamics.
 
     Attributes:
-        held: the posture, or None if it was dropped; reason: why, else "".
-        reading: what the sensors said, by column prefix.
-        plates, true_plates: recorded and true poses in the base frame, (2, 3) [m, m, rad].
+        held: the held posture, or None if the attempt failed.
+        reason: why it failed, or "".
+        reading: sensor readings by column prefix.
+        plates, true_plates: recorded and true plate poses in the base frame, (2, 3) [m, m, rad].
     """
 
     posture: int
@@ -32,13 +33,13 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Truth:
-    """What only a simulation knows.
+    """True values, which only a simulation knows.
 
     Attributes:
-        mass: of the robot on the plates [kg].
+        mass: mass of the robot on the plates [kg].
         standard: its standard parameters (eq. 5), links in MJCF order, (n_links, 4) [kg, kg m].
-        dropped: number of every posture of which no try could be used, and why its first one could not.
-        attempts: every try in order; statics keeps no account of them.
+        dropped: number of every posture without a successful attempt, and why its first attempt failed.
+        attempts: all attempts in order; empty after a run by statics.
     """
 
     mass: float
@@ -48,21 +49,21 @@ class Truth:
 
     @property
     def measured(self) -> list[Attempt]:
-        """The tries behind the rows of the measurements, in the same order."""
+        """Return the attempts behind the rows of the measurements, in the same order."""
         return [a for a in self.attempts if a.held is not None]
 
     @property
     def held(self) -> list[Held]:
-        """The true states behind the rows of the measurements, in the same order."""
+        """Return the true states behind the rows of the measurements, in the same order."""
         return [a.held for a in self.attempts if a.held is not None]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What an experiment hands over, and what really happened.
+    """Measurements and truth of one experiment.
 
     Attributes:
-        measurements: the data contract. truth: what an estimator never sees.
+        measurements: the data contract; truth: the true values, which no estimator sees.
     """
 
     measurements: Measurements
@@ -70,7 +71,7 @@ class Outcome:
 
 
 def dropped_postures(attempts: tuple[Attempt, ...]) -> tuple[tuple[int, str], ...]:
-    """List the postures of which no try could be used, with the reason of the first try."""
+    """List the postures without a successful attempt, with the reason of the first attempt."""
     used = {a.posture for a in attempts if a.held is not None}
     first: dict[int, str] = {}
     for attempt in attempts:

@@ -1,4 +1,4 @@
-"""Paths between postures that keep both feet where they stand (a closed chain)."""
+"""Paths between postures that keep both feet in place (a closed kinematic chain)."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 from tulip_testbed.sim.robot import Robot, between_feet, joint_names, sole_point
 
 NEWTON_STEPS = 12
-TOLERANCE = 1e-8  # of the feet's places [m, rad]
+TOLERANCE = 1e-8  # of the feet's poses [m, rad]
 
 
 class ClosedChain:
-    """The robot alone as a mechanism between its two feet. A class because it keeps MuJoCo's data."""
+    """The robot alone as a closed chain between its feet; a class because it keeps MuJoCo's data."""
 
     def __init__(self, model: mujoco.MjModel, robot: Robot):
         self.model, self.data = model, mujoco.MjData(model)
@@ -24,7 +24,7 @@ class ClosedChain:
         self.soles = [sole_point(model, foot) for foot in robot.feet]
 
     def base_pose(self, angles: np.ndarray) -> np.ndarray:
-        """Pose of the free body that puts the stance sole on the origin, flat, (7,) [m, quaternion]."""
+        """Return the pose of the free body with the stance sole flat on the origin, (7,) [m, quaternion]."""
         (sole, _), _ = self._feet(angles, np.array([0.0, 0, 0, 1, 0, 0, 0]))
         inverse, position = np.zeros(4), np.zeros(3)
         mujoco.mju_negQuat(inverse, self.data.xquat[self.feet[0]])
@@ -32,11 +32,11 @@ class ClosedChain:
         return np.concatenate([position, inverse])
 
     def path(self, start: np.ndarray, end: np.ndarray, steps: int) -> np.ndarray:
-        """Joint angles from `start` (excluded) to `end`, (steps, n) [rad].
+        """Compute the joint angles from `start` (excluded) to `end`, (steps, n) [rad].
 
-        The torso goes straight at minimum jerk while the feet stay; so the load goes over from
-        foot to foot without detours, as it would not on a line in joint space. Joints that are not
-        between the feet go straight too; Newton's method finds the others' angles.
+        The torso moves on a straight line at minimum jerk while the feet stay in place, so that the load
+        moves monotonically from foot to foot, which a line in joint space does not ensure. Joints that are
+        not between the feet move on a line too; Newton's method gives the angles of the others.
         """
         s = _minimum_jerk(steps)
         first, last = self.base_pose(start), self.base_pose(end)
@@ -48,12 +48,12 @@ class ClosedChain:
             pose = first.copy()
             pose[:3] += part * (last[:3] - first[:3])
             mujoco.mju_quatIntegrate(pose[3:], turn, part)
-            # The two ends' feet differ by the plan's rounding only; go over from one to the other.
+            # The feet of both ends differ by the rounding of the plan only; interpolate between them.
             wanted = [
                 (p + part * (p1 - p), r + part * (r1 - r)) for (p, r), (p1, r1) in zip(*ends, strict=True)
             ]
             straight = start + part * (end - start)
-            # Three steps back tell, by a parabola, nearly where this one goes.
+            # A parabola through the last three steps predicts this one.
             guess = straight + np.array([3.0, -3.0, 1.0]) @ corrections
             path[k] = self._close(guess, pose, wanted)
             corrections = np.vstack([path[k] - straight, corrections[:2]])
@@ -61,7 +61,7 @@ class ClosedChain:
         return path
 
     def _close(self, angles: np.ndarray, pose: np.ndarray, wanted: list) -> np.ndarray:
-        """Angles near `angles` that put the soles where they are wanted, the torso at `pose`."""
+        """Return angles near `angles` that put the soles at their poses, with the torso at `pose`."""
         for _ in range(NEWTON_STEPS):
             actual = self._feet(angles, pose)
             error = np.concatenate([_difference(a, w) for a, w in zip(actual, wanted, strict=True)])
@@ -76,7 +76,7 @@ class ClosedChain:
         return angles
 
     def _feet(self, angles: np.ndarray, pose: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Point below the ankle (3,) and rotation (3, 3) of both soles; leaves the data there."""
+        """Return the point below the ankle (3,) and the rotation (3, 3) of both soles."""
         data = self.data
         data.qpos[:7], data.qpos[self.qpos] = pose, angles
         mujoco.mj_kinematics(self.model, data)
@@ -94,7 +94,7 @@ class ClosedChain:
 
 
 def straight_path(start: np.ndarray, end: np.ndarray, steps: int) -> np.ndarray:
-    """Joint angles from `start` (excluded) to `end` on a line at minimum jerk, (steps, n) [rad]."""
+    """Compute joint angles from `start` (excluded) to `end` on a line at minimum jerk, (steps, n) [rad]."""
     return start + _minimum_jerk(steps)[:, None] * (end - start)
 
 
@@ -104,10 +104,11 @@ def _minimum_jerk(steps: int) -> np.ndarray:
 
 
 def tipped(pose: np.ndarray, planned: np.ndarray, tilt_limit: float) -> bool:
-    """Whether the free body leans `tilt_limit` [rad] more than planned or hangs a fifth off its height.
+    """Return whether the free body leans too far or is too high or too low.
 
     Args:
-        pose, planned: of the free body, (7,) [m, quaternion].
+        pose, planned: actual and planned pose of the free body, (7,) [m, quaternion].
+        tilt_limit: largest lean beyond the planned one [rad]; the height may differ by a fifth.
     """
     lean = np.zeros(3)
     mujoco.mju_subQuat(lean, pose[3:], planned[3:])
@@ -115,7 +116,7 @@ def tipped(pose: np.ndarray, planned: np.ndarray, tilt_limit: float) -> bool:
 
 
 def _difference(actual: tuple[np.ndarray, np.ndarray], wanted: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """How far a sole is from where it should be: translation and small rotation, (6,)."""
+    """Return the pose error of a sole: translation and small rotation, (6,) [m, rad]."""
     r = actual[1] @ wanted[1].T
     turned = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / 2
     return np.concatenate([actual[0] - wanted[0], turned])

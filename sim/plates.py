@@ -1,4 +1,4 @@
-"""The two force plates: where they stand, and reading their cells from MuJoCo."""
+"""The two force plates in the scene: their poses, and the readings of their cells."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ def plate_geometry(spec: mujoco.MjSpec, plate: str) -> PlateGeometry:
     """Read a plate's geometry from the scene.
 
     Raises:
-        InputError: the scene has no such plate.
+        InputError: the scene lacks the plate or one of its parts.
     """
     body = spec.body(f"{plate}_plate")
     if body is None:
-        raise InputError(f"scene '{spec.modelname}': no body '{plate}_plate'")
+        raise InputError(f"scene '{spec.modelname}': found no body '{plate}_plate', expected one per plate")
     top = spec.geom(f"{plate}_plate_top")
     sites = [spec.site(f"{plate}_plate_{corner}") for corner in CORNERS]
     if top is None or None in sites:
         raise InputError(
-            f"scene '{spec.modelname}': {plate} plate: no geom '{plate}_plate_top' or no four sites"
+            f"scene '{spec.modelname}': {plate} plate: no geom '{plate}_plate_top' or no four sites "
+            f"'{plate}_plate_CORNER'"
         )
     return PlateGeometry(
         cells=np.array([site.pos[:2] for site in sites]),
@@ -34,33 +35,33 @@ def plate_geometry(spec: mujoco.MjSpec, plate: str) -> PlateGeometry:
 
 
 def place_plates(spec: mujoco.MjSpec, poses: np.ndarray) -> None:
-    """Put both plates at their poses in the base frame, (2, 3) [m, m, rad].
+    """Move both plates to their poses in the base frame, (2, 3) [m, m, rad].
 
     Raises:
-        InputError: the scene has no frame to place a plate by.
+        InputError: the scene has no frame for a plate.
     """
     for plate, (x, y, yaw) in zip(PLATES, poses, strict=True):
         frame = spec.frame(f"{plate}_plate_place")
         if frame is None:
-            raise InputError(f"scene '{spec.modelname}': no frame '{plate}_plate_place'")
+            raise InputError(f"scene '{spec.modelname}': found no frame '{plate}_plate_place', expected one")
         frame.pos = [x, y, frame.pos[2]]
         frame.quat = [np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]
 
 
 def cell_names() -> list[str]:
-    """Names of the eight cells' sites and sensors in the scene, in the order of `CELLS`."""
+    """List the names of the eight cells' sites and sensors in the scene, in the order of `CELLS`."""
     return [f"{plate}_plate_{corner}" for plate in PLATES for corner in CORNERS]
 
 
 def cell_addresses(model: mujoco.MjModel) -> np.ndarray:
-    """Addresses of the eight cells in `sensordata`, in the order of `CELLS`, (8,)."""
+    """Return the addresses of the eight cells in `sensordata`, in the order of `CELLS`, (8,)."""
     return np.array([model.sensor(name).adr[0] for name in cell_names()])
 
 
 def tare(model: mujoco.MjModel) -> np.ndarray:
-    """What the eight cells read under the empty plates, (8,) [N].
+    """Simulate the readings of the eight cells under the empty plates, (8,) [N].
 
-    Simulated with the robot a hundred metres up, from where it cannot land meanwhile.
+    The robot is lifted by 100 m, so that it does not land within the simulated second.
     """
     data = mujoco.MjData(model)
     free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)[0]

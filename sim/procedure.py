@@ -1,4 +1,4 @@
-"""From what the sensors said to the data contract; common to both laboratories."""
+"""Steps of an experiment that both engines share, from the order of postures to the data contract."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from tulip_testbed.sim.sensors import averaged_sd
 
 
 def record_error(rig: Rig, rng: np.random.Generator, placements: int) -> np.ndarray:
-    """Errors of both plates' recorded poses, (placements, 2, 3) [m, m, rad]."""
+    """Draw the errors of both plates' recorded poses, (placements, 2, 3) [m, m, rad]."""
     sd = np.array([rig.sensors.mark_sd, rig.sensors.placement_sd])
     return sd * rng.standard_normal((placements, 2, 3))
 
 
 def check_support(plan: PosturePlan) -> None:
-    """Refuse postures that no laboratory stands on.
+    """Refuse postures that the simulators cannot hold.
 
     Raises:
-        InputError: a support other than both feet or the stance foot.
+        InputError: a posture stands on the swing foot alone.
     """
     if (other := plan.support == "left").any():
         raise InputError(
@@ -33,13 +33,13 @@ def check_support(plan: PosturePlan) -> None:
 
 
 def support_of(plan: PosturePlan, posture: np.ndarray) -> np.ndarray:
-    """Support of postures by their numbers, same shape."""
+    """Look up the support of postures by their numbers, same shape."""
     by_number = dict(zip(plan.posture.tolist(), plan.support.tolist(), strict=True))
     return np.array([by_number[number] for number in posture.tolist()])
 
 
 def choose_repeats(plan: PosturePlan, count: int, rng: np.random.Generator) -> frozenset[int]:
-    """Numbers of the postures that are measured twice; none where the plan says itself what is repeated."""
+    """Draw the numbers of the postures to measure twice; none if the plan has repeats of its own."""
     if plan.postures < len(plan):
         return frozenset()
     chosen = rng.choice(plan.posture, size=min(count, len(plan)), replace=False)
@@ -47,21 +47,21 @@ def choose_repeats(plan: PosturePlan, count: int, rng: np.random.Generator) -> f
 
 
 def order_of_tries(plan: PosturePlan, placement: int, repeats: frozenset[int]) -> list[tuple[int, bool]]:
-    """Rows of the plan in the order in which a placement tries them, and whether it is a repeat."""
+    """List the plan's rows in the order in which a placement tries them, each with whether it is a repeat."""
     rows = np.flatnonzero(plan.placement == placement).tolist()
     return [(row, False) for row in rows] + [(row, True) for row in rows if int(plan.posture[row]) in repeats]
 
 
 def new_set_up(placement: np.ndarray, support: np.ndarray) -> np.ndarray:
-    """Whether the robot is put down anew before a try, for all but the first, (k - 1,) bool."""
+    """Return whether the robot is set up anew before an attempt, for all but the first, (k - 1,) bool."""
     return (placement[1:] != placement[:-1]) | (support[1:] != support[:-1])
 
 
 def start_times(rig: Rig, placement: np.ndarray) -> np.ndarray:
-    """When the averaged window of every try begins, (k,) [s].
+    """Compute the time at which the averaged window of every attempt begins, (k,) [s].
 
     Args:
-        placement: of every try, in the order of trying, (k,).
+        placement: placement of every attempt, in the order of the attempts, (k,).
     """
     p = rig.protocol
     fresh = np.append(True, placement[1:] != placement[:-1])
@@ -70,14 +70,15 @@ def start_times(rig: Rig, placement: np.ndarray) -> np.ndarray:
 
 
 def stage_at(starts: np.ndarray, time: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """Which of a rig's stages stood there at every try, (k,) of numbers.
+    """Return the index of the rig's stage at every attempt, (k,) int.
 
-    The experiment's time runs from the first to the last posture that could be used; which these
-    are depends, at the ends, on the stage.
+    The experiment's time runs from the first to the last usable posture, and which postures are usable
+    depends on the stage; hence the iteration.
 
     Args:
-        starts: parts of the experiment's time, the first 0, (s,). time: of every try, (k,) [s].
-        used: whether a try can be used in a stage, (s, k) bool.
+        starts: start of every stage as a fraction of the experiment's time, the first 0, (s,).
+        time: time of every attempt, (k,) [s].
+        used: whether an attempt is usable in a stage, (s, k) bool.
     """
     every = np.arange(len(time))
     stage = np.searchsorted(starts, (time - time[0]) / max(np.ptp(time), 1e-9), side="right") - 1
@@ -91,12 +92,12 @@ def stage_at(starts: np.ndarray, time: np.ndarray, used: np.ndarray) -> np.ndarr
 
 
 def weigh(rig: Rig, mass: float, rng: np.random.Generator) -> tuple[float, float]:
-    """The scale's reading of the whole robot and its s.d. [kg]."""
+    """Draw the scale's reading of the whole robot and return it with its s.d. [kg]."""
     return mass + rig.sensors.weighed_mass_sd * rng.standard_normal(), rig.sensors.weighed_mass_sd
 
 
 def constants(rig: Rig) -> dict[str, Any]:
-    """The fields of `Measurements` that no posture changes."""
+    """Return the fields of `Measurements` that are the same for all postures."""
     s = rig.sensors
     plates = nominal_plates(rig.robot)
     samples = round(rig.protocol.window * s.sample_rate)
@@ -127,15 +128,15 @@ def make_measurements(
     weighed_mass: tuple[float, float],
     **columns: Any,
 ) -> Measurements:
-    """What the laboratory hands over of m held postures.
+    """Assemble the measurements of m held postures and apply the rig's `misread`.
 
     Args:
         fixed: see `constants`.
-        reading: what the sensors said: "q", "q_std", "motor", (m, n_joints); "cell", "cell_std", (m, 8).
+        reading: sensor readings "q", "q_std", "motor", (m, n_joints), and "cell", "cell_std", (m, 8).
         columns: the other fields of `Measurements`.
     """
     m = len(reading["q"])
-    handed_over = Measurements(
+    measured = Measurements(
         window=np.full(m, rig.protocol.window),
         samples=np.full(m, round(rig.protocol.window * rig.sensors.sample_rate)),
         joint_angles=reading["q"],
@@ -147,4 +148,4 @@ def make_measurements(
         **fixed,
         **columns,
     )
-    return handed_over if rig.misread is None else rig.misread(handed_over)
+    return measured if rig.misread is None else rig.misread(measured)

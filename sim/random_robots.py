@@ -1,4 +1,4 @@
-"""Robots that differ from the nominal one as a built robot differs from its drawing."""
+"""Random robots that differ from the nominal one as a built robot differs from its design."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from tulip_testbed.sim.errors import InputError
 
 
 def draw_robot(model: mujoco.MjModel, spread: float, rng: np.random.Generator) -> np.ndarray:
-    """Standard parameters (eq. 5) of a random robot around the nominal one.
+    """Draw the standard parameters (eq. 5) of a random robot around the nominal one.
 
-    Every link is drawn independently, left and right too. Its mass is log-normal with the nominal
-    mass as mean: ln m has the s.d. `spread`. Its centre of mass moves along the axes of the link's
-    inertia box (the solid box of uniform density with the link's mass and inertia, which may be
-    turned) by a normal deviate with an s.d. of `spread` half edges, cut off at the box's faces. The
-    inertia about the centre of mass grows with the mass (`edit_of`), so every link stays a possible
-    body (Wensing, Kim and Slotine 2018): positive mass, positive principal moments, triangle inequality.
+    All links are independent, left and right ones too. A mass is log-normal with the nominal mass as mean
+    and an s.d. of `spread` of ln m. A centre of mass moves along the axes of the link's inertia box (the
+    solid box of uniform density with the link's mass and inertia) by a normal deviate with an s.d. of
+    `spread` half edges, truncated at the faces of the box. The inertia about the centre of mass is
+    proportional to the mass (`edit_of`), so that every link stays physically consistent (Wensing, Kim and
+    Slotine 2018): positive mass, positive principal moments, triangle inequality.
 
     Args:
         model: the nominal robot alone.
-        spread: 0 < spread <= 1 [-].
+        spread: relative s.d., 0 < spread <= 1 [-].
 
     Returns:
         (n_links, 4) [kg, kg m, kg m, kg m], links in the model's order.
 
     Raises:
-        InputError: a spread outside of its range.
+        InputError: `spread` is out of range.
     """
     if not 0 < spread <= 1:
         raise InputError(f"spread of random robots: found {spread}, expected more than 0 and at most 1")
@@ -43,10 +43,10 @@ def draw_robot(model: mujoco.MjModel, spread: float, rng: np.random.Generator) -
 
 
 def half_edges(model: mujoco.MjModel) -> np.ndarray:
-    """Half edges of every link's inertia box along its principal axes, (n_links, 3) [m].
+    """Return the half edges of every link's inertia box along its principal axes, (n_links, 3) [m].
 
-    A solid box with half edges a has the moments I_x = m (a_y^2 + a_z^2) / 3. Links without mass have
-    no extent.
+    A solid box with half edges a has the moments I_x = m (a_y^2 + a_z^2) / 3. The box of a link without
+    mass is a point.
     """
     mass, moment = model.body_mass[1:, None], model.body_inertia[1:]
     squares = 1.5 * (moment.sum(axis=1, keepdims=True) - 2 * moment)
@@ -55,7 +55,7 @@ def half_edges(model: mujoco.MjModel) -> np.ndarray:
 
 
 def _turned(model: mujoco.MjModel, vectors: np.ndarray) -> np.ndarray:
-    """From the axes of the inertia boxes to the links' own."""
+    """Rotate vectors from the axes of the inertia boxes to the links' frames."""
     turned = np.empty_like(vectors)
     for k, quaternion in enumerate(model.body_iquat[1:]):
         mujoco.mju_rotVecQuat(turned[k], vectors[k], quaternion)
@@ -63,7 +63,7 @@ def _turned(model: mujoco.MjModel, vectors: np.ndarray) -> np.ndarray:
 
 
 def edit_of(model: mujoco.MjModel, standard: np.ndarray) -> Callable[[mujoco.MjSpec], None]:
-    """What turns the nominal robot in a scene into one with these standard parameters, for `Rig.edit`.
+    """Return the edit of a scene, for `Rig.edit`, that gives the robot these standard parameters.
 
     Args:
         model: the nominal robot alone.

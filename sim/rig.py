@@ -1,4 +1,4 @@
-"""Rig: robot, controller, sensors and protocol together are one virtual laboratory."""
+"""The rig: robot, controller, sensors, protocol and hooks, as the simulators take them."""
 
 from __future__ import annotations
 
@@ -19,26 +19,25 @@ from tulip_testbed.sim.sensors import PRESETS, Sensors
 
 @dataclass(frozen=True)
 class Protocol:
-    """How a placement is measured.
+    """Procedure of a placement.
 
     Attributes:
         move_time: time to move from one posture to the next, feet clamped [s].
         rest_time: time to come to rest before the clamps are released [s].
-        hold_time: how long a posture is held [s]; the averaged window is its end.
+        hold_time: time for which a posture is held [s]; the averaged window is at its end.
         window: length of the averaged window [s].
         placement_time: time to lift the robot and set up the next placement [s].
-        speed_gate: a control period is calm when every joint and the torso move slower than
-            this [rad/s, m/s] ...
-        calm_time: at rest after being calm for this long without a break [s]; then friction sticks ...
-        force_gate: ... and the posture counts when no cell's force varies by more than this in 0.2 s [N].
-        gated: average over 0.1 s and stop, since nothing changes any more; else hold to the end
-            and average over the window.
-        slip_limit: a foot that moved further than this off its mark slipped [m].
-        tilt_limit: the torso tips when it leans this much more than planned [rad].
-        lift_limit: a sole corner or a cell further than this off its ground is lifted [m].
-        plate_sd: how far from the intended pose a plate comes to lie (1 s.d.) [m, m, rad].
-        plate_gap: gap left between the two boards' long edges [m].
-        repeats: how many postures are measured twice.
+        speed_gate: a control period is calm if all joints and the torso are slower than this [rad/s, m/s].
+        calm_time: the robot is at rest after this time of calm periods [s]; then dry friction sticks.
+        force_gate: the posture is accepted if no cell's force varies by more than this in 0.2 s [N].
+        gated: average over 0.1 s once the posture is accepted, since nothing changes any more; otherwise
+            hold to the end and average over the window.
+        slip_limit: largest distance of a foot from its mark; beyond it the foot has slipped [m].
+        tilt_limit: largest lean of the torso beyond the planned one; beyond it the robot has tipped [rad].
+        lift_limit: largest height of a sole corner or a cell over its ground; beyond it it is lifted [m].
+        plate_sd: s.d. of a plate's true pose about the intended one [m, m, rad].
+        plate_gap: gap between the two boards' long edges [m].
+        repeats: number of postures that are measured twice.
     """
 
     move_time: float = 2.0
@@ -60,16 +59,16 @@ class Protocol:
 
 @dataclass(frozen=True)
 class Rig:
-    """One virtual laboratory.
+    """A virtual laboratory as the simulators take it.
 
     Attributes:
-        robot: the nominal robot's files.
-        sensors, controller, drives, compliance, protocol: see there.
-        edit: changes the scene before it is compiled, so that the true robot or the physics
-            differ from the nominal model; it edits by name.
-        misread: what instruments make of the readings beyond noise: of what is handed over another one.
-        later: from this part of the time between first and last posture on, another laboratory stands
-            there; its instruments and protocol are this one's.
+        robot: the nominal robot.
+        sensors, controller, drives, compliance, protocol: see these classes.
+        edit: change of the scene, by name, before it is compiled, so that the true robot or the physics
+            differ from the nominal model.
+        misread: map from correct to faulty measurements, for instrument faults beyond noise.
+        later: start, as a fraction of the time between first and last posture, and the rig that replaces
+            this one from then on; instruments and protocol stay this one's.
     """
 
     robot: Robot = field(default_factory=load_robot)
@@ -84,10 +83,10 @@ class Rig:
 
 
 def stages(rig: Rig) -> list[tuple[float, Rig]]:
-    """What stands there one after the other, each from a part of the experiment's time on.
+    """List the rigs that follow each other, each with its start as a fraction of the experiment's time.
 
     Raises:
-        InputError: parts of the time that do not grow.
+        InputError: the starts do not increase or exceed 1.
     """
     found, start = [(0.0, replace(rig, later=None))], 0.0
     while rig.later is not None:
@@ -102,10 +101,10 @@ def stages(rig: Rig) -> list[tuple[float, Rig]]:
 
 
 def preset_rig(name: str, robot: Robot | None = None) -> Rig:
-    """The default laboratory with a sensor preset; drives and compliance are the robot file's.
+    """Return the default rig with a sensor preset; drives and compliance come from the robot's description.
 
     Raises:
-        InputError: unknown preset, or a [drives] or [compliance] table that cannot be understood.
+        InputError: the preset is unknown, or a [drives] or [compliance] table is invalid.
     """
     look_up("preset", name, PRESETS, "preset_rig")
     robot = robot or load_robot()
@@ -123,7 +122,7 @@ def preset_rig(name: str, robot: Robot | None = None) -> Rig:
 
 
 def _table(robot: Robot, name: str, kind: type) -> dict[str, float]:
-    """A table of the robot's description as arguments of a dataclass of numbers."""
+    """Return a table of the robot's description as arguments of a dataclass of numbers."""
     where, table = f"{robot.path}: [{name}]", robot.settings.get(name, {})
     if not isinstance(table, dict):
         raise InputError(f"{where}: found {table!r}, expected a table")

@@ -1,4 +1,4 @@
-"""A robot, loaded once: its description (TOML) and its MJCF, edited by name through MjSpec."""
+"""The robot: its description (TOML) and its compiled MJCF, loaded once."""
 
 from __future__ import annotations
 
@@ -29,38 +29,34 @@ KEYS = (
     *("drives", "compliance"),
 )
 MOST_TOML = 2**20  # bytes
-BROKEN = (
-    ValueError,
-    RuntimeError,
-    mujoco.FatalError,
-    mujoco.UnexpectedError,
-)  # what MuJoCo's compiler raises
-DESCRIBED = ("scene_file", "plate_file", "stance_foot", "swing_foot", "settings")  # all but what is compiled
+# Exceptions of MuJoCo's compiler.
+BROKEN = (ValueError, RuntimeError, mujoco.FatalError, mujoco.UnexpectedError)
+DESCRIBED = ("scene_file", "plate_file", "stance_foot", "swing_foot", "settings")  # fields not compiled
 CORNERS = ("front_left", "front_right", "rear_right", "rear_left")
 PLATES = ("right", "left")
 CELLS = tuple(f"{plate}.{corner}" for plate in PLATES for corner in CORNERS)
 
-# MuJoCo would write its warnings into a file where we stand; what they mean for a posture, `Stand` counts.
+# MuJoCo would write its warnings to a file in the working directory; `Stand` counts those of a posture.
 mujoco.set_mju_user_warning(lambda message: None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Robot:
-    """A robot, loaded once and passed on: its description, its compiled model, the hashes of its files.
+    """A robot, loaded once and passed on: its description, compiled model and file hashes.
 
-    A robot travels to another process by its description's path; there it is loaded once, and refused if
-    a file changed meanwhile.
+    Pickling stores the path of the description; the other process loads the robot once and refuses it if a
+    file has changed.
 
     Attributes:
         path: the description (TOML).
         model_file: MJCF of the robot alone.
-        scene_file: MJCF of the robot on two plates; None: built from the robot and `plate_file`.
+        scene_file: MJCF of the robot on two plates; None builds the scene from the robot and `plate_file`.
         plate_file: MJCF of one plate.
         stance_foot, swing_foot: body names; the plate under the stance foot is the right one.
         settings: the whole description.
-        spec: of the robot alone, without the meshes that only a viewer needs; copy it before an edit.
-        model: the same compiled.
-        meshes: whether `spec` and `model` hold those meshes after all, to be drawn.
+        spec: the robot alone without meshes that only a viewer needs; copy it before editing.
+        model: `spec`, compiled.
+        meshes: whether `spec` and `model` contain the meshes for drawing.
     """
 
     path: Path
@@ -80,37 +76,37 @@ class Robot:
 
     @property
     def folder(self) -> Path:
-        """Where its files lie."""
+        """Return the folder of the robot's files."""
         return self.path.resolve().parent
 
     @property
     def name(self) -> str:
-        """As its description calls it, or its model's file."""
+        """Return the name in the description, or else that of the model file."""
         return self.settings.get("name", self.model_file.stem)
 
     @property
     def feet(self) -> tuple[str, str]:
-        """Stance and swing foot, in the order of `PLATES`."""
+        """Return stance and swing foot, in the order of `PLATES`."""
         return self.stance_foot, self.swing_foot
 
     @property
     def files(self) -> list[Path]:
-        """The description and the MJCF files that it names."""
+        """List the description and the MJCF files that it names."""
         return [self.path, self.model_file, self.scene_file or self.plate_file]
 
     @cached_property
     def hashes(self) -> dict[str, str]:
-        """SHA-256 of each of `files` by its name."""
+        """Return the SHA-256 of each of `files` by its name."""
         return {path.name: sha256(path) for path in self.files}
 
     @property
     def model_hash(self) -> str:
-        """SHA-256 of the MJCF of the robot alone."""
+        """Return the SHA-256 of the MJCF of the robot alone."""
         return self.hashes[self.model_file.name]
 
     @cached_property
     def visual_model(self) -> mujoco.MjModel:
-        """The robot alone with all its geometry."""
+        """Return the model of the robot alone with all its geometry."""
         whole = mujoco.MjSpec.from_file(str(self.model_file))
         return self.model if not whole.meshes else compile_spec(whole, str(self.model_file))
 
@@ -123,11 +119,12 @@ def load_robot(path: Path = TULIP, meshes: bool = False) -> Robot:
     """Load a robot: read its description, compile its model, check its feet.
 
     Args:
-        meshes: keep the meshes that touch nothing, to draw them.
+        path: the description (TOML).
+        meshes: keep meshes without contacts, for drawing.
 
     Raises:
-        InputError: the description is missing, is not TOML, or lacks a key; broken MJCF, an unknown foot,
-            a foot without its four sole corners.
+        InputError: the description is missing, is not TOML, or lacks a key; the MJCF is broken; a foot is
+            unknown or lacks its four sole corners.
     """
     return _load(Path(path), load_spec, meshes)
 
@@ -141,7 +138,7 @@ def _elsewhere(path: Path, hashes: tuple[tuple[str, str], ...], described: dict[
 
 @lru_cache(maxsize=8)
 def _reloaded(path: Path, hashes: tuple[tuple[str, str], ...]) -> Robot:
-    robot = _load(path, _read_spec, meshes=False)  # another process has compiled it without harm
+    robot = _load(path, _read_spec, meshes=False)  # the first process has compiled it safely
     if tuple(robot.hashes.items()) != hashes:
         raise InputError(f"{path}: a file of the robot was changed while it was in use")
     return robot
@@ -177,7 +174,7 @@ def _load(path: Path, read_spec: Callable[[Path, Path], mujoco.MjSpec], meshes: 
 
 
 def _description(path: Path) -> dict[str, Any]:
-    """The content of a robot's description, its most important keys checked."""
+    """Read a robot's description and check its most important keys."""
     try:
         settings = tomllib.loads(read_text(path, MOST_TOML))
     except tomllib.TOMLDecodeError as error:
@@ -199,10 +196,10 @@ def _description(path: Path) -> dict[str, Any]:
 
 
 def load_spec(path: Path, folder: Path | None = None) -> mujoco.MjSpec:
-    """Parse an MJCF file, after a process of its own has compiled it without harm.
+    """Parse an MJCF file after a separate process has compiled it without a crash.
 
     Args:
-        folder: of the robot, which it may read files from; its own if None.
+        folder: folder of the robot, from which files may be read; None means the MJCF's own folder.
 
     Raises:
         InputError: the file is missing, is no MJCF, or reads files outside of the folder.
@@ -222,12 +219,12 @@ def _read_spec(path: Path, folder: Path | None = None) -> mujoco.MjSpec:
 
 
 def without_meshes(spec: mujoco.MjSpec, where: str) -> mujoco.MjSpec:
-    """Remove the meshes that touch nothing; inertias that followed from them become explicit.
+    """Remove meshes without contacts, and make the inertias inferred from them explicit.
 
-    Compiling a published humanoid with its meshes takes a hundred times as long as without.
+    A published humanoid takes a hundred times as long to compile with its meshes as without.
 
     Raises:
-        InputError: the compiler's complaint.
+        InputError: the spec does not compile.
     """
     touching = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
     unused = [
@@ -256,7 +253,7 @@ def without_meshes(spec: mujoco.MjSpec, where: str) -> mujoco.MjSpec:
 
 
 def compile_spec(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
-    """Compile, with the compiler's complaint as the message of an `InputError`."""
+    """Compile a spec; the compiler's complaint becomes the message of an `InputError`."""
     try:
         return spec.compile()
     except BROKEN as error:
@@ -264,30 +261,30 @@ def compile_spec(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
 
 
 def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:
-    """The robot's hinge joints in the model's order."""
+    """List the robot's hinge joints in the model's order."""
     return tuple(
         model.joint(i).name for i in range(model.njnt) if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE
     )
 
 
 def between_feet(model: mujoco.MjModel, robot: Robot) -> np.ndarray:
-    """Which hinges lie between the feet, so that standing on both couples them, (n_joints,) bool."""
+    """Return which hinges lie between the feet and form a closed chain, (n_joints,) bool."""
     paths = [set(_to_root(model, model.body(foot).id)) for foot in robot.feet]
     bodies = paths[0] ^ paths[1]
     return np.array([int(model.joint(name).bodyid[0]) in bodies for name in joint_names(model)])
 
 
 def joint_ranges(model: mujoco.MjModel) -> np.ndarray:
-    """Limits of the hinges, infinite where there are none, (n_joints, 2) [rad]."""
+    """Return the limits of the hinges, infinite where there are none, (n_joints, 2) [rad]."""
     joints = [model.joint(name) for name in joint_names(model)]
     return np.array([j.range if j.limited[0] else [-np.inf, np.inf] for j in joints]).reshape(-1, 2)
 
 
 def sole_corners(model: mujoco.MjModel, foot: str) -> np.ndarray:
-    """Corners of a foot's sole in the foot's frame, (4, 3) [m], in the order of `CORNERS`.
+    """Return the corners of a foot's sole in the foot's frame, in the order of `CORNERS`, (4, 3) [m].
 
     Raises:
-        InputError: a geom FOOT_CORNER is missing, or the foot's x does not point forward.
+        InputError: a geom FOOT_CORNER is missing, or the foot's x axis does not point forward.
     """
     wanted = [f"{foot}_{corner}" for corner in CORNERS]
     if missing := [n for n in wanted if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, n) < 0]:
@@ -305,10 +302,10 @@ def sole_corners(model: mujoco.MjModel, foot: str) -> np.ndarray:
 
 
 def sole_point(model: mujoco.MjModel, foot: str) -> np.ndarray:
-    """The point of the sole below the foot's origin (its ankle), in the foot's frame, (3,) [m].
+    """Return the point of the sole below the foot's origin (its ankle), in the foot's frame, (3,) [m].
 
     Raises:
-        InputError: the sole is not level in the foot's frame.
+        InputError: the sole is not perpendicular to the z axis of the foot's frame.
     """
     heights = sole_corners(model, foot)[:, 2]
     if np.ptp(heights) > 1e-6:
@@ -320,7 +317,7 @@ def sole_point(model: mujoco.MjModel, foot: str) -> np.ndarray:
 
 
 def sha256(path: Path) -> str:
-    """Hash of a file's bytes, in hexadecimal."""
+    """Return the hash of a file's bytes, in hexadecimal."""
     return hashlib.sha256(read_bytes(Path(path))).hexdigest()
 
 

@@ -1,4 +1,4 @@
-"""Compile an MJCF in a process of its own first: what crashes MuJoCo or never ends must not end us."""
+"""Compile an MJCF in a separate process first, so that a crash or an endless loop of MuJoCo is harmless."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tulip_testbed.sim.errors import InputError, shortened
 
 MOST_SECONDS = 20  # of processor time
 MOST_MEMORY = 4 * 2**30  # bytes
-MOST_WAIT = 300  # seconds, on however busy a machine
+MOST_WAIT = 300  # seconds, for busy machines
 
 CHILD = f"""
 import resource, sys
@@ -30,13 +30,13 @@ except Exception as error:
 
 
 def try_to_compile(path: Path, hashes: dict[Path, str]) -> None:
-    """Let MuJoCo read and compile an MJCF where it can do no harm; once as long as no file changes.
+    """Compile an MJCF in a separate process, once as long as no file changes.
 
     Args:
-        hashes: of all files that it is made of.
+        hashes: hashes of all files of the MJCF.
 
     Raises:
-        InputError: MuJoCo refuses it, crashes, or needs too much time or memory.
+        InputError: MuJoCo refuses the MJCF, crashes, or needs too much time or memory.
     """
     _try(path, frozenset(hashes.items()))
 
@@ -44,7 +44,7 @@ def try_to_compile(path: Path, hashes: dict[Path, str]) -> None:
 @functools.lru_cache(maxsize=64)
 def _try(path: Path, hashes: frozenset[tuple[Path, str]]) -> None:
     command = [sys.executable, "-c", CHILD, str(path)]
-    # More threads only cost address space here.
+    # More threads would only take address space.
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "MUJOCO_GL": "disable"}
     try:
         done = subprocess.run(

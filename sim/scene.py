@@ -1,4 +1,4 @@
-"""The scene: the robot on its two plates, as one virtual laboratory wants it."""
+"""The scene: the robot on its two plates, as a rig requires it."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from tulip_testbed.sim.robot import (
 )
 
 TIMESTEP = 0.001  # s
-# At MuJoCo's 1e-8 the solver stops so early that forces flicker and feet creep several times faster.
+# With MuJoCo's default of 1e-8 the solver stops early, so that forces fluctuate and feet creep faster.
 SOLVER_TOLERANCE = 1e-12
 PLATE_GAP = 0.01  # m, between the boards' long edges until `place_plates` moves them
-# As in the hand-written scene; docs/contact-study.md says why.
+# As in the hand-written scene; docs/contact-study.md gives the reasons.
 SOLE_ON_BOARD = {
     "condim": 3,
     "friction": [1.0, 1.0, 0.005, 0.0001, 0.0001],
@@ -40,10 +40,10 @@ SOLE_ON_BOARD = {
 
 
 def load_scene(robot: Robot) -> mujoco.MjSpec:
-    """The nominal robot on two plates, driven by plain motors; z = 0 is the boards' top.
+    """Return the nominal robot on two plates with plain motors; z = 0 is the boards' top.
 
     Raises:
-        InputError: a file is missing, is no MJCF, or does not hold what it should.
+        InputError: a file is missing, is no MJCF, or lacks a required element.
     """
     return _nominal_scene(robot).copy()
 
@@ -69,10 +69,10 @@ def nominal_plates(robot: Robot) -> tuple[PlateGeometry, PlateGeometry]:
 
 @lru_cache(maxsize=8)
 def plate_masses(robot: Robot) -> tuple[float, float]:
-    """Masses of the right and the left board with its cells [kg].
+    """Return the masses of the right and the left board with its cells [kg].
 
     Raises:
-        InputError: see `load_scene`; broken MJCF.
+        InputError: see `load_scene`, or the scene does not compile.
     """
     scene = compile_spec(load_scene(robot), str(robot.path))
     right, left = (float(scene.body(f"{plate}_plate").mass[0]) for plate in PLATES)
@@ -80,13 +80,13 @@ def plate_masses(robot: Robot) -> tuple[float, float]:
 
 
 def build_scene(robot: Robot) -> mujoco.MjSpec:
-    """Put the robot alone and two plates into one scene, for a robot that names none.
+    """Build a scene of the robot and two plates, for a robot whose description names none.
 
-    Of the robot, only the sole corners touch anything. Integrator, time step and friction cone
-    are the laboratory's, not the robot's.
+    Only the sole corners of the robot make contact. Integrator, time step and friction cone are the
+    laboratory's, not the robot's.
 
     Raises:
-        InputError: a file is missing, is no MJCF, or does not hold what it should.
+        InputError: a file is missing, is no MJCF, or lacks a required element.
     """
     spec = robot.spec.copy()
     if spec.worldbody.geoms:
@@ -118,7 +118,7 @@ def build_scene(robot: Robot) -> mujoco.MjSpec:
 
 
 def _load_plate(robot: Robot) -> mujoco.MjsBody:
-    """The body of a plate's MJCF, checked for the names that the laboratory looks up."""
+    """Load the body of a plate and check the names that the laboratory looks up."""
     path = robot.plate_file
     spec = load_spec(path, path.parent if path == PLATE else robot.folder)
     wanted = {"body": ["plate"], "geom": ["plate_top"]}
@@ -130,10 +130,10 @@ def _load_plate(robot: Robot) -> mujoco.MjsBody:
 
 
 def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
-    """The scene with the rig's drives, servos and compliance, the plates where they lie, and its edit.
+    """Return the rig's scene: drives, servos, compliance, plates at their poses, and the rig's edit.
 
     Args:
-        plate_poses: of the right and left plate in the base frame, (2, 3) [m, m, rad].
+        plate_poses: poses of the right and left plate in the base frame, (2, 3) [m, m, rad].
 
     Raises:
         InputError: the scene is missing or is no MJCF, or a motor has no torque limit.
@@ -142,7 +142,7 @@ def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
     add_drives(spec, rig.drives)
     add_compliance(spec, rig.robot, rig.compliance)
     if rig.drives != Drives() or rig.compliance != Compliance():
-        for key in list(spec.keys):  # keyframes of the robot as it was
+        for key in list(spec.keys):  # keyframes do not fit the added joints
             spec.delete(key)
     add_servos(spec, rig.controller)
     place_plates(spec, plate_poses)
@@ -153,7 +153,7 @@ def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
 
 
 def boards_under(rig: Rig, swing_poses: np.ndarray) -> np.ndarray:
-    """Where the two boards are to lie for poses of the swing foot, (k, 3) -> (k, 2, 3) [m, m, rad]."""
+    """Return intended poses of the two boards for swing foot poses (k, 3), (k, 2, 3) [m, m, rad]."""
     size = nominal_plates(rig.robot)[0].size
     model = rig.robot.model
     right, left = (sole_corners(model, foot)[:, :2] for foot in rig.robot.feet)

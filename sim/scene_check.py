@@ -1,4 +1,4 @@
-"""What the laboratory looks up by name in its scene: all of it said to be missing before the work begins."""
+"""Check a scene for everything that the laboratory looks up by name, before a simulation begins."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from tulip_testbed.sim.scene import laboratory_scene
 
 
 def check_scene(rig: Rig) -> None:
-    """Refuse a scene in which the robot could not be held.
+    """Refuse a scene in which the robot cannot be held.
 
     Raises:
-        InputError: broken MJCF, a missing name, or a joint without a drive of its own.
+        InputError: the MJCF is broken, a name is missing, or a joint has no drive of its own.
     """
     where = str(rig.robot.scene_file or rig.robot.model_file)
     nominal = rig.robot.model
@@ -40,7 +40,7 @@ def check_scene(rig: Rig) -> None:
         ("sensor", cell_names()),
         ("joint", joint_names(nominal)),
     ):
-        _all_there(where, kind, names, (getattr(model, kind)(i).name for i in range(_count(model, kind))))
+        _require_names(where, kind, names, (getattr(model, kind)(i).name for i in range(_count(model, kind))))
     for name in cell_names():
         if (found := mujoco.mjtSensor(int(model.sensor(name).type[0]))) != mujoco.mjtSensor.mjSENS_TOUCH:
             raise InputError(f"{where}: sensor '{name}': found {found.name}, expected a touch sensor")
@@ -60,13 +60,13 @@ def _check_drives(where: str, model: mujoco.MjModel, joints: tuple[str, ...]) ->
             raise InputError(f"{where}: joint '{joint}': found two actuators, expected one")
         driven[joint] = actuator
     motors = {joint for joint in joints if motor_joint(model, joint) in driven}
-    _all_there(where, "actuator for joint", joints, motors)
+    _require_names(where, "actuator for joint", joints, motors)
     for joint in joints:
         if model.joint(joint).type[0] != mujoco.mjtJoint.mjJNT_HINGE:
-            raise InputError(f"{where}: joint '{joint}': found no hinge, as it is in the robot alone")
+            raise InputError(f"{where}: joint '{joint}': found no hinge, expected one as in the robot alone")
 
 
-def _all_there(where: str, kind: str, wanted: Iterable[str], names: Iterable[str]) -> None:
+def _require_names(where: str, kind: str, wanted: Iterable[str], names: Iterable[str]) -> None:
     there = set(names)
     if missing := [name for name in wanted if name not in there]:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Encoders and load cells: what they read of a held posture, sample by sample."""
+"""Encoders and load cells: data-sheet figures, presets and simulated readings."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ Sampling = Callable[..., tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class Sensors:
-    """Data-sheet figures of the laboratory's sensors, all zero-mean.
+    """Data-sheet figures of the laboratory's sensors; all errors have zero mean.
 
-    "repeatability" is drawn once per posture and does not average out; "noise" is drawn per
-    sample and does; resolution rounds every sample.
+    "repeatability" is drawn once per posture, so that averaging does not reduce it; "noise" is drawn per
+    sample; "resolution" rounds every sample.
 
     Attributes:
         encoder_repeatability, encoder_noise, encoder_resolution: joint-side encoders [rad].
         motor_repeatability, motor_noise, motor_resolution: motor encoders over gear ratio [rad].
         cell_repeatability, cell_noise, cell_resolution: load cells [N].
-        sample_rate: of every channel [Hz].
-        placement_sd: error of the recorded pose of the left plate, common to a placement's
-            postures [m, m, rad].
-        mark_sd: the same of the right plate, whose foot stands on a mark [m, m, rad].
-        weighed_mass_sd: of the scale that weighs the whole robot [kg].
-        cell_gain: true gain of single cells by name, 1 where not named.
+        sample_rate: sample rate of every channel [Hz].
+        placement_sd: s.d. of the recorded pose of the left plate, common to a placement's postures
+            [m, m, rad].
+        mark_sd: s.d. of the recorded pose of the right plate, whose foot stands on a mark [m, m, rad].
+        weighed_mass_sd: s.d. of the scale that weighs the whole robot [kg].
+        cell_gain: true gain of single cells by name; 1 if not named.
     """
 
     encoder_repeatability: float = 0.0
@@ -48,7 +48,7 @@ class Sensors:
     cell_gain: dict[str, float] = field(default_factory=dict)
 
 
-# Each preset is a set of variance components and holds no systematic effect.
+# A preset is a set of variance components without systematic effects.
 PRESETS: dict[str, Sensors] = {
     "ideal": Sensors(),
     # Research-grade plates and a placement jig: CoP residual below 0.5 mm per axis.
@@ -87,13 +87,13 @@ PRESETS: dict[str, Sensors] = {
 def corrupted(
     signal: np.ndarray, noise: float, resolution: float, rng: np.random.Generator | np.random.RandomState
 ) -> np.ndarray:
-    """One reading of every quantity in `signal`: noise, then rounding; same shape."""
+    """Return one reading of every quantity in `signal` with noise and rounding, same shape."""
     readings = signal + noise * rng.standard_normal(signal.shape)
     return np.round(readings / resolution) * resolution if resolution > 0 else readings
 
 
 def cell_gains(sensors: Sensors) -> np.ndarray:
-    """True gains of the eight cells in the order of `CELLS`, (8,)."""
+    """Return the true gains of the eight cells in the order of `CELLS`, (8,)."""
     return np.array([sensors.cell_gain.get(cell, 1.0) for cell in CELLS])
 
 
@@ -105,7 +105,7 @@ def sample(
     samples: int,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and s.d. of `samples` readings of constant quantities, both (n,)."""
+    """Draw `samples` readings of constant quantities and return their mean and s.d., both (n,)."""
     offset = truth + repeatability * rng.standard_normal(truth.shape)
     readings = corrupted(np.broadcast_to(offset, (samples, *truth.shape)), noise, resolution, rng)
     return readings.mean(axis=0), readings.std(axis=0)
@@ -119,10 +119,10 @@ def sample_mean(
     samples: int,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """As `sample`, for arrays of any shape, but the mean is drawn at once from a normal distribution.
+    """Draw the mean and s.d. of `samples` readings directly from their distributions, both of any shape.
 
-    Its variance is the same (`averaged_sd`); only the shape of a rounding error that noise does
-    not dither away is lost.
+    The variance equals that of `sample` (see `averaged_sd`); only the shape of a rounding error without
+    dither by noise differs.
     """
     sd = averaged_sd(repeatability, noise, resolution, samples)
     spread = np.sqrt(noise**2 + resolution**2 / 12)
@@ -138,11 +138,11 @@ def read_encoders(
     rng: np.random.Generator,
     sample: Sampling = sample,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Joint encoders' mean and s.d. and the motor encoders' mean over a window, each (n,) [rad].
+    """Read the encoders: mean and s.d. of the joints' and mean of the motors', each (n,) [rad].
 
     Args:
         angles, motors: true angles of the joints and of the motors over the gear ratio, (n,).
-        sample: every sample drawn (`sample`), or their mean (`sample_mean`).
+        sample: `sample` to draw every sample, or `sample_mean`.
     """
     mean, sd = sample(
         angles, sensors.encoder_repeatability, sensors.encoder_noise, sensors.encoder_resolution, samples, rng
@@ -156,7 +156,7 @@ def read_encoders(
 def read_cells(
     sensors: Sensors, forces: np.ndarray, samples: int, rng: np.random.Generator, sample: Sampling = sample
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The cells' mean and s.d. over a window, each (8,) [N]."""
+    """Read the cells: mean and s.d. over a window, each (8,) [N]."""
     return sample(
         cell_gains(sensors) * forces,
         sensors.cell_repeatability,
@@ -168,9 +168,9 @@ def read_cells(
 
 
 def averaged_sd(repeatability: float, noise: float, resolution: float, samples: int) -> float:
-    """S.d. of a posture's averaged reading: what the data sheet promises for the mean.
+    """Return the s.d. of a posture's averaged reading, as on a data sheet.
 
-    Rounding a still signal leaves resolution^2 / 12; noise dithers it away (Widrow's series).
+    Rounding a constant signal adds the variance resolution^2 / 12; noise dithers it away (Widrow's series).
     """
     variance = repeatability**2 + noise**2 / samples
     if resolution > 0:

@@ -1,4 +1,4 @@
-"""One thread for linear algebra: the last bits of a result must not depend on the number of cores."""
+"""Limit linear algebra to one thread, so that results do not depend on the number of cores."""
 
 from __future__ import annotations
 

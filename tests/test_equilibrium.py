@@ -84,7 +84,7 @@ def test_with_dry_friction_sag_and_load_share_are_distributed_alike(solved_plan,
 
 
 def test_that_test_sees_friction_that_always_stands_at_its_limit(solved_plan, ideal, monkeypatch):
-    monkeypatch.setattr("tulip_testbed.sim.statics.approach.SHORT_WAY", 1e-6)
+    monkeypatch.setattr("tulip_testbed.sim.statics.approach.SHORT_MOVE", 1e-6)
     monkeypatch.setattr("tulip_testbed.sim.statics.approach.SCATTER", 0.0)
     monkeypatch.setattr("tulip_testbed.sim.statics.approach.PUT_DOWN_SCATTER", 1e6)
     held = [a for a in ideal.run.truth.attempts if a.held is not None]

@@ -1,6 +1,6 @@
-"""The laboratory for one's own controller or learning code, as a `dm_env` environment.
+"""Provide the laboratory as a `dm_env` environment for controllers and learning code.
 
-Importing this sets MUJOCO_GL to "disable" unless it is set: without a display dm_control would warn.
+Importing this package sets MUJOCO_GL to "disable" unless it is set; dm_control warns without a display.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""The robot as an entity: its drives, its encoders, and what only the simulation knows of it."""
+"""Entities of dm_control: the robot and the force plates, with their sensors."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from tulip_testbed.sim.sensors import Sensors, corrupted
 
 
 class RobotEntity(composer.Entity):
-    """The robot on its feet. Joints, actuators and motors are in the order of the nominal model's joints.
+    """The robot; joints, actuators and motors are in the order of the nominal model's joints.
 
     Attributes:
         joints, actuators: elements of the MJCF model.
-        motors: the joint that each actuator turns; the joint itself where the drive is rigid.
-        torso: the body that moves freely.
-        soles: the sole corners of each foot.
-        interval: physics steps from sample to sample.
+        motors: joint of each actuator; the robot's own joint where the drive is rigid.
+        torso: body with the free joint.
+        soles: sole corners of each foot.
+        interval: physics steps between samples.
     """
 
     def _build(
@@ -56,26 +56,26 @@ class RobotEntity(composer.Entity):
 
 
 class RobotObservables(composer.Observables):
-    """What is read of the robot. All but the encoders is the truth, and disabled."""
+    """Observables of the robot; all but the encoders are true values and disabled."""
 
     @composer.observable
     def joint_encoders(self) -> observable.MJCFFeature:
-        """Joint-side encoders, (n,) [rad]."""
+        """Return the joint encoders, (n,) [rad]."""
         return _encoder(self._entity.joints, self._entity.joint_channel, self._entity.interval)
 
     @composer.observable
     def motor_encoders(self) -> observable.MJCFFeature:
-        """Motor encoders over the gear ratio, (n,) [rad]."""
+        """Return the motor encoders divided by the gear ratio, (n,) [rad]."""
         return _encoder(self._entity.motors, self._entity.motor_channel, self._entity.interval)
 
     @composer.observable
     def centre_of_mass(self) -> observable.MJCFFeature:
-        """The robot's true centre of mass in the world, (3,) [m]."""
+        """Return the robot's true centre of mass in the world, (3,) [m]."""
         return observable.MJCFFeature("subtree_com", self._entity.torso)
 
     @composer.observable
     def sole_forces(self) -> observable.Generic:
-        """True forces of the boards on the stance and the swing foot in the world, (6,) [N]."""
+        """Return the true forces of the boards on the stance and the swing foot in the world, (6,) [N]."""
         soles = self._entity.soles
         return observable.Generic(lambda physics: _contact_forces(physics, soles).ravel())
 
@@ -87,7 +87,7 @@ def _encoder(joints: list[mjcf.Element], channel: Channel, interval: int) -> obs
 
 
 def _contact_forces(physics: mjcf.Physics, groups: list[list[mjcf.Element]]) -> np.ndarray:
-    """Sum of the contact forces on each group of geoms in the world, (groups, 3) [N]."""
+    """Sum the contact forces on each group of geoms in the world, (groups, 3) [N]."""
     model, data = physics.model.ptr, physics.data.ptr
     group_of = {int(i): k for k, geoms in enumerate(groups) for i in physics.bind(geoms).element_id}
     forces, wrench = np.zeros((len(groups), 3)), np.zeros(6)
@@ -95,18 +95,18 @@ def _contact_forces(physics: mjcf.Physics, groups: list[list[mjcf.Element]]) -> 
         for geom, sign in zip(contact.geom, (-1, 1), strict=True):
             if geom in group_of:
                 mujoco.mj_contactForce(model, data, number, wrench)
-                # A contact's frame has its axes in rows; its force acts on the second geom.
+                # The rows of a contact's frame are its axes; its force acts on the second geom.
                 forces[group_of[geom]] += sign * contact.frame.reshape(3, 3).T @ wrench[:3]
     return forces
 
 
 class ForcePlate(composer.Entity):
-    """One of the two plates.
+    """A force plate: a board on four load cells.
 
     Attributes:
-        cells: the sensor elements of its four cells in the order of `CORNERS`.
-        tare: what they read under the empty board, (4,) [N].
-        interval: physics steps from sample to sample.
+        cells: sensor elements of the four cells in the order of `CORNERS`.
+        tare: readings of the cells under the empty board, (4,) [N].
+        interval: physics steps between samples.
     """
 
     def _build(self, part: Part, cells: list[str], tare: np.ndarray, channel: Channel, interval: int) -> None:
@@ -126,11 +126,11 @@ class ForcePlate(composer.Entity):
 
 
 class PlateObservables(composer.Observables):
-    """What is read of a plate; the true forces are disabled."""
+    """Observables of a plate; the true forces are disabled."""
 
     @composer.observable
     def cells(self) -> observable.Generic:
-        """Tared cell forces in the order of `CORNERS`, (4,) [N]."""
+        """Return the tared cell forces in the order of `CORNERS`, (4,) [N]."""
         cells = observable.Generic(
             self._true_forces, update_interval=self._entity.interval, corruptor=self._entity.channel
         )
@@ -139,7 +139,7 @@ class PlateObservables(composer.Observables):
 
     @composer.observable
     def true_cells(self) -> observable.Generic:
-        """The same without the sensors' errors, (4,) [N]."""
+        """Return the tared cell forces without sensor errors, (4,) [N]."""
         return observable.Generic(self._true_forces)
 
     def _true_forces(self, physics: mjcf.Physics) -> np.ndarray:
@@ -147,13 +147,13 @@ class PlateObservables(composer.Observables):
 
 
 class Channel:
-    """Sensors of one kind, by the figures of `sim.sensors.Sensors`.
+    """Sensors of one kind, with the data-sheet figures of `sim.sensors.Sensors`.
 
-    A class because its error of repeatability stays for an episode.
+    A class because the repeatability error is constant within an episode.
 
     Attributes:
         gain: true gain of every sensor, (n,).
-        offset: this episode's error of repeatability, (n,).
+        offset: repeatability error of this episode, (n,).
     """
 
     def __init__(self, gain: np.ndarray, repeatability: float, noise: float, resolution: float):
@@ -162,10 +162,10 @@ class Channel:
         self.offset = np.zeros_like(gain)
 
     def draw(self, random_state: np.random.RandomState) -> None:
-        """Draw what a whole episode has in common."""
+        """Draw the repeatability error of an episode."""
         self.offset = self.repeatability * random_state.standard_normal(self.gain.shape)
 
     def __call__(self, truth: np.ndarray, random_state: np.random.RandomState) -> np.ndarray:
-        """One reading, (n,)."""
+        """Return one reading of the true values, (n,)."""
         signal = self.gain * np.asarray(truth) + self.offset
         return corrupted(signal, self.noise, self.resolution, random_state)

@@ -1,4 +1,4 @@
-"""The laboratory as a `dm_env` environment, for one's own controller or learning code."""
+"""The laboratory as a `dm_env` environment for controllers and learning code."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from tulip_testbed.sim.scene import laboratory_scene, nominal_plates
 
 ACTUATIONS = ("angles", "torques")
 OPTIONS = ("enabled", "buffer_size", "aggregator", "delay", "update_interval", "corruptor")
-BEYOND_RANGE = 0.03  # rad, of a joint: measured angles are noisy, drives sag
-LEVEL = 1e-3  # m, by which a sole corner may be off the ground when the robot is put down
+BEYOND_RANGE = 0.03  # rad beyond a joint's range: measured angles are noisy and drives sag
+LEVEL = 1e-3  # m: largest height of a sole corner over the ground when the robot is put down
 
 
 def laboratory_environment(
@@ -36,26 +36,26 @@ def laboratory_environment(
     reward: Callable[[mjcf.Physics], float] = lambda physics: 0.0,
     observable_options: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> composer.Environment:
-    """One posture on its two plates.
+    """Make an environment in which the robot stands on its two plates.
 
-    Every episode begins with the robot put down at `joint_angles`, at rest and with free feet. It
-    ends when the robot tips or the time is up.
+    An episode begins with the robot at `joint_angles`, at rest and with free feet. It ends when the robot
+    tips or after `time_limit`.
 
     Args:
         joint_angles: the posture in the order of the model's joints, as in a row of a plan, (n,) [rad].
-        plate_poses: of the right and the left plate in the base frame, (2, 3) [m, m, rad]; by
-            default the boards lie under the soles.
-        actuation: what an action is: commanded "angles" of the rig's PD servos [rad] or joint
-            "torques" [Nm], (n,).
-        control_timestep: time from action to action [s].
+        plate_poses: poses of the right and the left plate in the base frame, (2, 3) [m, m, rad]; None
+            lays the boards under the soles.
+        actuation: meaning of an action, (n,): "angles" are commands of the rig's PD servos [rad],
+            "torques" are joint torques [Nm].
+        control_timestep: time between actions [s].
         time_limit: length of an episode [s].
-        seed: of the sensors' errors.
-        reward: of the physics after an action.
-        observable_options: by an observable's name the options that dm_control knows (`OPTIONS`);
-            delay and update_interval count physics steps.
+        seed: seed of the sensors' errors.
+        reward: function of the physics after an action.
+        observable_options: options of dm_control (`OPTIONS`) by the observable's name; delay and
+            update_interval count physics steps.
 
     Raises:
-        InputError: an argument that does not fit, or a broken scene.
+        InputError: an argument has the wrong shape or value, or the scene is broken.
     """
     look_up("actuation", actuation, ACTUATIONS, "actuation")
     nominal = rig.robot.model
@@ -76,11 +76,11 @@ def laboratory_environment(
         time_limit=time_limit,
         random_state=seed,
         strip_singleton_obs_buffer_dim=True,
-        # Nothing in the MJCF changes from episode to episode; compiling it would take 300 resets' time.
+        # The MJCF is the same in all episodes; compiling it takes as long as 300 resets.
         recompile_mjcf_every_episode=False,
-        # Else averages over a buffer that is not full yet would count zeros.
+        # Otherwise averages over a buffer that is not full yet would include zeros.
         delayed_observation_padding=composer.ObservationPadding.INITIAL_VALUE,
-        # Plain mj_step, as everywhere in the laboratory: contacts and forces are those that acted in it.
+        # Plain mj_step, as everywhere in the laboratory, so that contacts and forces belong to the step.
         legacy_step=False,
     )
 
@@ -92,7 +92,7 @@ def _check_times(**times: float) -> None:
 
 
 def _check_ranges(nominal: mujoco.MjModel, angles: np.ndarray) -> None:
-    """Refuse a posture that the joints cannot reach; degrees given for radians are one."""
+    """Refuse a posture outside of the joint ranges, for example one in degrees."""
     low, high = joint_ranges(nominal).T
     outside = (angles < low - BEYOND_RANGE) | (angles > high + BEYOND_RANGE)
     if outside.any():
@@ -103,22 +103,22 @@ def _check_ranges(nominal: mujoco.MjModel, angles: np.ndarray) -> None:
         )
 
 
-def _checked(values: np.ndarray, shape: tuple[int, ...], what: str) -> np.ndarray:
+def _checked(values: np.ndarray, shape: tuple[int, ...], name: str) -> np.ndarray:
     try:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"{what}: found {shortened(repr(values))}, expected {shape} numbers") from None
+        raise InputError(f"{name}: found {shortened(repr(values))}, expected {shape} numbers") from None
     if array.shape != shape or not np.isfinite(array).all():
         found = f"shape {array.shape}" if array.shape != shape else "a number that is not finite"
-        raise InputError(f"{what}: found {found}, expected {shape} finite numbers")
+        raise InputError(f"{name}: found {found}, expected {shape} finite numbers")
     return array
 
 
 def _soles(nominal: mujoco.MjModel, rig: Rig, angles: np.ndarray) -> np.ndarray:
-    """Sole corners in the base frame at a posture, (2, 4, 2) [m].
+    """Return the sole corners of a posture in the base frame, (2, 4, 2) [m].
 
     Raises:
-        InputError: the soles do not lie flat on one ground.
+        InputError: the soles are not flat on one plane.
     """
     data = mujoco.MjData(nominal)
     for name, angle in zip(joint_names(nominal), angles, strict=True):

@@ -1,4 +1,4 @@
-"""The laboratory's scene, cut into MJCF models that dm_control's entities can own."""
+"""Split the laboratory's scene into MJCF models that dm_control's entities can own."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dm_control import mjcf
 
 from tulip_testbed.sim.composer.scene_xml import scene_xml
 
-# What refers to bodies, in an order in which every name is known before it is referred to.
+# Sections that refer to bodies, ordered so that every name is defined before it is used.
 SECTIONS = ("tendon", "actuator", "equality", "contact", "sensor")
 REFERENCES = ("body", "joint", "geom", "site", "tendon", "actuator")
 
@@ -23,9 +23,9 @@ class Part:
     """A body of the scene's world as a model of its own.
 
     Attributes:
-        root: its MJCF; the names in it are the scene's.
-        position, quaternion: where it stands in the world, (3,) [m] and (4,).
-        free: whether it moves freely; then its free joint belongs to the attachment.
+        root: its MJCF, with the names of the scene.
+        position, quaternion: its pose in the world, (3,) [m] and (4,).
+        free: whether it has a free joint, which the attachment frame takes over.
     """
 
     root: mjcf.RootElement
@@ -36,12 +36,12 @@ class Part:
 
 @dataclass(frozen=True)
 class SceneParts:
-    """A scene in parts.
+    """A scene split into parts.
 
     Attributes:
-        arena: MJCF of all that belongs to no part.
-        parts: by name.
-        between: section and element of what joins parts with each other or with the world, such as
+        arena: MJCF of everything that belongs to no part.
+        parts: the parts by name.
+        between: section and element of whatever connects parts to each other or to the world, such as
             contact pairs.
     """
 
@@ -51,10 +51,10 @@ class SceneParts:
 
 
 def split_scene(spec: mujoco.MjSpec, model: mujoco.MjModel, bodies: Mapping[str, str]) -> SceneParts:
-    """Cut a compiled scene into an arena and one part per body; keyframes are left out.
+    """Split a compiled scene into an arena and one part per body; keyframes are left out.
 
     Args:
-        bodies: by the part's name the body of the world that it is made of.
+        bodies: name of the world's body by the name of the part.
     """
     arena = scene_xml(spec)
     for keyframe in arena.findall("keyframe"):
@@ -88,7 +88,7 @@ def split_scene(spec: mujoco.MjSpec, model: mujoco.MjModel, bodies: Mapping[str,
 
 
 def join(scene: SceneParts) -> None:
-    """Add to the arena what joins its parts, once they are attached to it."""
+    """Add the elements that connect parts to the arena, after the parts were attached to it."""
     for section, element in scene.between:
         attributes: dict[str, object] = {}
         for key, value in element.attrib.items():
@@ -100,7 +100,7 @@ def join(scene: SceneParts) -> None:
 
 
 def _take(world: Element, name: str) -> Element:
-    """Remove a body from the world or from a frame in it; a frame left empty goes as well."""
+    """Remove a body from the world, or from a frame in it; remove the frame if it is then empty."""
     for parent in (world, *world.findall("frame")):
         for body in parent.findall("body"):
             if body.get("name") == name:
@@ -112,7 +112,7 @@ def _take(world: Element, name: str) -> Element:
 
 
 def _share_out(arena: Element, trees: dict[str, Element], owner: dict[str, str]) -> list[tuple[str, Element]]:
-    """Move what refers to one part alone there; take out and return what joins parts."""
+    """Move each element that refers to one part into that part; remove and return the others."""
     between = []
     for section in SECTIONS:
         for element in arena.findall(f"{section}/*"):
@@ -141,11 +141,11 @@ def _parse(tree: Element, folder: str) -> mjcf.RootElement:
 
 
 def _drop_unused(tree: Element) -> None:
-    """Drop default classes and assets that nothing refers to: every part has a copy of all."""
+    """Remove default classes and assets that nothing refers to, since every part has a copy of all."""
     classes = {e.get(key) for e in tree.iter() if e.tag != "default" for key in ("class", "childclass")}
     for default in tree.findall("default"):
         _drop_classes(default, classes)
-    for _ in range(2):  # a texture goes once its material has gone
+    for _ in range(2):  # a texture becomes unused when its material is removed
         used = {value for e in tree.iter() for key, value in e.attrib.items() if key != "name"}
         for asset in tree.findall("asset/*"):
             if "name" in asset.attrib and asset.get("name") not in used:

@@ -1,4 +1,4 @@
-"""The scene as an XML tree without loss: MuJoCo itself writes six digits."""
+"""Write the scene as an XML tree without loss of digits; MuJoCo itself writes six."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 SIX_DIGITS = 5e-6
-# Where MjSpec's attributes go by another name than MJCF's.
+# Names of MjSpec's attributes by MJCF's, where they differ.
 ALIASES = {
     "diaginertia": "inertia",
     "solreflimit": "solref_limit",
@@ -21,9 +21,9 @@ INERTIAL = {"pos": "ipos", "quat": "iquat"}
 
 
 def scene_xml(spec: mujoco.MjSpec) -> Element:
-    """A compiled spec's XML with the numbers of its named elements in full.
+    """Return the XML of a compiled spec with all digits of its named elements.
 
-    The last digit matters: at rest dry friction remembers the way there, so that a difference of
+    The last digit matters: dry friction at rest depends on the path before it, so that a difference of
     1e-6 in a mass grows to 0.1 N in a cell.
     """
     root = fromstring(spec.to_xml())
@@ -37,7 +37,7 @@ def scene_xml(spec: mujoco.MjSpec) -> Element:
 
 
 def _named(root: Element, spec: mujoco.MjSpec) -> Iterator[tuple[Element, object]]:
-    """Elements with what they are in `spec`."""
+    """Yield the named elements, each with its counterpart in `spec`."""
     kinds: dict[str, Callable[[str], object]] = {
         "worldbody//body": spec.body,
         "worldbody//joint": spec.joint,
@@ -63,7 +63,7 @@ def _write_in_full(element: Element, own: object, aliases: dict[str, str]) -> No
             numbers = np.atleast_1d(np.asarray(exact, float))[: len(written)]
         except (TypeError, ValueError):
             continue
-        for candidate in (numbers, numbers * np.pi / 180):  # MjSpec has degrees where its file had
+        for candidate in (numbers, numbers * np.pi / 180):  # MjSpec keeps the degrees of its file
             if candidate.shape == written.shape and np.allclose(written, candidate, SIX_DIGITS, 1e-12):
                 element.set(key, " ".join(repr(float(number)) for number in candidate))
                 break

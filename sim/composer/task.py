@@ -1,4 +1,4 @@
-"""The composer task: the robot stands on its two plates."""
+"""The task of the composer: the robot stands on its two plates."""
 
 from __future__ import annotations
 
@@ -40,10 +40,12 @@ class LaboratoryTask(composer.Task):
         reward: Callable[[mjcf.Physics], float],
         control_timestep: float,
     ):
-        """Args are those of `laboratory_environment`; `spec` is the scene, `nominal` the robot alone.
+        """Assemble the entities of a scene.
+
+        The arguments are those of `laboratory_environment`; `spec` is the scene, `nominal` the robot alone.
 
         Raises:
-            InputError: a control time step that is no multiple of the physics' one, or a broken scene.
+            InputError: the control time step is no multiple of the physics time step, or the scene is broken.
         """
         model = compile_spec(spec, str(rig.robot.path))
         torso = model.body(model.body_rootid[model.body(rig.robot.stance_foot).id]).name
@@ -84,9 +86,9 @@ class LaboratoryTask(composer.Task):
         physics.bind(self.robot.joints).qpos = self._angles
 
     def action_spec(self, physics: mjcf.Physics) -> specs.BoundedArray:
-        """Commanded angles [rad] or torques [Nm] in the order of the joints, (n,).
+        """Return the specification of an action: angles [rad] or torques [Nm] in joint order, (n,).
 
-        The bounds are the nominal robot's; a command beyond them is not refused.
+        The bounds are the nominal robot's; a command outside of them is accepted.
         """
         names = "\t".join(joint.full_identifier for joint in self.robot.joints)
         low, high = self._bounds
@@ -95,13 +97,13 @@ class LaboratoryTask(composer.Task):
     def before_step(
         self, physics: mjcf.Physics, action: np.ndarray, random_state: np.random.RandomState
     ) -> None:
-        """Write the command.
+        """Write the action to the actuators.
 
         Raises:
-            InputError: another shape, no finite number, or an angle beyond a turn.
+            InputError: wrong shape, a number that is not finite, or an angle of more than one turn.
         """
         command = _command(action, len(self.robot.joints), self._actuation)
-        # Written past the binding, which would have the next reading compute the whole state anew.
+        # Written directly: after a write by binding, the next reading would compute the whole state again.
         physics.data.ctrl[physics.bind(self.robot.actuators).element_id] = command
 
     def get_reward(self, physics: mjcf.Physics) -> float:
@@ -118,7 +120,7 @@ def _command(action: np.ndarray, count: int, actuation: str) -> np.ndarray:
         raise InputError(f"action: found {shortened(repr(action))}, expected {count} numbers") from None
     if command.shape != (count,):
         raise InputError(f"action: found shape {command.shape}, expected ({count},)")
-    square = command @ command  # first, since it is the quickest and this is done at every action
+    square = command @ command  # the cheapest test first, since this runs at every action
     if not square < np.inf:
         raise InputError(f"action: found a number that is not finite: {shortened(command)}")
     if actuation == "angles" and square > TURN**2 and np.abs(command).max() > TURN:
@@ -144,7 +146,7 @@ def _plates(scene: SceneParts, rig: Rig, empty: np.ndarray, interval: int) -> tu
 
 
 def _bounds(robot: Robot, nominal: mujoco.MjModel, actuation: str) -> tuple[np.ndarray, np.ndarray]:
-    """Least and greatest action by the nominal robot, each (n,): joint ranges or torque limits."""
+    """Return the least and the largest action, each (n,): joint ranges or torque limits."""
     if actuation == "angles":
         low, high = joint_ranges(nominal).clip(-np.pi, np.pi).T
         return low, high

@@ -1,1 +1,1 @@
-"""The experiment in the full MuJoCo dynamics."""
+"""The experiment in the full dynamics of MuJoCo."""

@@ -1,4 +1,4 @@
-"""Do forces, moments, torques and energy balance? Checked in every hold, apart from MuJoCo's solver."""
+"""Balance of forces, moments, torques and energy in every hold, independent of MuJoCo's solver."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ from tulip_testbed.sim.robot import PLATES
 
 @dataclass(frozen=True)
 class Balance:
-    """What is left over where statics says zero, and the energy of a hold.
+    """Residuals of the static balance of a hold, and its energy.
 
     Attributes:
-        weight: sum of the cells' forces minus the robot's weight [N].
-        moments: largest difference between a plate's roll or pitch moment by its four cells and by
-            the wrench of the foot upon it [Nm].
-        torques: largest torque or force on any of the robot's degrees of freedom that gravity,
-            springs, actuators, dry friction and the plates' wrench on the feet leave over [Nm, N].
-        centre: distance of the centre of pressure, by the cells where they are, from the centre of
-            mass's projection [m].
-        dissipated: mechanical energy lost since the release; friction can only take it away [J].
-        kinetic: what is left of it in motion [J].
+        weight: sum of the cell forces minus the robot's weight [N].
+        moments: largest difference between a plate's roll or pitch moment from its four cells and from the
+            wrench of its foot [Nm].
+        torques: largest residual torque or force on a degree of freedom of the robot after gravity,
+            springs, actuators, dry friction and the plates' wrenches on the feet [Nm, N].
+        centre: distance between the centre of pressure, from the true cell positions, and the projection
+            of the centre of mass [m].
+        dissipated: mechanical energy dissipated since the release; never negative without a fault of the
+            simulation [J].
+        kinetic: kinetic energy [J].
     """
 
     weight: float
@@ -38,10 +39,10 @@ class Balance:
 
 
 def balance_of(stand: Stand, energy_before: float) -> Balance:
-    """Close the books on a posture that is held now.
+    """Compute the balance of the posture that is held now.
 
     Args:
-        energy_before: `mechanical_energy` when the clamps had been released.
+        energy_before: `mechanical_energy` at the release of the clamps [J].
     """
     model, data = stand.model, stand.data
     mujoco.mj_forward(model, data)
@@ -62,10 +63,10 @@ def balance_of(stand: Stand, energy_before: float) -> Balance:
 
 
 def mechanical_energy(stand: Stand) -> float:
-    """Kinetic, potential and the servos' elastic energy at this moment [J].
+    """Compute kinetic, potential and the servos' elastic energy [J].
 
-    With the command at rest a servo is a spring kp (u - q) and a damper; where it saturates,
-    the spring's energy grows linearly.
+    Under a constant command a servo is a spring kp (u - q) and a damper; in saturation the energy of the
+    spring grows linearly.
     """
     model, data = stand.model, stand.data
     mujoco.mj_fwdPosition(model, data)
@@ -78,7 +79,7 @@ def mechanical_energy(stand: Stand) -> float:
 
 
 def _static_residual(stand: Stand) -> np.ndarray:
-    """What is left over on each of the robot's degrees of freedom, as if it stood still, (n,) [Nm, N]."""
+    """Compute the static residual on each of the robot's degrees of freedom, (n,) [Nm, N]."""
     model, data, still = stand.model, stand.data, mujoco.MjData(stand.model)
     still.qpos[:], still.ctrl[:] = data.qpos, data.ctrl
     for stage in (mujoco.mj_fwdPosition, mujoco.mj_fwdVelocity, mujoco.mj_fwdActuation):
@@ -94,7 +95,7 @@ def _static_residual(stand: Stand) -> np.ndarray:
 
 
 def _limits(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    """What joints at their limits exert, (nv,)."""
+    """Return the generalised forces of joints at their limits, (nv,)."""
     rows = data.efc_type[: data.nefc] == mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT
     exerted = np.zeros(model.nv)
     mujoco.mj_mulJacTVec(model, data, exerted, np.where(rows, data.efc_force[: data.nefc], 0.0))
@@ -102,7 +103,7 @@ def _limits(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
 
 
 def _moments_by_cells(stand: Stand) -> np.ndarray:
-    """Moments of the tared cells about each plate's origin in the plate's axes, (2, 2) [Nm]."""
+    """Compute the moments of the tared cells about each plate's origin in its axes, (2, 2) [Nm]."""
     forces = stand.cell_forces().reshape(2, 4)
     places = np.array([stand.data.site(name).xpos for name in cell_names()]).reshape(2, 4, 3)
     moments = []
@@ -114,7 +115,7 @@ def _moments_by_cells(stand: Stand) -> np.ndarray:
 
 
 def _moments_by_feet(stand: Stand) -> np.ndarray:
-    """The same by the whole wrench, contacts and stiction, that each plate exerts on its foot."""
+    """Compute the same moments from the wrench of contacts and stiction on each foot, (2, 2) [Nm]."""
     data, moments = stand.data, []
     for sole, plate in zip(stand.soles, PLATES, strict=True):
         body = data.body(f"{plate}_plate")

@@ -1,4 +1,4 @@
-"""The whole experiment: every placement of a plan, held, measured, written down."""
+"""Run a whole experiment in the full dynamics: hold, measure and record every placement of a plan."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ def run_dynamics(
     workers: int = 1,
     progress: Callable[[int], None] = lambda count: None,
 ) -> Outcome:
-    """Simulate the plan in the full dynamics.
+    """Simulate a plan in the full dynamics.
 
-    Every placement has its own random stream, so the result does not depend on `workers`.
+    Every placement has its own random stream, so that the result does not depend on `workers`.
 
     Args:
-        progress: called with the number of tries each time a placement is done.
+        progress: called with the number of attempts each time a placement is done.
 
     Raises:
-        InputError: a posture on the swing foot alone, or no posture that could be used.
+        InputError: a posture stands on the swing foot alone, or no posture could be measured.
     """
     check_support(plan)
     placements = list(dict.fromkeys(plan.placement.tolist()))
@@ -65,7 +65,7 @@ def run_dynamics(
 
 
 def _standard_parameters(rig: Rig, model: mujoco.MjModel) -> np.ndarray:
-    """Of the robot's links in a compiled scene, (n_links, 4) [kg, kg m]."""
+    """Return the standard parameters of the robot's links in a scene, (n_links, 4) [kg, kg m]."""
     nominal = rig.robot.model
     links = [model.body(nominal.body(k).name).id for k in range(1, nominal.nbody)]
     mass = model.body_mass[links]
@@ -80,9 +80,9 @@ def _try_all(
     workers: int,
     progress: Callable[[int], None],
 ) -> list[Attempt]:
-    """All tries in order, each in the laboratory that stands there at its time.
+    """Make all attempts in order, each with the rig that is in place at its time.
 
-    A placement in which the laboratory changes is gone through as before and as after the change.
+    A placement during which the rig changes is simulated with both rigs.
     """
     starts, rigs = zip(*stages(rig), strict=True)
     placements = list(dict.fromkeys(plan.placement.tolist()))
@@ -99,7 +99,7 @@ def _try_all(
             joblib.delayed(run_placement)(rigs[s], plan, place, repeats, streams[placements.index(place)])
             for place, s in missing
         )
-        # More workers than placements would all be started, and wait.
+        # joblib would start all workers, even more than there are placements.
         runs = joblib.Parallel(n_jobs=min(workers, len(missing)), return_as="generator")(jobs)
         for key, attempts in zip(missing, runs, strict=True):
             done[key] = attempts
@@ -111,10 +111,10 @@ def _try_all(
 
 
 def read_again(rig: Rig, plan: PosturePlan, experiment: Outcome, rng: np.random.Generator) -> Measurements:
-    """The same held postures through the rig's sensors anew: readings, plate records, weighing.
+    """Read the same held postures with new sensor noise: readings, plate records and weighing.
 
-    Holding postures takes a minute, reading them a tenth of a second: for what needs many experiments
-    that differ in their sensor noise alone.
+    Use it where many experiments differ in sensor noise alone: holding the postures takes a minute, reading
+    them a tenth of a second.
     """
     samples = round(rig.protocol.window * rig.sensors.sample_rate)
     attempts: list[Attempt] = []
@@ -130,7 +130,7 @@ def read_again(rig: Rig, plan: PosturePlan, experiment: Outcome, rng: np.random.
 def run_placement(
     rig: Rig, plan: PosturePlan, placement: int, repeats: frozenset[int], stream: np.random.SeedSequence
 ) -> list[Attempt]:
-    """Set up one placement and go through its postures, then through its repeats."""
+    """Set up one placement and attempt its postures, then its repeats."""
     rng = np.random.default_rng(stream)
     order = order_of_tries(plan, placement, repeats)
     boards = boards_under(rig, plan.swing_pose[[order[0][0]]])[0]

@@ -1,4 +1,4 @@
-"""Move the robot to a posture, let it stand, hold it: the full MuJoCo dynamics."""
+"""Move the robot to a posture, let it come to rest and hold it, in the full dynamics of MuJoCo."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from tulip_testbed.sim.dynamics.balance import Balance, balance_of, mechanical_e
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.path import straight_path
 
-CONTROL_PERIOD = 0.02  # s, at which a hold looks at its gate
+CONTROL_PERIOD = 0.02  # s, between checks of the gates of a hold
 LANDING_TIME = 0.1  # s
 CLAMP_IMPEDANCE = 0.9999
 AVERAGED_PERIODS = 5  # when gated
-STILL_PERIODS = 10  # in which no cell's force may change
-STICKING_PERIODS = 500  # at most, in which dry friction takes over the load
-CREATED_ENERGY = 1e-3  # J: more than contacts store; what comes out of nothing is a fault of the simulation
-SERVO_PERIOD = 0.002  # s, at which the commanded angles are updated while moving
+STILL_PERIODS = 10  # control periods in which no cell's force may change
+STICKING_PERIODS = 500  # most control periods for dry friction to take over the load
+CREATED_ENERGY = 1e-3  # J, more than contacts store; a larger gain of energy is a fault of the simulation
+SERVO_PERIOD = 0.002  # s, between updates of the commanded angles while moving
 PATH_KNOTS = 30
 
 
 @dataclass(frozen=True)
 class Held:
-    """A posture that stood still: averages over its window, before any sensor noise.
+    """A posture at rest: averages over its window, before sensor noise.
 
     Attributes:
         joint_angles: true joint angles, (n,) [rad].
@@ -33,9 +33,9 @@ class Held:
         torques: actuator torques, (n,) [Nm].
         cell_forces: true cell forces, tared, (8,) [N].
         com: centre of mass in the base frame, (2,) [m].
-        drift: largest movement of a sole corner since the robot was put down [m].
-        settled_after: time from release to the gate [s].
-        balance: how well forces, moments, torques and energy balance.
+        drift: largest displacement of a sole corner since the robot was put down [m].
+        settled_after: time from the release until the posture was accepted [s].
+        balance: balance of forces, moments, torques and energy.
     """
 
     joint_angles: np.ndarray
@@ -52,11 +52,11 @@ class Held:
 def put_down(
     stand: Stand, angles: np.ndarray, support: str = "double", command: np.ndarray | None = None
 ) -> None:
-    """Put the robot down at a posture and clamp its feet where they came to stand.
+    """Put the robot down at a posture and clamp its feet where they land.
 
     Args:
-        command: what the servos are sent to; None: the posture's own angles.
-        support: "double", or "right": on the stance foot, the other one in the air.
+        command: commanded angles; None means `angles`.
+        support: "double", or "right" for the stance foot alone.
     """
     stand.foot_contact = np.array([True, support == "double"])
     stand.reset(angles, stand.chain.base_pose(angles))
@@ -68,11 +68,11 @@ def put_down(
 
 
 def move(stand: Stand, start: np.ndarray, end: np.ndarray, command: np.ndarray) -> None:
-    """Move along the closed chain from one planned posture to the next, feet clamped; on one foot straight.
+    """Move from one planned posture to the next with clamped feet, along the closed chain if both stand.
 
-    The servos damp the joint's own speed, so the command leads by their derivative time:
-    together a PD controller on angle and speed. The commanded angles arrive at `command`,
-    which differs from `end` by command noise.
+    The servos damp the joint's own speed, so the command leads by their derivative time; together that is a
+    PD controller on angle and speed. The commanded angles end at `command`, which differs from `end` by
+    command noise.
     """
     stand.stiction.release(stand.data)
     _clamp(stand)
@@ -91,10 +91,10 @@ def move(stand: Stand, start: np.ndarray, end: np.ndarray, command: np.ndarray) 
 
 
 def hold(stand: Stand, plan: np.ndarray) -> tuple[Held | None, str]:
-    """Release the clamps and hold: the held posture, or None and why it has to be dropped.
+    """Release the clamps and hold: return the held posture, or None and the reason for dropping it.
 
-    Once everything is calm, what dry friction can carry sticks (`sim.dynamics.stiction`); so nothing
-    changes any more, and a short average is the average of the whole window.
+    Once everything is calm, dry friction sticks where it can carry the load (`sim.dynamics.stiction`).
+    Nothing changes after that, so that a short average equals that of the whole window.
     """
     protocol, data = stand.protocol, stand.data
     _release(stand)
@@ -138,7 +138,7 @@ def hold(stand: Stand, plan: np.ndarray) -> tuple[Held | None, str]:
 
 
 def _come_to_rest(stand: Stand, upright: np.ndarray, latest: float) -> str | None:
-    """Wait until nothing has moved for `calm_time`: None, or why that did not come about."""
+    """Wait until nothing has moved for `calm_time`; return None, or the reason for giving up."""
     protocol, data, calm = stand.protocol, stand.data, 0
     while calm < round(protocol.calm_time / CONTROL_PERIOD):
         if data.time > latest:
@@ -153,7 +153,7 @@ def _come_to_rest(stand: Stand, upright: np.ndarray, latest: float) -> str | Non
 
 
 def _stick(stand: Stand) -> bool:
-    """Let dry friction hold what it can; whether it then carries the load and no cell's force changes."""
+    """Let dry friction stick; return whether it then carries the load and no cell's force changes."""
     forces = []
     for _ in range(STICKING_PERIODS):
         stand.stiction.engage(stand.data)
@@ -167,7 +167,7 @@ def _stick(stand: Stand) -> bool:
 
 
 def _average(stand: Stand, window: float) -> np.ndarray:
-    """Mean of joint and motor angles, cell forces and CoM over a window."""
+    """Average joint and motor angles, cell forces and centre of mass over a window."""
     states = []
     for _ in range(round(window / CONTROL_PERIOD)):
         stand.run(CONTROL_PERIOD)
@@ -187,7 +187,7 @@ def _clamp(stand: Stand) -> None:
 
 
 def _release(stand: Stand) -> None:
-    """Let the contacts take over slowly: a sudden release would make the feet hop."""
+    """Release the clamps slowly, since a sudden release would make the feet hop."""
     for impedance in np.geomspace(CLAMP_IMPEDANCE, 1e-4, round(stand.protocol.rest_time / CONTROL_PERIOD)):
         stand.model.eq_solimp[stand.clamps, :2] = impedance
         stand.run(CONTROL_PERIOD)

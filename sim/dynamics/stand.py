@@ -1,4 +1,4 @@
-"""One placement as MuJoCo sees it: the robot on its two plates, and what can be read off it."""
+"""One placement in MuJoCo: the robot on its two plates, and the quantities read from it."""
 
 from __future__ import annotations
 
@@ -18,12 +18,13 @@ HOIST_DAMPING = (200.0, 2.0)  # N s/m, N m s
 
 
 class Stand:
-    """The robot on its plates. A class because MuJoCo's state is mutable and outlives a posture.
+    """The robot on its plates; a class because MuJoCo's state is mutable and outlives a posture.
 
     Attributes:
-        rig: the laboratory. chain: the robot alone, as its file says.
+        rig: the laboratory.
+        chain: the nominal robot alone as a closed chain.
         model, data: the scene.
-        stiction: the rows that hold what has come to rest.
+        stiction: dry friction at rest.
         foot_contact: which of the two feet the robot stands on, (2,) bool.
     """
 
@@ -60,7 +61,7 @@ class Stand:
 
     @property
     def command(self) -> np.ndarray:
-        """Commanded angles, (n,) [rad]."""
+        """Return the commanded angles, (n,) [rad]."""
         return self.data.ctrl[self.servos]
 
     @command.setter
@@ -68,11 +69,11 @@ class Stand:
         self.data.ctrl[self.servos] = angles
 
     def offset(self, torques: np.ndarray) -> np.ndarray:
-        """How far servos have to be sent beyond where they stand to exert torques, (n,) [rad]."""
+        """Return the command offset that makes the servos exert torques, (n,) [rad]."""
         return torques / self.model.actuator_gainprm[self.servos, 0]
 
     def reset(self, angles: np.ndarray, pose: np.ndarray) -> None:
-        """Put everything back, the robot at these joint angles (n,) and torso pose (7,), at rest."""
+        """Reset the scene with the robot at joint angles (n,) and torso pose (7,), at rest."""
         mujoco.mj_resetData(self.model, self.data)
         self.stiction.forget()
         self.data.qpos[self.motors] = angles
@@ -81,26 +82,26 @@ class Stand:
         self.command = angles
 
     def run(self, duration: float) -> None:
-        """Step for `duration` [s], one step at least."""
+        """Step for `duration` [s], at least one step."""
         mujoco.mj_step(self.model, self.data, max(1, round(duration / self.model.opt.timestep)))
 
     def speed(self) -> float:
-        """Largest speed of any degree of freedom [rad/s, m/s]."""
+        """Return the largest speed of any degree of freedom [rad/s, m/s]."""
         return float(np.abs(self.data.qvel).max())
 
     def cell_forces(self) -> np.ndarray:
-        """The cells' true forces at this moment, tared, (8,) [N]."""
+        """Return the true tared cell forces at this moment, (8,) [N]."""
         return self.data.sensordata[self.cells] - self.tare
 
     def mark_feet(self) -> None:
-        """Remember where the feet stand; there the clamps hold them."""
+        """Store the feet's poses, where the clamps hold them."""
         self.marked_corners = self._corners()
         for clamp, foot in zip(self.clamps, self.robot.feet, strict=True):
             body = self.data.body(foot)
             self.model.eq_data[clamp, :11] = [0, 0, 0, *body.xpos, *body.xquat, 1]
 
     def _feet(self) -> np.ndarray:
-        """Planar poses of both feet in the world, (2, 3) [m, m, rad]."""
+        """Return the planar poses of both feet in the world, (2, 3) [m, m, rad]."""
         poses = []
         for foot in self.robot.feet:
             body = self.data.body(foot)
@@ -110,7 +111,7 @@ class Stand:
         return np.array(poses)
 
     def centre_of_mass(self) -> np.ndarray:
-        """Centre of mass in the base frame, from MuJoCo's own, (2,) [m]."""
+        """Return MuJoCo's centre of mass in the base frame, (2,) [m]."""
         x, y, yaw = self._feet()[0]
         east = self.data.subtree_com[self.torso][:2] - [x, y]
         return np.array(
@@ -118,7 +119,7 @@ class Stand:
         )
 
     def plates_in_base(self) -> np.ndarray:
-        """True poses of both plates in the base frame at this moment, (2, 3) [m, m, rad]."""
+        """Return the true poses of both plates in the base frame, (2, 3) [m, m, rad]."""
         x, y, yaw = self._feet()[0]
         poses = []
         for plate in PLATES:
@@ -130,33 +131,33 @@ class Stand:
         return np.array(poses)
 
     def tipped(self, planned: np.ndarray) -> bool:
-        """The torso leans or hangs far from its planned pose, (7,)."""
+        """Return whether the torso is far from its planned pose, (7,)."""
         return tipped(self.data.qpos[self.free_qpos], planned, self.protocol.tilt_limit)
 
     def drift(self) -> float:
-        """Largest horizontal way of any sole corner from where it was put down [m]."""
-        ways = np.linalg.norm((self._corners() - self.marked_corners)[:, :2], axis=1)
-        return float(ways[np.repeat(self.foot_contact, 4)].max())
+        """Return the largest horizontal displacement of a sole corner since `mark_feet` [m]."""
+        displacements = np.linalg.norm((self._corners() - self.marked_corners)[:, :2], axis=1)
+        return float(displacements[np.repeat(self.foot_contact, 4)].max())
 
     def fault(self) -> str | None:
-        """Why a settled posture cannot be used, or None."""
-        for what, names, gaps in (
+        """Return why a settled posture cannot be used, or None."""
+        for event, names, gaps in (
             ("lost sole corner", self.sole_names, self._sole_gaps()),
             ("lifted cell", CELLS, self._cell_gaps()),
         ):
             gaps = np.where(np.repeat(self.foot_contact, 4), gaps, 0.0)
             if gaps.max() > self.protocol.lift_limit:
-                return f"{what} {names[int(gaps.argmax())]}"
+                return f"{event} {names[int(gaps.argmax())]}"
         if self.drift() > self.protocol.slip_limit:
             return f"slipped {1e3 * self.drift():.2f} mm"
         return None
 
     def _corners(self) -> np.ndarray:
-        """The eight sole corners in the world, (8, 3) [m]."""
+        """Return the eight sole corners in the world, (8, 3) [m]."""
         return np.array([self.data.geom(name).xpos for name in self.sole_names])
 
     def _sole_gaps(self) -> np.ndarray:
-        """Height of the eight sole corners over their board, (8,) [m]."""
+        """Return the heights of the eight sole corners over their board, (8,) [m]."""
         gaps = []
         for k, name in enumerate(self.sole_names):
             plate, corner = self.data.body(f"{PLATES[k // 4]}_plate"), self.data.geom(name)
@@ -165,22 +166,22 @@ class Stand:
         return np.array(gaps)
 
     def _cell_gaps(self) -> np.ndarray:
-        """Height of the eight cells over the floor, (8,) [m]."""
+        """Return the heights of the eight cells over the floor, (8,) [m]."""
         floor = self.data.geom("floor").xpos[2]
         return np.array([self.data.site(name).xpos[2] - floor for name in cell_names()])
 
 
 def hoist_damping(rig: Rig) -> np.ndarray:
-    """Damping of the torso by a slack hoist, (6,) [N s/m, N m s]; at rest it exerts nothing.
+    """Return the damping of the torso by a slack hoist, (6,) [N s/m, N m s]; no force at rest.
 
-    Zero unless drives or soles are springs. MJCF knows one damping for all six.
+    It is zero if drives and soles are rigid. MJCF has a single damping for all six degrees of freedom.
     """
     springs = rig.drives.wind_up > 0 or rig.compliance != Compliance()
     return np.repeat(HOIST_DAMPING, 3) if springs else np.zeros(6)
 
 
 def _add_clamps(spec: mujoco.MjSpec, feet: tuple[str, str]) -> None:
-    """Welds between the feet and the ground, off at first."""
+    """Add welds between the feet and the ground, switched off."""
     for foot in feet:
         spec.add_equality(
             name=f"{foot}_clamp",

@@ -1,11 +1,11 @@
-"""Dry friction that holds: what has come to rest sticks until friction cannot carry the load.
+"""Stiction: bodies and joints at rest stick until dry friction cannot carry the load.
 
 MuJoCo's friction rows act on velocity and are regularised: a row at rest under a load creeps at
-(1 - d) / d * a / b (d: impedance, at most 0.9999; a: acceleration that the load would cause; b:
-damping of the row). In Karnopp's model (1985) friction at rest is whatever force holds the load.
-So once everything is calm, the force that each row carries is handed over to a constant one,
-`qfrc_applied` in a joint and a pair of opposite `xfrc_applied` between a foot and its plate. The
-rows, left without load, creep no more, and nothing is held that friction could not hold.
+(1 - d) / d * a / b, where d is the impedance (at most 0.9999), a the acceleration that the load would
+cause and b the damping of the row. In Karnopp's model (1985) friction at rest is the force that holds the
+load. So once everything is calm, the force of each row is replaced by a constant one: `qfrc_applied` in a
+joint, and a pair of opposite `xfrc_applied` between a foot and its plate. The unloaded rows no longer
+creep, and no constant force exceeds what friction can carry.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-BREAKAWAY = 1.02  # static over sliding friction, assumed: what crept at its limit holds when it stops
-LEAST = 1e-3  # share of its friction that a joint's row keeps while the joint slips at its limit
+BREAKAWAY = 1.02  # static over sliding friction, assumed: a row that crept at its limit holds once it stops
+LEAST = 1e-3  # share of the friction that a joint's row keeps while the joint slips at its limit
 
-LEAST_TORSION = 1e-9  # Nm, where a single point touches
+LEAST_TORSION = 1e-9  # Nm, for a single contact point
 
 
 class Stiction:
-    """What sticks in one scene. A class because it adds up forces while things stick.
+    """Stiction in one scene; a class because it accumulates forces while things stick.
 
     Args:
         model: the scene.
-        contact_pairs: pairs of bodies, the one above first, e.g. foot and plate; each pair touches by
-            explicit contact pairs.
+        contact_pairs: pairs of bodies in contact by explicit contact pairs, upper body first, for example
+            foot and plate.
 
     Attributes:
         torques: constant friction on every degree of freedom, (nv,) [N m, N].
@@ -40,11 +40,11 @@ class Stiction:
         self.torques, self.wrenches = np.zeros(model.nv), np.zeros((model.nbody, 6))
 
     def engage(self, data: mujoco.MjData) -> None:
-        """Hand over what the friction rows carried in the last step.
+        """Replace the forces of the friction rows in the last step by constant forces.
 
-        A row stays able to take back all of its constant force and to carry its friction the other
-        way, so that a joint whose load falls or turns is held too; only the row of a joint beyond
-        its limit is opened, so that it slips.
+        A row can still cancel its constant force and carry its friction in the opposite direction, so that
+        a joint is held when its load decreases or reverses; only the row of a joint beyond its limit is
+        opened, so that the joint slips.
         """
         before = self.torques
         wanted = before + friction_rows(self.model, data)
@@ -63,18 +63,18 @@ class Stiction:
                 data.xfrc_applied[body] += wrench
 
     def release(self, data: mujoco.MjData) -> None:
-        """Let everything move again."""
+        """Remove the constant forces, so that everything can move again."""
         data.qfrc_applied -= self.torques
         data.xfrc_applied -= self.wrenches
         self.forget()
 
     def forget(self) -> None:
-        """Nothing sticks in data that have just been reset."""
+        """Clear all constant forces after the data were reset."""
         self.torques[:], self.wrenches[:] = 0.0, 0.0
         self.model.dof_frictionloss[:] = self.frictionloss
 
     def overloaded(self, data: mujoco.MjData) -> list[str]:
-        """Joints and bodies that need more than dry friction can carry, as of the last step."""
+        """List the joints and bodies whose load in the last step exceeds dry friction."""
         loads = self.torques + friction_rows(self.model, data)
         over = np.flatnonzero(np.abs(loads) > self.capacity * (1 + LEAST / 2))
         names = [self.model.joint(self.model.dof_jntid[dof]).name for dof in over]
@@ -84,10 +84,10 @@ class Stiction:
         return names
 
     def _sliding_load(self, data: mujoco.MjData, above: int, below: int, friction: float) -> float:
-        """How much of what friction can carry a body needs to stay where it stands; above 1 it slides.
+        """Return the friction that a body needs at rest over the available one; above 1 it slides.
 
-        The limit surface of force along the ground and moment about its normal is taken for an
-        ellipse (Howe and Cutkosky, 1996), the moment about the centre of pressure.
+        The limit surface of tangential force and moment about the normal is approximated by an ellipse
+        (Howe and Cutkosky, 1996), with the moment about the centre of pressure.
         """
         normal = _normal(data, below)
         points, forces, torques = _contacts(self.model, data, above, below)
@@ -108,7 +108,7 @@ class Stiction:
 
 
 def friction_rows(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    """What the rows of dry friction exerted on every degree of freedom in the last step, (nv,)."""
+    """Return the forces of the rows of dry friction in the last step on every degree of freedom, (nv,)."""
     kinds, dofs = data.efc_type[: data.nefc], data.efc_id[: data.nefc]
     rows = kinds == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
     exerted = np.zeros(model.nv)
@@ -123,7 +123,7 @@ def _normal(data: mujoco.MjData, below: int) -> np.ndarray:
 def _contacts(
     model: mujoco.MjModel, data: mujoco.MjData, above: int, below: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points, forces and torques on the body above in its contacts with the one below, (k, 3) each."""
+    """Return points, forces and torques on the upper body in its contacts with the lower one, (k, 3) each."""
     bodies = model.geom_bodyid[data.contact.geom].reshape(-1, 2)
     touching = np.flatnonzero((np.sort(bodies) == sorted((above, below))).all(axis=1))
     local = np.zeros((len(touching), 6))
@@ -136,7 +136,7 @@ def _contacts(
 
 
 def sliding_friction(model: mujoco.MjModel, pair: tuple[int, int]) -> float:
-    """Coefficient of sliding friction in the contact pair of two bodies."""
+    """Return the coefficient of sliding friction in the contact pair of two bodies."""
     for k in range(model.npair):
         geoms = model.pair_geom1[k], model.pair_geom2[k]
         if {model.geom_bodyid[geom] for geom in geoms} == set(pair):

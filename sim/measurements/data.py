@@ -1,4 +1,4 @@
-"""Posture plans and measurements as plain arrays."""
+"""Posture plans, measurements and plate geometry as plain arrays."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class PosturePlan:
-    """Postures to measure, in order; a placement's postures stand together.
+    """Postures to measure, in order; the postures of a placement are consecutive.
 
     Attributes:
         joints: joint names, the columns of `joint_angles`.
@@ -18,10 +18,10 @@ class PosturePlan:
         posture, placement: numbers, (m,).
         support: "double", "right" or "left" per posture, (m,).
         swing_pose: pose of the swing foot in the base frame, (m, 3) [m, m, rad].
-        robot: the MJCF file that the plan was made for, {"model", "sha256"}.
-        made: how the plan was made (objective, seed, ranges, margins, software).
-        torques: feed-forward of the drives, (m, n_joints) [N m], by which the servos hold the posture
-            without sagging and share the load between the feet as planned; None: none.
+        robot: MJCF file of the plan's robot, {"model", "sha256"}.
+        made: settings that made the plan (objective, seed, ranges, margins, software).
+        torques: feed-forward torques of the drives, (m, n_joints) [N m], with which the servos hold the
+            posture without sag and share the load between the feet as planned; None: no feed-forward.
     """
 
     joints: tuple[str, ...]
@@ -39,16 +39,16 @@ class PosturePlan:
 
     @property
     def feed_forward(self) -> np.ndarray:
-        """`torques`, or zeros, (m, n_joints) [N m]."""
+        """Return `torques`, or zeros if there are none, (m, n_joints) [N m]."""
         return np.zeros_like(self.joint_angles) if self.torques is None else self.torques
 
     @property
     def postures(self) -> int:
-        """How many different ones, a repeated one counted once."""
+        """Count the different postures; a repeated one counts once."""
         return len(np.unique(self.posture))
 
     def take(self, rows: np.ndarray) -> PosturePlan:
-        """Some of its postures, by a mask or by indices in any order."""
+        """Select postures by a mask or by indices in any order."""
         names = ("joint_angles", "posture", "placement", "support", "swing_pose")
         torques = None if self.torques is None else self.torques[rows]
         return replace(self, torques=torques, **{name: getattr(self, name)[rows] for name in names})
@@ -56,7 +56,7 @@ class PosturePlan:
 
 @dataclass(frozen=True)
 class SensorSheet:
-    """What the data sheets say of a posture's averaged reading (s.d. between postures); None: unknown."""
+    """Data-sheet s.d. and resolution of a posture's averaged readings; None means unknown."""
 
     encoder_sd: float | None = None
     encoder_resolution: float | None = None
@@ -67,15 +67,15 @@ class SensorSheet:
 
 @dataclass(frozen=True)
 class Measurements:
-    """What was measured, one row per held posture. It holds nothing of a simulation's truth.
+    """Measurements, one row per held posture; they contain nothing of a simulation's truth.
 
     Attributes:
         joints: joint names.
         posture, placement: numbers, (m,); a repeated posture repeats its number.
         support: "double", "right" or "left", (m,).
-        time: start of the averaged window since the experiment began, (m,) [s].
-        window: its length, (m,) [s].
-        samples: its sample count, (m,).
+        time: start of the averaged window since the start of the experiment, (m,) [s].
+        window: length of the averaged window, (m,) [s].
+        samples: number of samples in the window, (m,).
         joint_angles, joint_angles_sd: mean and s.d. over the window, (m, n_joints) [rad].
         command: commanded angles, (m, n_joints) [rad], or None.
         motor: motor encoders over gear ratio, (m, n_joints) [rad], or None.
@@ -83,11 +83,11 @@ class Measurements:
         plate_poses: recorded poses of the right and left plate in the base frame, (m, 2, 3)
             [m, m, rad].
         cells: the cells' positions in their plate's frame, (2, 4, 2) [m].
-        top_height: of the plates, (2,) [m].
+        top_height: height of the plates' top surface over the floor, (2,) [m].
         weighed_mass: value and s.d. [kg], or None.
-        gravity: [m/s2].
+        gravity: acceleration of gravity [m/s2].
         sensors: data-sheet figures.
-        robot: {"model", "sha256", "stance_foot", "swing_foot"} of the nominal robot; sha256 None: not given.
+        robot: {"model", "sha256", "stance_foot", "swing_foot"} of the nominal robot; sha256 may be None.
     """
 
     joints: tuple[str, ...]
@@ -117,13 +117,13 @@ class Measurements:
 
 @dataclass(frozen=True)
 class PlateGeometry:
-    """A plate as its data sheet describes it.
+    """Geometry of a plate as on its data sheet.
 
     Attributes:
-        cells: the four cells' positions in the plate's frame, in the order of `CORNERS`, (4, 2) [m].
-        size: the board's extent in x and y, (2,) [m].
+        cells: positions of the four cells in the plate's frame, in the order of `CORNERS`, (4, 2) [m].
+        size: extent of the board in x and y, (2,) [m].
         top_height: height of the top surface over the floor [m].
-        mass: the board's own mass [kg].
+        mass: mass of the board [kg].
     """
 
     cells: np.ndarray
@@ -133,15 +133,15 @@ class PlateGeometry:
 
 
 def lay_boards(soles: np.ndarray, size: np.ndarray, gap: float) -> np.ndarray:
-    """Poses of two parallel boards, each under its own sole and as central to it as the other allows.
+    """Place two parallel boards, each under its sole and as central to it as the other board allows.
 
     Args:
         soles: corners of the right and the left sole in the base frame, (2, 4, 2) [m].
-        size: a board's extent in x and y, (2,) [m].
-        gap: least distance between the boards' long edges [m].
+        size: extent of a board in x and y, (2,) [m].
+        gap: smallest distance between the boards' long edges [m].
 
     Returns:
-        (2, 3) [m, m, rad] in the base frame.
+        Poses of the right and the left board in the base frame, (2, 3) [m, m, rad].
     """
     centres = (soles.min(axis=1) + soles.max(axis=1)) / 2
     lack = max(0.0, size[1] + gap - (centres[1, 1] - centres[0, 1]))

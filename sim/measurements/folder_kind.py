@@ -1,4 +1,4 @@
-"""Folders look alike from outside: say so when one of another kind is given."""
+"""Tell measurement, plan, run and rig folders apart, and name the kind in messages."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from tulip_testbed.sim.files import present
 KINDS = {"measurement": "manifest.json", "plan": "plan.json", "run": "run.json", "rig": "rig.json"}
 INSIDE = {"measurement": "measurements", "plan": "plan"}  # of a run folder
 ADVICE = {
-    ("plan", "measurement"): "a plan is measured first (`tulip simulate` does it in simulation)",
-    ("measurement", "plan"): "it holds what was measured, not what is to be held",
-    ("rig", "measurement"): "a rig is given with --rig",
+    ("plan", "measurement"): "measure the plan first, for example with `tulip simulate`",
+    ("measurement", "plan"): "it holds measured postures, not planned ones",
+    ("rig", "measurement"): "a rig corrects measurements: give their folder here, and the rig separately",
 }
 
 
 def check_kind(folder: Path, wanted: str) -> None:
-    """Refuse what is no folder, or a folder of another kind.
+    """Refuse a path that is no folder, or a folder of another kind.
 
     Args:
         wanted: "measurement" or "plan".
 
     Raises:
-        InputError: says which kind it is.
+        InputError: the folder is of another kind, which the message names.
     """
     if not folder.is_dir():
         what = "found a file, expected a" if folder.exists() else "no such"

@@ -1,4 +1,4 @@
-"""The measurement folder: manifest.json beside postures.parquet (or .csv)."""
+"""The measurement folder: manifest.json and postures.parquet (or .csv)."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, sha256
 
 SUPPORTS = ("double", "right", "left")
 
-# What no laboratory measures: narrow enough that no figure overflows later, wide enough that
-# the preflight can tell degrees given for radians and millimetres for metres.
+# Bounds beyond any laboratory: narrow enough that nothing overflows later, wide enough that the preflight
+# can still recognise degrees instead of radians and millimetres instead of metres.
 MOST_ANGLE = 1e3  # rad
-MOST_LENGTH = 1e4  # m, of a plate from the base frame, of a cell from its plate
+MOST_LENGTH = 1e4  # m, from the base frame to a plate and from a plate to a cell
 LIKELY_ANGLE, LIKELY_LENGTH = 2 * np.pi, 20.0  # rad, m
 MOST_FORCE = 1e5  # N, on a cell
 MOST_TIME = 1e10  # s
@@ -38,7 +38,7 @@ LEAST_WEIGHT = 1.0  # N, on the eight cells together
 LEAST_CELL_SPREAD = 1e-3  # m, r.m.s. of a plate's cells about their best line
 LEAST_GRAVITY, MOST_GRAVITY = 0.1, 100.0  # m/s2
 LEAST_MASS = 1e-3  # kg
-LEAST_DEVIATION = 1e-12  # rad, N, m, kg: what lies below vanishes when squared, or makes a quotient overflow
+LEAST_DEVIATION = 1e-12  # rad, N, m, kg: smaller ones vanish when squared or make a quotient overflow
 
 
 def _not_tiny(deviation: float) -> float:
@@ -98,7 +98,7 @@ class SensorsEntry(_Strict):
 
 
 class Manifest(_Strict):
-    """manifest.json, as the contract lists it; what only a program would know may be left out."""
+    """Content of manifest.json; entries that only software knows are optional."""
 
     format: Literal["tulip-measurements"]
     version: Version
@@ -114,7 +114,7 @@ class Manifest(_Strict):
 
 
 def write_measurements(folder: Path, measurements: Measurements) -> None:
-    """Write a measurement folder; it appears whole or not at all.
+    """Write a measurement folder, which appears whole or not at all.
 
     Raises:
         InputError: the folder exists or cannot be written.
@@ -129,7 +129,7 @@ def read_measurements(folder: Path, likely: bool = True) -> Measurements:
     """Read and check a measurement folder.
 
     Args:
-        likely: refuse angles and lengths that no laboratory means, such as degrees and millimetres.
+        likely: refuse implausible angles and lengths, which suggest degrees or millimetres.
 
     Raises:
         InputError: the folder breaks the contract; the message names file, place, what was
@@ -150,7 +150,7 @@ def read_manifest(folder: Path) -> Manifest:
     """Read and check a measurement folder's manifest.json.
 
     Raises:
-        InputError: no such folder, or a manifest that breaks the contract.
+        InputError: the folder is missing, or the manifest breaks the contract.
     """
     folder = Path(folder)
     check_kind(folder, "measurement")
@@ -162,7 +162,7 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 def _check_plates(where: Path, measurements: Measurements) -> None:
-    """Refuse a plate whose cells lie on one line: it has no centre of pressure."""
+    """Refuse a plate whose cells lie on one line, since it has no centre of pressure."""
     for plate, cells in zip(PLATES, measurements.cells, strict=True):
         if np.linalg.svd(cells - cells.mean(axis=0), compute_uv=False)[1] < 2 * LEAST_CELL_SPREAD:
             raise InputError(
@@ -183,7 +183,7 @@ def _check_units(table: Table, m: Measurements) -> None:
 
 
 def _check_rows(table: Table, measurements: Measurements) -> None:
-    """Refuse rows that weigh nothing, and a row that stands twice."""
+    """Refuse rows without weight, and rows that occur twice."""
     forces = measurements.cell_forces
     total = forces.sum(axis=1)
     light = total < np.maximum(LEAST_WEIGHT, 1e-2 * np.abs(forces).sum(axis=1))

@@ -1,4 +1,4 @@
-"""The plan folder: plan.json beside postures.parquet (or .csv)."""
+"""The plan folder: plan.json and postures.parquet (or .csv)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class PlanRobot(BaseModel):
 
 
 class PlanManifest(BaseModel):
-    """plan.json, as the contract lists it."""
+    """Content of plan.json."""
 
     format: Literal["tulip-plan"]
     version: Version
@@ -44,7 +44,7 @@ class PlanManifest(BaseModel):
 
 
 def write_plan(folder: Path, plan: PosturePlan) -> None:
-    """Write a plan folder; it appears whole or not at all.
+    """Write a plan folder, which appears whole or not at all.
 
     Raises:
         InputError: the folder exists or cannot be written.
@@ -73,8 +73,8 @@ def read_plan(folder: Path, robot: Robot) -> PosturePlan:
     """Read and check a plan folder for a robot.
 
     Raises:
-        InputError: the folder breaks the contract, was made for another model, or leaves a
-            joint's range.
+        InputError: the folder breaks the contract, was made for another model, or has a posture outside of
+            a joint's range.
     """
     folder = Path(folder)
     check_kind(folder, "plan")
@@ -110,13 +110,14 @@ def _torques(table: Table, joints: tuple[str, ...]) -> np.ndarray | None:
 
 
 def check_model(where: Path | str, made_with: str | None, expected: str | None, robot: Robot) -> None:
-    """Refuse data that was made with another nominal model.
+    """Refuse data of another nominal model.
 
     Args:
-        made_with, expected: file name and sha256 of that model; None: whoever wrote it did not say.
+        where: source of the data, for the message.
+        made_with, expected: file name and sha256 of the data's model; None: not given.
 
     Raises:
-        InputError: hash mismatch.
+        InputError: the hashes differ.
     """
     if expected is not None and (found := robot.model_hash) != expected:
         raise InputError(
@@ -130,7 +131,7 @@ def check_repeats(path: Path, plan: PosturePlan) -> None:
     """Refuse rows that share a number but not the posture.
 
     Raises:
-        InputError: names both rows.
+        InputError: two such rows exist, which the message names.
     """
     _, first, number = np.unique(plan.posture, return_index=True, return_inverse=True)
     same = first[number]
@@ -152,7 +153,7 @@ def check_limits(path: Path, plan: PosturePlan, model: mujoco.MjModel) -> None:
     """Refuse a plan that leaves a joint's range by more than a rounding error.
 
     Raises:
-        InputError: names row, joint, angle and range.
+        InputError: an angle is outside; the message names row, joint, angle and range.
     """
     for k, joint in enumerate(plan.joints):
         low, high = model.joint(joint).range

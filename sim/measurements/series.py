@@ -1,4 +1,4 @@
-"""The optional raw series: every sample of every window, in one long table."""
+"""The optional raw series: all samples of all windows in one long table."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class Series:
     """Raw readings, one row per sample.
 
     Attributes:
-        posture: number, (n,).
-        t: on the clock of the table's `time`, (n,) [s].
+        posture: posture number, (n,).
+        t: time on the same clock as `Measurements.time`, (n,) [s].
         readings: joint angles, then cell forces in the order of `CELLS`, (n, n_joints + 8) [rad, N].
     """
 
@@ -31,9 +31,9 @@ class Series:
     readings: np.ndarray
 
     def window(self, measurements: Measurements, row: int) -> np.ndarray:
-        """The samples behind a row of the table, in the order of time, (k, n_joints + 8).
+        """Return the samples of a row of the measurements in time order, (k, n_joints + 8).
 
-        All of the posture's where the row gives no time or no window.
+        Without a time or a window in the row, these are all samples of the posture.
         """
         inside = self.posture == measurements.posture[row]
         start, length = measurements.time[row], measurements.window[row]
@@ -44,10 +44,10 @@ class Series:
 
 
 def read_series(folder: Path) -> Series | None:
-    """Read series.parquet (or series.csv) of a measurement folder; None where there is none.
+    """Read series.parquet (or series.csv) of a measurement folder; return None without one.
 
     Raises:
-        InputError: not what the manifest lists, a missing column, a value that is no number.
+        InputError: the table differs from the manifest, lacks a column, or holds a value that is no number.
     """
     folder = Path(folder)
     if not any(present(folder / f"series.{suffix}") for suffix in ("parquet", "csv")):

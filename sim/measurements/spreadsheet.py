@@ -1,4 +1,4 @@
-"""CSV as spreadsheets and people write it, brought into the one form that is read."""
+"""Convert CSV as written by spreadsheets and people into one plain form."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?")
 
 
-NOT_VALUES = str.maketrans("", "", ',;"')  # what is left of an empty line without them is space
+NOT_VALUES = str.maketrans("", "", ',;"')  # without them an empty line is only space
 
 
 def plain_csv(path: Path, content: bytes) -> bytes:
-    """Bytes of a CSV with commas between and points within numbers, one line per posture.
+    """Return a CSV with commas between values, points within numbers and one line per posture.
 
-    Allowed beside that: a byte order mark, any line ends, spaces around names and values, empty lines
-    and columns, lines that begin with #, semicolons between values, and with those decimal commas.
+    Also accepted are a byte order mark, any line ends, spaces around names and values, empty lines and
+    columns, lines that begin with #, semicolons between values and, with semicolons, decimal commas.
 
     Args:
-        path: for messages only.
+        path: path of the file, for messages only.
 
     Raises:
-        InputError: not UTF-8, a line with more or fewer values than names, decimal commas and points mixed.
+        InputError: the content is not UTF-8, a line has more or fewer values than the header has names, or
+            decimal commas and points are mixed.
     """
     lines = [
         (number, line)
@@ -75,7 +76,7 @@ def _text(path: Path, content: bytes) -> str:
 
 
 def _decimal_points(path: Path, rows: list[list[str]]) -> list[list[str]]:
-    """Decimal commas to points; a file that uses both could mean thousands by one of them."""
+    """Replace decimal commas by points; refuse both, since one may separate thousands."""
     values = [value for row in rows[1:] for value in row]
     comma = next((value for value in values if DECIMAL_COMMA.fullmatch(value)), None)
     point = next((value for value in values if DECIMAL_POINT.fullmatch(value)), None)

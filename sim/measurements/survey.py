@@ -1,4 +1,4 @@
-"""Everything at once that keeps a measurement folder from being read."""
+"""Collect all faults that keep a measurement folder from being read."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ MAY_LACK = ("support", "time", "window", "samples", "q_std", "q_command", "motor
 
 
 def required_columns(joints: tuple[str, ...]) -> tuple[str, ...]:
-    """Columns without which a posture cannot be used."""
+    """List the columns without which a posture cannot be used."""
     poses = [f"plate.{plate}.{axis}" for plate in PLATES for axis in ("x", "y", "yaw")]
     return (*WHOLE, *(f"q.{joint}" for joint in joints), *(f"cell.{cell}" for cell in CELLS), *poses)
 
 
 def complaints(folder: Path, joints: tuple[str, ...]) -> dict[str, list[str]]:
-    """What is missing or wrong in a folder's "manifest" and "table"; empty lists if it can be read.
+    """List everything missing or wrong in a folder's "manifest" and "table"; empty if it can be read.
 
     Args:
-        joints: the robot's, whose columns are looked for.
+        joints: joint names of the robot, whose columns are required.
     """
     manifest: dict[str, Any] = {}
     where = folder / "manifest.json"

@@ -1,4 +1,4 @@
-"""Tables and JSON documents on disk: written whole, and read without trusting them."""
+"""Tables and JSON documents on disk: write them atomically, and read them without trusting them."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ MOST_DEPTH = 32  # of a JSON document
 MOST_DIGITS = 300  # of a whole number in JSON: a float still holds it
 MOST_ROWS = 10_000
 MOST_COLUMNS = 1_000
-MOST_UNPACKED = 256 * 2**20  # bytes that a Parquet file says it unpacks to
+MOST_UNPACKED = 256 * 2**20  # bytes of a Parquet file after unpacking, by its own metadata
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write one JSON document; the file appears whole."""
+    """Write a JSON document atomically."""
     write_text(path, json_text(content))
 
 
@@ -54,7 +54,7 @@ def read_json(path: Path) -> dict[str, Any]:
     """Read a JSON object whose keys are unique and whose numbers are finite.
 
     Raises:
-        InputError: no such file, no JSON, or no object.
+        InputError: the file is missing, is no JSON, or holds no object.
     """
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -62,7 +62,7 @@ def read_json(path: Path) -> dict[str, Any]:
         if len(content) < len(pairs):
             names = [name for name, _ in pairs]
             twice = next(name for name in names if names.count(name) > 1)
-            raise InputError(f"{path}: key '{shortened(twice)}' stands more than once in its object")
+            raise InputError(f"{path}: found key '{shortened(twice)}' more than once in its object")
         return content
 
     def number(text: str) -> float:
@@ -93,7 +93,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def _check_values(path: Path, value: Any, depth: int) -> None:
-    """Refuse what could be read but neither printed nor written again."""
+    """Refuse values that could be read but neither printed nor written again."""
     if depth == 0:
         raise InputError(f"{path}: nested deeper than {MOST_DEPTH} levels")
     if isinstance(value, dict):
@@ -115,11 +115,11 @@ def write_table(folder: Path, name: str, columns: Columns) -> dict[str, Path]:
 
 
 class Table:
-    """A table whose columns are checked as they are taken.
+    """A table whose columns are checked when they are read.
 
     Attributes:
         path: the file.
-        types: type of each column; those that cannot be used as numbers or short texts are not read.
+        types: type of each column; columns that are neither numbers nor short texts are not read.
     """
 
     def __init__(self, path: Path, content: bytes, most_rows: int = MOST_ROWS):
@@ -137,7 +137,7 @@ class Table:
             raise InputError(f"{path}: found no rows, expected one per posture")
 
     def _parquet(self, content: bytes) -> tuple[dict[str, pa.DataType], pa.Table]:
-        """Unpack only what is declared small; texts stay a dictionary, as one may stand in every row."""
+        """Unpack only files of declared small size; keep texts as a dictionary, since they may repeat."""
         file = pyarrow.parquet.ParquetFile(pa.BufferReader(content))
         said, schema = file.metadata, file.schema_arrow
         groups = [said.row_group(k) for k in range(min(said.num_row_groups, self.most_rows))]
@@ -157,25 +157,26 @@ class Table:
         widest = max(max(line.count(b","), line.count(b";")) for line in content.split(b"\n"))
         self._limit("columns", widest + 1, MOST_COLUMNS)
         content = plain_csv(self.path, content)
-        # One block, so that a column's type is inferred from all of its rows.
+        # A single block makes pyarrow infer a column's type from all rows.
         options = pyarrow.csv.ReadOptions(use_threads=False, block_size=len(content) + 1)
         table = pyarrow.csv.read_csv(pa.BufferReader(content), read_options=options)
         return self._unique(table.column_names, table.schema.types), table
 
-    def _limit(self, what: str, found: int, most: int) -> None:
+    def _limit(self, name: str, found: int, most: int) -> None:
         if found > most:
-            raise InputError(f"{self.path}: found {found} {what}, expected at most {most}")
+            raise InputError(f"{self.path}: found {found} {name}, expected at most {most}")
 
     def _unique(self, names: list[str], types: Sequence[pa.DataType] = ()) -> dict[str, pa.DataType]:
         if len(set(names)) < len(names):
             twice = sorted(name for name in set(names) if names.count(name) > 1)[0]
-            raise InputError(f"{self.path}: column '{shortened(twice)}' stands more than once")
+            raise InputError(f"{self.path}: found column '{shortened(twice)}' more than once")
         return dict(zip(names, types, strict=False))
 
     def __len__(self) -> int:
         return self.table.num_rows
 
     def has(self, name: str) -> bool:
+        """Return whether the table has a column of this name."""
         return name in self.types
 
     def _type(self, name: str) -> pa.DataType:
@@ -187,7 +188,7 @@ class Table:
         """Refuse the first of the rows where `rows`, (m,), is true.
 
         Raises:
-            InputError: there is one; names it.
+            InputError: there is such a row.
         """
         if rows.any():
             row = int(rows.argmax())
@@ -202,7 +203,7 @@ class Table:
         low: float = -math.inf,
         high: float = math.inf,
     ) -> np.ndarray:
-        """A column of finite numbers in [low, high], (m,); NaN where a missing value or column is allowed."""
+        """Return a column of finite numbers in [low, high], (m,); NaN for allowed missing values."""
         if missing_allowed and not self.has(name):
             return np.full(len(self), np.nan)
         kind = self._type(name)
@@ -220,7 +221,7 @@ class Table:
         return values
 
     def _first_text(self, name: str) -> str:
-        """Which row holds what is no number, for a message."""
+        """Return the first row that holds no number, as text for a message."""
         if name in self.table.column_names and pa.types.is_string(self.types[name]):
             for row, value in enumerate(self.table.column(name).to_pylist(), 1):
                 try:
@@ -230,7 +231,7 @@ class Table:
         return ""
 
     def integers(self, name: str) -> np.ndarray:
-        """A column of whole numbers that a float holds exactly, (m,)."""
+        """Return a column of integers that a float represents exactly, (m,)."""
         values = self.numbers(name)
         self.refuse(
             name,
@@ -241,7 +242,7 @@ class Table:
         return values.astype(np.int64)
 
     def texts(self, name: str, valid: tuple[str, ...]) -> np.ndarray:
-        """A column of texts out of `valid`, (m,)."""
+        """Return a column of texts, all of them in `valid`, (m,)."""
         values, kind = [], self._type(name)
         if name not in self.table.column_names:
             raise InputError(f"{self.path}: column '{name}': found {kind}, expected texts")
@@ -262,7 +263,7 @@ class Table:
         low: float = -math.inf,
         high: float = math.inf,
     ) -> np.ndarray:
-        """Columns PREFIX.NAME side by side, (m, len(names))."""
+        """Return the columns PREFIX.NAME side by side, (m, len(names))."""
         columns = [self.numbers(f"{prefix}.{name}", missing_allowed, low, high) for name in names]
         return np.column_stack(columns)
 
@@ -272,7 +273,7 @@ def _is_number(kind: pa.DataType) -> bool:
 
 
 def software() -> dict[str, str]:
-    """Versions of what computed a result."""
+    """Return the versions of the packages that computed a result."""
     versions = {}
     for package in ("tulip-testbed", "mujoco", "mink", "numpy", "scipy", "pyarrow"):
         try:
@@ -285,12 +286,12 @@ def software() -> dict[str, str]:
 def checked_table(
     folder: Path, name: str, tables: Mapping[str, str | None] | None, most_rows: int = MOST_ROWS
 ) -> Table:
-    """NAME.parquet, or NAME.csv where there is none; intact where the manifest gives its hash.
+    """Read NAME.parquet, or else NAME.csv, and verify it by the hashes in the manifest.
 
-    Nobody can say which of two tables is meant, unless both are what the manifest lists.
+    With both tables present it is unclear which one is meant, unless the manifest lists both hashes.
 
     Raises:
-        InputError: no table, one that is not what the manifest lists, or two without their hashes.
+        InputError: there is no table, a table differs from the manifest, or there are two without hashes.
     """
     paths = [folder / f"{name}.{suffix}" for suffix in ("parquet", "csv")]
     found = [path for path in paths if present(path)]

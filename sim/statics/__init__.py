@@ -1,4 +1,4 @@
-"""The static equilibrium of robot, servos, feet and plates, solved directly and in batches."""
+"""Static equilibrium of robot, servos, feet and plates, solved directly and in batches."""
 
 from tulip_testbed.sim.statics.approach import approach_displacements, friction_at_rest, sway_displacements
 from tulip_testbed.sim.statics.forces import Load, State, residual, servo_torques, sole_poses

@@ -1,4 +1,4 @@
-"""Forces and closure of the mechanism at given coordinates, batched over any leading dimensions."""
+"""Forces and closure residual of the mechanism at given coordinates, batched over leading dimensions."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from tulip_testbed.sim.statics.mechanism import HINGE, Mechanism
 from tulip_testbed.sim.statics.soft_constraints import stop_torques
 
-WRENCH_UNIT = 100.0  # N or Nm, that counts as much as a metre where a foot is to bear nothing
+WRENCH_UNIT = 100.0  # N or Nm that count as one metre in the closure residual of an unloaded foot
 
 
 @dataclass(frozen=True)
 class State:
-    """Where the mechanism is and what its feet bear; leading dimensions ... are the batch.
+    """State of the mechanism and the wrenches on its feet; leading dimensions ... are the batch.
 
     Attributes:
-        position, rotation: of the torso, (..., 3) [m] and (..., 3, 3).
+        position, rotation: pose of the torso, (..., 3) [m] and (..., 3, 3).
         angles: coordinates, (..., n) [rad, m].
         wrench: force and moment about the sole point on the right and left sole, (..., 2, 6) [N, Nm].
     """
@@ -28,17 +28,21 @@ class State:
     wrench: np.ndarray
 
     def take(self, which: np.ndarray) -> State:
-        """Some items of a flat batch."""
+        """Select items of a flat batch."""
         return State(self.position[which], self.rotation[which], self.angles[which], self.wrench[which])
 
     def put(self, which: np.ndarray, other: State) -> None:
-        """Overwrite some items of a flat batch."""
+        """Overwrite items of a flat batch."""
         self.position[which], self.rotation[which] = other.position, other.rotation
         self.angles[which], self.wrench[which] = other.angles, other.wrench
 
     def moved(self, change: np.ndarray) -> State:
-        """Another state, this one changed by (..., 6 + n + 12): way and turn of the torso in the
-        world's axes, coordinates, wrenches."""
+        """Return the state after a change.
+
+        Args:
+            change: translation and rotation vector of the torso in the world's axes, coordinates and
+                wrenches, (..., 6 + n + 12).
+        """
         n = self.angles.shape[-1]
         return State(
             self.position + change[..., :3],
@@ -50,15 +54,15 @@ class State:
 
 @dataclass(frozen=True)
 class Load:
-    """What one run of the laboratory puts on the mechanism; every array broadcasts over the batch.
+    """Loads and boundary conditions of the mechanism; every array broadcasts over the batch.
 
     Attributes:
-        command: of the robot's joints, (..., n_joints) [rad].
+        command: commanded joint angles, (..., n_joints) [rad].
         friction: torque of dry friction on every coordinate, (..., n) [Nm].
         feet: planar poses of both soles, (..., 2, 3) [m, m, rad].
         plates: planar poses of both plates, (..., 2, 3) [m, m, rad].
-        mass, center: of the bodies, (..., nb) [kg], (..., nb, 3) [m].
-        foot_contact: whether either foot is on the ground, (..., 2) bool.
+        mass, center: masses and centres of mass of the bodies, (..., nb) [kg], (..., nb, 3) [m].
+        foot_contact: whether each foot is on its plate, (..., 2) bool.
     """
 
     command: np.ndarray
@@ -70,7 +74,7 @@ class Load:
     foot_contact: np.ndarray = field(default_factory=lambda: np.ones(2, bool))
 
     def take(self, which: np.ndarray) -> Load:
-        """Some items of a flat batch; what all items share stays."""
+        """Select items of a flat batch; shared arrays stay unchanged."""
         shapes = {
             "command": 1,
             "friction": 1,
@@ -87,11 +91,11 @@ class Load:
 
 
 def residual(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
-    """What is missing to equilibrium and to closure, (..., 6 + n + 12) [N, Nm, m, rad].
+    """Compute the residual of equilibrium and closure, (..., 6 + n + 12) [N, Nm, m, rad].
 
-    Forces and moments of all loads about the world's origin are summed from the leaves to the
-    torso; a hinge bears the part along its axis (principle of virtual work). Then how far both
-    soles are from flat on their places, or what a foot in the air would bear.
+    Forces and moments of all loads about the world's origin are summed from the leaves to the torso; a
+    hinge transmits the component along its axis (principle of virtual work). The last twelve rows are the
+    pose errors of both soles, or the wrench on a foot in the air.
     """
     m = mechanism
     frames, axes, anchors = _kinematics(m, state)
@@ -114,7 +118,7 @@ def residual(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
                 borne = _dot(axis, force[number])
             out[..., 6 + joint.column] = borne
     out[..., 6 : 6 + n] += _drives(m, state, load)
-    # A foot in the air bears nothing, wherever it is.
+    # A foot in the air bears no load, at any pose.
     closure = np.where(
         load.foot_contact[..., None], _closure(m, state, load, frames), state.wrench / WRENCH_UNIT
     )
@@ -123,7 +127,7 @@ def residual(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
 
 
 def sole_poses(mechanism: Mechanism, state: State) -> np.ndarray:
-    """Planar poses of both soles in the world, (..., 2, 3) [m, m, rad]."""
+    """Return the planar poses of both soles in the world, (..., 2, 3) [m, m, rad]."""
     frames, _, _ = _kinematics(mechanism, state)
     poses = []
     for sole, point in zip(mechanism.soles, mechanism.sole_points, strict=True):
@@ -134,13 +138,13 @@ def sole_poses(mechanism: Mechanism, state: State) -> np.ndarray:
 
 
 def servo_torques(mechanism: Mechanism, angles: np.ndarray, command: np.ndarray) -> np.ndarray:
-    """The servos' torques, PD at rest and limited, (..., n_joints) [Nm]."""
+    """Return the servos' static torques within their limits, (..., n_joints) [Nm]."""
     m = mechanism
     return np.clip(m.gain * (command - angles[..., m.motors]), -m.limit, m.limit)
 
 
 def rotation_matrix(vector: np.ndarray) -> np.ndarray:
-    """Rotation matrices of rotation vectors, (..., 3) -> (..., 3, 3)."""
+    """Return the rotation matrices of rotation vectors, (..., 3) -> (..., 3, 3)."""
     angle = np.sqrt((vector * vector).sum(axis=-1))
     sine, cosine = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2
     x, y, z = (vector[..., k] for k in range(3))
@@ -155,7 +159,7 @@ def rotation_matrix(vector: np.ndarray) -> np.ndarray:
 
 
 def axial_vector(rotation: np.ndarray) -> np.ndarray:
-    """Axis times sine of rotation matrices, (..., 3, 3) -> (..., 3); small turns' rotation vectors."""
+    """Return axis times sine of the angle of rotation matrices, (..., 3, 3) -> (..., 3)."""
     return (
         np.stack(
             [
@@ -170,7 +174,7 @@ def axial_vector(rotation: np.ndarray) -> np.ndarray:
 
 
 def _kinematics(m: Mechanism, state: State) -> tuple[list, list, list]:
-    """Place and rotation of every body; axis and anchor of every coordinate, in the world."""
+    """Return place and rotation of every body, and axis and anchor of every coordinate, in the world."""
     frames = [(state.position, state.rotation)]
     axes: list = [None] * state.angles.shape[-1]
     anchors: list = [None] * state.angles.shape[-1]
@@ -195,10 +199,10 @@ def _kinematics(m: Mechanism, state: State) -> tuple[list, list, list]:
 
 
 def _turned(rotation: np.ndarray, axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """rotation times the turn by an angle about a fixed axis."""
+    """Rotate matrices by an angle about a fixed axis of their own."""
     cosine, sine = np.cos(angle), np.sin(angle)
     along = np.flatnonzero(axis)
-    if len(along) == 1 and axis[along[0]] == 1.0:  # two columns are mixed, the third stays
+    if len(along) == 1 and axis[along[0]] == 1.0:  # two columns mix, the third stays
         k = int(along[0])
         i, j = (k + 1) % 3, (k + 2) % 3
         out = np.empty(np.broadcast_shapes(rotation.shape, (*angle.shape, 3, 3)))
@@ -212,7 +216,7 @@ def _turned(rotation: np.ndarray, axis: np.ndarray, angle: np.ndarray) -> np.nda
 
 
 def _loads(m: Mechanism, state: State, load: Load, frames: list) -> tuple[list, list]:
-    """Force on every body and its moment about the world's origin: weight, feet, ropes."""
+    """Return force and moment about the world's origin on every body, by weight, feet and ropes."""
     force: list = [np.zeros(3)] * len(m.bodies)
     moment: list = [np.zeros(3)] * len(m.bodies)
     for number, (place, rotation) in enumerate(frames):
@@ -226,16 +230,16 @@ def _loads(m: Mechanism, state: State, load: Load, frames: list) -> tuple[list, 
         moment[sole] = moment[sole] + twist + _cross(at, push)
     for rope in m.ropes:
         at = frames[rope.body][0] + frames[rope.body][1] @ rope.point
-        way = rope.anchor - at
-        length = np.sqrt(_dot(way, way))
-        pull = (rope.stiffness * _beyond(length, *rope.length) / length)[..., None] * way
+        line = rope.anchor - at
+        length = np.sqrt(_dot(line, line))
+        pull = (rope.stiffness * _beyond(length, *rope.length) / length)[..., None] * line
         force[rope.body] = force[rope.body] + pull
         moment[rope.body] = moment[rope.body] + _cross(at, pull)
     return force, moment
 
 
 def _drives(m: Mechanism, state: State, load: Load) -> np.ndarray:
-    """Servos, springs and dry friction on the coordinates, (..., n)."""
+    """Return the torques of servos, springs and dry friction on the coordinates, (..., n)."""
     out = load.friction - m.stiffness * (state.angles - m.rest) + stop_torques(m.stops, state.angles)
     out[..., m.motors] += servo_torques(m, state.angles, load.command)
     for stiffness, (low, high), row in m.springs:
@@ -244,12 +248,12 @@ def _drives(m: Mechanism, state: State, load: Load) -> np.ndarray:
 
 
 def _beyond(length: np.ndarray, low: float, high: float) -> np.ndarray:
-    """How far a spring is from its range of rest."""
+    """Return how far a spring's length is outside of its rest range."""
     return length - np.clip(length, low, high)
 
 
 def _closure(m: Mechanism, state: State, load: Load, frames: list) -> np.ndarray:
-    """Place and turn of both soles against flat on the ground, where the cells have let it, (..., 2, 6)."""
+    """Return the pose errors of both soles against flat on their compliant plates, (..., 2, 6)."""
     rows = []
     for side, (sole, point) in enumerate(zip(m.soles, m.sole_points, strict=True)):
         place, rotation = frames[sole]
@@ -268,7 +272,7 @@ def _closure(m: Mechanism, state: State, load: Load, frames: list) -> np.ndarray
 def contact_deflection(
     m: Mechanism, side: int, wrench: np.ndarray, foot: np.ndarray, plate: np.ndarray
 ) -> np.ndarray:
-    """How contacts give way: height, roll and pitch of a sole at its point, (..., 3) [m, rad, rad]."""
+    """Return height, roll and pitch of a sole under load, at its point, (..., 3) [m, rad, rad]."""
     down, tip = board_wrench(m, wrench, foot, plate)
     board = np.concatenate([-down[..., None], tip], axis=-1) @ m.board_compliance[side].T
     ox, oy = foot[..., 0] - plate[..., 0], foot[..., 1] - plate[..., 1]
@@ -289,11 +293,15 @@ def _turned_about_z(vector: np.ndarray, yaw: np.ndarray) -> np.ndarray:
 def board_wrench(
     m: Mechanism, wrench: np.ndarray, foot: np.ndarray, plate: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What a foot presses on its board: downward force (...,) [N] and the roll and pitch moment about the
-    plate's origin on the floor in the plate's axes, (..., 2) [Nm].
+    """Return the load of a foot on its board.
 
     Args:
-        wrench: on the sole about its point, (..., 6). foot, plate: planar poses, (..., 3).
+        wrench: wrench on the sole about its point, (..., 6) [N, Nm].
+        foot, plate: planar poses, (..., 3) [m, m, rad].
+
+    Returns:
+        Downward force, (...,) [N], and roll and pitch moment about the plate's origin on the floor in the
+        plate's axes, (..., 2) [Nm].
     """
     force, moment = -wrench[..., :3], -wrench[..., 3:]
     ox, oy = foot[..., 0] - plate[..., 0], foot[..., 1] - plate[..., 1]
@@ -307,7 +315,7 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """np.cross without its overhead."""
+    """Return the cross product, faster than numpy.cross."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)

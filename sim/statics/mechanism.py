@@ -1,4 +1,4 @@
-"""The robot's tree in a laboratory's scene as plain arrays, read from the compiled model."""
+"""Read the robot's mechanism in a laboratory's scene from the compiled model, as plain arrays."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from tulip_testbed.sim.robot import (
 from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.statics.soft_constraints import Stops, board_compliance, contact_compliance, stops_of
 
-LEVEL = 1e-6  # m, by which a sole's corners may differ in height
+LEVEL = 1e-6  # m, largest difference in height of a sole's corners
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 @dataclass(frozen=True)
 class Joint:
-    """A hinge or slide: `column` of the coordinates, its axis and anchor in its body's frame, (3,)."""
+    """A hinge or slide: its `column` of the coordinates, axis and anchor in its body's frame, (3,)."""
 
     column: int
     kind: int
@@ -39,7 +39,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Body:
-    """A body below the torso: parent's number, place in the parent's frame, joints in order."""
+    """A body: index of its parent, pose in the parent's frame, and its joints in order."""
 
     name: str
     parent: int
@@ -50,7 +50,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Rope:
-    """A spring between a point of a body and a point of the world, slack below its length [N/m, m]."""
+    """A spring between points of a body and of the world, without force in a range of lengths [N/m, m]."""
 
     body: int
     point: np.ndarray
@@ -61,33 +61,33 @@ class Rope:
 
 @dataclass(frozen=True)
 class Mechanism:
-    """What statics needs to know of one laboratory.
+    """The mechanism of one laboratory, as far as statics needs it.
 
-    Coordinates are the hinges' and slides' angles or displacements, n of them: joints, and where the rig has
-    them rotors and sole springs. Body 0 is the torso.
+    The n coordinates are the angles of hinges and the displacements of slides: the robot's joints and, if the
+    rig has them, rotors and sole springs. Body 0 is the torso.
 
     Attributes:
         bodies: the tree, parents first; the torso's entry has no joints.
-        mass, center: of every body and its centre of mass in its frame, (nb,) [kg] and (nb, 3) [m].
-        gravity: (3,) [m/s2].
+        mass, center: mass of every body, (nb,) [kg], and its centre of mass in its frame, (nb, 3) [m].
+        gravity: acceleration of gravity, (3,) [m/s2].
         joints: columns of the robot's joints, in the plan's order.
         motors: columns that their servos turn.
-        gain, limit: servos' stiffness and torque limit, by joint, [Nm/rad], [Nm].
-        stiffness, rest: of springs in single coordinates, (n,) [Nm/rad or N/m], [rad or m].
+        gain, limit: stiffness and torque limit of the servos, by joint, [Nm/rad], [Nm].
+        stiffness, rest: springs in single coordinates, (n,) [Nm/rad or N/m], [rad or m].
         springs: fixed tendons as (stiffness, (low, high), coefficients (n,)).
         ropes: springs to the world.
         friction: dry friction of every coordinate, (n,) [Nm].
-        stops: of every coordinate's limits.
-        soles: body numbers of the right and left sole.
-        sole_points: the point of each sole below the ankle, in its body's frame, (2, 3) [m].
-        corners: of the soles, observed from their points, (2, 4, 2) [m].
-        sole_friction: coefficient of static friction under either sole, (2,).
-        cells: the cells' places on their plates, (2, 4, 2) [m].
+        stops: limits of the coordinates.
+        soles: indices of the bodies of the right and left sole.
+        sole_points: point of each sole below the ankle, in its body's frame, (2, 3) [m].
+        corners: corners of the soles relative to these points, (2, 4, 2) [m].
+        sole_friction: coefficient of static friction under each sole, (2,).
+        cells: positions of the cells on their plates, (2, 4, 2) [m].
         plate_weight: share of its plate's weight on every cell, (2,) [N].
-        top_height: of the boards over the floor [m].
-        board_compliance, sole_compliance: height, roll and pitch of each board on its cells, and of each
-            sole on its board, by force and moments about the plate's origin and the sole point, (2, 3, 3).
-        names: of the coordinates.
+        top_height: height of the boards' top over the floor [m].
+        board_compliance, sole_compliance: compliance of each board on its cells and of each sole on its
+            board in height, roll and pitch, about the plate's origin and the sole point, (2, 3, 3).
+        names: names of the coordinates.
     """
 
     bodies: tuple[Body, ...]
@@ -115,23 +115,26 @@ class Mechanism:
     sole_compliance: np.ndarray
     names: tuple[str, ...]
 
-    def with_play(self, part: float) -> Mechanism:
-        """The same with this part of the springs' free play, about its middle."""
+    def with_play(self, fraction: float) -> Mechanism:
+        """Return the mechanism with this fraction of the springs' free play, about its middle."""
         springs = [
-            (k, ((low + high - part * (high - low)) / 2, (low + high + part * (high - low)) / 2), row)
+            (k, ((low + high - fraction * (high - low)) / 2, (low + high + fraction * (high - low)) / 2), row)
             for k, (low, high), row in self.springs
         ]
         return replace(self, springs=tuple(springs))
 
 
 def mechanism(rig: Rig) -> Mechanism:
-    """Read it from the rig's scene, compiled with all that the rig changes.
+    """Read the mechanism from the rig's scene, compiled with everything that the rig changes.
 
     Raises:
-        InputError: something in the scene or protocol that this statics does not know.
+        InputError: the scene or the protocol has something that statics does not support.
     """
     if not np.isfinite(rig.protocol.speed_gate):
-        raise InputError("static equilibrium: found a robot read before it is at rest (speed_gate inf)")
+        raise InputError(
+            "static equilibrium: found a robot read before it is at rest (speed_gate inf), expected a finite "
+            "gate; use the full dynamics"
+        )
     nominal = rig.robot.model
     spec = laboratory_scene(rig, np.zeros((2, 3)))
     model = compile_spec(spec, str(rig.robot.path))
@@ -140,7 +143,7 @@ def mechanism(rig: Rig) -> Mechanism:
         if (gap := np.ptp(heights)) > LEVEL:
             raise InputError(
                 f"static equilibrium: foot '{foot}': found sole corners at heights that differ by "
-                f"{1e3 * gap:.3g} mm, expected one height (it rocks; use the full dynamics)"
+                f"{1e3 * gap:.3g} mm, expected one height; such a foot rocks: use the full dynamics"
             )
     free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)[0]
     root = int(model.jnt_bodyid[free])
@@ -234,7 +237,7 @@ def _body(model: mujoco.MjModel, body: int, number: dict[int, int], column: dict
 
 
 def _tendons(model, number, column, root):
-    """Fixed tendons with springs, and spatial ones between two sites as ropes to the world."""
+    """Return fixed tendons with springs, and spatial tendons from the robot to the world as ropes."""
     springs, ropes = [], []
     for t in range(model.ntendon):
         name, stiffness = model.tendon(t).name, float(np.ravel(model.tendon_stiffness[t])[0])
@@ -272,7 +275,7 @@ def _tendons(model, number, column, root):
 
 
 def _in_body(model: mujoco.MjModel, sole: int, foot: str, point: np.ndarray) -> np.ndarray:
-    """A point of a foot in the frame of its sole: the foot itself, or a body hung below it."""
+    """Return a point of a foot in the frame of its sole, which is the foot or a body below it."""
     if sole == model.body(foot).id:
         return point
     return point - model.body_pos[sole]

@@ -1,7 +1,7 @@
-"""How MuJoCo's soft constraints give way at rest (its documentation, "Solver parameters").
+"""Compliance of MuJoCo's soft constraints at rest (its documentation, "Solver parameters").
 
-A constraint at depth x, impedance d, bears K d^2 x / ((1 - d) mobility), K = 1 / (dmax timeconst
-dampratio)^2: a spring, whose mobility is the inverse inertia that the solver assumes.
+A constraint of depth x and impedance d bears K d^2 x / ((1 - d) mobility) with K = 1 / (dmax timeconst
+dampratio)^2. It is a spring; its mobility is the inverse inertia that the solver assumes.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-MOST_IMPEDANCE = 0.9999  # where MuJoCo cuts it off
+MOST_IMPEDANCE = 0.9999  # MuJoCo's upper bound
 
 
 @dataclass(frozen=True)
 class Stops:
-    """Limits of the coordinates as MuJoCo softens them (its documentation's solver parameters), each (n,).
+    """Soft limits of the coordinates in MuJoCo's parameters, each (n,).
 
     Attributes:
-        low, high: [rad], infinite where there are none.
+        low, high: limits, infinite where there are none [rad].
         rate: reference acceleration over depth, 1 / (dmax timeconst dampratio)^2 [1/s2].
-        least, most, width: impedance at the limit and beyond `width` [rad].
+        least, most, width: impedance at the limit, and at a depth of `width` [rad] or more.
         mobility: inverse of the inertia that the solver assumes, `dof_invweight0`.
     """
 
@@ -35,7 +35,7 @@ class Stops:
 
 
 def stops_of(model: mujoco.MjModel, joints: list[int], dofs: np.ndarray) -> Stops:
-    """The limits of some joints, whose degrees of freedom are `dofs`."""
+    """Read the limits of some joints, whose degrees of freedom are `dofs`."""
     limited = model.jnt_limited[joints].astype(bool)
     reference, impedance = model.jnt_solref[joints], model.jnt_solimp[joints]
     least, most = (np.clip(impedance[:, k], 1e-4, MOST_IMPEDANCE) for k in (0, 1))
@@ -51,27 +51,27 @@ def stops_of(model: mujoco.MjModel, joints: list[int], dofs: np.ndarray) -> Stop
 
 
 def stop_torques(stops: Stops, angles: np.ndarray) -> np.ndarray:
-    """What the limits' soft constraints exert at rest: K x d^2 / ((1 - d) mobility), x deep, impedance d."""
+    """Return the torques of the limits' soft constraints at rest, K x d^2 / ((1 - d) mobility), (..., n)."""
     over = np.maximum(stops.low - angles, 0.0) - np.maximum(angles - stops.high, 0.0)
     if not over.any():
         return over
     part = np.minimum(np.abs(over) / stops.width, 1.0)
-    bend = np.where(part < 0.5, 2 * part**2, 1 - 2 * (1 - part) ** 2)  # power 2 about the middle
-    d = stops.least + bend * (stops.most - stops.least)
+    ramp = np.where(part < 0.5, 2 * part**2, 1 - 2 * (1 - part) ** 2)  # power 2 about the middle
+    d = stops.least + ramp * (stops.most - stops.least)
     return stops.rate * d**2 / ((1 - d) * stops.mobility) * over
 
 
-def board_compliance(points: np.ndarray, softness: float) -> np.ndarray:
-    """Height, roll and pitch of a board on equal springs at points (4, 2), by force and moments, (3, 3)."""
+def board_compliance(points: np.ndarray, compliance: float) -> np.ndarray:
+    """Return height, roll and pitch compliance of a board on equal springs at points (4, 2), (3, 3)."""
     levers = np.column_stack([np.ones(len(points)), points[:, 1], -points[:, 0]])
-    return softness * np.linalg.inv(levers.T @ levers)
+    return compliance * np.linalg.inv(levers.T @ levers)
 
 
 def contact_compliance(model: mujoco.MjModel, geom: str, other: str | None) -> float:
-    """How far a contact at rest gives way, (1 - d) mobility / (K d^2) as in `Stops` [m/N].
+    """Return the compliance of a contact at rest, (1 - d) mobility / (K d^2) as in `Stops` [m/N].
 
     Args:
-        other: the geom that it touches by an explicit pair; None: the floor.
+        other: geom that it touches by an explicit contact pair; None means the floor.
     """
     this = model.geom(geom)
     mobility = model.body_invweight0[this.bodyid[0], 0]
@@ -90,7 +90,7 @@ def contact_compliance(model: mujoco.MjModel, geom: str, other: str | None) -> f
 
 
 def _rate(reference: np.ndarray, most: np.ndarray | float) -> np.ndarray:
-    """K of `solref` (k, 2): time constant and damping ratio, or, both negative, stiffness and damping."""
+    """Return K of `solref` (k, 2): time constant and damping ratio, or negative stiffness and damping."""
     standard = reference[:, 0] > 0
     time = np.where(standard, reference[:, 0] * reference[:, 1], 1.0)
     return np.where(standard, 1 / (most * time) ** 2, -reference[:, 0] / most**2)

@@ -1,4 +1,4 @@
-"""Solve the static equilibrium: Newton's method once a posture, a chord method for all its runs."""
+"""Solve for static equilibria: Newton's method once a posture, a chord method for all its runs."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from tulip_testbed.sim.robot import CELLS, CORNERS
 from tulip_testbed.sim.statics.forces import Load, State, board_wrench, residual
 from tulip_testbed.sim.statics.mechanism import Mechanism
 
-STEP = 1e-6  # rad or m, of differences
+STEP = 1e-6  # rad or m, of finite differences
 NEWTON_STEPS = 25
 CHORD_STEPS = 10
 FREE_PLAY = (0.0, 0.25, 0.5, 0.75)
-TOGETHER = 1000  # states in one evaluation, within a processor's cache
+TOGETHER = 1000  # states in one evaluation, so that they fit the processor's cache
 LARGEST_STEP = 0.1  # rad or m, of Newton's method
 TOLERANCE = 1e-9  # rad or m, of the last change
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Solved postures about which others are sought.
+    """Solved postures, about which the chord method solves others.
 
     Attributes:
-        state: the equilibria, batch (k,).
-        inverse: of the residual's derivative there, (k, s, s), s = 6 + n + 12.
-        slope: that derivative.
-        solved: whether there is an equilibrium, (k,) bool.
+        state: equilibria, batch (k,).
+        inverse: inverse of the residual's derivative there, (k, s, s), s = 6 + n + 12.
+        slope: that derivative, (k, s, s).
+        solved: whether Newton's method converged, (k,) bool.
     """
 
     state: State
@@ -37,10 +37,10 @@ class Reference:
 
 
 def solve_by_newton(mechanism: Mechanism, start: State, load: Load) -> Reference:
-    """Newton's method from states near the solutions, every one by itself.
+    """Solve for equilibria by Newton's method from nearby states, each on its own.
 
-    Free play opens little by little: its torque has a kink, beyond which the derivative is another one. So
-    has a motor at its limit: where one would start there, it is first given all the torque it asks for.
+    Free play is opened in steps, since its torque has a kink at which the derivative jumps. So has a motor at
+    its torque limit; if a start exceeds a limit, it is first solved without torque limits.
     """
     asked = np.abs(mechanism.gain * (load.command - start.angles[..., mechanism.motors]))
     if len(over := np.flatnonzero((asked > mechanism.limit).any(axis=-1))):
@@ -60,10 +60,10 @@ def _newton(mechanism: Mechanism, start: State, load: Load) -> Reference:
     for _ in range(NEWTON_STEPS):
         part, loads = state.take(left), load.take(left)
         slope[left] = derivative(mechanism, part, loads)
-        inverse[left] = np.linalg.pinv(slope[left])  # a posture that cannot be held may have no inverse
+        inverse[left] = np.linalg.pinv(slope[left])  # singular where a posture cannot be held
         change = -(inverse[left] @ residual(mechanism, part, loads)[..., None])[..., 0]
         moves = np.abs(change[..., : 6 + n]).max(axis=-1)
-        # Whoever is there stays: what one item does must not depend on the others.
+        # Converged items stay unchanged, so that no item depends on the others.
         step = np.minimum(1.0, LARGEST_STEP / np.maximum(moves, TOLERANCE))
         state.put(left, part.moved(step[:, None] * change))
         if not len(left := left[moves >= TOLERANCE]):
@@ -72,7 +72,7 @@ def _newton(mechanism: Mechanism, start: State, load: Load) -> Reference:
 
 
 def derivative(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
-    """Of the residual by the state's change, by central differences, (b, s, s).
+    """Compute the derivative of the residual by the state's change, by central differences, (b, s, s).
 
     Args:
         state: a flat batch, (b,).
@@ -92,15 +92,16 @@ def derivative(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
 def solve_by_chord(
     mechanism: Mechanism, reference: Reference, which: np.ndarray, load: Load
 ) -> tuple[State, np.ndarray]:
-    """Equilibria near solved ones, with their derivative kept (chord method); it converges linearly,
-    the faster the nearer.
+    """Solve for equilibria near solved ones with the derivative of those (chord method).
+
+    It converges linearly, the faster the nearer; items that do not converge are solved by Newton's method.
 
     Args:
-        which: number of the reference posture of every batch item, (b,).
-        load: of every item.
+        which: index of the reference posture of every batch item, (b,).
+        load: loads of every item.
 
     Returns:
-        the states, batch (b,), and whether each has converged, (b,) bool.
+        The states, batch (b,), and whether each has converged, (b,) bool.
     """
     r, n = reference.state, reference.state.angles.shape[-1]
     state = State(r.position[which], r.rotation[which], r.angles[which], r.wrench[which])
@@ -109,13 +110,13 @@ def solve_by_chord(
     for _ in range(CHORD_STEPS):
         part, loads = state.take(left), load.take(left)
         inverse = reference.inverse[which[left]]
-        with np.errstate(over="ignore", invalid="ignore"):  # what runs away is begun anew below
+        with np.errstate(over="ignore", invalid="ignore"):  # diverging items start again below
             change = -(inverse @ residual(mechanism, part, loads)[..., None])[..., 0]
             state.put(left, part.moved(change))
         moves[left] = np.abs(change[..., : 6 + n]).max(axis=-1)
         if not len(left := np.flatnonzero(~(moves <= TOLERANCE))):
             return state, moves <= TOLERANCE
-    # Where a torque limit or a joint's stop comes in between, the derivative is another one.
+    # The derivative differs where a torque limit or a joint's stop becomes active.
     start = State(r.position[which], r.rotation[which], r.angles[which], r.wrench[which]).take(left)
     last = solve_by_newton(mechanism, start, load.take(left))
     state.put(left, last.state)
@@ -128,10 +129,10 @@ TWIST = np.array([1.0, -1.0, 1.0, -1.0])
 
 
 def cell_forces(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
-    """Tared forces of the eight cells, (..., 8) [N].
+    """Return the tared forces of the eight cells, (..., 8) [N].
 
-    A rigid board on four equal springs shares its load bilinearly; where a cell would have to
-    pull, it reads nothing and three carry the board.
+    A rigid board on four equal springs distributes its load bilinearly; a cell that would have to pull reads
+    zero and the other three carry the board.
     """
     sides = []
     for side, own in enumerate(mechanism.plate_weight):
@@ -149,14 +150,15 @@ def cell_forces(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
 def faults(
     mechanism: Mechanism, state: State, load: Load, cells: np.ndarray, feet: tuple[str, str]
 ) -> np.ndarray:
-    """Why a posture would not stand as it should, or "", (...,) of text.
+    """Return why each posture would not stand as planned, or "", (...,) of text.
 
-    A sole stands flat while its centre of pressure is inside its corners, a board while no cell
-    but one would have to pull, a foot does not slide while force and torsion are inside the limit
-    surface (as in `sim.dynamics.stiction`).
+    A sole is flat while its centre of pressure is inside its corners, a board while at most one cell would
+    have to pull, and a foot does not slide while force and torsion are inside the limit surface (as in
+    `sim.dynamics.stiction`).
 
     Args:
-        cells: tared forces, (..., 8) [N]. feet: their names.
+        cells: tared cell forces, (..., 8) [N].
+        feet: names of the feet.
     """
     m, reason = mechanism, np.full(cells.shape[:-1], "", dtype=object)
     for side, foot in enumerate(feet):

@@ -1,4 +1,4 @@
-"""A laboratory and a plan of which every posture is solved once, for the static experiment."""
+"""A rig and a plan whose postures are solved once, for many runs by statics."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from tulip_testbed.sim.statics import Load, Mechanism, Reference, State, mechani
 
 @dataclass(frozen=True)
 class SolvedPlan:
-    """A laboratory and a plan, with all that does not change between runs.
+    """A rig and a plan, with everything that is the same in all runs.
 
     Attributes:
-        reference: every posture solved as planned, batch (postures,).
-        boards: where the boards are to lie, by placement, (placements, 2, 3).
+        reference: solved planned postures, batch (postures,).
+        boards: intended poses of the boards, by placement, (placements, 2, 3) [m, m, rad].
         placement: index of every posture's placement, (postures,).
-        links: the robot's bodies as numbers of the mechanism's, in MJCF order, (n_links,).
+        links: indices of the robot's bodies in the mechanism, in MJCF order, (n_links,).
         constants: see `sim.procedure.constants`.
-        later: the same of what stands there later, by the part of the experiment's time.
+        later: start, as a fraction of the experiment's time, and solved plan of each later rig.
     """
 
     rig: Rig
@@ -44,7 +44,7 @@ def solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
     """Solve every posture of a plan once, as planned.
 
     Raises:
-        InputError: a support other than double, or a scene that this statics does not know.
+        InputError: a posture stands on the swing foot alone, or the scene is not supported by statics.
     """
     first, *others = stages(rig)
     later = tuple((start, _solve_plan(one, plan)) for start, one in others)
@@ -74,19 +74,19 @@ def _solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
 
 
 def feet_in_contact(support: np.ndarray) -> np.ndarray:
-    """Whether the right and the left foot are on the ground, (m, 2) bool."""
+    """Return whether the right and the left foot are on the ground, (m, 2) bool."""
     return np.column_stack([np.full(len(support), True), support == "double"])
 
 
 def standard_parameters_of(solved_plan: SolvedPlan) -> np.ndarray:
-    """Standard parameters of the robot in the rig's scene, (n_links, 4) [kg, kg m]."""
+    """Return the standard parameters of the robot in the rig's scene, (n_links, 4) [kg, kg m]."""
     m = solved_plan.mechanism
     mass = m.mass[solved_plan.links]
     return np.column_stack([mass, mass[:, None] * m.center[solved_plan.links]])
 
 
 def _start(rig: Rig, m: Mechanism, plan: PosturePlan) -> State:
-    """The planned postures, the weight on both feet alike."""
+    """Return the planned postures with the weight shared equally by the feet in contact."""
     chain = ClosedChain(rig.robot.model, rig.robot)
     pose = np.array([chain.base_pose(angles) for angles in plan.joint_angles])
     rotation = np.zeros((len(pose), 9))

@@ -1,7 +1,7 @@
-"""Run the whole experiment by static equilibrium, a thousand times as fast as in the full dynamics.
+"""Run a whole experiment by static equilibrium, a thousand times as fast as in the full dynamics.
 
-Plates are laid, postures commanded, tracked with error, read and recorded as there; only the
-robot's motion is left out. docs/equilibrium.md says what that misses.
+Plates are laid, postures commanded and tracked with errors, and sensors read and recorded as in the
+dynamics; only the motion of the robot is left out. docs/equilibrium.md compares the two.
 """
 
 from __future__ import annotations
@@ -42,15 +42,16 @@ NO_EQUILIBRIUM = "tipped"
 
 @dataclass(frozen=True)
 class Tries:
-    """What is tried in some runs, all of them after one another, b tries in all.
+    """The attempts of several runs, run after run, b attempts in all.
 
     Attributes:
-        run, row: number of the run and row of the plan, (b,).
+        run, row: index of the run and row of the plan, (b,).
         before: row of the plan from which the robot moves, (b,).
-        fresh: whether it is put down instead, (b,) bool.
-        command: commanded angles, (b, n_joints). offset: of it, by feed-forward torques, (b, n_joints).
-        push, scatter: standard normal, of swaying and of dry friction, (b, 2) and (b, n).
-        plates: true poses, (b, 2, 3).
+        fresh: whether the robot is put down instead, (b,) bool.
+        command: commanded angles, (b, n_joints) [rad].
+        offset: part of the command for feed-forward torques, (b, n_joints) [rad].
+        push, scatter: standard normal deviates of sway and of dry friction, (b, 2) and (b, n).
+        plates: true poses of the plates, (b, 2, 3) [m, m, rad].
     """
 
     run: np.ndarray
@@ -66,11 +67,12 @@ class Tries:
 
 @dataclass(frozen=True)
 class Equilibria:
-    """What some tries came to.
+    """Results of the attempts.
 
     Attributes:
-        joints, motors: angles, (b, n_joints) [rad]. forces: of the cells, (b, 8) [N].
-        reason: why a try cannot be used, or "", (b,) of text.
+        joints, motors: angles of joints and motors, (b, n_joints) [rad].
+        forces: cell forces, (b, 8) [N].
+        reason: why an attempt cannot be used, or "", (b,) of text.
     """
 
     joints: np.ndarray
@@ -88,12 +90,12 @@ def run_statics(
     """Repeat the experiment, every run with its own random stream.
 
     Args:
-        standard: true standard parameters by run, (runs, n_links, 4); None: as the rig's scene says.
-        all_solved: hand over every posture that has an equilibrium, also one that would not stand as it
-            should.
+        standard: true standard parameters by run, (runs, n_links, 4) [kg, kg m]; None means those of the
+            rig's scene.
+        all_solved: return every posture that has an equilibrium, also those that would slip or lift.
 
     Raises:
-        InputError: a run in which nothing could be measured.
+        InputError: in some run no posture could be measured.
     """
     generators = [np.random.default_rng(stream) for stream in streams]
     tries = [_draw(solved_plan, k, rng) for k, rng in enumerate(generators)]
@@ -104,15 +106,15 @@ def run_statics(
     if solved_plan.later:
         outcome = _in_time(solved_plan, joined, outcome, standard)
     if all_solved:
-        standing = np.where(outcome.reason == NO_EQUILIBRIUM, outcome.reason, "")
-        outcome = replace(outcome, reason=standing)
+        reason = np.where(outcome.reason == NO_EQUILIBRIUM, outcome.reason, "")
+        outcome = replace(outcome, reason=reason)
     truth = (
         standard
         if standard is not None
         else np.broadcast_to(standard_parameters_of(solved_plan), (len(tries), len(solved_plan.links), 4))
     )
     return [
-        _hand_over(solved_plan, joined, outcome, joined.run == k, truth[k], rng)
+        _read_outcome(solved_plan, joined, outcome, joined.run == k, truth[k], rng)
         for k, rng in enumerate(generators)
     ]
 
@@ -128,7 +130,7 @@ def _outcome(solved_plan: SolvedPlan, tries: Tries, standard: np.ndarray | None)
 def _in_time(
     solved_plan: SolvedPlan, tries: Tries, first: Equilibria, standard: np.ndarray | None
 ) -> Equilibria:
-    """Every try in the laboratory that stood there at its time."""
+    """Return every attempt with the rig that is in place at its time."""
     starts, outcomes = [0.0], [first]
     for start, then in solved_plan.later:
         added = (
@@ -152,10 +154,10 @@ def _in_time(
 def solve_tries(
     solved_plan: SolvedPlan, tries: Tries, mass: np.ndarray, center: np.ndarray
 ) -> tuple[State, Load, np.ndarray]:
-    """Equilibria of all tries, and why they could not be used or "", (b,) of text."""
+    """Solve all attempts; return states, loads and why each cannot be used or "", (b,) of text."""
     m, plan, rig = solved_plan.mechanism, solved_plan.plan, solved_plan.rig
     moved = ~tries.fresh
-    way = sway_displacements(
+    displacement = sway_displacements(
         solved_plan.reference, -float(m.gravity[2] * m.mass.sum()), tries.row, tries.push
     )
     if m.friction.any() and moved.any():
@@ -164,12 +166,12 @@ def solve_tries(
         )
         closed = plan.support[pairs[:, 1]] == "double"
         start, end = pairs.T
-        way[moved] += approach_displacements(
+        displacement[moved] += approach_displacements(
             solved_plan.reference, plan.joint_angles, m.motors, start, end, closed
         )[number]
     load = Load(
         command=tries.command,
-        friction=friction_at_rest(m.friction, way, moved, rig.protocol.move_time, tries.scatter),
+        friction=friction_at_rest(m.friction, displacement, moved, rig.protocol.move_time, tries.scatter),
         feet=_feet(solved_plan, tries),
         plates=tries.plates,
         mass=mass,
@@ -182,7 +184,7 @@ def solve_tries(
 
 
 def _draw(solved_plan: SolvedPlan, run: int, rng: np.random.Generator) -> Tries:
-    """What one run tries: repeats, where the plates lie, what is commanded."""
+    """Draw one run: repeats, plate poses, commands and friction."""
     rig, plan, m = solved_plan.rig, solved_plan.plan, solved_plan.mechanism
     repeats = choose_repeats(plan, rig.protocol.repeats, rng)
     order = [row for number in np.unique(plan.placement) for row, _ in order_of_tries(plan, number, repeats)]
@@ -206,9 +208,9 @@ def _draw(solved_plan: SolvedPlan, run: int, rng: np.random.Generator) -> Tries:
 
 
 def _feet(solved_plan: SolvedPlan, tries: Tries) -> np.ndarray:
-    """Where the feet stand, (b, 2, 3).
+    """Return the poses of the feet, (b, 2, 3) [m, m, rad].
 
-    The left one stands where its placement's first command puts it, without the feed-forward's offset.
+    The first command of a set-up places the left foot, without the offset for feed-forward torques.
     """
     m, near = solved_plan.mechanism, solved_plan.reference.state
     down = np.flatnonzero(tries.fresh)
@@ -227,7 +229,7 @@ def _feet(solved_plan: SolvedPlan, tries: Tries) -> np.ndarray:
 def _bodies(
     solved_plan: SolvedPlan, standard: np.ndarray | None, run: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Masses and centres of mass of all bodies, (nb,) and (nb, 3), or by try."""
+    """Return masses and centres of mass of all bodies, (nb,) [kg] and (nb, 3) [m], or by attempt."""
     m = solved_plan.mechanism
     if standard is None:
         return m.mass, m.center
@@ -238,7 +240,7 @@ def _bodies(
     return mass[run], center[run]
 
 
-def _hand_over(
+def _read_outcome(
     solved_plan: SolvedPlan,
     tries: Tries,
     outcome: Equilibria,
@@ -246,7 +248,7 @@ def _hand_over(
     standard: np.ndarray,
     rng: np.random.Generator,
 ) -> Outcome:
-    """Read the sensors in one run's equilibria."""
+    """Read the sensors in one run's equilibria and assemble its outcome."""
     rig, plan = solved_plan.rig, solved_plan.plan
     row, why = tries.row[mine], outcome.reason[mine]
     place = solved_plan.placement[row]

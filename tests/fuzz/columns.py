@@ -95,7 +95,7 @@ def repeat_column(folder: Path, rng: Rng) -> Expected:
     table = load_table(folder)
     name = pick(rng, table.column_names)
     path = store(folder, table.append_column(name, table.column(name)), rng)
-    return refused(path.name, f"column '{name}' stands more than once")
+    return refused(path.name, f"found column '{name}' more than once")
 
 
 @mutation
