@@ -9,7 +9,7 @@ import numpy as np
 from tulip_testbed.discovery.candidates import Candidate
 from tulip_testbed.discovery.linear_model import LinearModel
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import SIZE, packed, residuals
+from tulip_testbed.identification.residual_channels import SIZE, difference, residuals
 
 STEP = 1e-2  # prior s.d., of the difference quotient
 
@@ -29,15 +29,21 @@ class CandidateColumns:
 
 def candidate_columns(linear: LinearModel, candidates: list[Candidate]) -> CandidateColumns:
     """Compute the columns of many candidates."""
-    raw = [
-        (_size_columns if c.effect.sizes else _presence_column)(linear, c, point)
-        for c in candidates
-        for point in range(len(c.settings))
-    ]
-    whole = linear.project(np.concatenate(linear.whitening.each(raw), axis=1))
-    sizes = [column.shape[-1] for column in raw]
-    parts = iter(np.split(whole, np.cumsum(sizes)[:-1], axis=1))
+    flat = whitened_columns(linear, candidates)
+    whole = linear.project(np.concatenate(flat, axis=1))
+    parts = iter(np.split(whole, np.cumsum([column.shape[1] for column in flat])[:-1], axis=1))
     return CandidateColumns(candidates, [[next(parts) for _ in c.settings] for c in candidates])
+
+
+def whitened_columns(linear: LinearModel, candidates: list[Candidate]) -> list[np.ndarray]:
+    """Compute the columns of candidates at each point of their grids in turn, whitened, (r, s) each."""
+    return linear.whitening.each(
+        [
+            (_size_columns if c.effect.sizes else _presence_column)(linear, c, point)
+            for c in candidates
+            for point in range(len(c.settings))
+        ]
+    )
 
 
 def effect_columns(
@@ -71,7 +77,7 @@ def _size_columns(
     for k, step in enumerate(STEP * prior):
         after = _removed(smoothed, candidate, start + step * (np.arange(len(start)) == k), point)
         if after.tree is before.tree and after.cells is before.cells:
-            change = (packed(after) - packed(before)) / step
+            change = difference(before, after) / step
             out[..., k] = -(linear.whitening.sensitivity @ change[..., None])[..., 0]
         else:
             out[..., k] = -((residuals(after, linear.theta) - residuals(before, linear.theta)) / step)

@@ -7,10 +7,10 @@ b = G'r. A size that cannot be negative has half a normal as its prior.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import chdtrc, log_ndtr
 
 from tulip_testbed.discovery.candidates import Candidate, Fitted
 from tulip_testbed.discovery.columns import CandidateColumns
@@ -19,67 +19,83 @@ DETECTABLE = 0.5  # smallest singular value times prior s.d. that an experiment 
 DRAWS = 400
 
 
-def marginal_fit(candidate: Candidate, points: list[np.ndarray], residual: np.ndarray) -> Fitted:
-    """Fit one candidate alone to a projected residual, at the best point of its grid.
+def ranked(columns: CandidateColumns, residual: np.ndarray) -> list[Fitted]:
+    """Fit each candidate alone to a projected residual, (r + 1,); the best first."""
+    return sorted(marginal_fits(columns, residual), key=lambda fitted: -fitted.log_bayes_factor)
+
+
+def marginal_fits(columns: CandidateColumns, residual: np.ndarray) -> list[Fitted]:
+    """Fit each candidate alone to a projected residual, at the best point of its grid.
 
     Args:
-        points: columns of the candidate at each point of its grid, whitened and projected, (r + 1, s).
         residual: whitened and projected, (r + 1,).
 
     Returns:
-        the posterior mean of the sizes; the Bayes factor is averaged over the grid.
+        the posterior means of the sizes, in the order of the candidates. Bayes factors are averaged over the
+        grid.
     """
-    if not candidate.effect.sizes:
-        return _marginal_presence(candidate, points, residual)
-    prior, positive = candidate.prior, candidate.positive
-    best, best_rank, logs = None, (False, -np.inf), []
-    for point, column in enumerate(points):
-        gram, pull = column.T @ column, column.T @ residual
-        scaled = prior[:, None] * gram * prior
-        detectable = bool(np.linalg.eigvalsh(scaled).max() > DETECTABLE**2)
-        inverse = np.linalg.inv(np.eye(len(prior)) + scaled)
-        covariance = prior[:, None] * inverse * prior
-        sizes = covariance @ pull
-        _, volume = np.linalg.slogdet(np.eye(len(prior)) + scaled)
-        log = 0.5 * float(pull @ sizes) - 0.5 * volume
-        free = np.linalg.pinv(gram, hermitian=True) @ pull
-        gain = float(pull @ free)
-        if positive.any():
-            # the part of the posterior that is allowed, over the same part of the prior (a half)
-            spread = np.sqrt(np.diag(covariance))
-            log += float((norm.logcdf(sizes / spread) + np.log(2))[positive].sum())
-            gain = gain if (free[positive] > 0).all() else 0.0
-            sizes = np.where(positive, np.maximum(sizes, 0.0), sizes)
-        logs.append(log if detectable else -np.inf)
-        if best is None or (detectable, log) > best_rank:
-            p = float(chi2.sf(gain, len(prior))) / (2 if positive.any() else 1) if gain > 0 else 1.0
-            best, best_rank = Fitted(candidate, point, sizes, log, covariance, gain, p), (detectable, log)
-    assert best is not None
-    average = float(np.logaddexp.reduce(logs) - np.log(len(logs)))
-    return replace(best, log_bayes_factor=average if best_rank[0] else -np.inf)
+    pairs = list(zip(columns.candidates, columns.projected, strict=True))
+    out: dict[int, Fitted] = {}
+    for count in {len(candidate.effect.sizes) for candidate in columns.candidates}:
+        alike = [k for k, (candidate, _) in enumerate(pairs) if len(candidate.effect.sizes) == count]
+        fit = _with_sizes if count else _without_sizes
+        out |= zip(alike, fit([pairs[k] for k in alike], residual), strict=True)
+    return [out[k] for k in range(len(pairs))]
 
 
-def _marginal_presence(candidate: Candidate, points: list[np.ndarray], residual: np.ndarray) -> Fitted:
-    """Weigh an effect that has no size but is there or not: ln BF = g'r - g'g / 2."""
-    size = np.array([float(g[:, 0] @ g[:, 0]) for g in points])
-    detectable = size > DETECTABLE**2  # exchanging a cell with itself changes nothing
-    logs = np.array([float(g[:, 0] @ residual) for g in points]) - size / 2
-    point = int(np.where(detectable, logs, -np.inf).argmax())
-    gain = max(2 * float(logs[point]), 0.0)
-    p = float(chi2.sf(gain, 1)) / 2 if gain > 0 else 1.0
-    average = -np.inf
-    if detectable.any():
-        average = float(np.logaddexp.reduce(logs[detectable]) - np.log(detectable.sum()))
-    return Fitted(candidate, point, np.zeros(0), average, np.zeros((0, 0)), gain, p)
+def _with_sizes(pairs: list[tuple[Candidate, list[np.ndarray]]], residual: np.ndarray) -> Iterator[Fitted]:
+    """Fit candidates with equally many sizes."""
+    flat = [(candidate, column) for candidate, points in pairs for column in points]
+    prior = np.array([candidate.prior for candidate, _ in flat])
+    positive = np.array([candidate.positive for candidate, _ in flat])
+    gram = np.array([column.T @ column for _, column in flat])
+    pull = np.array([column.T @ residual for _, column in flat])
+    scaled = prior[:, :, None] * gram * prior[:, None, :]
+    detectable = np.linalg.eigvalsh(scaled).max(axis=1) > DETECTABLE**2
+    spread = np.eye(prior.shape[1]) + scaled
+    covariance = prior[:, :, None] * np.linalg.inv(spread) * prior[:, None, :]
+    sizes = _times(covariance, pull)
+    free = _times(np.linalg.pinv(gram, hermitian=True), pull)
+    gain = _dot(pull, free)
+    # The prior of a positive size is a half normal: the allowed part of the posterior counts over a half.
+    share = log_ndtr(sizes / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))) + np.log(2)
+    log = 0.5 * _dot(pull, sizes) - 0.5 * np.linalg.slogdet(spread)[1]
+    log = log + np.where(positive, share, 0.0).sum(axis=1)
+    gain = np.where((positive & (free <= 0)).any(axis=1), 0.0, gain)
+    sizes = np.where(positive, np.maximum(sizes, 0.0), sizes)
+    one_sided = positive.any(axis=1)
+    p = np.where(gain > 0, chdtrc(prior.shape[1], gain) / np.where(one_sided, 2, 1), 1.0)
+    first = 0
+    for candidate, points in pairs:
+        at = slice(first, first + len(points))
+        logs = np.where(detectable[at], log[at], -np.inf)
+        point = int((logs if detectable[at].any() else log[at]).argmax())
+        k, first = first + point, at.stop
+        average = float(np.logaddexp.reduce(logs) - np.log(len(logs)))
+        yield Fitted(candidate, point, sizes[k], average, covariance[k], float(gain[k]), float(p[k]))
 
 
-def ranked(columns: CandidateColumns, residual: np.ndarray) -> list[Fitted]:
-    """Fit each candidate alone to a projected residual, (r + 1,); the best first."""
-    each = [
-        marginal_fit(candidate, points, residual)
-        for candidate, points in zip(columns.candidates, columns.projected, strict=True)
-    ]
-    return sorted(each, key=lambda fitted: -fitted.log_bayes_factor)
+def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    return (matrices @ vectors[..., None])[..., 0]
+
+
+def _dot(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return (first[:, None, :] @ second[:, :, None])[:, 0, 0]
+
+
+def _without_sizes(pairs: list[tuple[Candidate, list[np.ndarray]]], residual: np.ndarray) -> Iterator[Fitted]:
+    """Weigh effects that have no size but are there or not: ln BF = g'r - g'g / 2."""
+    for candidate, points in pairs:
+        size = np.array([float(g[:, 0] @ g[:, 0]) for g in points])
+        detectable = size > DETECTABLE**2  # exchanging a cell with itself changes nothing
+        logs = np.array([float(g[:, 0] @ residual) for g in points]) - size / 2
+        point = int(np.where(detectable, logs, -np.inf).argmax())
+        gain = max(2 * float(logs[point]), 0.0)
+        p = float(chdtrc(1, gain)) / 2 if gain > 0 else 1.0
+        average = -np.inf
+        if detectable.any():
+            average = float(np.logaddexp.reduce(logs[detectable]) - np.log(detectable.sum()))
+        yield Fitted(candidate, point, np.zeros(0), average, np.zeros((0, 0)), gain, p)
 
 
 def effective_tests(columns: CandidateColumns, rng: np.random.Generator, draws: int = DRAWS) -> float:
@@ -112,7 +128,7 @@ def effective_tests(columns: CandidateColumns, rng: np.random.Generator, draws: 
         largest[key] = np.maximum(gain, largest.get(key, -np.inf))
     least = np.ones(draws)
     for (dof, sides), gain in largest.items():
-        p = np.where(gain > -np.inf, chi2.sf(gain, dof) * sides / 2, 1.0)
+        p = np.where(gain > -np.inf, chdtrc(dof, gain) * sides / 2, 1.0)
         least = np.minimum(least, p)
     # The median is estimated well from few draws. In the tail candidates are less correlated, so that a
     # nominal level of 0.5 % is in fact one of 0.6 to 0.8 %.

@@ -13,7 +13,7 @@ from tulip_testbed.discovery.candidates import Fitted, log_choices
 from tulip_testbed.discovery.columns import effect_columns
 from tulip_testbed.discovery.linear_model import LinearModel, linear_model
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import moved_by, packed, unpacked
+from tulip_testbed.identification.residual_channels import difference, moved_by, packed, unpacked
 from tulip_testbed.identification.residual_noise import Noise
 
 STEPS = 6
@@ -308,15 +308,15 @@ def propagation(smoothed: Observation, terms: Sequence[Fitted]) -> np.ndarray | 
     Returns:
         (m, k, n_joints + 14); None where no removal depends on readings.
     """
-    start, n = packed(smoothed), smoothed.joint_angles.shape[1]
-    plain, columns = packed(remove_terms(smoothed, smoothed, terms)) - start, []
+    n, columns = smoothed.joint_angles.shape[1], []
+    plain = difference(smoothed, remove_terms(smoothed, smoothed, terms))
     for name, step in READING_STEPS.items():
         field = getattr(smoothed, name)
         for at in np.ndindex(field.shape[1:]):
             moved = field.copy()
             moved[:, *at] += step
             other = smoothed.changed(**{name: moved})
-            columns.append((packed(remove_terms(other, other, terms)) - packed(other) - plain) / step)
+            columns.append((difference(other, remove_terms(other, other, terms)) - plain) / step)
     out = np.stack(columns, axis=-1)
     if np.abs(out).max(initial=0.0) < NEGLIGIBLE:
         return None

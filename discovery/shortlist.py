@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from tulip_testbed.discovery.candidates import Fitted, change_times, log_choices
-from tulip_testbed.discovery.columns import effect_columns
-from tulip_testbed.discovery.evidence import marginal_fit
+from tulip_testbed.discovery.columns import CandidateColumns, whitened_columns
+from tulip_testbed.discovery.evidence import marginal_fits
 from tulip_testbed.discovery.joint_fit import JointFit, gauss_newton, joint_fit
 
 LONGEST = 12
@@ -97,9 +97,7 @@ def _at_best_time(adopted: JointFit, one: Fitted) -> Fitted:
     settings = np.repeat(chosen[None], len(near), axis=0)
     settings[:, timed] = near
     finer = replace(candidate, settings=settings)
-    basis = np.linalg.qr(adopted.columns)[0] if adopted.columns.shape[1] else None
-    points = []
-    for point in range(len(near)):
-        column = linear.project(effect_columns(linear, finer, point))
-        points.append(column if basis is None else column - basis @ (basis.T @ column))
-    return marginal_fit(finer, points, adopted.residual)
+    basis = np.linalg.qr(adopted.columns)[0]
+    points = [linear.project(column) for column in whitened_columns(linear, [finer])]
+    projected = [column - basis @ (basis.T @ column) for column in points]
+    return marginal_fits(CandidateColumns([finer], [projected]), adopted.residual)[0]

@@ -77,6 +77,18 @@ def moved_by(observed: Observation, before: Observation, after: Observation) -> 
     return observed.changed(tree=after.tree, cells=after.cells, **change)
 
 
+def difference(before: Observation, after: Observation) -> np.ndarray:
+    """Return the difference of two observations' fields side by side, as in `packed`."""
+    out, at = np.zeros((len(before), fields(before.nominal)["lift"].stop)), 0
+    for name in VARYING:
+        first, second = getattr(before, name), getattr(after, name)
+        width = first[0].size
+        if second is not first:
+            out[:, at : at + width] = (second - first).reshape(len(first), width)
+        at += width
+    return out
+
+
 def residuals(observed: Observation, theta: np.ndarray) -> np.ndarray:
     """All channels, (m, 11) [m, m, N, N, N, m, rad, rad, m, m, rad].
 
@@ -114,9 +126,11 @@ def center(observed: Observation) -> np.ndarray:
     """
     forces = carried(observed)
     measured = (forces[..., None] * observed.cell_places).sum(axis=1) / forces.sum(axis=1)[:, None]
+    plain = measured - observed.shift
+    if not observed.stance_tilt.any():
+        return plain
     roll, pitch = observed.stance_tilt.T
-    leaned = observed.center[:, 2:] * np.column_stack([pitch, -roll])
-    return measured - observed.shift - leaned
+    return plain - observed.center[:, 2:] * np.column_stack([pitch, -roll])
 
 
 def swing_pose(observed: Observation) -> np.ndarray:

@@ -10,7 +10,7 @@ from studies.runner import shipped_plan
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.candidates import candidates
 from tulip_testbed.discovery.columns import candidate_columns
-from tulip_testbed.discovery.evidence import marginal_fit
+from tulip_testbed.discovery.evidence import marginal_fits
 from tulip_testbed.discovery.linear_model import linear_model
 from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.effects.catalogue import catalogue
@@ -62,7 +62,7 @@ def test_detectable_sizes_are_found_by_nine_of_ten_simulated_experiments(plan, f
             observed = observe(run, plan.nominal)
             linear = linear_model(observed, noise_of(observed))
             columns = candidate_columns(linear, [row.candidate])
-            hits.append(marginal_fit(row.candidate, columns.projected[0], linear.residual).p < found.level)
+            hits.append(marginal_fits(columns, linear.residual)[0].p < found.level)
     # 90 % of 48, less 2.7 standard deviations of the binomial; at half the size it would be about 10 %.
     assert sum(hits) >= 38
     assert sum(hits) < len(hits)
