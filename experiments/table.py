@@ -159,7 +159,7 @@ class Table:
         """
         from rich.console import Console
 
-        screen = Console(file=io.StringIO(), width=width, color_system=None)
+        screen = Console(file=io.StringIO(), width=width, color_system=None, force_jupyter=False)
         screen.print(self, crop=False, end="")
         assert isinstance(screen.file, io.StringIO)
         return "\n".join(line.rstrip() for line in screen.file.getvalue().splitlines())
