@@ -124,7 +124,7 @@ class Cell:
     Attributes:
         value: see `Column.text`.
         key: path in the run's JSON that it comes from, with dots; "": it is not from there.
-        mark: one of `STYLES`; "": none.
+        mark: one of `STYLES`; others have no effect.
     """
 
     value: Any
@@ -319,5 +319,5 @@ def _td(column: Column, cell: Cell, text: str) -> str:
 
 
 def _classes(column: Column, mark: str) -> str:
-    names = ["number"] * bool(column.format) + [mark.replace(" ", "-")] * bool(mark)
+    names = ["number"] * bool(column.format) + [mark.replace(" ", "-")] * (mark in STYLES)
     return f' class="{" ".join(names)}"' if names else ""

@@ -239,6 +239,12 @@ def test_marks_colour_the_terminal_alone():
     assert "\x1b[1;31mfail" in screen.getvalue()
 
 
+def test_an_unknown_mark_is_nothing():
+    table = Table("", (Column("result"),), [[Cell("x", mark='"><script>')]])
+    assert "<td>x</td>" in table.html()
+    assert "x" in table.text()
+
+
 def test_a_row_of_another_length_is_a_mistake():
     with pytest.raises(ValueError, match="zip"):
         made([[1, "torso.x"]]).text()
