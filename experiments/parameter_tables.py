@@ -97,66 +97,53 @@ def parameter_table(
         paper: see `read_reported`; None: without.
     """
     rows = document["parameters"]
-    known = rows[0]["truth"] is not None
-    # The default's own standard errors allow for placements: then the second column would repeat the first.
-    apart = any(row["clustered_standard_error"] != row["standard_error"] for row in rows)
-    columns = [
-        Column("no.", format="d"),
-        Column("parameter"),
-        *([_millimetres("truth")] if known else []),
-        _millimetres("estimate"),
-        *([_millimetres("error", "+.2f")] if known else []),
-        _millimetres("s.e."),
-        *([_millimetres("clustered s.e.")] if apart else []),
-        Column("relative s.e.", "%", ".1f"),
-        Column("well identified"),
-        Column("links", extra=True),
+
+    def values(name: str) -> list[Cell]:
+        return [Cell(row[name], f"{model}.parameters.{k}.{name}") for k, row in enumerate(rows)]
+
+    well = [(row["relative_standard_error"] or math.inf) < WELL_IDENTIFIED for row in rows]
+    columns: list[tuple[Column, list[Any]]] = [
+        (Column("no.", format="d"), values("number")),
+        (Column("parameter"), values("name")),
+        (_millimetres("estimate"), values("estimate")),
+        (_millimetres("s.e."), values("standard_error")),
+        (Column("relative s.e.", "%", ".1f"), values("relative_standard_error")),
+        (Column("well identified"), [Cell(yes, mark="good" if yes else "") for yes in well]),
     ]
+    # The default's own standard errors allow for placements: then the clustered ones would repeat them.
+    if any(row["clustered_standard_error"] != row["standard_error"] for row in rows):
+        columns.insert(4, (_millimetres("clustered s.e."), values("clustered_standard_error")))
+    if rows[0]["truth"] is not None:
+        columns.insert(3, (_millimetres("error", "+.2f"), [row["estimate"] - row["truth"] for row in rows]))
+        columns.insert(2, (_millimetres("truth"), values("truth")))
     beside = paper is not None and bool(paper.parameters)
-    if beside:
-        columns += [
-            Column("paper's estimate", "mm", ".2f", extra=True),
-            Column("paper's relative s.e.", "%", ".1f", extra=True),
-            Column("paper's s.e.", "mm", ".2f", extra=True),
-            Column("s.e. over the paper's", "", ".2f", extra=True),
-        ]
-    lines = []
-    for k, row in enumerate(rows):
-
-        def cell(name: str, row: dict[str, Any] = row, key: str = f"{model}.parameters.{k}") -> Cell:
-            return Cell(row[name], f"{key}.{name}")
-
-        relative = row["relative_standard_error"]
-        well = relative is not None and relative < WELL_IDENTIFIED
-        lines.append(
-            [
-                cell("number"),
-                cell("name"),
-                *([cell("truth")] if known else []),
-                cell("estimate"),
-                *([row["estimate"] - row["truth"]] if known else []),
-                cell("standard_error"),
-                *([cell("clustered_standard_error")] if apart else []),
-                cell("relative_standard_error"),
-                Cell(well, mark="good" if well else ""),
-                united_links(parameters, row["number"]),
-                *(_beside(row, paper.parameters.get(row["number"], {}), model) if paper and beside else []),
-            ]
-        )
+    if paper and beside:
+        columns += _paper_columns(model, rows, paper)
+    columns.append((Column("links", extra=True), [united_links(parameters, row["number"]) for row in rows]))
     title = f"{model.capitalize()} model{', beside Table II' if beside else ''}"
     note = f"{residual_line(document, model, paper)} {placements_line(document)}"
-    return Table(title, tuple(columns), lines, note)
+    return Table(title, tuple(c for c, _ in columns), list(zip(*(v for _, v in columns), strict=True)), note)
 
 
 def _millimetres(name: str, spec: str = ".2f") -> Column:
     return Column(name, "mm", spec, 1e3)
 
 
-def _beside(row: dict[str, Any], reported: dict[str, float | None], model: str) -> list[Cell]:
-    value, relative = reported.get(f"{model}_mm"), reported.get(f"{model}_rel_se_percent")
-    error = None if value is None or relative is None else abs(value) * relative / 100
-    ratio = 1e3 * row["standard_error"] / error if error else None
-    return [Cell(x, mark="aside") for x in (value, relative, error, ratio)]
+def _paper_columns(model: str, rows: list[dict[str, Any]], paper: Reported) -> list[tuple[Column, list[Any]]]:
+    reported = [paper.parameters.get(row["number"], {}) for row in rows]
+    values = [found.get(f"{model}_mm") for found in reported]
+    shares = [found.get(f"{model}_rel_se_percent") for found in reported]
+    errors = [
+        None if v is None or p is None else abs(v) * p / 100 for v, p in zip(values, shares, strict=True)
+    ]
+    ratios = [1e3 * row["standard_error"] / e if e else None for row, e in zip(rows, errors, strict=True)]
+    columns = (
+        (Column("paper's estimate", "mm", ".2f", extra=True), values),
+        (Column("paper's relative s.e.", "%", ".1f", extra=True), shares),
+        (Column("paper's s.e.", "mm", ".2f", extra=True), errors),
+        (Column("s.e. over paper's", "", ".2f", extra=True), ratios),
+    )
+    return [(column, [Cell(value, mark="aside") for value in found]) for column, found in columns]
 
 
 def standard_table(model: str, links: list[dict[str, Any]], visible: str) -> Table:

@@ -36,6 +36,11 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
+def _make_printable(of: Column | Table, *names: str) -> None:
+    for name in names:
+        object.__setattr__(of, name, printable(getattr(of, name)))
+
+
 def number(value: float, spec: str = ".6g") -> str:
     """Format a number so that a person can read it: 820 rather than 8.2e+02, 0.00 rather than -0.00.
 
@@ -72,6 +77,9 @@ class Column:
     format: str = ""
     scale: float = 1.0
     extra: bool = False
+
+    def __post_init__(self) -> None:
+        _make_printable(self, "name", "unit")
 
     @property
     def heading(self) -> str:
@@ -116,7 +124,7 @@ class Cell:
     Attributes:
         value: see `Column.text`.
         key: path in the run's JSON that it comes from, with dots; "": it is not from there.
-        mark: one of `STYLES`; "": none.
+        mark: one of `STYLES`; others have no effect.
     """
 
     value: Any
@@ -137,6 +145,9 @@ class Table:
     columns: tuple[Column, ...]
     rows: Sequence[Sequence[Any]]
     note: str = ""
+
+    def __post_init__(self) -> None:
+        _make_printable(self, "title", "note")
 
     @cached_property
     def cells(self) -> list[list[Cell]]:
@@ -167,17 +178,17 @@ class Table:
     def html(self) -> str:
         """Return the table as an HTML element."""
         heads = "".join(
-            f'<th scope="col"{_classes(column, "")}>{_html(column.name)}'
-            + (f" <span>{_html(column.unit)}</span></th>" if column.unit else "</th>")
+            f'<th scope="col"{_classes(column, "")}>{escape(column.name)}'
+            + (f" <span>{escape(column.unit)}</span></th>" if column.unit else "</th>")
             for column in self.columns
         )
         rows = "".join(
             f"<tr>{''.join(_td(*one) for one in zip(self.columns, row, texts, strict=True))}</tr>\n"
             for row, texts in zip(self.cells, self.texts, strict=True)
         )
-        note = f'\n<p class="note">{_html(self.note)}</p>' if self.note else ""
+        note = f'\n<p class="note">{escape(self.note)}</p>' if self.note else ""
         return (
-            f"<table>\n<caption>{_html(self.title)}</caption>\n<thead><tr>{heads}</tr></thead>\n"
+            f"<table>\n<caption>{escape(self.title)}</caption>\n<thead><tr>{heads}</tr></thead>\n"
             f"<tbody>\n{rows}</tbody>\n</table>{note}"
         )
 
@@ -223,21 +234,21 @@ class Table:
         grid = Grid(box=SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, GAP - 1, 0, 0))
         for k, width in shown.items():
             column = self.columns[k]
-            heading = Text(f"{printable(column.name)}\n{printable(column.unit)}".strip(), style="bold")
+            heading = Text(f"{column.name}\n{column.unit}".strip(), style="bold")
             justify = "right" if column.format else "left"
             grid.add_column(heading, justify=justify, width=width, overflow="fold", vertical="top")
         wraps = [any(cell_len(texts[k]) > width for k, width in shown.items()) for texts in self.texts]
         for n, (row, texts) in enumerate(zip(self.cells, self.texts, strict=True)):
             cells = (Text(texts[k], style=STYLES.get(row[k].mark, "")) for k in shown)
             grid.add_row(*cells, end_section=any(wraps[n : n + 2]))  # a blank line where rows wrap
-        yield Text(printable(self.title), style="bold")
+        yield Text(self.title, style="bold")
         total = sum(shown.values()) + GAP * len(shown)
         yield from console.render(grid, options.update_width(max(total, options.max_width)))
         hidden = [column.name for k, column in enumerate(self.columns) if k not in shown]
         if hidden:
-            yield Text(f"Too narrow here for: {printable(', '.join(hidden))}.", style="dim")
+            yield Text(f"Too narrow here for: {', '.join(hidden)}.", style="dim")
         if self.note:
-            yield Text(printable(self.note), style="dim")
+            yield Text(self.note, style="dim")
 
 
 class Shown:
@@ -317,14 +328,10 @@ def _td(column: Column, cell: Cell, text: str) -> str:
     source = ""
     if cell.key:
         value = escape(json.dumps(finite(cell.value)))
-        source = f' data-key="{_html(cell.key)}" data-value="{value}"'
+        source = f' data-key="{escape(printable(cell.key))}" data-value="{value}"'
     return f"<td{_classes(column, cell.mark)}{source}>{escape(text)}</td>"
 
 
 def _classes(column: Column, mark: str) -> str:
-    names = ["number"] * bool(column.format) + [mark.replace(" ", "-")] * bool(mark)
+    names = ["number"] * bool(column.format) + [mark.replace(" ", "-")] * (mark in STYLES)
     return f' class="{" ".join(names)}"' if names else ""
-
-
-def _html(text: str) -> str:
-    return escape(printable(text))

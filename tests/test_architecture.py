@@ -108,6 +108,17 @@ def test_no_subpackage_has_the_name_of_a_function_of_the_api():
     assert not functions & packages
 
 
+def test_only_the_command_line_prints():
+    for module, path in MODULES.items():
+        if room(module) in FLOW:
+            calls = {
+                n.func.id
+                for n in ast.walk(ast.parse(path.read_text()))
+                if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)
+            }
+            assert "print" not in calls, module
+
+
 def test_the_wheel_holds_every_folder():
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
     faces = {name for name, path in MODULES.items() if path.name == "__init__.py"}
@@ -125,6 +136,9 @@ def test_the_wheel_holds_every_folder():
         ("dm_control", r"sim\.composer\.\w+"),
         ("dm_env", r"sim\.composer\.\w+"),
         ("tyro", r"cli\.\w+"),
+        ("rich", r"(cli\.terminal|experiments\.table)"),
+        ("jinja2", r"pages\.\w+"),
+        ("pandas", r"experiments\.(table|correlations)"),
     ],
 )
 def test_a_library_has_one_room(library, owners):

@@ -9,7 +9,7 @@ import numpy as np
 from tulip_testbed.effects.targets import PLACEMENTS
 from tulip_testbed.experiments.atlas.effect_atlas import Atlas, Row
 from tulip_testbed.experiments.atlas.isolability import ISOLABLE
-from tulip_testbed.experiments.table import Column, Table
+from tulip_testbed.experiments.table import Column, Table, number
 from tulip_testbed.identification.residual_channels import CHANNELS
 
 NO_BIAS = 0.005  # standard errors: shown as 0.00
@@ -29,7 +29,7 @@ def atlas_report(found: Atlas) -> list[Table | str]:
     near = [found.nearest(k)[1] for k in range(len(found.shown))] if len(found.shown) > 1 else []
     parts: list[Table | str] = [
         f"{len(planned.observed)} of {len(planned.plan)} postures can be measured; the catalogue is "
-        f"equivalent to {found.tests:.0f} independent tests, each at the level {found.level:.1e}.",
+        f"equivalent to {found.tests:.0f} independent tests, each at the level {number(found.level, '.1e')}.",
         effect_table(found, detected, "Effects that these postures detect"),
     ]
     if hidden:
@@ -60,11 +60,11 @@ def effect_table(found: Atlas, rows: list[Row], title: str) -> Table:
         Column("most similar effect", extra=True),
         *(Column(f"by {channel}", format=".2g", extra=True) for channel in CHANNELS),
     )
-    number = {id(candidate): k for k, candidate in enumerate(found.shown)}
+    place = {id(candidate): k for k, candidate in enumerate(found.shown)}
     errors, names = found.planned.standard_errors, found.planned.nominal.parameters.names
     lines = []
     for row in rows:
-        at = number.get(id(row.candidate))
+        at = place.get(id(row.candidate))
         similar, angle = (None, None) if at is None or len(found.shown) < 2 else found.nearest(at)
         bias = row.bias / errors
         known = bool(np.isfinite(bias).all())

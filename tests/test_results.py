@@ -1,0 +1,163 @@
+"""Results as a researcher meets them: parameters by name, tables that print themselves, data frames."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.stats import t as t_distribution
+
+from tulip_testbed.experiments.identify import model_document
+from tulip_testbed.experiments.parameter_tables import parameter_table, read_reported
+from tulip_testbed.experiments.validate import report_document
+from tulip_testbed.identification.statistics import high_correlations, standard_errors
+from tulip_testbed.sim.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def fit(wii):
+    return wii.identification
+
+
+def test_a_parameter_by_name_and_by_number(fit):
+    found = fit["torso.y"]
+    error = standard_errors(fit.full.covariance)[9]
+    assert (found.number, found.name) == (10, "torso.y")
+    assert found.value == fit.full.value[9]
+    assert found.standard_error == error
+    half = t_distribution.ppf(0.975, fit.full.interval_dof[9]) * error
+    assert found.interval95 == pytest.approx((found.value - half, found.value + half))
+    assert fit[10] == fit[np.int64(10)] == found
+    assert repr(found) == f"torso.y (no. 10): {1e3 * found.value:.2f} ± {1e3 * half:.2f} mm (95 %)"
+
+
+def test_names_are_those_of_the_base_parameters(fit):
+    assert list(fit) == fit._ipython_key_completions_() == list(fit.parameters.names)
+    assert len(fit) == 25
+    assert "torso.x" in fit
+    assert [p.number for p in fit.values()] == list(range(1, 26))
+
+
+@pytest.mark.parametrize("name", ["torso.w", "Torso.x", "", "knee[left]", 0, 26, -1, 1.5, None])
+def test_an_unknown_parameter_is_refused_by_name(fit, name):
+    with pytest.raises(InputError, match=r"^unknown parameter .*valid: torso\.x, .* 24, 25$") as refusal:
+        fit[name]
+    assert isinstance(refusal.value, KeyError)
+    assert name not in fit
+    assert fit.get(name) is None
+    with pytest.raises(InputError, match="unknown parameter"):
+        fit.correlations["torso.x", name]
+
+
+def test_a_close_name_is_offered(fit):
+    with pytest.raises(InputError, match=r"^unknown parameter 'torso\.w'; did you mean 'torso\.\w'"):
+        fit["torso.w"]
+
+
+def test_correlations_by_name(fit):
+    found = fit.correlations
+    pairs = high_correlations(fit.full.covariance, fit.full.numbers, 0.85)
+    names = fit.parameters.names
+    assert [(p.a, p.b, p.rho) for p in found.above(0.85)] == [
+        (names[a - 1], names[b - 1], rho) for a, b, rho in pairs
+    ]
+    a, b, rho = found.above()[0]
+    assert found[a, b] == found[pairs[0][0], pairs[0][1]] == rho
+    assert found[b, a] == pytest.approx(rho)
+    assert found[a, a] == pytest.approx(1)
+    assert f"{a}" in repr(found.above())
+    assert f"{rho:+.4f}" in repr(found.above())
+    assert f"{rho:+.4f}" in repr(found)
+    assert repr(found.above(0.9999)) == "No correlation above 0.9999."
+    assert "No correlation" in found.above(0.9999)._repr_html_()
+    frame = found.to_frame()
+    assert frame.loc[a, b] == rho
+    assert frame.shape == (25, 25)
+    assert len(found.above().to_frame()) == len(pairs)
+
+
+def test_an_identification_prints_as_table_ii(fit):
+    text = repr(fit)
+    for name, value, error in zip(
+        fit.full.names, fit.full.value, standard_errors(fit.full.covariance), strict=True
+    ):
+        (line,) = (
+            line
+            for line in text.splitlines()
+            if f" {name} " in line and "mm" not in line and line.split()[0].isdigit()
+        )
+        assert line.split()[2:4] == [f"{1e3 * value:.2f}", f"{1e3 * error:.2f}"]
+    document = model_document(fit.full, None)
+    assert f"Residual norm: mean {document['residual_mm']['mean']:.2f}" in text
+    assert f"Total mass {fit.mass[0]:.3f} kg, standard error {fit.mass[1]:.3f} kg." in text
+    for pair in fit.correlations.above(0.85):
+        assert f"{pair.rho:+.4f}" in text
+    assert max(map(len, text.splitlines())) <= 100
+    page = fit._repr_html_()
+    assert page.count("<tr>") == 27 + len(fit.correlations.above(0.85))
+
+
+def test_an_identification_as_a_frame(fit):
+    frame = fit.to_frame()
+    assert list(frame.index) == list(fit)
+    assert frame.loc["torso.y", "estimate [mm]"] == 1e3 * fit["torso.y"].value
+    assert frame.loc["torso.y", "s.e. [mm]"] == 1e3 * fit["torso.y"].standard_error
+    assert "truth [mm]" not in frame
+
+
+def test_a_validation_prints_its_checks_and_its_verdict(wii):
+    text, page = repr(wii), wii._repr_html_()
+    for check in wii.checks:
+        assert check.name in text
+        assert f">{check.name}<" in page
+    assert text.endswith(f"Verdict: {wii.verdict}")
+    assert f"<b>{wii.verdict}</b>" in page
+    assert max(map(len, text.splitlines())) <= 100
+
+
+def test_a_validation_as_a_frame(wii):
+    frame = wii.to_frame()
+    assert frame["truth [mm]"].to_numpy() == pytest.approx(1e3 * wii.truth)
+    assert frame["error [mm]"].to_numpy() == pytest.approx(1e3 * (wii.identification.full.value - wii.truth))
+
+
+def test_the_terminal_and_the_page_have_one_table_of_parameters(wii, robot):
+    """Every number of the report's rows, the truth's error and all that the paper says."""
+    document = report_document(wii)["full"]
+    table = parameter_table("full", document, wii.identification.parameters, read_reported(robot))
+    headings = [column.name for column in table.columns]
+    assert headings == [
+        *("no.", "parameter", "truth", "estimate", "error", "s.e.", "relative s.e.", "well identified"),
+        *("paper's estimate", "paper's relative s.e.", "paper's s.e.", "s.e. over paper's", "links"),
+    ]
+    assert table.texts[0][8:10] == ["-10.96", "13.0"]
+    assert float(table.texts[0][10]) == pytest.approx(10.96 * 0.13, abs=0.006)
+    keys = [cell.key for cell in table.cells[9] if cell.key]
+    assert keys == [
+        f"full.parameters.9.{name}"
+        for name in ("number", "name", "truth", "estimate", "standard_error", "relative_standard_error")
+    ]
+    assert all(
+        cell.value == document["parameters"][9][cell.key.rsplit(".")[-1]]
+        for cell in table.cells[9]
+        if cell.key
+    )
+    assert "4.2, 3.6, 10.7" in table.note
+
+
+def test_clustered_errors_have_a_column_where_they_differ(wii):
+    document = report_document(wii)["full"]
+    rows = [row | {"clustered_standard_error": 2 * row["standard_error"]} for row in document["parameters"]]
+    table = parameter_table("full", document | {"parameters": rows}, wii.identification.parameters)
+    headings = [column.name for column in table.columns]
+    assert headings[2:7] == ["truth", "estimate", "error", "s.e.", "clustered s.e."]
+    assert float(table.texts[0][6]) == pytest.approx(2e3 * rows[0]["standard_error"], abs=0.006)
+
+
+def test_a_hostile_name_steers_nothing(fit):
+    names = ("[red]torso[/].x", "\x1b[2J", "<script>alert(1)</script>", *fit.full.names[3:])
+    changed = dataclasses.replace(fit, full=dataclasses.replace(fit.full, names=names))
+    assert "[red]torso[/].x" in repr(changed)
+    assert "\\x1b[2J" in repr(changed)
+    assert "<script>" not in changed._repr_html_()
+    assert "&lt;script&gt;" in changed._repr_html_()
+    assert "\x1b" not in repr(changed) + changed._repr_html_()

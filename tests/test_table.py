@@ -1,0 +1,256 @@
+"""A table as text, HTML, Markdown and data frame: the same values, and nothing in a name steers anything."""
+
+import html as standard
+import json
+import math
+import re
+from io import StringIO
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from tulip_testbed.experiments.table import STYLES, Cell, Column, Table, number, shown_columns, whole_width
+
+HOSTILE = (
+    "knee[left]",
+    "[red]x[/]",
+    "[link=file:///etc]y",
+    "\x1b[2J",
+    "a\nb",
+    "\u202eabc",
+    "<script>",
+    "a|b",
+    "\ud800",
+)
+
+
+def made(rows=(), **change):
+    columns = (
+        Column("no.", format="d"),
+        Column("parameter"),
+        Column("estimate", "mm", ".2f", 1e3),
+        Column("interval", "%", ".0f", 100, extra=True),
+    )
+    return Table(**{"title": "Parameters", "columns": columns, "rows": rows, "note": "A note."} | change)
+
+
+ROWS = (
+    [1, "torso.x", Cell(-0.01172, "full.parameters.0.estimate", "fail"), (0.5, 0.75)],
+    [2, "right_hip_yaw.x", Cell(None, "full.parameters.1.estimate"), [0.25, 1.0]],
+)
+
+
+@pytest.mark.parametrize(
+    ("value", "spec", "text"),
+    [
+        (820.0, ".2g", "820"),
+        (-820.4, ".2g", "-820"),
+        (820.0, "+.2g", "+820"),
+        (210558.5, ".4g", "210558"),
+        (0.00012, ".2g", "0.00012"),
+        (3.2e-9, ".2g", "3.2e-9"),
+        (1e300, ".2f", "1e300"),
+        (123456789, "d", "123456789"),
+        (-0.001, ".2f", "0.00"),
+        (0.001, "+.2f", "0.00"),
+        (-1.25, "+.1f", "-1.2"),
+        (math.inf, ".2f", "-"),
+        (math.nan, ".2f", ""),
+    ],
+)
+def test_numbers_are_readable(value, spec, text):
+    assert number(value, spec) == text
+    assert number(np.float64(value), spec if spec != "d" else ".0f") == text or spec == "d"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, ""),
+        (True, "yes"),
+        (False, "no"),
+        ("any", "any"),
+        (0.12345, "12.3"),
+        ((0.5, 0.75), "50.0 to 75.0"),
+        ([0.5, 0.75], "50.0 to 75.0"),
+        ((-math.inf, 0.75), "at most 75.0"),
+        ((0.5, math.inf), "at least 50.0"),
+        ((0.6, 0.5, 0.75), "60.0 (50.0 to 75.0)"),
+        ((0.6, -math.inf, math.inf), "60.0 (no interval)"),
+    ],
+)
+def test_values_of_a_column_of_numbers(value, text):
+    assert Column("share", "%", ".1f", 100).text(value) == text
+
+
+def test_values_of_a_column_of_text():
+    column = Column("value")
+    assert [column.text(v) for v in (["a", 0.1, 3], 1e-5, 7)] == [
+        "a, 0.1, 3",
+        "1e-5",
+        "7",
+    ]
+
+
+def test_text_shows_every_value_under_its_heading_and_unit():
+    lines = made(ROWS).text(80).splitlines()
+    assert lines[0] == "Parameters"
+    assert lines[1].split() == ["estimate", "interval"]
+    assert lines[2].split() == ["no.", "parameter", "mm", "%"]
+    assert lines[4].split() == ["1", "torso.x", "-11.72", "50", "to", "75"]
+    assert lines[5].split() == ["2", "right_hip_yaw.x", "25", "to", "100"]
+    assert lines[-1] == "A note."
+    assert repr(made(ROWS)) == made(ROWS).text()
+
+
+def test_numbers_end_at_the_right_and_texts_begin_at_the_left():
+    lines = made([[1, "a", 0.1, None], [22, "bbb", 0.0011, None]]).text(80).splitlines()[4:6]
+    assert lines == ["  1  a            100.00", " 22  bbb            1.10"]
+
+
+def test_only_extra_columns_are_left_out_and_it_is_said():
+    table = made(ROWS)
+    assert "50 to 75" in table.text(whole_width(table))
+    narrow = table.text(whole_width(table) - 1)
+    assert "50 to 75" not in narrow
+    assert "Too narrow here for: interval." in narrow
+    assert "-11.72" in narrow
+
+
+def test_extra_columns_are_left_out_from_the_right():
+    columns = (
+        Column("a", format="d"),
+        Column("b", format="d", extra=True),
+        Column("c", format="d"),
+        Column("d", format="d", extra=True),
+    )
+    table = Table("", columns, [[10000, 20000, 30000, 40000]])
+    assert list(shown_columns(table, 26)) == [0, 1, 2, 3]
+    assert list(shown_columns(table, 25)) == [0, 1, 2]
+    assert list(shown_columns(table, 18)) == [0, 2]
+
+
+def test_texts_wrap_at_blanks_before_anything_is_wider_than_asked_for():
+    words = "a sentence of several words that does not fit into one line"
+    table = Table(
+        "", (Column("name"), Column("text"), Column("x", format="d")), [["right_upper_leg", words, 12345]]
+    )
+    lines = table.text(50).splitlines()
+    assert max(map(len, lines)) <= 50
+    assert words in " ".join(" ".join(lines).replace("right_upper_leg", "").replace("12345", "").split())
+    assert "right_upper_leg" in table.text(10)
+    assert "12345" in table.text(10)
+
+
+def test_rows_that_wrap_stand_apart():
+    table = Table("", (Column("text"),), [["short"], ["words " * 20], ["short"], ["short"]])
+    lines = [line.strip() for line in table.text(40).splitlines()]
+    first, *_, last = [k for k, line in enumerate(lines) if "words" in line]
+    assert (lines[first - 1], lines[last + 1]) == ("", "")
+    assert lines[last + 2 :] == ["short", "short"]
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_name_shows_as_it_is_and_steers_nothing(name):
+    table = Table(name, (Column(name, name), Column("x")), [[name, Cell(name, name, "fail")]], name)
+    escaped = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in name)
+    screen = StringIO()
+    Console(file=screen, force_terminal=True, width=300, color_system=None).print(table)
+    for text in (table.text(300), screen.getvalue()):
+        assert text.count(escaped) >= 6
+        assert all(line.isprintable() for line in text.splitlines())
+    page = table.html()
+    assert page.count(standard.escape(escaped)) >= 7
+    assert "<script" not in page
+    assert page.isprintable() or all(line.isprintable() for line in page.splitlines())
+    assert table.markdown().count("\n") == 2
+    assert table.markdown().replace("\\|", "").count("|") == 9
+    page.encode()
+
+
+@given(st.lists(st.text(max_size=30), min_size=1, max_size=4), st.integers(1, 120))
+def test_any_text_at_any_width(texts, width):
+    table = Table(texts[0], tuple(Column(f"c{k}") for k in range(len(texts))), [texts], texts[-1])
+    lines = table.text(width).splitlines()
+    assert all(line.isprintable() for line in lines)
+    shown = "".join("".join(lines).split())
+    assert all(c in shown for text in table.texts[0] for c in text if not c.isspace())
+
+
+def test_html_says_where_a_value_is_from():
+    page = made(ROWS).html()
+    assert (
+        '<td class="number fail" data-key="full.parameters.0.estimate" data-value="-0.01172">-11.72</td>'
+        in page
+    )
+    assert 'data-key="full.parameters.1.estimate" data-value="null"></td>' in page
+    assert '<th scope="col" class="number">estimate <span>mm</span></th>' in page
+    assert page.count("data-key") == 2
+    assert "<caption>Parameters</caption>" in page
+    assert '<p class="note">A note.</p>' in page
+    assert made(ROWS)._repr_html_() == page
+
+
+def test_html_is_json_where_numbers_are_not_finite():
+    page = Table("", (Column("x", format=".1f"),), [[Cell((-math.inf, 2.0), "k")]]).html()
+    (value,) = re.findall(r'data-value="([^"]*)"', page)
+    assert json.loads(standard.unescape(value)) == [None, 2.0]
+
+
+def test_html_and_text_show_the_same():
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", made(ROWS).html())
+    assert cells == [text for row in made(ROWS).texts for text in row]
+
+
+def test_frame_holds_plain_numbers_in_the_units_that_it_names():
+    frame = made(ROWS).frame()
+    assert list(frame.columns) == [
+        "no.",
+        "parameter",
+        "estimate [mm]",
+        "interval low [%]",
+        "interval high [%]",
+    ]
+    assert frame["estimate [mm]"].iloc[0] == pytest.approx(-11.72)
+    assert math.isnan(frame["estimate [mm]"].iloc[1])
+    assert frame["no."].tolist() == [1, 2]
+    assert frame["interval high [%]"].tolist() == [75, 100]
+    assert pd.api.types.is_numeric_dtype(frame["estimate [mm]"])
+
+
+def test_markdown():
+    assert made(ROWS).markdown().splitlines() == [
+        "| no. | parameter | estimate [mm] | interval [%] |",
+        "| ---: | --- | ---: | ---: |",
+        "| 1 | torso.x | -11.72 | 50 to 75 |",
+        "| 2 | right_hip_yaw.x |  | 25 to 100 |",
+    ]
+
+
+def test_marks_colour_the_terminal_alone():
+    table = Table("", (Column("result"),), [[Cell(mark, mark=mark)] for mark in STYLES])
+    assert "\x1b" not in table.text()
+    screen = StringIO()
+    Console(file=screen, force_terminal=True, color_system="standard").print(table)
+    assert "\x1b[1;31mfail" in screen.getvalue()
+
+
+def test_an_unknown_mark_is_nothing():
+    table = Table("", (Column("result"),), [[Cell("x", mark='"><script>')]])
+    assert "<td>x</td>" in table.html()
+    assert "x" in table.text()
+
+
+def test_a_row_of_another_length_is_a_mistake():
+    with pytest.raises(ValueError, match="zip"):
+        made([[1, "torso.x"]]).text()
+
+
+def test_a_table_without_rows():
+    assert made().text(80).splitlines()[0] == "Parameters"
+    assert made().frame().empty
+    assert "<tbody>" in made().html()
