@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.discover import Discovery
@@ -14,10 +14,11 @@ from tulip_testbed.effects.instance import EffectDocument, ParameterDocument, ef
 from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.document import Document, Figure
 from tulip_testbed.experiments.identify import Identification
+from tulip_testbed.sim.measurements.measurement_folder import MOST_FORCE
 
 Channel = Literal["A", "F", "T", "C"]
 Gap = Channel | Literal["all", "heldout_rms_mm"]
-Sds = Annotated[list[float], Field(min_length=6, max_length=6)]
+Deviation = Annotated[float, Field(ge=0, le=MOST_FORCE)]
 
 
 class AdoptedEffect(EffectDocument):
@@ -83,13 +84,19 @@ class Repeats(Document):
     chi_square_per_freedom: dict[Channel, float]
     p: dict[Channel, float]
 
+    @model_validator(mode="after")
+    def _has_the_same_channels(self) -> Self:
+        if self.p.keys() != self.chi_square_per_freedom.keys():
+            raise ValueError("expected the same channels in 'p' as in 'chi_square_per_freedom'")
+        return self
+
 
 class StatedNoise(Document):
     """Standard deviations of encoders [rad], cells [N] and plate poses [m, m, rad]."""
 
-    encoder_sd: float
-    cell_sd: float
-    placement_sd: Sds
+    encoder_sd: Deviation
+    cell_sd: Deviation
+    placement_sd: Annotated[list[Deviation], Field(min_length=6, max_length=6)]
     not_as_stated: list[str]
 
 

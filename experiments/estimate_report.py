@@ -47,7 +47,7 @@ class Norms(Document):
     """Distance between measured and estimated centre of pressure over the postures [mm]."""
 
     mean: float
-    sd: Figure
+    sd: float
     max: float
 
 
@@ -67,7 +67,7 @@ class ModelReport(Document):
     visible_masses: str | None = None
     sigma_mm: float
     placement_sd_mm: Pair
-    condition_number: Figure
+    condition_number: float
     residual_mm: Norms
     correlations: list[Correlation]
 

@@ -15,6 +15,7 @@ from tulip_testbed.sim.errors import InputError, listed, shortened
 from tulip_testbed.sim.files import present
 from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.measurements.folder_kind import KINDS
+from tulip_testbed.sim.measurements.table_files import finite
 from tulip_testbed.sim.robot import Robot, sha256
 
 RUN_FILE, PLAN_FOLDER, MEASUREMENT_FOLDER = "run.json", "plan", "measurements"
@@ -54,22 +55,21 @@ class RunFile(Head, Generic[Made]):
 def configuration_of(laboratory: Laboratory, plan: PosturePlan, seed: int, engine: str) -> Configuration:
     """List everything that was set, for run folders and truth files."""
     rig = laboratory.rig
-    return Configuration.model_validate(
-        {
-            "preset": laboratory.sensors,
-            "seed": seed,
-            "robot": rig.robot.path.name,
-            "controller": dataclasses.asdict(rig.controller),
-            "drives": dataclasses.asdict(rig.drives),
-            "compliance": dataclasses.asdict(rig.compliance),
-            "sensors": dataclasses.asdict(rig.sensors),
-            "protocol": dataclasses.asdict(rig.protocol),
-            "edited": rig.edit is not None,
-            "adopted": [found.document() for found in laboratory.known],
-            "statics": engine == "statics",
-            "plan": {"robot": plan.robot, "made": plan.made, "postures": len(plan)},
-        }
-    )
+    content = {
+        "preset": laboratory.sensors,
+        "seed": seed,
+        "robot": rig.robot.path.name,
+        "controller": dataclasses.asdict(rig.controller),
+        "drives": dataclasses.asdict(rig.drives),
+        "compliance": dataclasses.asdict(rig.compliance),
+        "sensors": dataclasses.asdict(rig.sensors),
+        "protocol": dataclasses.asdict(rig.protocol),
+        "edited": rig.edit is not None,
+        "adopted": [found.document() for found in laboratory.known],
+        "statics": engine == "statics",
+        "plan": {"robot": plan.robot, "made": plan.made, "postures": len(plan)},
+    }
+    return Configuration.model_validate(finite(content))  # with lists for tuples, as it will be read again
 
 
 def write_run_file(folder: Path, document: RunFile[Made]) -> RunFile[Made]:

@@ -81,7 +81,7 @@ class Report(Document):
     postures_used: int
     rows_measured: int
     dropped: list[Dropped]
-    condition_number: Figure
+    condition_number: float
     total_mass: TotalMass
     full: ModelReport
     simplified: ModelReport
@@ -227,6 +227,10 @@ def _check_fit(folder: Path, record: ValidationRecord) -> None:
             [(row.number, row.name) for row in record.report.models[model].parameters],
             [(number, parameters.names[number - 1]) for number in numbers],
         )
+        for k, row in enumerate(record.report.models[model].parameters):
+            if row.truth is None:
+                where = f"{folder / REPORT_FILE}: key '{model}.parameters.{k}.truth'"
+                raise InputError(f"{where}: found None, expected a number")
     if truth.links != list(parameters.tree.links) or len(truth.standard_parameters) != len(truth.links):
         raise InputError(
             f"{folder / TRUTH_FILE}: key 'links': found {len(truth.standard_parameters)} rows of standard "

@@ -223,60 +223,30 @@ def changed(document, path, value):
     return document
 
 
-@pytest.mark.parametrize(
-    ("name", "path", "value", "message"),
-    [
-        ("report.json", ("verdict",), "maybe", "key 'verdict': found 'maybe'; expected 'pass' or 'fail'"),
-        ("report.json", ("checks", 0, "result"), None, "key 'checks.0.result': found None"),
-        ("report.json", ("checks", 4, "threshold"), [-1.0], "key 'checks.4.threshold"),
-        (
-            "report.json",
-            ("total_mass", "truth"),
-            "23",
-            "key 'total_mass.truth': found '23'; expected a valid",
-        ),
-        ("report.json", ("total_mass",), GONE, "key 'total_mass': found nothing"),
-        (
-            "report.json",
-            ("full", "parameters", 3, "estimate"),
-            GONE,
-            "key 'full.parameters.3.estimate': found n",
-        ),
-        (
-            "report.json",
-            ("full", "parameters", 3, "truth"),
-            None,
-            "key 'full.parameters.3.truth': found None",
-        ),
-        (
-            "report.json",
-            ("full", "parameters", 24),
-            GONE,
-            "key 'full.parameters': found 24 rows, expected 25",
-        ),
-        (
-            "report.json",
-            ("simplified", "parameters", 0, "number"),
-            7,
-            "key 'simplified.parameters.0': found par",
-        ),
-        (
-            "report.json",
-            ("full", "parameters", 9, "name"),
-            "head.x",
-            "found parameter 10, head.x, expected 10, ",
-        ),
-        ("report.json", ("full", "placement_sd_mm"), [1.0], "key 'full.placement_sd_mm'"),
-        ("report.json", ("dropped",), [[1, "tipped"]], "key 'dropped.0'"),
-        ("truth.json", ("version",), 2, "key 'version': found 2; expected 1"),
-        ("truth.json", ("attempts", 0, "com"), [0.1], "key 'attempts.0.com'"),
-        ("truth.json", ("attempts", 0, "com"), GONE, "key 'attempts.0': found"),
-        ("truth.json", ("attempts", 0, "posture"), 77, "found other postures than in the measurements"),
-        ("truth.json", ("standard_parameters", 2), [1.0, 0.0, 0.0], "key 'standard_parameters.2'"),
-        ("truth.json", ("links",), ["torso"], "key 'links'"),
-    ],
-)
-def test_an_edited_validation_is_refused_by_file_and_key(run, robot, tmp_path, name, path, value, message):  # noqa: F811
+EDITED = [
+    ("report.json", ("verdict",), "maybe", "key 'verdict': found 'maybe'; expected 'pass' or 'fail'"),
+    ("report.json", ("checks", 0, "result"), None, "key 'checks.0.result': found None"),
+    ("report.json", ("checks", 4, "threshold"), [-1.0], "key 'checks.4.threshold"),
+    ("report.json", ("total_mass", "truth"), "23", "key 'total_mass.truth': found '23'"),
+    ("report.json", ("total_mass",), GONE, "key 'total_mass': found nothing"),
+    ("report.json", ("full", "parameters", 3, "estimate"), GONE, "key 'full.parameters.3.estimate': found"),
+    ("report.json", ("full", "parameters", 3, "truth"), None, "key 'full.parameters.3.truth': found None"),
+    ("report.json", ("full", "parameters", 24), GONE, "key 'full.parameters': found 24 rows, expected 25"),
+    ("report.json", ("simplified", "parameters", 0, "number"), 7, "key 'simplified.parameters.0': found"),
+    ("report.json", ("full", "parameters", 9, "name"), "x", "key 'full.parameters.9': found parameter 10, x"),
+    ("report.json", ("full", "placement_sd_mm"), [1.0], "key 'full.placement_sd_mm'"),
+    ("report.json", ("dropped",), [[1, "tipped"]], "key 'dropped.0'"),
+    ("truth.json", ("version",), 2, "key 'version': found 2; expected 1"),
+    ("truth.json", ("attempts", 0, "com"), [0.1], "key 'attempts.0.com'"),
+    ("truth.json", ("attempts", 0, "com"), GONE, "key 'attempts.0': found"),
+    ("truth.json", ("attempts", 0, "posture"), 77, "found other postures than in the measurements"),
+    ("truth.json", ("standard_parameters", 2), [1.0, 0.0, 0.0], "key 'standard_parameters.2'"),
+    ("truth.json", ("links",), ["torso"], "key 'links'"),
+]
+
+
+@pytest.mark.parametrize(("name", "path", "value", "message"), EDITED)
+def test_an_edited_validation_is_refused(run, robot, tmp_path, name, path, value, message):  # noqa: F811
     """Edited by hand, with the hash put right."""
     folder = tmp_path / "run"
     shutil.copytree(run, folder)
@@ -287,36 +257,24 @@ def test_an_edited_validation_is_refused_by_file_and_key(run, robot, tmp_path, n
         read_validation(folder, robot)
 
 
-@pytest.mark.parametrize(
-    ("path", "value", "message"),
-    [
-        (("verdict",), "found", "key 'verdict': found 'found'"),
-        (("candidates", 0, "log_bayes_factor"), None, "key 'candidates.0.log_bayes_factor': found None"),
-        (
-            ("candidates", 0, "parameters", 0, "value"),
-            "0.01",
-            "key 'candidates.0.parameters.0.value': found '0.01'",
-        ),
-        (
-            ("candidates", 0, "parameters", 0, "unit"),
-            GONE,
-            "key 'candidates.0.parameters.0.unit': found nothing",
-        ),
-        (("gap", "C", "floor"), GONE, "key 'gap.C.floor': found nothing"),
-        (("gap", "B"), None, "key 'gap.B"),
-        (("noise", "placement_sd"), [1e-3], "key 'noise.placement_sd'"),
-        (("noise", "encoder_sd"), 1e300, "key 'noise.encoder_sd': found 1e+300"),
-        (("repeats", "p"), {}, "key 'repeats': found"),
-        (("parameters", 24), GONE, "key 'parameters': found 24 rows, expected 25"),
-        (
-            ("parameters", 0, "name"),
-            "head.x",
-            "key 'parameters.0': found parameter 1, head.x, expected 1, torso.x",
-        ),
-        (("story",), [], "key 'story'"),
-        (("check",), {"reason": None}, "key 'check.postures': found nothing"),
-    ],
-)
+EDITED_DISCOVERY = [
+    (("verdict",), "found", "key 'verdict': found 'found'"),
+    (("candidates", 0, "log_bayes_factor"), None, "key 'candidates.0.log_bayes_factor': found None"),
+    (("candidates", 0, "parameters", 0, "value"), "0", "key 'candidates.0.parameters.0.value': found '0'"),
+    (("candidates", 0, "parameters", 0, "unit"), GONE, "key 'candidates.0.parameters.0.unit': found nothing"),
+    (("gap", "C", "floor"), GONE, "key 'gap.C.floor': found nothing"),
+    (("gap", "B"), None, "key 'gap.B"),
+    (("noise", "placement_sd"), [1e-3], "key 'noise.placement_sd'"),
+    (("noise", "encoder_sd"), 1e300, "key 'noise.encoder_sd': found 1e+300"),
+    (("repeats", "p"), {}, "key 'repeats': found"),
+    (("parameters", 24), GONE, "key 'parameters': found 24 rows, expected 25"),
+    (("parameters", 0, "name"), "head.x", "key 'parameters.0': found parameter 1, head.x, expected 1"),
+    (("story",), [], "key 'story'"),
+    (("check",), {"reason": None}, "key 'check.postures': found nothing"),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "message"), EDITED_DISCOVERY)
 def test_an_edited_discovery_is_refused_by_key(discovered, robot, tmp_path, path, value, message):
     folder = write_discovery(tmp_path / "found", record_of(discovered)).folder
     document = json.loads((folder / "discovery.json").read_text())
@@ -365,11 +323,9 @@ def test_what_is_infinite_or_undefined_is_null_on_disk(static_run, robot, tmp_pa
     """An estimate of exactly 0 has no relative standard error."""
     record = record_of(static_run)
     assert isinstance(record, ValidationRecord)
-    row = ParameterRow.model_validate(
-        record.report.full.parameters[0].plain() | {"relative_standard_error": np.inf}
-    )
-    rows = [row, *record.report.full.parameters[1:]]
-    full = record.report.full.model_copy(update={"parameters": rows})
+    first, *others = record.report.full.parameters
+    row = ParameterRow.model_validate(first.plain() | {"relative_standard_error": np.inf})
+    full = record.report.full.model_copy(update={"parameters": [row, *others]})
     record = dataclasses.replace(record, report=record.report.model_copy(update={"full": full}))
     write_validation(tmp_path / "run", record)
     assert read_validation(tmp_path / "run", robot).report.full.parameters[0].relative_standard_error is None

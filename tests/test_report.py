@@ -129,10 +129,9 @@ def test_without_opengl_the_report_says_what_to_install(run, tmp_path, capsys, m
 def test_a_failed_verdict_names_the_checks_and_a_hostile_name_stays_text(run, robot):  # noqa: F811
     saved = read_validation(run, robot)
     name = "</script><script>alert(1)</script>"
-    checks = [saved.report.checks[0].model_copy(update={"result": "fail", "name": name})]
-    report = saved.report.model_copy(
-        update={"checks": [*checks, *saved.report.checks[1:]], "verdict": "fail"}
-    )
+    first, *others = saved.report.checks
+    checks = [first.model_copy(update={"result": "fail", "name": name}), *others]
+    report = saved.report.model_copy(update={"checks": checks, "verdict": "fail"})
     found = pages.validation_page(dataclasses.replace(saved, report=report))
     assert found.sentence.startswith("The estimates cannot be trusted here: 1 of ")
     assert name in found.sentence

@@ -56,7 +56,7 @@ def discovery_page(run: DiscoveryRecord) -> Page:
         *_doubts(content),
         *_check(content["check"]),
     ]
-    if run.rig:
+    if DIFF in run.rig:
         words = "What the adopted rig changes; its folder serves --rig of simulate, identify and validate."
         sections.append(Section("The adopted rig", (words,), folded=(("Differences", run.rig[DIFF]),)))
     sections.append(Section("How it was made", tables=(settings_table(run.document.plain()),)))
