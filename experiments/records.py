@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import overload
 
 from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord, discovery_record, read_discovery
@@ -22,6 +23,14 @@ Record = ValidationRecord | MonteCarloRecord | DiscoveryRecord
 Result = Run | Validation | MonteCarlo | Discovered
 
 
+@overload
+def record_of(result: Discovered) -> DiscoveryRecord: ...
+@overload
+def record_of(result: MonteCarlo) -> MonteCarloRecord: ...
+@overload
+def record_of(result: Run | Validation) -> ValidationRecord: ...
+@overload
+def record_of(result: Result) -> Record: ...
 def record_of(result: Result) -> Record:
     """Make the record of a result in memory; a run is judged as a validation.
 

@@ -262,7 +262,7 @@ class Shown:
         return "\n".join(part.text() + "\n" if isinstance(part, Table) else part for part in self.parts())
 
     def _repr_html_(self) -> str:
-        return "\n".join(p.html() if isinstance(p, Table) else f"<p>{_html(p)}</p>" for p in self.parts())
+        return "\n".join(p.html() if isinstance(p, Table) else f"<p>{escape(p)}</p>" for p in self.parts())
 
 
 def shown_columns(table: Table, width: int) -> dict[int, int]:

@@ -276,7 +276,8 @@ EDITED_DISCOVERY = [
 
 @pytest.mark.parametrize(("path", "value", "message"), EDITED_DISCOVERY)
 def test_an_edited_discovery_is_refused_by_key(discovered, robot, tmp_path, path, value, message):
-    folder = write_discovery(tmp_path / "found", record_of(discovered)).folder
+    folder = tmp_path / "found"
+    write_discovery(folder, record_of(discovered))
     document = json.loads((folder / "discovery.json").read_text())
     (folder / "discovery.json").write_text(json.dumps(changed(document, path, value)))
     _put_right(folder, "discovery.json")
@@ -293,7 +294,8 @@ def test_an_edited_discovery_is_refused_by_key(discovered, robot, tmp_path, path
     ],
 )
 def test_an_edited_table_is_refused(static_run, robot, tmp_path, old, new, message):
-    folder = write_validation(tmp_path / "run", record_of(static_run)).folder
+    folder = tmp_path / "run"
+    write_validation(folder, record_of(static_run))
     table = folder / "residuals.csv"
     text = table.read_bytes().decode()
     assert old in text
