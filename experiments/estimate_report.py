@@ -10,13 +10,12 @@ import numpy as np
 from tulip_testbed.experiments.document import Document, Figure, Pair
 from tulip_testbed.identification.estimators import Estimate, StandardEstimate
 from tulip_testbed.identification.statistics import (
+    HIGH_CORRELATION,
     high_correlations,
     relative_standard_errors,
     residual_norms,
     standard_errors,
 )
-
-HIGH_CORRELATION = 0.85  # the paper's level
 
 
 class ParameterRow(Document):

@@ -93,7 +93,7 @@ def parameter_table(
     """Return a model's parameters, beside the truth and the paper's Table II where these are known.
 
     Args:
-        model: "full" or "simplified". document: its part of a report, see `identify.model_document`.
+        model: "full" or "simplified". document: a `ModelReport` as plain JSON.
         paper: see `read_reported`; None: without.
     """
     rows = document["parameters"]
@@ -101,7 +101,8 @@ def parameter_table(
     def values(name: str) -> list[Cell]:
         return [Cell(row[name], f"{model}.parameters.{k}.{name}") for k, row in enumerate(rows)]
 
-    well = [(row["relative_standard_error"] or math.inf) < WELL_IDENTIFIED for row in rows]
+    shares = [row["relative_standard_error"] for row in rows]
+    well = [share is not None and share < WELL_IDENTIFIED for share in shares]
     columns: list[tuple[Column, list[Any]]] = [
         (Column("no.", format="d"), values("number")),
         (Column("parameter"), values("name")),
@@ -150,7 +151,7 @@ def standard_table(model: str, links: list[dict[str, Any]], visible: str) -> Tab
     """Return masses and centres of mass of the links and how much of each came from the data.
 
     Args:
-        links: see `identify.link_rows`. visible: which masses the measurements can give at all.
+        links: `LinkRow`s as plain JSON. visible: which masses the measurements can give at all.
     """
     columns = [
         Column("link"),

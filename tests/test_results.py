@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import t as t_distribution
 
-from tulip_testbed.experiments.identify import model_document
+from tulip_testbed.experiments.estimate_report import model_report
 from tulip_testbed.experiments.parameter_tables import parameter_table, read_reported
-from tulip_testbed.experiments.validate import report_document
+from tulip_testbed.experiments.validation_record import report_of
 from tulip_testbed.identification.statistics import high_correlations, standard_errors
 from tulip_testbed.sim.errors import InputError
 
@@ -86,7 +86,7 @@ def test_an_identification_prints_as_table_ii(fit):
             if f" {name} " in line and "mm" not in line and line.split()[0].isdigit()
         )
         assert line.split()[2:4] == [f"{1e3 * value:.2f}", f"{1e3 * error:.2f}"]
-    document = model_document(fit.full, None)
+    document = model_report(fit.full, None).plain()
     assert f"Residual norm: mean {document['residual_mm']['mean']:.2f}" in text
     assert f"Total mass {fit.mass[0]:.3f} kg, standard error {fit.mass[1]:.3f} kg." in text
     for pair in fit.correlations.above(0.85):
@@ -122,7 +122,7 @@ def test_a_validation_as_a_frame(wii):
 
 def test_the_terminal_and_the_page_have_one_table_of_parameters(wii, robot):
     """Every number of the report's rows, the truth's error and all that the paper says."""
-    document = report_document(wii)["full"]
+    document = report_of(wii).plain()["full"]
     table = parameter_table("full", document, wii.identification.parameters, read_reported(robot))
     headings = [column.name for column in table.columns]
     assert headings == [
@@ -145,7 +145,7 @@ def test_the_terminal_and_the_page_have_one_table_of_parameters(wii, robot):
 
 
 def test_clustered_errors_have_a_column_where_they_differ(wii):
-    document = report_document(wii)["full"]
+    document = report_of(wii).plain()["full"]
     rows = [row | {"clustered_standard_error": 2 * row["standard_error"]} for row in document["parameters"]]
     table = parameter_table("full", document | {"parameters": rows}, wii.identification.parameters)
     headings = [column.name for column in table.columns]

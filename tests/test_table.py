@@ -28,14 +28,14 @@ HOSTILE = (
 )
 
 
-def made(rows=(), **change):
+def made(rows=()):
     columns = (
         Column("no.", format="d"),
         Column("parameter"),
         Column("estimate", "mm", ".2f", 1e3),
         Column("interval", "%", ".0f", 100, extra=True),
     )
-    return Table(**{"title": "Parameters", "columns": columns, "rows": rows, "note": "A note."} | change)
+    return Table("Parameters", columns, rows, "A note.")
 
 
 ROWS = (
