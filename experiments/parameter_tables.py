@@ -52,7 +52,7 @@ def paper_table(robot: Robot) -> dict[int, dict[str, str]]:
     if name is None:
         return {}
     path = robot.folder / name
-    if not Path(os.path.realpath(path)).is_relative_to(robot.folder):
+    if "\0" in name or not Path(os.path.realpath(path)).is_relative_to(robot.folder):
         raise InputError(
             f"{robot.path}: key 'paper.table': found '{name}', expected a file in {robot.folder}"
         )
