@@ -63,7 +63,7 @@ def read_reported(robot: Robot) -> Reported | None:
 
 def _paper_table(robot: Robot, name: str) -> dict[int, dict[str, float | None]]:
     path = robot.folder / name
-    if not Path(os.path.realpath(path)).is_relative_to(robot.folder):
+    if "\0" in name or not Path(os.path.realpath(path)).is_relative_to(robot.folder):
         raise InputError(
             f"{robot.path}: key 'paper.table': found '{name}', expected a file in {robot.folder}"
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -255,7 +256,9 @@ def without_meshes(spec: mujoco.MjSpec, where: str) -> mujoco.MjSpec:
 def compile_spec(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
     """Compile a spec; the compiler's complaint becomes the message of an `InputError`."""
     try:
-        return spec.compile()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what MuJoCo doubts, `check_model` refuses by name
+            return spec.compile()
     except BROKEN as error:
         raise InputError(f"{where}: broken MJCF: {shortened(error, 300)}") from None
 
