@@ -9,7 +9,7 @@ import numpy as np
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Parameter
 from tulip_testbed.effects.instance import EffectInstance, check_laboratory, split_label
-from tulip_testbed.sim.errors import InputError, look_up, shortened
+from tulip_testbed.sim.errors import InputError, at_least, look_up, shortened
 from tulip_testbed.sim.robot import Robot
 
 RANDOM = "random"
@@ -62,6 +62,7 @@ def read_effects(
     Raises:
         InputError: for an effect that cannot be read or that the laboratory cannot simulate.
     """
+    at_least("seed", seed, 0)
     # A stream apart from the laboratory's, so that a drawn effect leaves the noise as it was.
     rng = np.random.default_rng(np.random.SeedSequence((seed, 1)))
     found = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from tulip_testbed.effects.catalogue import catalogue
@@ -180,3 +181,21 @@ def dynamics_line(check: dict[str, Any]) -> str:
         f"In full dynamics {check['postures']} of {check['tried']} postures stood; the residual after "
         f"removing the adopted effects is {check['left_over_noise']:.2f} times the noise."
     )
+
+
+def discovery_summary(document: dict[str, Any], story: Sequence[str]) -> list[Table | str]:
+    """Return the tables and sentences of a discovery in short.
+
+    Args:
+        document: its report as JSON. story: the finding in sentences.
+    """
+    parts: list[Table | str] = [*story, ""]
+    if any(entry and entry["after"] is not None for entry in document["gap"].values()):
+        parts.append(gap_table(document["gap"]))
+    if document["candidates"]:
+        parts.append(candidate_table(document["candidates"]))
+    if (moved := moved_table(document["parameters"], MOVED)).rows:
+        parts.append(moved)
+    if document["check"]:
+        parts.append(dynamics_line(document["check"]))
+    return parts

@@ -48,3 +48,16 @@ def complaint_lines(document: dict[str, Any]) -> list[str]:
             f"These columns are optional: {', '.join(MAY_LACK)}.",
         ]
     return [*lines, "", "docs/your-data.md explains the format step by step."]
+
+
+def preflight_report(document: dict[str, Any]) -> list[Table | str]:
+    """Return the tables and sentences of a preflight of measurements that could be read."""
+    parts: list[Table | str] = [finding_table(document["checks"])]
+    if (advice := advice_table(document["checks"])).rows:
+        parts.append(advice)
+    return [*parts, "{rows} rows of {postures} postures on {placements} placements.".format_map(document)]
+
+
+def counts_line(document: dict[str, Any]) -> str:
+    """Return how many checks had which result."""
+    return ", ".join(f"{count} {result}" for result, count in document["counts"].items() if count)

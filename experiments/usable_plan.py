@@ -18,8 +18,8 @@ from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.scene_check import check_scene
+from tulip_testbed.sim.shipped import PLANS
 
-PLANS = Path(__file__).resolve().parent / "plans"
 DEFAULT_PLAN = PLANS / "random"
 
 

@@ -1,7 +1,5 @@
 """The exception for bad input, and helpers that word its messages."""
 
-from pydantic import ValidationError
-
 
 class InputError(ValueError):
     """Bad input; the message names what was found, where, and what was expected."""
@@ -43,13 +41,3 @@ def at_least(name: str, value: int, least: int) -> None:
     """
     if value < least:
         raise InputError(f"{name}: found {value}, expected {least} or more")
-
-
-def validation_message(error: ValidationError) -> str:
-    """Return pydantic's first complaint as one line."""
-    first = error.errors()[0]
-    place = shortened(".".join(str(part) for part in first["loc"]))
-    found = "nothing" if first["type"] == "missing" else shortened(repr(first["input"]))
-    return (
-        f"key '{place}': found {found}; {shortened(first['msg'].replace('Input should be', 'expected'), 200)}"
-    )

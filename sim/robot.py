@@ -19,10 +19,7 @@ from tulip_testbed.sim.files import present, read_bytes, read_text
 from tulip_testbed.sim.mjcf_files import mjcf_files
 from tulip_testbed.sim.model_check import check_model
 from tulip_testbed.sim.sandbox import try_to_compile
-
-ASSETS = Path(__file__).resolve().parent.parent / "assets"
-TULIP = ASSETS / "tulip_mjcf" / "tulip.toml"
-PLATE = ASSETS / "tulip_mjcf" / "plate.xml"
+from tulip_testbed.sim.shipped import PLATE, TULIP
 
 KEYS = (
     *("name", "model", "scene", "plate", "stance_foot", "swing_foot"),

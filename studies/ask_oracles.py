@@ -23,8 +23,9 @@ from figaroh.tools.regressor import build_regressor_reduced, get_index_eliminate
 
 from tests.foreign_robots import ROBOTS, write_robot
 from tulip_testbed.identification.postures import random_postures
-from tulip_testbed.sim.robot import TULIP, Robot, joint_names, load_robot, sole_point
+from tulip_testbed.sim.robot import Robot, joint_names, load_robot, sole_point
 from tulip_testbed.sim.scene import nominal_plates
+from tulip_testbed.sim.shipped import TULIP
 
 FOLDER = Path(__file__).resolve().parent.parent / "tests" / "data" / "oracle"
 SEED = 300

@@ -17,7 +17,7 @@ from tests.fuzz.cases import MEASUREMENTS_ONLY, MUTATIONS
 from tests.fuzz.robot_cases import ROBOT_MUTATIONS
 from tests.fuzz.runner import Bases, Case, Outcome, run_cases
 from tulip_testbed.cli.main import main as tulip
-from tulip_testbed.sim.robot import ASSETS
+from tulip_testbed.sim.shipped import ASSETS
 
 
 def make_bases(place: Path) -> Bases:

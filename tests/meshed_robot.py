@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.sim.measurements import PosturePlan
-from tulip_testbed.sim.robot import TULIP, Robot, joint_names, load_robot
+from tulip_testbed.sim.robot import Robot, joint_names, load_robot
+from tulip_testbed.sim.shipped import TULIP
 
 FACES = 40  # squared, times four: of one mesh
 ARM = (

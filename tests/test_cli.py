@@ -11,7 +11,7 @@ import pytest
 from tulip_testbed.cli.main import COMMANDS, main
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.sim.measurements import write_measurements
-from tulip_testbed.sim.robot import ASSETS
+from tulip_testbed.sim.shipped import ASSETS
 
 TULIP = ASSETS / "tulip_mjcf"
 

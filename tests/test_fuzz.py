@@ -18,7 +18,8 @@ from tulip_testbed.experiments.table import printable
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import write_measurements
 from tulip_testbed.sim.measurements.table_files import MOST_DEPTH, Table, read_json
-from tulip_testbed.sim.robot import ASSETS, load_robot, load_spec
+from tulip_testbed.sim.robot import load_robot, load_spec
+from tulip_testbed.sim.shipped import ASSETS
 
 HEAVY = ("rows_that_take_no_space", "a_table_that_unpacks_hugely", "models_without_end")
 ONLY_ON_PLATES = (  # `tulip model`, the one call of the brief study, does not see these

@@ -13,8 +13,9 @@ from tulip_testbed.sim.control import Controller, add_servos, torque_limit
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.plates import cell_addresses
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import CORNERS, PLATE, TULIP, load_robot
+from tulip_testbed.sim.robot import CORNERS, load_robot
 from tulip_testbed.sim.scene import laboratory_scene, load_scene
+from tulip_testbed.sim.shipped import PLATE, TULIP
 
 POSES = np.array([[0.03, -0.16, 0.02], [0.05, 0.17, -0.01]])
 # What is observed and what things are called; everything else is physics.

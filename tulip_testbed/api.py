@@ -36,7 +36,8 @@ from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.measurements import read_measurements as _read_measurements
 from tulip_testbed.sim.measurements import write_measurements as _write_measurements
-from tulip_testbed.sim.robot import TULIP, Robot
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.shipped import TULIP
 from tulip_testbed.sim.threads import one_blas_thread
 
 __all__ = [

@@ -6,6 +6,7 @@ The polygons are SVG: it needs no library, stands in an HTML page as it is, and 
 from __future__ import annotations
 
 import io
+from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -15,6 +16,8 @@ from tulip_testbed.identification.feasibility import place_polygon, stability_ma
 from tulip_testbed.identification.postures import planning_ranges
 from tulip_testbed.polygons import inset, nearest_on
 from tulip_testbed.rendering import rendered
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.files import new_folder, write_bytes, write_text
 from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, sole_corners
@@ -26,6 +29,24 @@ GAP, HEAD, LEGEND = 16, 22, 64  # pixels
 BOARD, SOLE, POLYGON, COM = "#c3cbd3", "#5b6770", "#1f5fa8", "#c4461b"
 THUMB = (168, 224)  # pixels, of a rendered posture
 SHEET_COLUMNS = 10
+
+
+def write_pictures(folder: Path, robot: Robot, plan: PosturePlan) -> InputError | None:
+    """Write both pictures into a new folder.
+
+    Returns:
+        why there is no picture of the postures; None: there is one.
+
+    Raises:
+        InputError: the folder exists or cannot be written.
+    """
+    with new_folder(folder) as working:
+        write_text(working / "support-polygons.svg", support_polygons(robot, plan))
+        try:
+            write_bytes(working / "postures.png", contact_sheet(robot, plan))
+        except InputError as problem:
+            return problem
+    return None
 
 
 def support_polygons(robot: Robot, plan: PosturePlan) -> str:

@@ -9,9 +9,9 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-from tulip_testbed.experiments.usable_plan import PLANS
 from tulip_testbed.sim.measurements import PosturePlan, read_plan, write_plan
 from tulip_testbed.sim.robot import Robot, load_robot
+from tulip_testbed.sim.shipped import PLANS
 
 SHIPPED = ("random", "optimal")
 

@@ -14,6 +14,7 @@ from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.regressor import regression
 from tulip_testbed.identification.residual_noise import Noise, noise_of
+from tulip_testbed.sim.errors import at_least
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig, preset_rig
@@ -61,8 +62,9 @@ def planned(plan: PosturePlan, preset: str, robot: Robot, seed: int) -> Planned:
 
     Raises:
         InputError: a support other than double, a scene that statics does not know, or a plan that
-            does not identify the robot.
+            does not identify the robot; a seed below 0.
     """
+    at_least("seed", seed, 0)
     rig, nominal = preset_rig(preset, robot), nominal_robot(robot, common_support(plan.support, "plan"))
     quiet = without_noise(rig)
     stands = usable(plan, run_statics(solve_plan(quiet, plan), streams(seed, 1))[0].measurements.posture)

@@ -27,6 +27,7 @@ from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
 from tulip_testbed.experiments.montecarlo.montecarlo_run import Progress, collect_missing, no_progress
 from tulip_testbed.experiments.run_file import VERSION
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
+from tulip_testbed.sim.errors import InputError, at_least
 from tulip_testbed.sim.measurements.table_files import Columns
 
 CHUNK = 1  # a case takes seconds
@@ -61,6 +62,10 @@ def benchmark(
         InputError: what cannot be run, written or read; cases that were written stay.
         montecarlo.run.Interrupted: by Ctrl-C, after the folder was begun.
     """
+    at_least("seed", settings.seed, 0)
+    at_least("workers", workers, 1)
+    if not 0 < settings.size <= 10:
+        raise InputError(f"size: found {settings.size:g}, expected more than 0 and at most 10")
     made = board(settings.preset, plan)
     every = tuple(cases(settings, made))
     laboratory = Laboratory(made.rig.robot, settings.preset)

@@ -145,3 +145,17 @@ def calibration_lines(report: dict[str, Any]) -> list[str]:
 def _path(model: str, name: str) -> str:
     """Return where a report has something of a model."""
     return name if model == "full" else f"{model}.{name}"
+
+
+def calibration_report(report: dict[str, Any]) -> list[Table | str]:
+    """Return the tables and sentences of a Monte Carlo; the verdict is not among them."""
+    models = {"full": report["parameters"], "simplified": report["simplified"]["parameters"]}
+    return [
+        *(calibration_table(model, rows) for model, rows in models.items() if rows),
+        LEGEND,
+        "",
+        spread_table(report),
+        *calibration_lines(report),
+        "",
+        calibration_check_table(report["checks"]),
+    ]

@@ -29,7 +29,7 @@ from tulip_testbed.experiments.montecarlo.settings import Settings, check_settin
 from tulip_testbed.experiments.montecarlo.summary import errors_mm, summarise
 from tulip_testbed.experiments.table import Shown, Table
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.errors import InputError, at_least
 from tulip_testbed.sim.measurements import PosturePlan
 
 Progress = Callable[[str, int, int], AbstractContextManager[Callable[[int], None]]]
@@ -114,6 +114,7 @@ def montecarlo(
         Interrupted: by Ctrl-C, after the folder was begun.
     """
     check_settings(settings)
+    at_least("workers", place.workers, 1)
     laboratory.check(plan, settings.engine)
     if laboratory.sensors == "ideal":
         raise InputError(

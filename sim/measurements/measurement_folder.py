@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError
 
-from tulip_testbed.sim.errors import InputError, validation_message
+from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import new_folder
 from tulip_testbed.sim.measurements.data import Measurements, SensorSheet
 from tulip_testbed.sim.measurements.folder_kind import check_kind
@@ -24,6 +24,7 @@ from tulip_testbed.sim.measurements.table_files import (
     write_table,
 )
 from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, sha256
+from tulip_testbed.sim.validation_message import validation_message
 
 SUPPORTS = ("double", "right", "left")
 

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from tulip_testbed.sim.errors import InputError, shortened, validation_message
+from tulip_testbed.sim.errors import InputError, shortened
 from tulip_testbed.sim.files import new_folder
 from tulip_testbed.sim.measurements.data import PosturePlan
 from tulip_testbed.sim.measurements.folder_kind import check_kind
@@ -23,6 +23,7 @@ from tulip_testbed.sim.measurements.table_files import (
     write_table,
 )
 from tulip_testbed.sim.robot import Robot, joint_names, sha256
+from tulip_testbed.sim.validation_message import validation_message
 
 MOST_TORQUE = 1e5  # N m, of a drive
 

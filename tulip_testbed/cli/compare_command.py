@@ -8,11 +8,7 @@ from typing import Annotated
 import tyro
 
 from tulip_testbed.cli.options import Json, RobotFile
-from tulip_testbed.cli.terminal import print_json, show
-from tulip_testbed.experiments.comparison import compare, comparison_report
-from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.records import read_record
-from tulip_testbed.sim.robot import TULIP
+from tulip_testbed.sim.shipped import TULIP
 
 Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(help="run folder")]
 
@@ -25,10 +21,16 @@ def compare_command(
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
-    """Put two runs of one robot side by side: what was set otherwise, what came out otherwise.
+    """Compare the settings and the results of two runs.
 
+    Both must be of one robot.
     Example: tulip compare runs/first runs/second
     """
+    from tulip_testbed.cli.terminal import print_json, show
+    from tulip_testbed.experiments.comparison import compare, comparison_report
+    from tulip_testbed.experiments.description import described_robot
+    from tulip_testbed.experiments.records import read_record
+
     described = described_robot(robot)
     document = compare(read_record(first, described), read_record(second, described))
     if as_json:

@@ -2,36 +2,20 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
-from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
 from tulip_testbed.cli.options import CORES, Json, RobotFile, Workers
-from tulip_testbed.cli.terminal import print_json, progress, say, show, show_verdict
-from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.discovering import discover_effects
-from tulip_testbed.experiments.discovery_record import discovery_record, write_discovery
-from tulip_testbed.experiments.discovery_tables import (
-    MOVED,
-    candidate_table,
-    dynamics_line,
-    gap_table,
-    moved_table,
-)
-from tulip_testbed.sim.files import check_new
-from tulip_testbed.sim.measurements import read_measurements
-from tulip_testbed.sim.robot import TULIP
+from tulip_testbed.sim.shipped import TULIP
 
-STAGES = 4
 NEW = Annotated[Path | None, tyro.conf.arg(help="run folder to write; runs/discover-DATE-TIME if not given")]
 NoCheck = Annotated[
     bool,
     tyro.conf.arg(
-        help="do not simulate adopted physics in full dynamics (saves up to two minutes; what instruments "
-        "misread is not simulated: predictions undo it exactly)"
+        help="do not simulate the adopted physics in the full dynamics (saves up to two minutes; faults of "
+        "instruments are never simulated, because they are predicted exactly)"
     ),
 ]
 
@@ -42,17 +26,29 @@ def discover_command(
     *,
     out: NEW = None,
     no_check: NoCheck = False,
-    seed: int = 0,
+    seed: Annotated[int, tyro.conf.arg(help="seed of the bootstrap that calibrates the level")] = 0,
     workers: Workers = CORES,
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
-    """Find what the model lacks: where it disagrees with measurements, which effect explains it.
+    """Find physical effects that the model lacks.
 
-    The verdict is `named`, `ambiguous`, `unknown` or `none`. What is named is added to the model: the run
-    folder's rig serves `tulip simulate --rig` and `tulip identify --rig`.
+    Tells where the model disagrees with the measurements and which effect explains it. The verdict is
+    `named`, `ambiguous`, `unknown` or `none`. A named effect is added to the model: the rig in the run folder
+    can be given to `tulip simulate --rig` and `tulip identify --rig`.
     Example: tulip discover data/first --out runs/found
     """
+    from contextlib import ExitStack
+    from datetime import datetime
+
+    from tulip_testbed.cli.terminal import print_json, progress, say, show, show_verdict
+    from tulip_testbed.experiments.description import described_robot
+    from tulip_testbed.experiments.discovering import discover_effects
+    from tulip_testbed.experiments.discovery_record import discovery_record, write_discovery
+    from tulip_testbed.experiments.discovery_tables import discovery_summary
+    from tulip_testbed.sim.files import check_new
+    from tulip_testbed.sim.measurements import read_measurements
+
     out = out or Path("runs") / f"discover-{datetime.now():%Y%m%d-%H%M%S-%f}"
     check_new(out)
     described = described_robot(robot)
@@ -72,19 +68,7 @@ def discover_command(
     if as_json:
         print_json(document)
         return 0
-    _show(document, found.story)
+    show_verdict(found.verdict)
+    show(*discovery_summary(document, found.story))
     say(f"Run folder: {out}")
     return 0
-
-
-def _show(document: dict[str, Any], lines: list[str]) -> None:
-    show_verdict(document["verdict"])
-    show(*lines, "")
-    if any(entry and entry["after"] is not None for entry in document["gap"].values()):
-        show(gap_table(document["gap"]))
-    if document["candidates"]:
-        show(candidate_table(document["candidates"]))
-    if (moved := moved_table(document["parameters"], MOVED)).rows:
-        show(moved)
-    if document["check"]:
-        show(dynamics_line(document["check"]))

@@ -4,20 +4,30 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 
 
 def run() -> None:
-    """Load the command line and hand over to it."""
-    # The last bits of a result must not depend on how many cores a product of small matrices is split over.
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    """Print the version, or load the command line and hand over to it."""
     # An exception in the middle of an import would show a traceback, or be lost in a library's own handler.
     signal.signal(signal.SIGINT, _leave)
+    if sys.argv[1:2] == ["--version"]:
+        print(f"tulip {_version()}")
+        sys.exit(0)
     # Nothing here draws. Else MuJoCo loads GLFW, whose helper process shows a traceback of its own.
     os.environ.setdefault("MUJOCO_GL", "disable")
     from tulip_testbed.cli import main as cli
 
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    cli.run()
+    cli.run(lambda: signal.signal(signal.SIGINT, signal.default_int_handler))
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("tulip-testbed")
+    except PackageNotFoundError:
+        return "not installed"
 
 
 def _leave(*_: object) -> None:

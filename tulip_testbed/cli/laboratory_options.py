@@ -41,7 +41,7 @@ def laboratory_and_plan(
     laboratory = Laboratory(described, preset)
     if rig is not None:
         laboratory = laboratory.with_known(*read_rig(rig, described))
-    hidden = read_effects(effects, described, placements, seed, statics, "--effect")
+    hidden = read_effects(effects, described, placements, seed, statics)
     for text, instance in zip(effects, hidden, strict=True):
         try:
             laboratory = laboratory.with_effects(instance)

@@ -1,108 +1,157 @@
-"""The command line: one function a command; bad input ends in one line and exit code 2."""
+"""The command line: one function a command; bad input ends in one line and exit code 2.
+
+Only the module of the command that is asked for is loaded, and the simulator only when the command runs: help
+is quick.
+"""
 
 from __future__ import annotations
 
 import difflib
 import errno
+import functools
 import io
 import os
 import sys
 from collections.abc import Callable
-from inspect import signature
+from importlib import import_module
+from inspect import Parameter, signature
 
-import tyro
-
-from tulip_testbed.cli.atlas_command import atlas_command
-from tulip_testbed.cli.benchmark_command import benchmark_command
-from tulip_testbed.cli.check_command import check_command
-from tulip_testbed.cli.compare_command import compare_command
-from tulip_testbed.cli.discover_command import discover_command
-from tulip_testbed.cli.effects_command import effects_command
-from tulip_testbed.cli.identify_command import identify_command
-from tulip_testbed.cli.model_command import model_command
-from tulip_testbed.cli.montecarlo_command import montecarlo_command
-from tulip_testbed.cli.plan_command import plan_command
-from tulip_testbed.cli.postures_command import postures_command
-from tulip_testbed.cli.report_command import report_command
-from tulip_testbed.cli.simulate_command import simulate_command
-from tulip_testbed.cli.terminal import refuse, say
-from tulip_testbed.cli.tolerance_command import tolerance_command
-from tulip_testbed.cli.validate_command import validate_command
-from tulip_testbed.cli.view_command import view_command
 from tulip_testbed.sim.errors import InputError, listed, shortened
-from tulip_testbed.sim.measurements.table_files import software
 
-COMMANDS: dict[str, Callable[..., int]] = {
-    "validate": validate_command,
-    "simulate": simulate_command,
-    "montecarlo": montecarlo_command,
-    "check": check_command,
-    "identify": identify_command,
-    "postures": postures_command,
-    "plan": plan_command,
-    "model": model_command,
-    "discover": discover_command,
-    "effects": effects_command,
-    "atlas": atlas_command,
-    "tolerance": tolerance_command,
-    "view": view_command,
-    "report": report_command,
-    "compare": compare_command,
-    "benchmark": benchmark_command,
+# The command NAME is the function NAME_command of the module NAME_command; its summary is the first line of
+# the function's docstring.
+COMMANDS: dict[str, str] = {
+    "validate": "Simulate a plan, identify the robot and compare with the truth.",
+    "simulate": "Simulate an experiment and write a measurement folder.",
+    "montecarlo": "Repeat a simulated experiment and test the stated standard errors.",
+    "check": "Check a measurement folder for faults.",
+    "identify": "Identify the robot's base parameters from a measurement folder.",
+    "postures": "Draw random feasible postures, or describe a plan.",
+    "plan": "Search for optimal postures (section IV of the paper).",
+    "model": "Show a model's standard parameters and its base parameters.",
+    "discover": "Find physical effects that the model lacks.",
+    "effects": "List the physical effects that can be simulated, or explain one.",
+    "atlas": "Predict which effects a plan can detect and tell apart.",
+    "tolerance": "Compute how accurately a laboratory must be set up.",
+    "view": "Show a plan, measurements or a run in rerun.",
+    "report": "Write a run as one HTML page that needs no network.",
+    "compare": "Compare the settings and the results of two runs.",
+    "benchmark": "Count how often `tulip discover` finds simulated effects.",
 }
+Command = Callable[..., int]
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Entry point; returns the exit code."""
+def main(arguments: list[str] | None = None, loaded: Callable[[], object] = lambda: None) -> int:
+    """Carry out a command.
+
+    Args:
+        arguments: of the command line; the process's if None.
+        loaded: called when the libraries are loaded and the work begins.
+
+    Returns:
+        the exit code.
+    """
     given = sys.argv[1:] if arguments is None else arguments
+    if given[:1] in (["-h"], ["--help"]):
+        print(usage())
+        return 0
+    command = None
     try:
-        _known_command(given[:1])
-        return tyro.extras.subcommand_cli_from_dict(
-            COMMANDS,
-            prog="tulip",
-            description="A virtual laboratory for the static identification of humanoid robots.",
-            args=arguments,
-        )
+        command = command_of(given[0] if given else None)
+        return _carry_out(given[0], command, given[1:], loaded)
     except InputError as error:
-        refuse(_with_flags(str(error), given[0]))
+        from tulip_testbed.cli.terminal import refuse
+
+        refuse(str(error) if command is None else _with_flags(str(error), command))
         return 2
     except KeyboardInterrupt:
+        from tulip_testbed.cli.terminal import say
+
         say("tulip: interrupted; nothing was written")
         return 130
 
 
-def _with_flags(message: str, command: str) -> str:
+def usage() -> str:
+    """Describe the command line: every command with its summary."""
+    width = max(map(len, COMMANDS))
+    lines = (f"  {name:{width}}  {summary}" for name, summary in COMMANDS.items())
+    return "\n".join(
+        [
+            "usage: tulip COMMAND [OPTIONS]",
+            "",
+            "A virtual laboratory for the static identification of humanoid robots.",
+            "",
+            "Commands:",
+            *lines,
+            "",
+            "`tulip COMMAND --help` explains a command, `tulip --version` prints the version.",
+        ]
+    )
+
+
+def command_of(name: str | None) -> Command:
+    """Load the function of a command.
+
+    Raises:
+        InputError: there is no such command.
+    """
+    if name is None:
+        raise InputError(f"found no command; valid: {listed(COMMANDS)}; `tulip --help` explains them")
+    if name not in COMMANDS:
+        if name.startswith("-"):
+            raise InputError(
+                f"unknown option '{shortened(name)}'; valid: --help, --version, or a command first"
+            )
+        close = difflib.get_close_matches(name, COMMANDS, n=1)
+        meant = f"did you mean '{close[0]}'? " if close else ""
+        raise InputError(f"unknown command '{shortened(name)}'; {meant}valid: {listed(COMMANDS)}")
+    return getattr(import_module(f"tulip_testbed.cli.{name}_command"), f"{name}_command")
+
+
+def _carry_out(name: str, command: Command, arguments: list[str], loaded: Callable[[], object]) -> int:
+    """Parse a command's arguments, load the libraries and call it with one thread for linear algebra."""
+    import tyro
+
+    @functools.wraps(command)
+    def limited(*positional: object, **options: object) -> int:
+        import tulip_testbed.api  # noqa: F401  all at once, while an interruption still ends quietly
+        from tulip_testbed.sim.threads import one_blas_thread
+
+        loaded()
+        return one_blas_thread(command)(*positional, **options)
+
+    return tyro.cli(limited, prog=f"tulip {name}", args=arguments)
+
+
+def _with_flags(message: str, command: Command) -> str:
     """Write the parameters that a library's message begins with as the flags that they are here."""
-    names = signature(COMMANDS[command]).parameters if command in COMMANDS else {}
+    parameters = signature(command).parameters.values()
+    flags = {p.name for p in parameters if p.kind is Parameter.KEYWORD_ONLY}
     place, colon, rest = message.partition(": ")
     words = place.split(", ")
-    if not colon or any(word.split(" ")[0] not in names for word in words):
+    if not colon or any(word.split(" ")[0] not in flags for word in words):
         return message
     return ", ".join(f"--{w.replace('_', '-')}" for w in words) + colon + rest
 
 
-def _known_command(first: list[str]) -> None:
-    if first and not first[0].startswith("-") and first[0] not in COMMANDS:
-        close = difflib.get_close_matches(first[0], COMMANDS, n=1)
-        meant = f"did you mean '{close[0]}'? " if close else ""
-        raise InputError(f"unknown command '{shortened(first[0])}'; {meant}valid: {listed(COMMANDS)}")
+def run(loaded: Callable[[], object]) -> None:
+    """Run the console script.
 
-
-def run() -> None:
-    """The console script."""
-    if sys.argv[1:] == ["--version"]:
-        print(f"tulip {software()['tulip-testbed']}")
-        sys.exit(0)
+    Args:
+        loaded: see `main`.
+    """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # what cannot be encoded shows as its code
             stream.reconfigure(errors="backslashreplace")
     try:
-        code = main()
+        code = main(loaded=loaded)
         sys.stdout.flush()
     except OSError as error:
         if error.errno not in (errno.EPIPE, errno.ENOSPC, errno.EIO):
             raise
         if error.errno != errno.EPIPE:  # who closes a pipe early knows it
+            from tulip_testbed.cli.terminal import say
+
             say(f"tulip: cannot write the results ({error.strerror})")
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left in the buffer
         code = 2

@@ -5,11 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from tulip_testbed.cli.options import Json, RobotFile
-from tulip_testbed.cli.terminal import print_json, show
-from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.parameter_tables import nominal_base_table, nominal_link_table
-from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
-from tulip_testbed.sim.robot import TULIP
+from tulip_testbed.sim.shipped import TULIP
 
 
 def model_command(
@@ -18,10 +14,16 @@ def model_command(
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
-    """Show a model's standard parameters and how they group into base parameters.
+    """Show a model's standard parameters and its base parameters.
 
+    Every base parameter is listed with the standard parameters that it groups.
     Example: tulip model --support double
     """
+    from tulip_testbed.cli.terminal import print_json, show
+    from tulip_testbed.experiments.description import described_robot
+    from tulip_testbed.experiments.parameter_tables import nominal_base_table, nominal_link_table
+    from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+
     described = described_robot(robot)
     model = described.model
     parameters = base_parameters(described, model, support)

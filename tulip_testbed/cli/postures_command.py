@@ -5,27 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import tyro
 
-from tulip_testbed.cli.options import Json, NoisyPreset, Plan, RobotFile
-from tulip_testbed.cli.terminal import print_json, progress, say, show
-from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.laboratory import DEFAULT_SEED
-from tulip_testbed.experiments.plan_description import described_plan, plan_report
-from tulip_testbed.experiments.planning_run import as_plan, joined, measured_for
-from tulip_testbed.experiments.usable_plan import (
-    DEFAULT_PLAN,
-    identifiable_regressor,
-    plan_for,
-    planned_parameters,
-    random_plan,
-)
-from tulip_testbed.identification.base_parameters import base_parameters
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import check_new, new_folder, write_bytes, write_text
-from tulip_testbed.sim.measurements import PosturePlan, write_plan
-from tulip_testbed.sim.robot import TULIP, Robot
+from tulip_testbed.cli.options import DEFAULT_SEED, Json, NoisyPreset, Plan, RobotFile
+from tulip_testbed.sim.shipped import TULIP
 
 
 def postures_command(
@@ -47,10 +30,27 @@ def postures_command(
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
-    """Draw random feasible postures (--random --out PLAN), or describe a plan and draw pictures of it.
+    """Draw random feasible postures, or describe a plan.
 
+    With --random --out PLAN a new plan is drawn, else PLAN is read. --draw DIR draws pictures of it.
     Example: tulip postures --random --placements 10 --per-placement 5 --seed 7 --out plans/seven
     """
+    from tulip_testbed.cli.terminal import print_json, progress, say, show
+    from tulip_testbed.experiments.description import described_robot
+    from tulip_testbed.experiments.plan_description import described_plan, plan_report
+    from tulip_testbed.experiments.planning_run import as_plan, joined, measured_for
+    from tulip_testbed.experiments.usable_plan import (
+        DEFAULT_PLAN,
+        identifiable_regressor,
+        plan_for,
+        planned_parameters,
+        random_plan,
+    )
+    from tulip_testbed.identification.base_parameters import base_parameters
+    from tulip_testbed.sim.errors import InputError
+    from tulip_testbed.sim.files import check_new
+    from tulip_testbed.sim.measurements import write_plan
+
     if draw is not None:
         check_new(draw)
     described = described_robot(robot)
@@ -80,14 +80,18 @@ def postures_command(
     document: dict[str, Any] = {
         "plan": source,
         "postures": len(made),
-        "placements": len(np.unique(made.placement)),
+        "placements": len(set(made.placement.tolist())),
         **described_plan(described, made, preset, taken),
         "made": made.made,
     }
     if random and out is not None:
         write_plan(out, made)
     if draw is not None:
-        _draw(draw, described, made)
+        from tulip_testbed.drawings import write_pictures
+
+        if missing := write_pictures(draw, described, made):
+            say(f"tulip: no postures.png: {missing}")
+        say(f"Pictures: {draw}")
     if as_json:
         print_json(document)
         return 0
@@ -97,16 +101,3 @@ def postures_command(
         *plan_report(document, parameters, whole),
     )
     return 0
-
-
-def _draw(folder: Path, robot: Robot, plan: PosturePlan) -> None:
-    """Both pictures in a new folder; where nothing renders, the polygons alone."""
-    from tulip_testbed.drawings import contact_sheet, support_polygons
-
-    with new_folder(folder) as working:
-        write_text(working / "support-polygons.svg", support_polygons(robot, plan))
-        try:
-            write_bytes(working / "postures.png", contact_sheet(robot, plan))
-        except InputError as problem:
-            say(f"tulip: no postures.png: {problem}")
-    say(f"Pictures: {folder}")

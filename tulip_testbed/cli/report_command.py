@@ -8,11 +8,7 @@ from typing import Annotated
 import tyro
 
 from tulip_testbed.cli.options import Json, RobotFile
-from tulip_testbed.cli.terminal import print_json, say
-from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.records import read_record
-from tulip_testbed.sim.files import check_new
-from tulip_testbed.sim.robot import TULIP
+from tulip_testbed.sim.shipped import TULIP
 
 
 def report_command(
@@ -23,10 +19,16 @@ def report_command(
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
-    """Write a run as one HTML page that needs no network: verdict, tables, figures, settings.
+    """Write a run as one HTML page that needs no network.
 
+    The page shows the verdict, tables, figures and settings.
     Example: tulip report runs/first --out first.html
     """
+    from tulip_testbed.cli.terminal import print_json, say
+    from tulip_testbed.experiments.description import described_robot
+    from tulip_testbed.experiments.records import read_record
+    from tulip_testbed.sim.files import check_new
+
     check_new(out)
     record = read_record(folder, described_robot(robot))
     from tulip_testbed.pages.report_page import write_page  # loads slowly

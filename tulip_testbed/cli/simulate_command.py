@@ -7,16 +7,18 @@ from typing import Annotated
 
 import tyro
 
-from tulip_testbed.cli.laboratory_options import laboratory_and_plan
-from tulip_testbed.cli.options import CORES, Json, Plan, Preset, RigFolder, RobotFile, Seed, Workers
-from tulip_testbed.cli.terminal import print_json, progress, say, show
-from tulip_testbed.effects.random_effects import RANDOM
-from tulip_testbed.experiments.laboratory import DEFAULT_SEED, tries
-from tulip_testbed.experiments.run_summary import usable_postures
-from tulip_testbed.experiments.truth_record import write_experiment
-from tulip_testbed.sim.errors import InputError, at_least
-from tulip_testbed.sim.files import check_new
-from tulip_testbed.sim.robot import TULIP
+from tulip_testbed.cli.options import (
+    CORES,
+    DEFAULT_SEED,
+    Json,
+    Plan,
+    Preset,
+    RigFolder,
+    RobotFile,
+    Seed,
+    Workers,
+)
+from tulip_testbed.sim.shipped import TULIP
 
 Effects = Annotated[
     tuple[str, ...],
@@ -24,11 +26,12 @@ Effects = Annotated[
     tyro.conf.arg(
         name="effect",
         metavar="NAME[:TARGET]=VALUE[,VALUE]",
-        help="hide an effect in the data (SI units; `tulip effects` lists them), or `random`; repeatable",
+        help="add a physical effect (SI units; see `tulip effects`), or a secret one by `random`; repeatable",
     ),
 ]
 Statics = Annotated[
-    bool, tyro.conf.arg(help="solve every posture's static equilibrium instead of waiting for it to settle")
+    bool,
+    tyro.conf.arg(help="solve the static equilibrium of every posture instead of its dynamics"),
 ]
 
 
@@ -47,11 +50,21 @@ def simulate_command(
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
-    """Simulate the experiment and write a measurement folder, without the truth.
+    """Simulate an experiment and write a measurement folder.
 
-    --truth FILE writes what really happened, elsewhere: `--effect random` tells it alone.
+    The folder does not contain the truth; --truth FILE writes it to another file. Only that file names the
+    effect that `--effect random` draws.
     Example: tulip simulate --out data/first --effect encoder-offset:right_knee=0.01 --truth first-truth.json
     """
+    from tulip_testbed.cli.laboratory_options import laboratory_and_plan
+    from tulip_testbed.cli.terminal import print_json, progress, say, show
+    from tulip_testbed.effects.random_effects import RANDOM
+    from tulip_testbed.experiments.laboratory import tries
+    from tulip_testbed.experiments.run_summary import usable_postures
+    from tulip_testbed.experiments.truth_record import write_experiment
+    from tulip_testbed.sim.errors import InputError
+    from tulip_testbed.sim.files import check_new
+
     check_new(out)
     if truth is not None:
         check_new(truth)
@@ -62,8 +75,6 @@ def simulate_command(
     secret = RANDOM in effect
     if secret and truth is None:
         raise InputError("--effect random: found no --truth FILE, expected one: nothing else would know it")
-    at_least("seed", seed, 0)
-    at_least("workers", workers, 1)
     laboratory, made = laboratory_and_plan(robot, preset, plan, rig, effect, seed, statics)
     if not secret:
         for doubt in (text for found in laboratory.hidden for text in found.doubts):

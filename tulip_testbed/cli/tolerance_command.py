@@ -2,16 +2,8 @@
 
 from __future__ import annotations
 
-from tulip_testbed.cli.options import Json, Plan, Preset, RobotFile, Seed
-from tulip_testbed.cli.terminal import print_json, progress, show, working_on
-from tulip_testbed.experiments.atlas.planned_experiment import planned
-from tulip_testbed.experiments.atlas.tolerance import document, sources, tolerance
-from tulip_testbed.experiments.atlas.tolerance_tables import tolerance_report
-from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.laboratory import DEFAULT_SEED
-from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN, check_plan, plan_for
-from tulip_testbed.sim.errors import at_least
-from tulip_testbed.sim.robot import TULIP
+from tulip_testbed.cli.options import DEFAULT_SEED, Json, Plan, Preset, RobotFile, Seed
+from tulip_testbed.sim.shipped import TULIP
 
 
 def tolerance_command(
@@ -23,11 +15,18 @@ def tolerance_command(
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
-    """How exactly plates, floor, encoders and cells must be set up for parameters without bias.
+    """Compute how accurately a laboratory must be set up.
 
-    The biases are predicted and simulated. Example: tulip tolerance --preset force-plate
+    Errors of plates, floor, encoders and cells bias the parameters; the biases are predicted and simulated.
+    Example: tulip tolerance --preset force-plate
     """
-    at_least("seed", seed, 0)
+    from tulip_testbed.cli.terminal import print_json, progress, show, working_on
+    from tulip_testbed.experiments.atlas.planned_experiment import planned
+    from tulip_testbed.experiments.atlas.tolerance import document, sources, tolerance
+    from tulip_testbed.experiments.atlas.tolerance_tables import tolerance_report
+    from tulip_testbed.experiments.description import described_robot
+    from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN, check_plan, plan_for
+
     described = described_robot(robot)
     made = plan_for(described, plan)
     check_plan(described, made, str(plan or DEFAULT_PLAN))

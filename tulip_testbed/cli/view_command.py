@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from tulip_testbed.cli.options import Json, RobotFile
-from tulip_testbed.cli.terminal import print_json, say
-from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.sim.errors import InputError, listed
-from tulip_testbed.sim.robot import TULIP
+from tulip_testbed.sim.shipped import TULIP
 
 Save = Annotated[Path | None, tyro.conf.arg(metavar="FILE.rrd", help="write the view instead of showing it")]
 Serve = Annotated[bool, tyro.conf.arg(help="serve it to a browser of this machine (127.0.0.1) alone")]
@@ -29,10 +25,15 @@ def view_command(
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
-    """Look at postures, forces and errors in rerun: a plan, measurements, or a run.
+    """Show a plan, measurements or a run in rerun.
 
+    The view shows postures, forces and errors.
     Example: tulip view runs/first
     """
+    from tulip_testbed.cli.terminal import print_json, say
+    from tulip_testbed.experiments.description import described_robot
+    from tulip_testbed.sim.errors import InputError, listed
+
     if save is not None and serve:
         raise InputError("--save, --serve: found both, expected one of them")
     described = described_robot(robot)
@@ -54,13 +55,13 @@ def view_command(
             print_json({"view": str(save), "bytes": size})
         say(f"View: {save} ({size / 1e6:.1f} MB); open it by `rerun {save}`")
     elif serve:
-        window.serve(view.title, view.log, partial(_announce, as_json))
+
+        def announce(address: str) -> None:
+            if as_json:
+                print_json({"address": address})
+            say(f"Open {address} in a browser; Ctrl-C ends it.")
+
+        window.serve(view.title, view.log, announce)
     else:
         window.show(view.title, view.log)
     return 0
-
-
-def _announce(as_json: bool, address: str) -> None:
-    if as_json:
-        print_json({"address": address})
-    say(f"Open {address} in a browser; Ctrl-C ends it.")

@@ -1,0 +1,62 @@
+"""The folder of an atlas: its document, the biases as CSV, a heat map of the angles."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tulip_testbed.effects.targets import PLACEMENTS
+from tulip_testbed.experiments.atlas.effect_atlas import Atlas
+from tulip_testbed.experiments.atlas.isolability import ISOLABLE, order
+from tulip_testbed.pages.heat_map_figures import heat_map
+from tulip_testbed.sim.files import new_folder, write_text
+from tulip_testbed.sim.measurements.table_files import finite, write_json
+
+
+def write_atlas(folder: Path, found: Atlas, document: dict[str, Any]) -> None:
+    """Write the folder, which appears whole or not at all.
+
+    Args:
+        document: the atlas as JSON, with its preset.
+
+    Raises:
+        InputError: the folder exists or cannot be written.
+    """
+    with new_folder(folder) as working:
+        write_json(working / "atlas.json", finite(document))
+        write_text(working / "bias.csv", biases(found))
+        write_text(working / "separation.html", separation(found, document["preset"]))
+
+
+def biases(found: Atlas) -> str:
+    """Return as CSV the bias of every parameter by every effect at its plausible size [mm, s.e.]."""
+    numbers = range(1, len(found.planned.standard_errors) + 1)
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    columns = [f"{number}_{unit}" for unit in ("mm", "se") for number in numbers]
+    table.writerow(["effect", "target", "parameter", *columns])
+    for row in found.rows:
+        both = np.concatenate([1e3 * row.bias, row.bias / found.planned.standard_errors])
+        name = row.candidate.effect.name
+        table.writerow([name, row.candidate.target, row.name, *(f"{value:.4g}" for value in both)])
+    return text.getvalue()
+
+
+def separation(found: Atlas, preset: str) -> str:
+    """Return a heat map of the angles as HTML; of effects on placements only the first is shown."""
+    kept = _once(found)
+    chosen = [kept[k] for k in order(found.angle[np.ix_(kept, kept)])]
+    degrees = np.degrees(found.angle[np.ix_(chosen, chosen)])
+    bound = float(np.degrees(ISOLABLE))
+    title = f"Angle between effects, preset {preset}: below {bound:.0f} deg (brown) they cannot be told apart"
+    return heat_map(degrees, [found.shown[k].label for k in chosen], title, "deg", 90.0, bound)
+
+
+def _once(found: Atlas) -> list[int]:
+    """Return the numbers of the candidates; of those on a placement the first alone."""
+    placed = [k for k, c in enumerate(found.shown) if c.effect.targets is PLACEMENTS]
+    return [k for k in range(len(found.shown)) if k not in placed[1:]]
