@@ -212,12 +212,12 @@ def _factored(
         inside = np.flatnonzero(placement == number)
         numbers = (inside[:, None] * SIZE + np.arange(SIZE)).ravel()
         keep = used[inside].ravel()
-        block = np.zeros((len(inside), SIZE, len(inside), SIZE))
-        block[np.arange(len(inside)), :, np.arange(len(inside))] = own[inside]
-        block = block.reshape(len(numbers), -1)
         shared = levers[inside].reshape(-1, 6)
-        block = (block + shared @ shared.T)[np.ix_(keep, keep)]
-        factor = solve_triangular(np.linalg.cholesky(block), np.eye(len(block)), lower=True)
+        block, each = shared @ shared.T, np.arange(len(inside))
+        block.reshape(len(inside), SIZE, len(inside), SIZE)[each, :, each] += own[inside]
+        block = block if keep.all() else block[np.ix_(keep, keep)]
+        lower = np.linalg.cholesky(block)
+        factor = solve_triangular(lower, np.eye(len(block)), lower=True, check_finite=False)
         blocks.append((slice(at_row, at_row + len(block)), factor))
         rows.append(numbers[keep])
         at_row += len(block)
