@@ -59,14 +59,15 @@ def patterns(linear: LinearModel, residual: np.ndarray, fitted: np.ndarray) -> l
         the least probable first.
     """
     basis = np.linalg.qr(fitted)[0] if fitted.shape[1] else fitted
-    out = []
-    for channel, words, raw in [*_of_residuals(linear), *_of_readings(linear)]:
-        whole = linear.whitening(raw)
+    out, tried = [], [*_of_residuals(linear), *_of_readings(linear)]
+    whitened = linear.whitening.each([raw for _, _, raw in tried])
+    for (channel, words, _), whole in zip(tried, whitened, strict=True):
         columns = linear.project(whole)
         columns = columns - basis @ (basis.T @ columns)
         left, size, _ = np.linalg.svd(columns, full_matrices=False)
         # Directions that the model explains almost entirely are no pattern of their own.
-        left = left[:, size > DISTINCT * max(float(np.linalg.norm(whole, 2)), 1e-12)]
+        length = float(np.sqrt(max(np.linalg.eigvalsh(whole.T @ whole)[-1], 0.0)))
+        left = left[:, size > DISTINCT * max(length, 1e-12)]
         gain = float(((left.T @ residual) ** 2).sum())
         out.append(Pattern(channel, words, gain, left.shape[1], 0.0))
     count = len(out)

@@ -86,7 +86,7 @@ class PostureGeometry:
         places = places + (rotations[:, links] @ self.standard[:, 1:, None])[..., 0]
         carried = self.moved[:, links].astype(float)
         heavy = carried @ mass
-        moment = np.einsum("jl,mlk->mjk", carried, places) - heavy[:, None] * self.pivots
+        moment = carried @ places - heavy[:, None] * self.pivots
         return -moment[..., 1] * self.axes[..., 0] + moment[..., 0] * self.axes[..., 1]
 
     @cached_property

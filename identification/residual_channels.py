@@ -65,9 +65,10 @@ def unpacked(observed: Observation, values: np.ndarray) -> Observation:
 
 
 def moved_by(observed: Observation, before: Observation, after: Observation) -> Observation:
-    """Return an observation changed by what changed from one other to the next, and with that one's lengths.
+    """Add to an observation the difference between two others, field by field.
 
-    Fields that did not change stay the same arrays.
+    The believed lengths and the places of the cells become those of `after`. A field that `before` and
+    `after` share stays the same array.
     """
     change = {
         name: getattr(observed, name) + (getattr(after, name) - getattr(before, name))
@@ -136,9 +137,10 @@ def center(observed: Observation) -> np.ndarray:
 def swing_pose(observed: Observation) -> np.ndarray:
     """Pose of the swing sole over the ground by the angles: x, y, z, roll, pitch, yaw, (m, 6) [m, rad]."""
     place, foot = observed.swing_sole
-    tilt = np.concatenate([observed.stance_tilt, np.zeros((len(observed), 1))], axis=1)
-    place = place + np.cross(tilt, place)
-    foot = foot + np.cross(tilt[:, None], foot.mT).mT
+    if observed.stance_tilt.any():
+        tilt = np.concatenate([observed.stance_tilt, np.zeros((len(observed), 1))], axis=1)
+        place = place + np.cross(tilt, place)
+        foot = foot + np.cross(tilt[:, None], foot.mT).mT
     roll = np.arctan2(foot[:, 2, 1], foot[:, 2, 2])
     pitch = -np.arcsin(np.clip(foot[:, 2, 0], -1.0, 1.0))
     yaw = np.arctan2(foot[:, 1, 0], foot[:, 0, 0])

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtrs
 from scipy.stats import median_abs_deviation
 
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
@@ -212,13 +212,14 @@ def _factored(
         inside = np.flatnonzero(placement == number)
         numbers = (inside[:, None] * SIZE + np.arange(SIZE)).ravel()
         keep = used[inside].ravel()
-        block = np.zeros((len(inside), SIZE, len(inside), SIZE))
-        block[np.arange(len(inside)), :, np.arange(len(inside))] = own[inside]
-        block = block.reshape(len(numbers), -1)
         shared = levers[inside].reshape(-1, 6)
-        block = (block + shared @ shared.T)[np.ix_(keep, keep)]
-        factor = solve_triangular(np.linalg.cholesky(block), np.eye(len(block)), lower=True)
-        blocks.append((slice(at_row, at_row + len(block)), factor))
+        block, each = shared @ shared.T, np.arange(len(inside))
+        block.reshape(len(inside), SIZE, len(inside), SIZE)[each, :, each] += own[inside]
+        lower = np.linalg.cholesky(block[keep][:, keep])
+        factor, _ = dtrtrs(
+            lower, np.eye(len(lower)), lower=1
+        )  # scipy's solve_triangular takes six times as long
+        blocks.append((slice(at_row, at_row + len(lower)), factor))
         rows.append(numbers[keep])
-        at_row += len(block)
+        at_row += len(lower)
     return np.concatenate(rows), tuple(blocks)
