@@ -74,7 +74,7 @@ def identify_command(
         show(correlation_table(model, pairs, found.parameters, angles) if pairs else NO_CORRELATION)
         show(*([f"Hardly known: {hardly_known}."] if hardly_known else []), "")
     if found.full.standard is not None:
-        show(standard_table("full", fitted["full"]["links"], found.full.standard.visible))
+        show(standard_table("full", fitted["full"]["links"], found.full.standard.identifiable))
     show(
         f"Estimator: {found.estimator}. {ESTIMATORS[found.estimator].summary}", LEGEND, mass_line(*found.mass)
     )
