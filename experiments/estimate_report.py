@@ -84,7 +84,7 @@ def model_report(estimate: Estimate, truth: np.ndarray | None) -> ModelReport:
     pairs = high_correlations(estimate.covariance, estimate.numbers, HIGH_CORRELATION)
     standard = estimate.standard
     links: dict[str, Any] = (
-        {} if standard is None else {"links": link_rows(standard), "visible_masses": standard.visible}
+        {} if standard is None else {"links": link_rows(standard), "visible_masses": standard.identifiable}
     )
     return ModelReport(
         parameters=[

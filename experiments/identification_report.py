@@ -60,6 +60,6 @@ def identification_report(
             "",
         ]
     if found.full.standard is not None:
-        parts.append(standard_table("full", document["full"]["links"], found.full.standard.visible))
+        parts.append(standard_table("full", document["full"]["links"], found.full.standard.identifiable))
     summary = ESTIMATORS[found.estimator].summary
     return [*parts, f"Estimator: {found.estimator}. {summary}", LEGEND, mass_line(*found.mass)]

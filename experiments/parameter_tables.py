@@ -219,7 +219,7 @@ def weak_directions(estimate: Estimate, parameters: BaseParameters) -> str:
     if not len(weak):
         return ""
     text = describe_combinations(weak, labels(estimate.numbers, estimate.names))
-    return f"to within the longest link ({1e3 * longest:.0f} mm) {text}"
+    return f"to within the longest link ({1e3 * longest:.0f} mm), {text}"
 
 
 def placements_line(document: dict[str, Any]) -> str:

@@ -1,1 +1,1 @@
-"""What a real experiment could know: nominal kinematics and measurements only."""
+"""Identification from nominal kinematics and measurements, which is all that a real experiment provides."""

@@ -1,9 +1,9 @@
-"""From standard parameters to base parameters, for any tree (eqs 4 to 6).
+"""Base parameters from standard parameters, for any tree of hinges (eqs 4 to 6).
 
 With the stance foot as base, eq. 1 reads p_CoM = sum_f R_f(q) beta_f over the frames f, where
-beta_f = (m_f c_f + sum of the masses beyond f times the vector to the next joint) / M. Three
-columns a frame; a hinge leaves its axis alone, R_parent a = R_child a, so it merges two of
-them; and what stays vertical has no column in x and y. The rest is independent.
+beta_f = (m_f c_f + sum of the masses beyond f times the vector to the next joint) / M. A frame has
+three columns. A hinge leaves its axis fixed, R_parent a = R_child a, and so merges two columns; a vector
+that stays vertical has no column in x and y. The remaining columns are independent.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ SUPPORTS = ("double", "right", "left")
 
 @dataclass(frozen=True)
 class BaseParameters:
-    """The base parameter set of a robot in one kind of support.
+    """Base parameter set of a robot in one kind of support.
 
     Attributes:
         tree: kinematics.
         base: frame number of the stance foot.
         names: LINK.AXIS of the p parameters, numbered from 1 as in the paper.
-        groups: per parameter the frame columns that it unites, as text.
-        columns: frame columns 3 f + axis that the regressor is made of, (k,), k >= p.
-        combination: how they make up the base regressor, (k, p): +1, or -1 where an axis is reported
-            reversed. More columns than parameters occur only where several hinges of one body do
-            not meet: the massless frame between them carries one mass along a fixed vector.
-        from_frames: frame parameters to base parameters, (p, 3 n_frames).
-        from_standard: standard parameters [m, m c_x, m c_y, m c_z] per link to base parameters
+        groups: frame columns that each parameter combines, as text.
+        columns: frame columns 3 f + axis that form the regressor, (k,), k >= p.
+        combination: weights of these columns in the base regressor, (k, p): +1, or -1 where an axis is
+            reported reversed. k > p only if the hinges of one body do not meet: then the massless frame
+            between them carries one mass along a fixed vector.
+        from_frames: map from frame parameters to base parameters, (p, 3 n_frames).
+        from_standard: map from the standard parameters [m, m c_x, m c_y, m c_z] per link to base parameters
             times the total mass, (p, 4 n_links).
-        support: what `base_parameters` was told.
-        merged_columns: columns after the hinges' merging, before the vertical ones are dropped.
+        support: argument of `base_parameters`.
+        merged_columns: number of columns after merging by hinges, before vertical ones are dropped.
     """
 
     tree: Tree
@@ -62,7 +62,7 @@ class BaseParameters:
     support: str
 
     def regressor(self, joint_angles: np.ndarray, rotations: np.ndarray | None = None) -> np.ndarray:
-        """Base regressor R_b(q) of x_CoM and y_CoM (eq. 6), (m, 2, p) [-].
+        """Compute the base regressor R_b(q) of x_CoM and y_CoM (eq. 6), (m, 2, p) [-].
 
         Args:
             joint_angles: (m, n_joints) [rad].
@@ -74,9 +74,9 @@ class BaseParameters:
         return rotations[:, frames, :2, axes].transpose(1, 2, 0) @ self.combination
 
     def slope(self, joint_angles: np.ndarray, rotations: np.ndarray | None = None) -> np.ndarray:
-        """Derivative of the base regressor by every joint angle, (m, 2, n_joints, p) [1/rad].
+        """Compute the derivative of the base regressor by every joint angle, (m, 2, n_joints, p) [1/rad].
 
-        A joint turns a column of a rotation matrix as any vector: its axis times the column.
+        The derivative of a rotated vector is the cross product of the joint's axis and that vector.
 
         Args:
             joint_angles: (m, n_joints) [rad].
@@ -92,11 +92,11 @@ class BaseParameters:
         return (np.stack([x, y], axis=1) * moved_frames(self.tree, self.base)[:, frames]) @ self.combination
 
     def members(self, index: int) -> list[int]:
-        """Frames whose columns the index-th parameter unites, in MJCF order."""
+        """List the frames whose columns the index-th parameter combines, in MJCF order."""
         return sorted({int(c) // 3 for c in np.flatnonzero(np.abs(self.from_frames[index]) > 1e-9)})
 
     def grouping(self, index: int) -> str:
-        """M times the index-th parameter in standard parameters, grouped with lengths [m]."""
+        """Return M times the index-th parameter as a sum of standard parameters with lengths [m]."""
         terms = []
         for link, name in enumerate(self.tree.links):
             for k, quantity in enumerate(("m", "mx", "my", "mz")):
@@ -108,31 +108,31 @@ class BaseParameters:
         return text.removeprefix("+ ")
 
     def values(self, standard: np.ndarray) -> np.ndarray:
-        """Base parameters of a robot with these standard parameters, (p,) [m].
+        """Compute the base parameters of a robot from its standard parameters, (p,) [m].
 
         Args:
-            standard: eq. 5 per link, (n_links, 4) [kg, kg m, kg m, kg m].
+            standard: standard parameters (eq. 5), (n_links, 4) [kg, kg m, kg m, kg m].
         """
         return self.from_standard @ standard.ravel() / standard[:, 0].sum()
 
 
 def standard_parameters(model: mujoco.MjModel) -> np.ndarray:
-    """Standard parameters of every link in MJCF order (eq. 5), (n_links, 4) [kg, kg m]."""
+    """Return the standard parameters of every link in MJCF order (eq. 5), (n_links, 4) [kg, kg m]."""
     mass = model.body_mass[1:]
     return np.column_stack([mass, mass[:, None] * model.body_ipos[1:]])
 
 
 def common_support(support: np.ndarray, where: str = "postures") -> str:
-    """The support whose base parameters serve for all of these postures, (m,) of text.
+    """Return the support whose base parameters suit all of these postures, (m,) of text.
 
-    On both feet the swing foot's z has no effect, on the stance foot it has: 25 and 26 parameters
-    of TULip, the 25 among them.
+    The swing foot's z has no effect in double support but has one in single support: TULip has 25 and 26
+    parameters, and the 26 include the 25.
 
     Args:
-        where: they come from, for error messages.
+        where: source of the postures, for error messages.
 
     Raises:
-        InputError: a posture on the swing foot, whose base frame is another one.
+        InputError: a posture stands on the swing foot, which has another base frame.
     """
     if (other := support == "left").any():
         raise InputError(
@@ -143,7 +143,7 @@ def common_support(support: np.ndarray, where: str = "postures") -> str:
 
 
 def renumbered(robot: Robot, parameters: BaseParameters, numbers: list[int]) -> list[int]:
-    """Numbers of the double-support set, as a robot's description has them, in this set."""
+    """Convert parameter numbers of the double-support set, as in a robot's description, to this set."""
     if parameters.support == "double":
         return numbers
     names = base_parameters(robot).names
@@ -151,9 +151,9 @@ def renumbered(robot: Robot, parameters: BaseParameters, numbers: list[int]) -> 
 
 
 def simplified_numbers(robot: Robot, parameters: BaseParameters) -> list[int]:
-    """Numbers that the robot's simplified model keeps; all, if its description names none.
+    """List the numbers of the robot's simplified model; all, if its description has none.
 
-    What only one foot makes visible is kept: the description speaks of double support.
+    Parameters that only single support makes identifiable are kept: the description lists double support.
     """
     everything = list(range(1, len(parameters.names) + 1))
     if "simplified" not in robot.settings:
@@ -168,17 +168,17 @@ def simplified_numbers(robot: Robot, parameters: BaseParameters) -> list[int]:
 def base_parameters(
     robot: Robot, model: mujoco.MjModel | None = None, support: str = "double"
 ) -> BaseParameters:
-    """Derive the base parameters structurally; no joint angle is looked at.
+    """Derive the base parameters structurally, without joint angles.
 
     Args:
-        model: the robot alone; the nominal one if None. Lengths come from it.
+        model: the robot alone, which gives the lengths; None means the nominal model.
         support: which feet carry the robot: "double", "right" or "left" (one stance foot).
 
     Raises:
-        InputError: unknown foot or support, or a joint that is no hinge.
+        InputError: a foot or the support is unknown, or a joint is no hinge.
     """
     if support not in SUPPORTS:
-        raise InputError(f"support '{support}': expected one of {', '.join(SUPPORTS)}")
+        raise InputError(f"support: found '{support}', expected one of {', '.join(SUPPORTS)}")
     if model is None:
         return _nominal_base_parameters(robot, support)
     stance, swing = robot.feet if support != "left" else robot.feet[::-1]
@@ -231,7 +231,7 @@ def _derive(
 
 
 def _independent_rows(matrix: np.ndarray) -> tuple[list[int], np.ndarray]:
-    """The first independent rows, in order, and `mix` with matrix = mix @ matrix[rows]."""
+    """Return the first independent rows, in order, and `mix` with matrix = mix @ matrix[rows]."""
     left, rows = matrix.copy(), []
     for i, row in enumerate(left):
         pivot = abs(row).argmax()
@@ -248,7 +248,7 @@ def _independent_rows(matrix: np.ndarray) -> tuple[list[int], np.ndarray]:
 
 
 def _hinge_relations(tree: Tree) -> np.ndarray:
-    """Rows n with W(q) n = 0 for all q, W = [R_1 ... R_F]: what a joint leaves alone."""
+    """Return rows n with W(q) n = 0 for all q, W = [R_1 ... R_F], the invariants of the joints."""
     rows = []
     for edge in tree.edges:
         for axis in np.eye(3) if edge.axis is None else [edge.axis]:
@@ -260,10 +260,11 @@ def _hinge_relations(tree: Tree) -> np.ndarray:
 
 
 def _eliminate(relations: np.ndarray) -> tuple[np.ndarray, list[int]]:
-    """Solve the relations for their last columns, in a fixed order (no pivoting by size).
+    """Solve the relations for their last columns in a fixed order, without pivoting by size.
 
-    Returns reduced rows (k, size) with a one at its eliminated column and zeros at the others',
-    and those columns.
+    Returns:
+        Reduced rows, (k, size), each with a one at its eliminated column and zeros at the others', and the
+        eliminated columns.
     """
     rows, eliminated, done = relations.copy(), [], 0
     for column in reversed(range(rows.shape[1])):
@@ -284,9 +285,9 @@ def _eliminate(relations: np.ndarray) -> tuple[np.ndarray, list[int]]:
 
 
 def _frame_matrix(tree: Tree, base: int, base_point: np.ndarray) -> np.ndarray:
-    """Standard parameters to M times the frame parameters beta, (3 n_frames, 4 n_links)."""
+    """Return the map from standard parameters to M times the frame parameters, (3 n_frames, 4 n_links)."""
     count, frames = len(tree.frames), np.array(tree.frame_of_link)
-    carried = np.zeros((count, count, 3))  # [f, g]: what a unit mass in frame f adds to beta_g
+    carried = np.zeros((count, count, 3))  # [f, g]: contribution of a unit mass in frame f to beta_g
     carried[base, base] = -base_point
     for step in walk(tree, base):
         carried[step.new] = carried[step.known]

@@ -1,4 +1,4 @@
-"""What a posture has to satisfy: limits, support polygon, feet, boards (section IV)."""
+"""Constraints on a posture: limits, support polygon, feet and boards (section IV)."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from tulip_testbed.sim.measurements import PlateGeometry
 
 
 def place_polygon(corners: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """A foot's sole corners at a planar pose, (k, 2) [m].
+    """Return a foot's sole corners at a planar pose, (k, 2) [m].
 
     Args:
-        corners: in the foot's frame, (k, 2) [m].
-        pose: (3,) [m, m, rad].
+        corners: corners in the foot's frame, (k, 2) [m].
+        pose: pose of the foot, (3,) [m, m, rad].
     """
     c, s = np.cos(pose[2]), np.sin(pose[2])
     return corners @ np.array([[c, s], [-s, c]]) + pose[:2]
 
 
 def support_polygon(feet: np.ndarray) -> np.ndarray:
-    """Convex hull of all sole corners, counter-clockwise, (k, 2) [m]."""
+    """Return the convex hull of all sole corners, counter-clockwise, (k, 2) [m]."""
     points = feet.reshape(-1, 2)
     return points[ConvexHull(points).vertices]
 
 
 def stability_margin(point: np.ndarray, polygon: np.ndarray) -> float:
-    """d_e: distance from a point to the nearest edge, negative outside [m] (Fig. 2).
+    """Return the distance d_e from a point to the nearest edge, negative outside [m] (Fig. 2).
 
     Args:
         point: (2,) [m].
@@ -36,9 +36,9 @@ def stability_margin(point: np.ndarray, polygon: np.ndarray) -> float:
 
 
 def foot_clearance(first: np.ndarray, second: np.ndarray) -> float:
-    """d_f: smallest distance between two convex polygons, 0 where they touch or overlap [m]."""
+    """Return the distance d_f between two convex polygons, 0 if they touch or overlap [m]."""
     first, second = support_polygon(first), support_polygon(second)
-    # Separating axis: apart only if an edge of one has the whole other one outside.
+    # Separating axis: the polygons are apart only if one lies entirely outside an edge of the other.
     apart = max(
         -_edge_distances(second, first).max(axis=0).min(),
         -_edge_distances(first, second).max(axis=0).min(),
@@ -49,15 +49,15 @@ def foot_clearance(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def predicted_foot_loads(com: np.ndarray, ankles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Load share and CoP of each foot, (2,) [-] and (2, 2) [m].
+    """Predict load share and centre of pressure of each foot, (2,) [-] and (2, 2) [m].
 
-    Statically indeterminate: which foot carries how much depends on the controller. Two like
-    feet on like ankles share the weight along the line between the ankles, and the moment
-    about that line in halves, so that the foot that carries less needs the longer lever.
+    The loads are statically indeterminate: they depend on the controller. Equal feet on equal ankles share
+    the weight by the position of the centre of mass along the line between the ankles, and carry half of
+    the moment about that line each, so that the foot with less load needs the longer lever.
 
     Args:
         com: projection of the centre of mass, (2,) [m].
-        ankles: points of the ground below both ankles, (2, 2) [m].
+        ankles: points on the ground below both ankles, (2, 2) [m].
     """
     line = ankles[1] - ankles[0]
     left = np.clip((com - ankles[0]) @ line / (line @ line), 0.02, 0.98)
@@ -69,12 +69,13 @@ def predicted_foot_loads(com: np.ndarray, ankles: np.ndarray) -> tuple[np.ndarra
 def predicted_cell_loads(
     share: np.ndarray, cop: np.ndarray, boards: np.ndarray, plate: PlateGeometry, weight: float
 ) -> np.ndarray:
-    """What the eight cells would carry, boards included, (8,) [N]; a board is rigid on equal cells.
+    """Predict the loads of the eight cells, boards included, (8,) [N]; boards are rigid, cells equal.
 
     Args:
-        share, cop: of `predicted_foot_loads`.
-        boards: poses, yaw zero, (2, 3) [m, m, rad].
-        weight: of the robot [N].
+        share, cop: results of `predicted_foot_loads`.
+        boards: poses of the boards with zero yaw, (2, 3) [m, m, rad].
+        plate: geometry of a plate.
+        weight: weight of the robot [N].
     """
     arm = (cop - boards[:, :2]) / (plate.cells**2).mean(axis=0)
     tilt = 1 + arm @ plate.cells.T
@@ -82,20 +83,20 @@ def predicted_cell_loads(
 
 
 def boards_fit(soles: np.ndarray, boards: np.ndarray, plate: PlateGeometry) -> bool:
-    """Whether each sole lies wholly on its own board."""
+    """Return whether each sole lies entirely on its own board."""
     inside = np.abs(soles - boards[:, None, :2]) <= plate.size / 2 + 1e-9
     return bool(inside.all())
 
 
 def _edge_distances(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
-    """Signed distance of points (k, 2) to the lines through the edges, inside positive, (k, edges)."""
+    """Return distances of points (k, 2) to the lines through the edges, positive inside, (k, edges)."""
     edges = np.roll(polygon, -1, axis=0) - polygon
     normals = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
     return ((points[:, None] - polygon) * normals).sum(axis=2)
 
 
 def _least_distance(points: np.ndarray, polygon: np.ndarray) -> float:
-    """Smallest distance between points (k, 2) and the edges of a polygon."""
+    """Return the smallest distance between points (k, 2) and the edges of a polygon."""
     edges = np.roll(polygon, -1, axis=0) - polygon
     along = ((points[:, None] - polygon) * edges).sum(axis=2) / (edges**2).sum(axis=1)
     nearest = polygon + np.clip(along, 0, 1)[..., None] * edges

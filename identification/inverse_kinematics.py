@@ -1,4 +1,4 @@
-"""Task space to joint angles by differential inverse kinematics (the only importer of mink)."""
+"""Differential inverse kinematics from task space to joint angles (the only importer of mink)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ITERATIONS = 15
 
 
 class InverseKinematics:
-    """Solver for one robot; keeps mink's tasks, which are costly to make."""
+    """Inverse kinematics of one robot; a class because mink's tasks are costly to make."""
 
     def __init__(self, robot: Robot, model: mujoco.MjModel):
         self.robot, self.model = robot, model
@@ -26,8 +26,8 @@ class InverseKinematics:
         self.tasks: list[mink.Task] = [*self.feet, self.orientation, self.com]
         joints = [model.joint(name) for name in joint_names(model)]
         self.joints = np.array([joint.qposadr[0] for joint in joints])
-        # Where the tasks leave joints a choice: those not between the feet stay at the guess, the
-        # others move as little as they can (Newton's steps are least-norm).
+        # The tasks do not determine all joints: those not between the feet stay at the guess, the others
+        # move as little as possible (Newton's steps are least-norm).
         free_joints = ~between_feet(model, robot)
         cost = np.zeros(model.nv)
         cost[[joint.dofadr[0] for joint, free in zip(joints, free_joints, strict=True) if free]] = 1.0
@@ -39,14 +39,13 @@ class InverseKinematics:
     def solve(
         self, swing_pose: np.ndarray, com: np.ndarray, torso_rpy: np.ndarray, guess: np.ndarray
     ) -> np.ndarray | None:
-        """Joint angles, (n_joints,) [rad], or None where the targets cannot be reached.
+        """Return joint angles, (n_joints,) [rad], or None if the targets cannot be reached.
 
         Args:
             swing_pose: planar pose of the swing foot in the base frame, (3,) [m, m, rad].
-            com: nominal centre of mass over the ground, (3,) [m].
+            com: target of the nominal centre of mass over the ground, (3,) [m].
             torso_rpy: roll, pitch, yaw of the torso, (3,) [rad].
-            guess: whole configuration to start from, (nq,); joints that are not between the feet
-                stay there.
+            guess: configuration to start from, (nq,); joints that are not between the feet keep it.
         """
         poses = (np.zeros(3), swing_pose)
         for task, pose, sole in zip(self.feet, poses, self.sole, strict=True):
@@ -62,7 +61,7 @@ class InverseKinematics:
             # dt = 1 and unit gain: a Newton step.
             try:
                 velocity = mink.solve_ik(self.configuration, self.tasks, 1.0, "daqp", damping=1e-9, limits=[])
-            except mink.NoSolutionFound:  # observed far out of reach, where the iteration diverges
+            except mink.NoSolutionFound:  # happens far out of reach, where the iteration diverges
                 return None
             self.configuration.integrate_inplace(velocity, 1.0)
             if self._error() < TOLERANCE:
@@ -70,7 +69,7 @@ class InverseKinematics:
         return None
 
     def height(self, body: str) -> float:
-        """Height of a body's origin in the last solution [m]."""
+        """Return the height of a body's origin in the last solution [m]."""
         return float(self.configuration.data.body(body).xpos[2])
 
     def _error(self) -> float:

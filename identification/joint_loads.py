@@ -1,4 +1,4 @@
-"""What the joints and feet of the nominal robot bear in a held posture."""
+"""Static loads of the nominal robot in a held posture: centre of mass and torque on every joint."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from tulip_testbed.sim.robot import joint_names
 
 @dataclass(frozen=True)
 class Loads:
-    """What the joints and the feet bear.
+    """Static loads of joints and feet.
 
     Attributes:
-        torques: with which the load turns what lies beyond each joint, (m, n_joints) [Nm].
-        internal_wrench: of the ground on the swing foot sideways and in torsion, (m, 3) [N, N, Nm].
-        stiffness: with which the closed legs resist a joint's turning by itself, (m, n_joints) [Nm/rad].
+        torques: torque of the load on each joint about its axis, (m, n_joints) [Nm].
+        internal_wrench: horizontal force and torsion of the ground on the swing foot, (m, 3) [N, N, Nm].
+        stiffness: stiffness of the closed legs against a rotation of a single joint, (m, n_joints) [Nm/rad].
     """
 
     torques: np.ndarray
@@ -34,22 +34,21 @@ def joint_loads(
     both: np.ndarray,
     torque_limits: np.ndarray,
 ) -> Loads:
-    """Compute what joints and feet bear in held postures, from the nominal robot and the cells.
+    """Compute the loads of joints and feet in held postures from the nominal robot and the cells.
 
-    The cells tell how the feet share the weight and where it passes, not what the feet bear
-    sideways against each other and in torsion. Elastic servos settle where the complementary energy
-    sum tau^2 / stiffness is least (Castigliano); their stiffness goes as their torque limits.
+    The cells give the vertical force on each foot and its point, but not the horizontal force and torsion
+    between the feet. Elastic servos settle at the least complementary energy sum tau^2 / stiffness
+    (Castigliano); their stiffness is proportional to their torque limits.
 
     Args:
-        geometry: of the postures.
-        weight: of the robot [N].
-        swing_load: vertical force on the swing foot, (m,) [N], and where the cells tell that it passes,
-            (m, 3) [m].
+        geometry: geometry of the postures.
+        weight: weight of the robot [N].
+        swing_load: vertical force on the swing foot, (m,) [N], and its point by the cells, (m, 3) [m].
         both: whether the posture stands on both feet, (m,) bool.
-        torque_limits: of the joints' motors, (n_joints,) [Nm].
+        torque_limits: torque limits of the joints' motors, (n_joints,) [Nm].
     """
     torque = weight / geometry.standard[:, 0].sum() * geometry.mass_moments
-    # What the ground does to the swing foot acts on every joint between it and the base.
+    # The wrench of the ground on the swing foot acts on every joint between it and the base.
     between = geometry.moved[:, geometry.nominal.swing_frame]
     down, place = swing_load
     ax, ay, az = np.moveaxis(geometry.axes, -1, 0)
@@ -57,7 +56,7 @@ def joint_loads(
     # Moments about the axes of unit forces along z, x and y, and of a unit torque about z.
     torque = torque + (y * ax - x * ay) * down[:, None]
     unknown = np.stack([z * ay - y * az, x * az - z * ax, az * between], axis=-1)
-    # On one foot the other one bears nothing.
+    # In single support the swing foot bears no load.
     weigh = 1 / np.sqrt(torque_limits)
     scaled = unknown * weigh[:, None]
     inverse = np.linalg.pinv(scaled)
@@ -71,7 +70,7 @@ def joint_loads(
 
 
 def torque_limits(model: mujoco.MjModel) -> np.ndarray:
-    """Torque limits of the joints' motors, (n_joints,) [Nm]; alike where one has none."""
+    """Return the torque limits of the joints' motors, (n_joints,) [Nm]; 1 for a joint without one."""
     limits = np.ones(len(joint_names(model)))
     for k, name in enumerate(joint_names(model)):
         joint = model.joint(name).id

@@ -1,6 +1,6 @@
-"""Link frames from joint angles, batched, with the stance foot as base.
+"""Frames of all links from joint angles, batched, with the stance foot as base.
 
-Closed form on purpose: MuJoCo generates the data, so it must not also explain them.
+The kinematics are in closed form on purpose: MuJoCo generates the data and must not also explain them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tulip_testbed.sim.robot import look_up
 
 @dataclass(frozen=True)
 class Edge:
-    """A joint between two frames, as MJCF stores it: child = parent * placement * turn(axis, angle).
+    """A joint between two frames as in MJCF: child = parent * placement * turn(axis, angle).
 
     Attributes:
         parent, child: frame numbers.
@@ -25,7 +25,7 @@ class Edge:
         axis: hinge axis in the child's frame, (3,); None for a rigid connection.
         joint: column of the joint angle; -1 for a rigid connection.
         zero: joint angle at which `turn` is the identity [rad].
-        anchor: a point on the axis, in the parent's and in the child's frame, (2, 3) [m].
+        anchor: point on the axis, in the parent's and in the child's frame, (2, 3) [m].
     """
 
     parent: int
@@ -39,12 +39,11 @@ class Edge:
 
 @dataclass(frozen=True)
 class Tree:
-    """Kinematics of a tree of hinge joints, without any mass.
+    """Kinematics of a tree of hinge joints, without masses.
 
     Attributes:
         links: body names in MJCF order.
-        frame_of_link: frame number of each link; a body with several hinges has massless
-            frames between them.
+        frame_of_link: frame number of each link; a body with several hinges has massless frames between.
         frames: names of all frames.
         edges: one per frame but the first.
         joints: joint names, the columns of joint angles.
@@ -60,15 +59,15 @@ class Tree:
 
     @cached_property
     def walks(self) -> dict[int, list[Step]]:
-        """What `walk` has found so far, by base frame."""
+        """Return the cache of `walk`, by base frame."""
         return {}
 
     @cached_property
     def turns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Rodrigues' formula of every edge, by its child frame, as constant + sin + (1 - cos) terms.
+        """Return Rodrigues' formula of every edge, by its child frame: constant, sine and 1 - cosine terms.
 
-        Constant, sine and cosine terms, (n_frames, 3, 3) each; column of the joint angle (0 where
-        none), and angle at zero, (n_frames,).
+        The terms have shape (n_frames, 3, 3) each; then follow the column of the joint angle (0 if there is
+        none) and the angle at zero, (n_frames,) each.
         """
         count = len(self.frames)
         terms, column, zero = np.zeros((3, count, 3, 3)), np.zeros(count, int), np.zeros(count)
@@ -82,10 +81,10 @@ class Tree:
         return terms[0], terms[1], terms[2], column, zero
 
     def frame(self, link: str) -> int:
-        """Frame number of a link.
+        """Return the frame number of a link.
 
         Raises:
-            InputError: unknown link; lists the valid ones.
+            InputError: the link is unknown; the message lists the valid ones.
         """
         look_up("link", link, self.links, "kinematic tree")
         return self.frame_of_link[self.links.index(link)]
@@ -95,7 +94,7 @@ def tree_of(model: mujoco.MjModel) -> Tree:
     """Read the kinematic tree of a model that holds one robot and nothing else.
 
     Raises:
-        InputError: a joint that is neither a hinge nor the root's free joint, or several roots.
+        InputError: a joint is neither a hinge nor the root's free joint, or there are several roots.
     """
     links, frame_of_link, frames, edges, joints, ranges = [], [], [], [], [], []
     frame_of_body: dict[int, int] = {}
@@ -149,7 +148,7 @@ def tree_of(model: mujoco.MjModel) -> Tree:
 
 @dataclass(frozen=True)
 class Step:
-    """One step outward from the base: from a known frame over an edge to the next."""
+    """A step outward from the base: from a known frame over an edge to the next frame."""
 
     known: int
     new: int
@@ -158,34 +157,36 @@ class Step:
 
     @property
     def anchor_known(self) -> np.ndarray:
+        """Return the point on the axis in the known frame, (3,) [m]."""
         return self.edge.anchor[0 if self.forward else 1]
 
     @property
     def anchor_new(self) -> np.ndarray:
+        """Return the point on the axis in the new frame, (3,) [m]."""
         return self.edge.anchor[1 if self.forward else 0]
 
 
 def walk(tree: Tree, base: int) -> list[Step]:
-    """Steps that visit every frame from the base frame, nearest first."""
+    """List the steps that visit every frame from the base frame, nearest first."""
     if base in tree.walks:
         return tree.walks[base]
-    beside: list[list[tuple[int, Edge, bool]]] = [[] for _ in tree.frames]
+    neighbours: list[list[tuple[int, Edge, bool]]] = [[] for _ in tree.frames]
     for edge in tree.edges:
-        beside[edge.parent].append((edge.child, edge, True))
-        beside[edge.child].append((edge.parent, edge, False))
-    steps, observed, queue = [], {base}, [base]
-    for known in queue:  # grows on the way
-        for new, edge, forward in beside[known]:
-            if new not in observed:
+        neighbours[edge.parent].append((edge.child, edge, True))
+        neighbours[edge.child].append((edge.parent, edge, False))
+    steps, visited, queue = [], {base}, [base]
+    for known in queue:  # the loop appends to it
+        for new, edge, forward in neighbours[known]:
+            if new not in visited:
                 steps.append(Step(known, new, edge, forward))
-                observed.add(new)
+                visited.add(new)
                 queue.append(new)
     tree.walks[base] = steps
     return steps
 
 
 def link_rotations(tree: Tree, base: int, joint_angles: np.ndarray) -> np.ndarray:
-    """Rotations of all frames in the base frame, (m, n_frames, 3, 3).
+    """Compute the rotations of all frames in the base frame, (m, n_frames, 3, 3).
 
     Args:
         joint_angles: (m, n_joints) [rad].
@@ -203,12 +204,12 @@ def link_rotations(tree: Tree, base: int, joint_angles: np.ndarray) -> np.ndarra
 
 
 def joint_axes(tree: Tree, base: int, rotations: np.ndarray) -> np.ndarray:
-    """Axes about which the joints turn what lies beyond them, in the base frame, (m, n_joints, 3).
+    """Return the axes about which joints turn everything beyond them, in the base frame, (m, n_joints, 3).
 
-    Seen from the base: an axis is reversed where the way outward goes against the tree.
+    An axis is reversed where the walk from the base goes against the direction of the tree.
 
     Args:
-        rotations: of `link_rotations`.
+        rotations: result of `link_rotations`.
     """
     axes = np.zeros((len(rotations), len(tree.joints), 3))
     for step in walk(tree, base):
@@ -219,7 +220,7 @@ def joint_axes(tree: Tree, base: int, rotations: np.ndarray) -> np.ndarray:
 
 
 def moved_frames(tree: Tree, base: int) -> np.ndarray:
-    """Which frames each joint turns against the base, (n_joints, n_frames) bool."""
+    """Return which frames each joint moves relative to the base, (n_joints, n_frames) bool."""
     moved = np.zeros((len(tree.joints), len(tree.frames)), dtype=bool)
     for step in walk(tree, base):
         moved[:, step.new] = moved[:, step.known]
@@ -229,11 +230,11 @@ def moved_frames(tree: Tree, base: int) -> np.ndarray:
 
 
 def frame_positions(tree: Tree, base: int, rotations: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """Origins of all frames in the base frame, (m, n_frames, 3) [m].
+    """Compute the origins of all frames in the base frame, (m, n_frames, 3) [m].
 
     Args:
-        rotations: of `link_rotations`.
-        origin: where the base link's own origin lies in the base frame, (3,) [m].
+        rotations: result of `link_rotations`.
+        origin: origin of the base link in the base frame, (3,) [m].
     """
     positions = np.empty(rotations.shape[:3])
     positions[:, base] = origin

@@ -1,4 +1,4 @@
-"""The nominal robot as a preflight needs it: its feet, its weight, its centre of mass."""
+"""The nominal robot: its feet, mass, centre of mass and link boxes, from its files."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ STEP = 1e-5  # rad, of central differences
 
 @dataclass(frozen=True)
 class Nominal:
-    """What the robot's own files say, before anything is identified.
+    """Properties of the robot by its own files, before anything is identified.
 
     Attributes:
         parameters: base parameters in double support.
         value: their nominal values, (p,) [m].
         mass: total mass [kg].
         soles: sole corners of the stance and the swing foot in their feet's frames, (2, 4, 2) [m].
-        points: the sole point below either ankle in its foot's frame, (2, 3) [m].
+        points: sole point below each ankle in its foot's frame, (2, 3) [m].
         swing_frame: frame number of the swing foot.
     """
 
@@ -39,11 +39,11 @@ class Nominal:
     swing_frame: int
 
     def center_of_mass(self, joint_angles: np.ndarray) -> np.ndarray:
-        """Its projection in the base frame, (m, 2) [m]."""
+        """Compute the projection of the centre of mass in the base frame, (m, 2) [m]."""
         return self.parameters.regressor(joint_angles) @ self.value
 
     def swing_sole(self, joint_angles: np.ndarray) -> np.ndarray:
-        """Pose of the swing foot's sole in the base frame: x, y, z, roll, pitch, yaw, (m, 6) [m, rad]."""
+        """Compute the swing sole's pose in the base frame: x, y, z, roll, pitch, yaw, (m, 6) [m, rad]."""
         tree, base = self.parameters.tree, self.parameters.base
         rotations = link_rotations(tree, base, joint_angles)
         positions = frame_positions(tree, base, rotations, -self.points[0])
@@ -55,7 +55,7 @@ class Nominal:
         return np.column_stack([place, roll, pitch, yaw])
 
     def soles_in_base(self, joint_angles: np.ndarray) -> np.ndarray:
-        """Corners of both soles in the base frame, stance foot first, (m, 2, 4, 2) [m]."""
+        """Compute the corners of both soles in the base frame, stance foot first, (m, 2, 4, 2) [m]."""
         pose = self.swing_sole(joint_angles)
         c, s = np.cos(pose[:, 5]), np.sin(pose[:, 5])
         turn = np.array([[c, -s], [s, c]]).transpose(2, 0, 1)
@@ -66,13 +66,13 @@ class Nominal:
 
 @lru_cache(maxsize=32)
 def nominal_robot(robot: Robot, support: str = "double") -> Nominal:
-    """Read it from the robot's files.
+    """Read the nominal robot from its files.
 
     Args:
         support: see `base_parameters`.
 
     Raises:
-        InputError: a broken model, or one whose feet or joints do not fit.
+        InputError: the model is broken, or its feet or joints are not as required.
     """
     model = robot.model
     parameters = base_parameters(robot, support=support)
@@ -89,7 +89,7 @@ def nominal_robot(robot: Robot, support: str = "double") -> Nominal:
 
 
 def jacobian(function: Callable[[np.ndarray], np.ndarray], joint_angles: np.ndarray) -> np.ndarray:
-    """Derivative of a function (m, n) -> (m, k) by the joint angles, (m, k, n), by central differences."""
+    """Differentiate a function (m, n) -> (m, k) by the joint angles, (m, k, n), by central differences."""
     steps = STEP * np.eye(joint_angles.shape[1])
     columns = [(function(joint_angles + step) - function(joint_angles - step)) / (2 * STEP) for step in steps]
     return np.stack(columns, axis=-1)
@@ -99,10 +99,10 @@ SIDES = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 
 def link_boxes(model: mujoco.MjModel) -> np.ndarray:
-    """Lower and upper corner of every link's box, in MJCF order, (n_links, 2, 3) [m].
+    """Return lower and upper corner of every link's box in its own frame, (n_links, 2, 3) [m].
 
-    A box holds the link's geoms and its own centre of mass; without geoms it is the box of uniform
-    density that has the link's inertia.
+    A box encloses the link's geoms and its centre of mass; without geoms it is the box of uniform density
+    with the link's inertia. Links are in MJCF order.
     """
     boxes = []
     for body in range(1, model.nbody):

@@ -1,7 +1,8 @@
-"""What an experiment has shown: the readings, and how the robot is taken to stand.
+"""An observation: the readings of an experiment and the assumed state of robot and laboratory.
 
-An effect's `predict` changes it; the nominal laboratory has flat soles, a level floor, cells where
-the data sheet puts them and nothing but gravity pulling. Only measurements and the nominal robot enter.
+`predict` of an effect returns a changed observation. The nominal laboratory has flat soles, a level floor,
+cells at their data-sheet positions and no external force but gravity. Only measurements and the nominal
+robot enter.
 """
 
 from __future__ import annotations
@@ -26,26 +27,27 @@ LEAST_LOAD = 0.5  # N
 
 @dataclass(frozen=True)
 class Observation:
-    """One experiment of m postures, as it is taken to have been.
+    """An experiment of m postures as it is assumed to have been.
 
     Attributes:
-        nominal: the robot as its files say.
-        measurements: as handed over; time and placement are taken from here.
-        tree: kinematics with the lengths that are believed.
-        cells: places of the cells on their plates, (2, 4, 2) [m].
-        joint_angles: of the links, (m, n_joints) [rad].
-        cell_forces: that the cells bear, (m, 8) [N].
-        plate_poses: where the plates lie, (m, 2, 3) [m, m, rad].
-        stance_tilt, swing_tilt: roll and pitch of the soles off the ground they stand on, (m, 2) [rad].
+        nominal: nominal robot.
+        measurements: the measurements; time and placement are taken from here.
+        tree: kinematics with the assumed lengths.
+        cells: assumed positions of the cells on their plates, (2, 4, 2) [m].
+        joint_angles: assumed joint angles, (m, n_joints) [rad].
+        cell_forces: assumed cell forces, (m, 8) [N].
+        plate_poses: assumed poses of the plates, (m, 2, 3) [m, m, rad].
+        stance_tilt, swing_tilt: roll and pitch of the soles against the ground, (m, 2) [rad].
         swing_rise: height of the swing foot's sole point over the stance foot's, (m,) [m].
-        shift: of the centre of pressure by other forces than weight, (m, 2) [m].
-        lift: vertical force beside the weighed weight, downwards, (m,) [N].
+        shift: displacement of the centre of pressure by forces other than weight, (m, 2) [m].
+        lift: vertical force in addition to the weighed weight, positive downwards, (m,) [N].
         standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
-        board_share: of a board's own weight on each of its cells, right and left, (2,) [N].
-        torque_limits: of the joints' motors, (n_joints,) [Nm].
-        time_fraction: time of every posture as a part of the experiment's, 0 to 1, (m,).
-        on_four_cells: whether all cells of the right and the left plate bear something, (m, 2) bool. On
-            three, a board's twist says nothing. A tared cell without load reads minus its share of the board.
+        board_share: share of a board's weight on each of its cells, right and left, (2,) [N].
+        torque_limits: torque limits of the joints' motors, (n_joints,) [Nm].
+        time_fraction: time of every posture as a fraction of the experiment's time, 0 to 1, (m,).
+        on_four_cells: whether all cells of the right and the left plate are loaded, (m, 2) bool. On three
+            cells the twist of a board holds no information. A tared cell without load reads minus its share
+            of the board's weight.
     """
 
     nominal: Nominal
@@ -71,16 +73,16 @@ class Observation:
 
     @cached_property
     def weight(self) -> float:
-        """Of the robot, by its weighed mass or its nominal one [N]."""
+        """Return the weight of the robot from its weighed or else its nominal mass [N]."""
         weighed = self.measurements.weighed_mass
         return (weighed[0] if weighed else self.nominal.mass) * self.measurements.gravity
 
     @cached_property
     def stance(self) -> np.ndarray:
-        """Number of the stance: postures between which the feet stay where they are, (m,).
+        """Return the number of the stance, within which the feet do not move, (m,).
 
-        A new placement begins one; so does a gap in time, in which a posture was lost and the robot
-        may have been put down anew. Without times the postures' numbers tell what was lost.
+        A new placement begins a new stance. So does a gap in time, in which a posture was dropped and the
+        robot may have been put down again; without times, gaps in the posture numbers are used.
         """
         placement, time = self.measurements.placement, self.measurements.time
         timed = np.isfinite(time).all()
@@ -99,27 +101,27 @@ class Observation:
 
     @property
     def frames(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rotations (m, n_frames, 3, 3) and origins (m, n_frames, 3) [m] of all frames, soles flat."""
+        """Return rotations (m, n_frames, 3, 3) and origins (m, n_frames, 3) [m] of the frames, soles flat."""
         return self.geometry.frames
 
     @property
     def center(self) -> np.ndarray:
-        """Nominal centre of mass in the base frame, (m, 3) [m]."""
+        """Return the nominal centre of mass in the base frame, (m, 3) [m]."""
         return self.geometry.center
 
     @property
     def height(self) -> np.ndarray:
-        """Of the nominal centre of mass over the cells, (m,) [m]."""
+        """Return the height of the nominal centre of mass over the cells, (m,) [m]."""
         return self.center[:, 2] + self.measurements.top_height[0]
 
     @property
     def swing_sole(self) -> tuple[np.ndarray, np.ndarray]:
-        """Place of the swing sole point, (m, 3) [m], and the foot's rotation, (m, 3, 3), soles flat."""
+        """Return the swing sole point, (m, 3) [m], and the foot's rotation, (m, 3, 3), with flat soles."""
         return self.geometry.swing_sole
 
     @cached_property
     def foot_loads(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertical force on both feet, (m, 2) [N], and its point on the ground, (m, 2, 2) [m]."""
+        """Return the vertical force on both feet, (m, 2) [N], and its point on the ground, (m, 2, 2) [m]."""
         forces = self.cell_forces.reshape(-1, 2, 4)
         down = forces.sum(axis=2)
         moment = (forces[..., None] * self.cell_places.reshape(-1, 2, 4, 2)).sum(axis=2)
@@ -127,10 +129,10 @@ class Observation:
 
     @cached_property
     def sole_loads(self) -> np.ndarray:
-        """Force times lever about each sole point in the foot's axes, (m, 2, 2) [Nm]: along its x and y.
+        """Return force times lever about each sole point along the foot's x and y, (m, 2, 2) [Nm].
 
-        The cells tell where the force meets their floor; at the sole it passes beside by the feet's push
-        against each other.
+        The cells give the point of the force on the floor; at the height of the sole it is displaced by the
+        horizontal force between the feet.
         """
         down, point = self.foot_loads
         place, turn = self.swing_sole
@@ -143,7 +145,7 @@ class Observation:
 
     @cached_property
     def cell_places(self) -> np.ndarray:
-        """The cells in the base frame, (m, 8, 2) [m]."""
+        """Return the cells' positions in the base frame, (m, 8, 2) [m]."""
         c, s = np.cos(self.plate_poses[..., 2]), np.sin(self.plate_poses[..., 2])
         x, y = self.cells[None, ..., 0], self.cells[None, ..., 1]
         turned = np.stack([c[..., None] * x - s[..., None] * y, s[..., None] * x + c[..., None] * y], axis=-1)
@@ -151,7 +153,7 @@ class Observation:
 
     @cached_property
     def loads(self) -> Loads:
-        """What the joints and the feet bear."""
+        """Return the static loads of joints and feet."""
         down, point = self.foot_loads
         floor = np.full((len(self), 1), -self.measurements.top_height[1])
         return joint_loads(
@@ -164,11 +166,11 @@ class Observation:
 
     @property
     def torques(self) -> np.ndarray:
-        """By which every joint's load turns what lies beyond it, about its axis, (m, n_joints) [Nm]."""
+        """Return the torque of the load on every joint about its axis, (m, n_joints) [Nm]."""
         return self.loads.torques
 
     def changed(self, **fields: Any) -> Observation:
-        """Another one with some fields replaced."""
+        """Return the observation with some fields replaced."""
         other = replace(self, **fields)
         if other.tree is self.tree and other.joint_angles is self.joint_angles:
             other.__dict__["geometry"] = self.geometry
@@ -176,7 +178,7 @@ class Observation:
 
 
 def observe(measurements: Measurements, nominal: Nominal) -> Observation:
-    """An experiment as its readings say, in the nominal laboratory."""
+    """Return the observation of an experiment in the nominal laboratory."""
     m = len(measurements)
     forces = np.where(np.isfinite(measurements.cell_forces), measurements.cell_forces, 0.0)
     share = np.array(plate_masses(nominal.robot)) * measurements.gravity / 4
@@ -203,6 +205,6 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
 
 
 def fraction_of_time(time: np.ndarray) -> np.ndarray:
-    """Time as a part of the experiment's, 0 at its first posture and 1 at its last, (m,)."""
+    """Return time as a fraction of the experiment's, 0 at the first posture and 1 at the last, (m,)."""
     span = float(np.ptp(time))
     return (time - time.min()) / span if span > 0 else np.zeros(len(time))

@@ -1,4 +1,4 @@
-"""Where the links, joints and soles are in held postures, by the joint angles alone."""
+"""Geometry of held postures: poses of links, joints and soles from the joint angles alone."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from tulip_testbed.identification.nominal import Nominal
 
 @dataclass(frozen=True)
 class PostureGeometry:
-    """The geometry of m postures in the base frame, with flat soles.
+    """Geometry of m postures in the base frame, with flat soles.
 
     Each quantity is computed once, when it is first asked for.
 
     Attributes:
-        nominal: the robot as its files say.
-        tree: kinematics with the lengths that are believed.
-        joint_angles: (m, n_joints) [rad].
+        nominal: nominal robot.
+        tree: kinematics with the assumed lengths.
+        joint_angles: joint angles, (m, n_joints) [rad].
         standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
     """
 

@@ -1,4 +1,4 @@
-"""Random feasible postures (section IV, steps 1 to 5)."""
+"""Draw random feasible postures (section IV, steps 1 to 5)."""
 
 from __future__ import annotations
 
@@ -31,27 +31,27 @@ from tulip_testbed.sim.robot import (
     sole_corners,
 )
 
-ATTEMPTS = 3000  # without a single feasible posture: the ranges are taken to be impossible
-ATTEMPTS_HERE = 200  # for the next posture of a placement that has some: the placement is given up
-MOST_NUMBER = 1e6  # m, rad, deg, N: no robot's range goes further
+ATTEMPTS = 3000  # without a feasible posture, after which the ranges are considered infeasible
+ATTEMPTS_HERE = 200  # for the next posture of a placement, after which the placement is given up
+MOST_NUMBER = 1e6  # m, rad, deg, N: bound of any robot's ranges
 
 Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class PlanningRanges:
-    """Where postures are drawn from, and the margins they keep [m, rad, N].
+    """Ranges from which postures are drawn, and the margins that they keep [m, rad, N].
 
     Attributes:
         swing_x, swing_y, swing_yaw: pose of the swing foot in the base frame.
         torso_roll, torso_pitch, torso_yaw: orientation of the torso.
-        least_height: of the torso's origin (hip) over the soles.
-        stability_margin: d_s. foot_clearance: d_f.
-        sole_margin: of each foot's predicted CoP inside its own sole.
-        least_cell_load: on any cell, its share of the board included.
-        plate_gap: between the boards.
-        joints: ranges of joints that are not between the feet, by name; drawn from the model's
-            own range where not named.
+        least_height: smallest height of the torso's origin (hip) over the soles.
+        stability_margin: distance d_s of the centre of mass inside the support polygon.
+        foot_clearance: distance d_f between the feet.
+        sole_margin: distance of each foot's predicted centre of pressure inside its sole.
+        least_cell_load: smallest load of any cell, its share of the board included.
+        plate_gap: gap between the boards.
+        joints: ranges of joints that are not between the feet, by name; the model's own range if not named.
     """
 
     swing_x: Range
@@ -70,15 +70,15 @@ class PlanningRanges:
 
 
 def planning_ranges(robot: Robot) -> PlanningRanges:
-    """The robot description's [planning] table.
+    """Read the [planning] table of the robot's description.
 
     Raises:
-        InputError: a key is missing, unknown, or no number or range low <= high.
+        InputError: a key is missing or unknown, or its value is no number or range low <= high.
     """
-    where, given = f"{robot.path}: [planning]", robot.settings.get("planning", {})
+    where, table = f"{robot.path}: [planning]", robot.settings.get("planning", {})
     fields = {f.name: f for f in dataclasses.fields(PlanningRanges) if f.name != "joints"}
     values: dict[str, Any] = {}
-    for key, value in given.items():
+    for key, value in table.items():
         name = key.removesuffix("_deg")
         if name == "joints" and key != name:
             values[name] = _joint_table(where, value)
@@ -92,7 +92,7 @@ def planning_ranges(robot: Robot) -> PlanningRanges:
         values[name] = tuple(in_rad) if isinstance(in_rad, list) else in_rad
     for name, f in fields.items():
         if name not in values and f.default is dataclasses.MISSING:
-            raise InputError(f"{where}: key '{name}' is missing")
+            raise InputError(f"{where}: key '{name}' is missing; add it to the table")
     return PlanningRanges(**values)
 
 
@@ -109,9 +109,9 @@ def _joint_table(where: str, table: Any) -> dict[str, Range]:
 
 
 def _numbers(where: str, value: Any, is_range: bool) -> Any:
-    """The same as a float, or as a list of two in ascending order."""
+    """Return the value as a float, or as a list of two in ascending order."""
     numbers = value if is_range and isinstance(value, list) else [value]
-    plain = all(type(v) in (int, float) and abs(v) < MOST_NUMBER for v in numbers)  # no true, no nan
+    plain = all(type(v) in (int, float) and abs(v) < MOST_NUMBER for v in numbers)  # neither bool nor NaN
     if not plain or len(numbers) != 1 + is_range or numbers[0] > numbers[-1]:
         expected = "[low, high] with low <= high" if is_range else "a number"
         raise InputError(f"{where}: found {shortened(repr(value))}, expected {expected}")
@@ -119,11 +119,11 @@ def _numbers(where: str, value: Any, is_range: bool) -> Any:
 
 
 def free_joint_ranges(robot: Robot, model: mujoco.MjModel, ranges: PlanningRanges) -> dict[str, Range]:
-    """What the joints are drawn from that are not between the feet [rad].
+    """Return the ranges of the joints that are not between the feet [rad].
 
     Raises:
-        InputError: a range for a joint that is none of those, outside the model's range, or none
-            at all.
+        InputError: a range is given for another joint or outside of the model's range, or a joint has no
+            range at all.
     """
     where = f"{robot.path}: [planning]: key 'joints_deg"
     free = ~between_feet(model, robot)
@@ -154,11 +154,11 @@ def random_postures(
     """Draw feasible postures, `per_placement` on each of `placements` foot placements.
 
     Args:
-        plate: the boards that have to carry the feet.
+        plate: geometry of the boards.
         progress: called with the number of postures each time a placement is complete.
 
     Raises:
-        InputError: the ranges admit nothing; says which constraints blocked, and how often.
+        InputError: no posture is feasible; the message names the violated constraints and their counts.
     """
     model = robot.model
     search = _Search(robot, model, plate, ranges or planning_ranges(robot), np.random.default_rng(seed))
@@ -190,7 +190,7 @@ def random_postures(
 
 
 class _Search:
-    """The random search's state: generator, solver and tally of what was rejected."""
+    """State of the random search: generator, solver and counts of rejections."""
 
     def __init__(
         self,
@@ -213,14 +213,14 @@ class _Search:
         mujoco.mj_forward(model, data)
         ground = _lowest_sole(model, data, robot)
         standing, highest = data.body(self.solver.torso).xpos[2] - ground, data.subtree_com[0, 2] - ground
-        # From standing straight down to the least height of the hip; IK decides what is reachable.
+        # From straight legs down to the least height of the hip; inverse kinematics decides on reachability.
         self.com_height = (highest - max(standing - ranges.least_height, 0.0), highest)
         self.rejected: Counter[str] = Counter()
         self.attempts = 0
         self.found = 0
 
     def placement(self, wanted: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Steps 1 to 5 for one placement: `wanted` pairs of joint angles and swing foot pose."""
+        """Carry out steps 1 to 5 for one placement: pairs of joint angles and swing foot pose."""
         while True:
             r = self.ranges
             pose = np.array([self._draw(x) for x in (r.swing_x, r.swing_y, r.swing_yaw)])
@@ -250,7 +250,7 @@ class _Search:
         return True
 
     def _posture(self, pose: np.ndarray, soles: np.ndarray) -> np.ndarray | None:
-        """One try of steps 3 and 4: joint angles, or None."""
+        """Attempt steps 3 and 4 once: return joint angles, or None."""
         found = self._try(pose, soles)
         if isinstance(found, str):
             self._reject(found)
@@ -259,7 +259,7 @@ class _Search:
         return found
 
     def _try(self, pose: np.ndarray, soles: np.ndarray) -> np.ndarray | str:
-        """Joint angles of one random draw, or what speaks against it."""
+        """Return the joint angles of one random draw, or the violated constraint."""
         r = self.ranges
         polygon = support_polygon(soles)
         com = self.rng.uniform(polygon.min(axis=0), polygon.max(axis=0))
@@ -299,7 +299,7 @@ class _Search:
             )
 
     def _bent_knees(self) -> np.ndarray:
-        """The keyframe `stand`, or the model's zero pose where there is none."""
+        """Return the keyframe `stand`, or the model's zero pose if there is none."""
         keys = [self.model.key(i).name for i in range(self.model.nkey)]
         return self.model.key("stand").qpos.copy() if "stand" in keys else self.model.qpos0.copy()
 

@@ -1,11 +1,12 @@
-"""Which parameters the postures cannot tell apart.
+"""Identifiability: find the parameters that the postures do not determine.
 
-Measured angles hide a missing rank: a joint that never moved still shows its encoder's noise, so the
-regressor has full rank and the estimate is that noise's. Hence directions in parameter space are
-judged by energy. |H v|^2 is what the postures show of a direction v; the encoders' errors alone put
-|B v|^2 into it, B being one s.d. of each encoder times the derivative of H by its angle. Where
-|B v|^2 / (|H v|^2 + |B v|^2) exceeds `MOST_BLUR`, the direction counts as not shown at all. A joint
-at rest has about 0.5 (H then is one draw of B), the weakest direction of a usable plan 0.001 to 0.1.
+Measured angles hide a rank deficiency: a joint that never moved still has encoder noise, so the regressor
+has full rank and the estimate reflects that noise. Therefore each direction v in parameter space is judged
+by energy: |H v|^2 is its excitation by the postures, and |B v|^2 the part that the encoders' errors alone
+produce, where B is one s.d. of each encoder times the derivative of H by its angle. If
+|B v|^2 / (|H v|^2 + |B v|^2) exceeds `MOST_BLUR`, the direction counts as undetermined. The ratio is about
+0.5 for a joint at rest (H is then one draw of B), and 0.001 to 0.1 for the weakest direction of a usable
+plan.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ import numpy as np
 from tulip_testbed.sim.errors import InputError, listed
 
 MOST_BLUR = 0.25
-NEGLIGIBLE = 0.05  # of the largest weight in a combination: not worth naming
-MOST_COMBINATIONS = 4  # to spell out
-MOST_TERMS = 4  # of a combination to spell out
+NEGLIGIBLE = 0.05  # of the largest weight in a combination; smaller weights are not named
+MOST_COMBINATIONS = 4  # that are written out
+MOST_TERMS = 4  # of a combination that are written out
 
 
 def require_identifiable(
@@ -27,11 +28,12 @@ def require_identifiable(
 
     Args:
         matrix: H, (r, p).
-        names: of the p parameters.
+        names: names of the p parameters.
+        source: source of the postures, for the message.
         blur: B, (k, p); None: rounding errors alone.
 
     Raises:
-        InputError: names the parameters that cannot be told apart, group by group.
+        InputError: a parameter is not determined; the message names such parameters and combinations.
     """
     if len(free := undetermined_directions(matrix, blur)):
         known = len(names) - len(free)
@@ -42,10 +44,10 @@ def require_identifiable(
 
 
 def undetermined_directions(matrix: np.ndarray, blur: np.ndarray | None = None) -> np.ndarray:
-    """Directions that H does not show, (d, p), d = 0 where it has full rank.
+    """Return a basis of the directions that H does not determine, (d, p), d = 0 at full rank.
 
-    By the singular values of H against [H; B] (their quotient singular value decomposition), which
-    no scaling of columns and no pivoting changes.
+    The basis follows from the singular values of H against [H; B] (quotient singular value decomposition),
+    which do not depend on a scaling of columns or on pivoting.
 
     Args:
         matrix: H, (r, p).
@@ -57,51 +59,51 @@ def undetermined_directions(matrix: np.ndarray, blur: np.ndarray | None = None) 
     rounding = max(matrix.shape) * np.finfo(float).eps * np.diag(scale.max() / scale)
     errors = rounding if blur is None else np.vstack([blur / scale, rounding])
     orthogonal, triangle = np.linalg.qr(np.vstack([matrix / scale, errors]))
-    _, shown, turned = np.linalg.svd(np.linalg.qr(orthogonal[: len(matrix)], mode="r"))
-    shown = np.append(shown, np.zeros(columns - len(shown)))
-    weak = turned[shown**2 < 1 - MOST_BLUR]
+    _, share, turned = np.linalg.svd(np.linalg.qr(orthogonal[: len(matrix)], mode="r"))
+    share = np.append(share, np.zeros(columns - len(share)))
+    weak = turned[share**2 < 1 - MOST_BLUR]
     return np.linalg.solve(triangle, weak.T).T / scale
 
 
 def weakly_known(covariance: np.ndarray, most: float) -> np.ndarray:
-    """Directions whose standard error exceeds `most` [m], (d, p).
+    """Return the directions whose standard error exceeds `most` [m], (d, p).
 
     Args:
-        covariance: of the estimate, (p, p) [m2].
+        covariance: covariance of the estimate, (p, p) [m2].
     """
     variance, directions = np.linalg.eigh(covariance)
     return directions[:, variance > most**2].T
 
 
 def labels(numbers: np.ndarray, names: tuple[str, ...]) -> tuple[str, ...]:
-    """right_foot.y (13)."""
+    """Return the names with their numbers, such as "right_foot.y (13)"."""
     return tuple(f"{name} ({number})" for name, number in zip(names, numbers, strict=True))
 
 
 def describe_combinations(directions: np.ndarray, names: tuple[str, ...]) -> str:
-    """In words: which parameters a subspace of directions mixes, and which combinations are free.
+    """Describe the parameters and combinations that a subspace of undetermined directions contains.
 
     Args:
-        directions: a basis, (d, p).
+        directions: basis of the subspace, (d, p).
     """
     free = reduced_basis(directions)
     texts = []
     for members, rows in _groups(free):
         named = [names[k] for k in members]
         if len(members) == 1:
-            texts.append(f"they say nothing of {named[0]}")
+            texts.append(f"{named[0]} is not determined")
             continue
         combinations = [_combination(free[row], names) for row in rows]
         spelt = listed(combinations) if len(rows) <= MOST_COMBINATIONS else f"{len(rows)} combinations"
-        texts.append(f"they cannot tell apart {', '.join(named[:-1])} and {named[-1]} (free: {spelt})")
+        texts.append(f"{', '.join(named[:-1])} and {named[-1]} are not determined separately (free: {spelt})")
     return "; ".join(texts)
 
 
 def reduced_basis(directions: np.ndarray) -> np.ndarray:
-    """The basis of the same subspace with a one at its own parameter each and zeros at the others', (d, p).
+    """Return the basis of the same subspace in reduced echelon form from the last column, (d, p).
 
-    These are the last parameters that can be, in a fixed order; no pivot depends on which of
-    several equal numbers is the largest by a rounding error.
+    Each vector has a one at its own parameter and zeros at the others'. These are the last possible
+    parameters in a fixed order; no pivot depends on rounding errors between equal numbers.
     """
     basis = np.linalg.qr(directions.T)[0].T
     least = 0.5 / np.sqrt(basis.shape[1])
@@ -117,7 +119,7 @@ def reduced_basis(directions: np.ndarray) -> np.ndarray:
 
 
 def _groups(free: np.ndarray) -> list[tuple[list[int], list[int]]]:
-    """Parameters that free combinations link, and those combinations' rows; by first parameter."""
+    """Group the parameters that free combinations link, each with the rows of these combinations."""
     groups: list[tuple[set[int], list[int]]] = []
     for row, weights in enumerate(free):
         members, rows = set(np.flatnonzero(weights).tolist()), [row]
@@ -129,7 +131,7 @@ def _groups(free: np.ndarray) -> list[tuple[list[int], list[int]]]:
 
 
 def _combination(weights: np.ndarray, names: tuple[str, ...]) -> str:
-    """right_foot.y - 0.98 right_ankle.y; of many terms the largest."""
+    """Return a combination as text, such as "right_foot.y - 0.98 right_ankle.y", with its largest terms."""
     terms = []
     largest = sorted(np.flatnonzero(weights), key=lambda k: -abs(weights[k]))[:MOST_TERMS]
     for k in sorted(largest, key=lambda k: -weights[k]):

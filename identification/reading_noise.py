@@ -1,4 +1,4 @@
-"""What the stated sensor noise does to the centre of pressure and to its model."""
+"""Effect of the stated sensor noise on the centre of pressure and on its model."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from tulip_testbed.sim.measurements import Measurements
 
 
 def usable_sd(stated: float | None) -> float | None:
-    """A stated s.d. that can be divided by: zero says as little as nothing."""
+    """Return a stated s.d. that can be divided by: None for zero or unknown."""
     return stated if stated else None
 
 
 @dataclass(frozen=True)
 class ReadingNoise:
-    """Stated noise of CoP minus modelled CoM.
+    """Stated noise of the centre of pressure minus the modelled centre of mass.
 
     Attributes:
-        own: covariance of a posture's own errors, of cells and encoders, (m, 2, 2) [m2].
-        shared: how one unit of standard error of each recorded plate pose moves the CoP, (m, 2, 6) [m]:
-            right plate's x, y, yaw, then the left one's; common to a placement.
+        own: covariance of a posture's own errors, by cells and encoders, (m, 2, 2) [m2].
+        shared: displacement of the centre of pressure by one s.d. of each recorded plate pose, (m, 2, 6)
+            [m]: x, y, yaw of the right plate, then of the left; common to a placement.
         placement: number of each posture's placement, (m,).
     """
 
@@ -37,7 +37,7 @@ class ReadingNoise:
     placement: np.ndarray
 
     def covariance(self) -> np.ndarray:
-        """Of the stacked residuals (x, then y), (2m, 2m) [m2]."""
+        """Return the covariance of the stacked residuals (x, then y), (2m, 2m) [m2]."""
         size = 2 * len(self.own)
         rows = np.arange(size).reshape(-1, 2)
         full = np.zeros((size, size))
@@ -50,9 +50,10 @@ class ReadingNoise:
 
 
 def reading_noise(measurements: Measurements, nominal: Nominal) -> ReadingNoise:
-    """What the data sheets state, at the measured postures; unknown s.d. count as zero.
+    """Compute the noise that the data sheets state at the measured postures; unknown s.d. count as zero.
 
-    A cell's error moves the CoP by its lever over the weight; an encoder's moves the modelled CoM.
+    A cell's error displaces the centre of pressure by its lever over the weight; an encoder's error displaces
+    the modelled centre of mass.
     """
     m = measurements
     cells = (m.sensors.cell_sd or 0.0) ** 2 * cell_noise(m)
@@ -62,12 +63,16 @@ def reading_noise(measurements: Measurements, nominal: Nominal) -> ReadingNoise:
 
 
 def cell_noise(measurements: Measurements, center: np.ndarray | None = None) -> np.ndarray:
-    """Covariance of a posture's CoP for independent cells with an s.d. of 1 N, (m, 2, 2) [m2/N2].
+    """Return the covariance of each posture's centre of pressure for cells with an s.d. of 1 N.
 
     Args:
-        center: of pressure, (m, 2) [m]; the measured one if None. Its errors go with the total
-            force's: as weights both would pull an estimate towards the plates' middle, so where
-            the result is to weigh by, a fitted one is better, and the force is the mean of all.
+        measurements: the measurements.
+        center: centre of pressure, (m, 2) [m]; None means the measured one. Its errors correlate with those
+            of the total force: weights from both would pull an estimate towards the middle of the plates. For
+            weights, give a fitted centre; the force is then the mean of all postures.
+
+    Returns:
+        Covariances, (m, 2, 2) [m2/N2].
     """
     m = measurements
     force = loads(m).sum(axis=1)
@@ -80,9 +85,9 @@ def cell_noise(measurements: Measurements, center: np.ndarray | None = None) -> 
 
 
 def placement_levers(measurements: Measurements) -> np.ndarray:
-    """How errors of both recorded plate poses move the CoP, (m, 2, 6) [-, -, m].
+    """Return the displacement of the centre of pressure by both recorded plate poses, (m, 2, 6) [-, -, m].
 
-    Columns: right plate's x, y, yaw, then the left one's.
+    The columns are x, y, yaw of the right plate, then of the left.
     """
     m = measurements
     forces = loads(m).reshape(-1, 2, 4)
@@ -98,9 +103,9 @@ def placement_levers(measurements: Measurements) -> np.ndarray:
 
 
 def placement_sd(measurements: Measurements) -> np.ndarray:
-    """S.d. of both recorded plate poses, (6,) [m, m, rad]; zero where unknown.
+    """Return the s.d. of both recorded plate poses, (6,) [m, m, rad]; zero where unknown.
 
-    The contract states the left plate's only. The right one's foot stands on a mark: it is taken
-    to be laid no worse, which errs towards too much noise.
+    The contract states the left plate's s.d. only. The foot on the right plate stands on a mark; the same
+    s.d. is assumed for it, which rather overestimates the noise.
     """
     return np.tile(measurements.sensors.placement_sd or (0.0, 0.0, 0.0), 2)

@@ -15,33 +15,31 @@ from tulip_testbed.sim.measurements import Measurements, SensorSheet
 from tulip_testbed.sim.measurements.plan_folder import check_model
 from tulip_testbed.sim.robot import Robot
 
-ENCODER_SD = 5e-4  # rad, where no data sheet tells
+ENCODER_SD = 5e-4  # rad, assumed without a data sheet
 
 
 @dataclass(frozen=True)
 class Regression:
-    """y = H theta, two rows a posture (x, then y).
+    """Linear regression y = H theta with two rows a posture (x, then y).
 
     Attributes:
         matrix: H, (2m, p) [-].
         output: y, (2m,) [m].
-        numbers: the parameters' numbers in the full model, (p,).
-        names: their names.
+        numbers: numbers of the parameters in the full model, (p,).
+        names: names of the parameters.
         placement: placement of each posture, (m,).
         load_share: share of the weight on the right and left plate, (m, 2).
-        blur: what the encoders' errors may make of H: B with B'B of `encoder_blur`, (k, p); None
-            where angles are exact.
-        source: where the measurements came from, for error messages.
+        blur: error of H by the encoders' errors, B of `encoder_blur`, (k, p); None: angles are exact.
+        source: source of the measurements, for error messages.
         slope: derivative of H by every joint angle, (m, 2, n_joints, p) [1/rad]; None: angles are exact.
-        encoder_sd: of the encoders' errors, by the closed chain if that tells, else by the sheet [rad];
-            None: unknown.
-        cells: covariance of a posture's CoP for cells with an s.d. of 1 N, (m, 2, 2) [m2/N2]; None: alike
-            in all postures and axes.
-        levers: how errors of both recorded plate poses move the CoP, (m, 2, 6) [-, -, m], right plate's
-            x, y, yaw, then the left one's; None: by the load share, without yaw.
-        sensors: what the data sheets say.
-        parameters, robot, mass: what prior knowledge of the robot is applied to: its base parameters, its
-            files, and its total mass with its s.d. [kg]; None: nothing is known.
+        encoder_sd: s.d. of the encoders' errors, by the closed chain if possible, else by the data sheet
+            [rad]; None: unknown.
+        cells: covariance of a posture's centre of pressure for cells with an s.d. of 1 N, (m, 2, 2)
+            [m2/N2]; None: the same in all postures and axes.
+        levers: see `placement_levers`, (m, 2, 6) [-, -, m]; None: by the load share, without yaw.
+        sensors: data-sheet figures.
+        parameters, robot, mass: base parameters, robot and total mass with its s.d. [kg], for estimators
+            with prior knowledge; None: unknown.
     """
 
     matrix: np.ndarray
@@ -62,10 +60,10 @@ class Regression:
     mass: tuple[float, float] | None = None
 
     def keep(self, numbers: list[int]) -> Regression:
-        """The simplified model that keeps these parameters and sets the others to zero.
+        """Return the simplified model, which keeps these parameters and sets the others to zero.
 
         Raises:
-            InputError: a number that the full model does not have.
+            InputError: the full model lacks one of the numbers.
         """
         if unknown := set(numbers) - set(self.numbers.tolist()):
             raise InputError(
@@ -84,16 +82,16 @@ class Regression:
 
 
 def stacked_regressor(parameters: BaseParameters, joint_angles: np.ndarray) -> np.ndarray:
-    """H of eq. 7 for joint angles (m, n_joints) [rad]: (2m, p)."""
+    """Compute H of eq. 7 for joint angles (m, n_joints) [rad], (2m, p)."""
     return parameters.regressor(joint_angles).reshape(-1, len(parameters.names))
 
 
 def encoder_blur(parameters: BaseParameters, joint_angles: np.ndarray, sd: float) -> np.ndarray:
-    """One s.d. of every encoder times the derivative of H by its angle, condensed to (p, p).
+    """Compute the error of H by one s.d. of every encoder, condensed to (p, p).
 
     Args:
-        joint_angles: (m, n_joints) [rad].
-        sd: of the encoders' errors [rad].
+        joint_angles: joint angles, (m, n_joints) [rad].
+        sd: s.d. of the encoders' errors [rad].
 
     Returns:
         B with B'B = sum over joints of sd^2 (dH/dq)' (dH/dq).
@@ -106,7 +104,7 @@ def _blur(slope: np.ndarray, sd: float) -> np.ndarray:
 
 
 def _fitted(matrix: np.ndarray, output: np.ndarray) -> np.ndarray:
-    """The output's part in the span of the matrix, whatever its rank."""
+    """Project the output on the span of the matrix, whatever its rank."""
     return matrix @ np.linalg.lstsq(matrix, output, rcond=None)[0]
 
 
@@ -116,7 +114,7 @@ def check_robot(
     """Refuse measurements of another robot.
 
     Raises:
-        InputError: another model than the measurements were made with, other joints or feet.
+        InputError: the measurements have another model, other joints or other feet.
     """
     where = f"{source}: manifest.json"
     check_model(where, measurements.robot["model"], measurements.robot["sha256"], robot)
@@ -135,14 +133,14 @@ def check_robot(
 def regression(
     parameters: BaseParameters, measurements: Measurements, robot: Robot, source: str = "measurements"
 ) -> Regression:
-    """Stack measured joint angles and centres of pressure.
+    """Stack measured joint angles and centres of pressure into a regression.
 
     Args:
-        source: where the measurements came from, for error messages.
+        source: source of the measurements, for error messages.
 
     Raises:
-        InputError: another model than the measurements were made with, other joints or feet,
-            another support, or fewer data points than parameters.
+        InputError: the measurements have another model, other joints, feet or support, or not more data
+            points than parameters.
     """
     check_robot(parameters, measurements, robot, source)
     served = ("double",) if parameters.support == "double" else ("double", "right")
@@ -156,13 +154,13 @@ def regression(
     if rows <= columns:
         raise InputError(
             f"{source}: found {len(measurements)} postures ({rows} data points), expected at least "
-            f"{columns // 2 + 1} for {columns} base parameters"
+            f"{columns // 2 + 1} for {columns} base parameters; measure more postures"
         )
     sheet = measurements.sensors
     slope = parameters.slope(measurements.joint_angles)
     tree, swing = parameters.tree, parameters.tree.frame(robot.swing_foot)
     both = measurements.support == "double"
-    observed = encoder_sd_by_closure(
+    by_closure = encoder_sd_by_closure(
         tree, parameters.base, swing, measurements.joint_angles[both], measurements.placement[both]
     )
     matrix = stacked_regressor(parameters, measurements.joint_angles)
@@ -177,7 +175,7 @@ def regression(
         placement=measurements.placement,
         load_share=load_shares(measurements),
         slope=slope,
-        encoder_sd=usable_sd(sheet.encoder_sd) if observed is None else observed,
+        encoder_sd=usable_sd(sheet.encoder_sd) if by_closure is None else by_closure,
         cells=cell_noise(measurements, _fitted(matrix, output).reshape(-1, 2)),
         levers=placement_levers(measurements),
         sensors=sheet,

@@ -1,8 +1,8 @@
-"""Residuals of an experiment in four channels, and what moves them.
+"""Residuals of an experiment in four channels, and their derivatives.
 
-A: centre of pressure minus the regressor's (x, y); F: sum of the cells minus the weight; T: twist of
-the right and the left plate, f1 - f2 + f3 - f4; C: closure of the legs: height, roll and pitch of
-the swing foot by the angles, and its x, y and yaw, which are constant in a placement.
+A: centre of pressure minus the regressor's prediction (x, y). F: sum of the cell forces minus the weight.
+T: twist of the right and the left plate, f1 - f2 + f3 - f4. C: closure of the legs: height, roll and pitch
+of the swing foot from the joint angles, and its x, y and yaw, which are constant in a placement.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from tulip_testbed.identification.observation import Observation
 CHANNELS = ("A", "F", "T", "C")
 ROWS = {"A": slice(0, 2), "F": slice(2, 3), "T": slice(3, 5), "C": slice(5, 11)}
 SIZE = 11
-ANCHORED = slice(8, 11)  # x, y, yaw of the swing foot: known up to a constant of the placement
+ANCHORED = slice(8, 11)  # x, y, yaw of the swing foot, known up to a constant of the placement
 UNITS = {"A": "mm", "F": "N", "T": "N", "C": "mm, deg"}
 TWIST = np.array([1.0, -1.0, 1.0, -1.0])
-# Fields of an observation that may vary by posture, in the order of `packed`.
+# Fields of an observation that may vary between postures, in the order of `packed`.
 VARYING = (
     *("joint_angles", "cell_forces", "plate_poses", "stance_tilt"),
     *("swing_tilt", "swing_rise", "shift", "lift"),
@@ -26,16 +26,16 @@ VARYING = (
 
 
 def packed(observed: Observation) -> np.ndarray:
-    """All that may vary by posture side by side, (m, n_joints + 22).
+    """Return all fields that may vary between postures side by side, (m, n_joints + 22).
 
-    Angles, cells, plates' poses, stance tilt, swing tilt, rise, shift, lift.
+    The order is joint angles, cells, plate poses, stance tilt, swing tilt, rise, shift, lift.
     """
     m = len(observed)
     return np.concatenate([getattr(observed, name).reshape(m, -1) for name in VARYING], axis=1)
 
 
 def fields(nominal: Nominal) -> dict[str, slice]:
-    """Columns of `packed`."""
+    """Return the columns of `packed` by name."""
     n = len(nominal.parameters.tree.joints)
     return {
         "angles": slice(0, n),
@@ -50,7 +50,7 @@ def fields(nominal: Nominal) -> dict[str, slice]:
 
 
 def unpacked(observed: Observation, values: np.ndarray) -> Observation:
-    """The inverse of `packed`."""
+    """Return the observation with the fields of `packed` replaced (the inverse of `packed`)."""
     at = fields(observed.nominal)
     return observed.changed(
         joint_angles=values[:, at["angles"]],
@@ -65,7 +65,7 @@ def unpacked(observed: Observation, values: np.ndarray) -> Observation:
 
 
 def moved_by(observed: Observation, before: Observation, after: Observation) -> Observation:
-    """Add to an observation the difference between two others, field by field.
+    """Return an observation changed by the difference of two others, with the lengths of the second.
 
     The believed lengths and the places of the cells become those of `after`. A field that `before` and
     `after` share stays the same array.
@@ -91,7 +91,7 @@ def difference(before: Observation, after: Observation) -> np.ndarray:
 
 
 def residuals(observed: Observation, theta: np.ndarray) -> np.ndarray:
-    """All channels, (m, 11) [m, m, N, N, N, m, rad, rad, m, m, rad].
+    """Compute the residuals of all channels, (m, 11) [m, m, N, N, N, m, rad, rad, m, m, rad].
 
     Args:
         theta: base parameters, (p,) [m].
@@ -109,21 +109,21 @@ def residuals(observed: Observation, theta: np.ndarray) -> np.ndarray:
 
 
 def carried(observed: Observation) -> np.ndarray:
-    """What the cells under the feet bear, (m, 8) [N]."""
+    """Return the cell forces, zero under a foot in the air, (m, 8) [N]."""
     return np.where(np.repeat(feet_in_contact(observed), 4, axis=1), observed.cell_forces, 0.0)
 
 
 def feet_in_contact(observed: Observation) -> np.ndarray:
-    """Whether the right and the left foot stand, (m, 2) bool."""
+    """Return whether the right and the left foot are on their plates, (m, 2) bool."""
     support = observed.measurements.support
     return np.column_stack([support != "left", support != "right"])
 
 
 def center(observed: Observation) -> np.ndarray:
-    """Centre of pressure (eq. 11) less what is not the weight's on flat soles, (m, 2) [m].
+    """Compute the centre of pressure (eq. 11) of the weight on flat soles, (m, 2) [m].
 
-    A tilted stance foot turns the robot about its sole point: the centre of mass moves by its height,
-    for which the nominal one is good enough.
+    The shift by other forces is subtracted. A tilted stance foot rotates the robot about its sole point,
+    which moves the centre of mass in proportion to its height; the nominal height is accurate enough.
     """
     forces = carried(observed)
     measured = (forces[..., None] * observed.cell_places).sum(axis=1) / forces.sum(axis=1)[:, None]
@@ -135,7 +135,7 @@ def center(observed: Observation) -> np.ndarray:
 
 
 def swing_pose(observed: Observation) -> np.ndarray:
-    """Pose of the swing sole over the ground by the angles: x, y, z, roll, pitch, yaw, (m, 6) [m, rad]."""
+    """Compute the swing sole's pose over the ground: x, y, z, roll, pitch, yaw, (m, 6) [m, rad]."""
     place, foot = observed.swing_sole
     if observed.stance_tilt.any():
         tilt = np.concatenate([observed.stance_tilt, np.zeros((len(observed), 1))], axis=1)
@@ -148,7 +148,7 @@ def swing_pose(observed: Observation) -> np.ndarray:
 
 
 def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
-    """Derivative of the residuals by the fields of `packed`, (m, 11, n_joints + 22).
+    """Differentiate the residuals by the fields of `packed`, (m, 11, n_joints + 22).
 
     Args:
         theta: base parameters, (p,) [m].
@@ -189,16 +189,18 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
 
 
 def _foot_rates(observed: Observation) -> np.ndarray:
-    """Derivative of channel C by the joint angles, (m, 6, n_joints): the feet are nearly flat."""
+    """Differentiate channel C by the joint angles for nearly flat feet, (m, 6, n_joints)."""
     geometry = observed.geometry
     place, turn = geometry.swing_sole
     axes = geometry.axes * geometry.moved[:, observed.nominal.swing_frame, None]
-    way = np.cross(axes, place[:, None] - geometry.pivots)
-    return _in_channel(way, axes, np.arctan2(turn[:, 1, 0], turn[:, 0, 0]))
+    displacement = np.cross(axes, place[:, None] - geometry.pivots)
+    return _in_channel(displacement, axes, np.arctan2(turn[:, 1, 0], turn[:, 0, 0]))
 
 
-def _in_channel(way: np.ndarray, spin: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-    """Ways and turns of the swing foot as rows of channel C, (m, k, 3) twice -> (m, 6, k)."""
+def _in_channel(displacement: np.ndarray, spin: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+    """Return displacements and rotations of the swing foot, (m, k, 3) each, as channel C, (m, 6, k)."""
     c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
     roll, pitch = c * spin[..., 0] + s * spin[..., 1], c * spin[..., 1] - s * spin[..., 0]
-    return np.stack([way[..., 2], roll, pitch, way[..., 0], way[..., 1], spin[..., 2]], axis=1)
+    return np.stack(
+        [displacement[..., 2], roll, pitch, displacement[..., 0], displacement[..., 1], spin[..., 2]], axis=1
+    )

@@ -1,4 +1,4 @@
-"""How far an estimate can be trusted (eqs 12, 13 and 15)."""
+"""Measures of an estimate's accuracy (eqs 12, 13 and 15)."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ HIGH_CORRELATION = 0.85  # the paper's level
 
 
 def standard_errors(covariance: np.ndarray) -> np.ndarray:
-    """Roots of the diagonal, (p,)."""
+    """Return the standard errors, the roots of the covariance's diagonal, (p,)."""
     return np.sqrt(np.diag(covariance))
 
 
 def relative_standard_errors(value: np.ndarray, standard_error: np.ndarray) -> np.ndarray:
-    """Eq. 13, (p,) [%]; infinite or NaN where an estimate is zero."""
+    """Return the relative standard errors (eq. 13), (p,) [%]; infinite or NaN for a zero estimate."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return 100 * standard_error / np.abs(value)
 
 
 def correlations(covariance: np.ndarray) -> np.ndarray:
-    """Eq. 15, (p, p); NaN where the covariance is zero."""
+    """Return the correlations (eq. 15), (p, p); NaN where the covariance is zero."""
     scale = standard_errors(covariance)
     with np.errstate(invalid="ignore"):
         return covariance / np.outer(scale, scale)
@@ -31,7 +31,7 @@ def correlations(covariance: np.ndarray) -> np.ndarray:
 def high_correlations(
     covariance: np.ndarray, numbers: np.ndarray, level: float
 ) -> list[tuple[int, int, float]]:
-    """Pairs (a, b, rho) with |rho| above a level, a < b in the paper's numbers."""
+    """List the pairs (a, b, rho) with |rho| above a level, a < b in the paper's numbers."""
     rho = correlations(covariance)
     pairs = np.argwhere(np.triu(np.abs(rho) > level, k=1))
     return [(int(numbers[a]), int(numbers[b]), float(rho[a, b])) for a, b in pairs]
@@ -39,7 +39,7 @@ def high_correlations(
 
 @dataclass(frozen=True)
 class ResidualNorms:
-    """Distance between measured and estimated CoP over the postures [m] (eq. 12, Fig. 4)."""
+    """Distance between measured and estimated centre of pressure over the postures [m] (eq. 12, Fig. 4)."""
 
     mean: float
     sd: float
@@ -47,6 +47,6 @@ class ResidualNorms:
 
 
 def residual_norms(residual: np.ndarray) -> ResidualNorms:
-    """Statistics of the residual's norm per posture; residual as in eq. 12, (2m,) [m]."""
+    """Compute statistics of the norms of the residual, (2m,) [m], over the postures."""
     norms = np.linalg.norm(residual.reshape(-1, 2), axis=1)
     return ResidualNorms(float(norms.mean()), float(norms.std(ddof=1)), float(norms.max()))

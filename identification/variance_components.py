@@ -1,10 +1,10 @@
 """Variance components of the centre of pressure by restricted maximum likelihood.
 
-y = H theta + cells + right plate + left plate + encoders. The first three have s.d. that scale as a
-whole, s_k = exp(tau_k) times what the data sheet states; the encoders' is known (`loop_closure`).
-V = E + sum_k exp(2 tau_k) K_k has a block per placement. tau maximises the restricted likelihood
-(Patterson and Thompson 1971) times a log-normal belief in the data sheet, wide enough to be wrong by
-a factor of two; Newton's steps take the average information (Gilmour, Thompson and Cullis 1995).
+y = H theta + cells + right plate + left plate + encoders. The s.d. of the first three errors are
+s_k = exp(tau_k) times those of the data sheet; that of the encoders is known (`loop_closure`).
+V = E + sum_k exp(2 tau_k) K_k has one block per placement. tau maximises the restricted likelihood
+(Patterson and Thompson 1971) times a log-normal prior about the data sheet with a factor of two as s.d.;
+Newton's steps use the average information (Gilmour, Thompson and Cullis 1995).
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import numpy as np
 from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.identification.regressor import Regression
 
-SHEET_BELIEF = np.log(2.0)  # s.d. of ln s_k where a data sheet states s_k
-NO_BELIEF = np.log(100.0)  # where it does not: about the size of the residuals
-MARK_RATIO = 0.5  # right plate's s.d. over the left one's, believed within a factor of four
-MARK_BELIEF = np.log(4.0)
-YAW_RATIO = 3.0  # rad/m: s.d. of a recorded yaw over that of a position, where no sheet tells
+SHEET_PRIOR = np.log(2.0)  # s.d. of ln s_k if a data sheet states s_k
+NO_PRIOR = np.log(100.0)  # if it does not; the prior is then centred at the size of the residuals
+MARK_RATIO = 0.5  # s.d. of the right plate over that of the left, with a factor of four as s.d.
+MARK_PRIOR = np.log(4.0)
+YAW_RATIO = 3.0  # rad/m: s.d. of a recorded yaw over that of a position, assumed without a data sheet
 MOST_TAU = 12.0
 MOST_STEP = 2.0
 MOST_STEPS = 50
@@ -29,7 +29,7 @@ CONVERGED = 1e-8  # of the log-likelihood
 
 @dataclass(frozen=True)
 class Components:
-    """A fitted V and what generalised least squares needs of it.
+    """A fitted covariance V and the quantities that generalised least squares needs.
 
     Attributes:
         inverse: V^-1 by placement, padded, (g, r, r) [1/m2].
@@ -38,8 +38,8 @@ class Components:
         information: Q' V^-1 Q, (p, p).
         gain: Q' V^-1 e with e the residual of least squares, (p,).
         scale: fitted factors on the stated s.d. of cells, right plate and left plate, (3,).
-        placement_sd: fitted s.d. of the right and the left plate's position [m].
-        covariance: of ln scale, (3, 3).
+        placement_sd: fitted s.d. of the positions of the right and the left plate [m].
+        covariance: covariance of ln scale, (3, 3).
         slopes: d(Q' V^-1 Q)/d(ln scale), (3, p, p).
     """
 
@@ -66,10 +66,10 @@ class _Fit:
 
 
 def fit_components(data: Regression, encoders: np.ndarray | None) -> Components:
-    """Fit the variances.
+    """Fit the variance components.
 
     Args:
-        encoders: covariance of every posture's error by its encoders, (m, 2, 2) [m2]; None: none.
+        data: the regression; encoders: covariance of each posture's encoder errors, (m, 2, 2) [m2], or None.
     """
     count = len(data.placement)
     basis, triangle = np.linalg.qr(data.matrix)
@@ -80,7 +80,7 @@ def fit_components(data: Regression, encoders: np.ndarray | None) -> Components:
     postures, pairs = rows[:, ::2] // 2, np.arange(0, rows.shape[1], 2)
 
     def diagonal(blocks: np.ndarray) -> np.ndarray:
-        """A 2 x 2 block a posture as blocks a placement."""
+        """Spread 2 x 2 blocks of the postures over the blocks of the placements."""
         full = np.zeros((*rows.shape, rows.shape[1]))
         for a in (0, 1):
             for b in (0, 1):
@@ -90,19 +90,19 @@ def fit_components(data: Regression, encoders: np.ndarray | None) -> Components:
     size = _residual_size(data, residual)
     fixed = diagonal(np.zeros((count, 2, 2)) if encoders is None else encoders)
     fixed[:, np.arange(rows.shape[1]), np.arange(rows.shape[1])] += size**2 * ~inside
-    cells, plates, position, belief = _stated(data, size)
+    cells, plates, position, prior = _stated(data, size)
     levers = (plates * _levers(data)).reshape(2 * count, 2, 3)[rows] * inside[..., None, None]
     kernels = np.stack([diagonal(cells), *(levers[:, :, k] @ levers[:, :, k].mT for k in (0, 1))])
 
     tau = np.zeros(3)
-    best = _evaluate(tau, fixed, kernels, whole, belief)
+    best = _evaluate(tau, fixed, kernels, whole, prior)
     for _ in range(MOST_STEPS):
         step = np.clip(-np.linalg.solve(best.curvature, best.gradient), -MOST_STEP, MOST_STEP)
         if abs(step @ best.gradient) < CONVERGED:
             break
         for shrink in 0.5 ** np.arange(20):
             trial = np.clip(tau + shrink * step, -MOST_TAU, MOST_TAU)
-            found = _evaluate(trial, fixed, kernels, whole, belief)
+            found = _evaluate(trial, fixed, kernels, whole, prior)
             if found.value <= best.value:
                 break
         else:
@@ -127,9 +127,9 @@ def fit_components(data: Regression, encoders: np.ndarray | None) -> Components:
 
 
 def _evaluate(
-    tau: np.ndarray, fixed: np.ndarray, kernels: np.ndarray, whole: np.ndarray, belief: np.ndarray
+    tau: np.ndarray, fixed: np.ndarray, kernels: np.ndarray, whole: np.ndarray, prior: np.ndarray
 ) -> _Fit:
-    """Minus the log-likelihood, its gradient and average information in tau; Q in the place of H."""
+    """Return minus the log-likelihood, its gradient and average information in tau, with Q instead of H."""
     part = np.exp(2 * tau)
     scaled = part[:, None, None, None] * kernels
     covariance = fixed + scaled.sum(axis=0)
@@ -157,9 +157,9 @@ def _evaluate(
     observed = np.tensordot(back, whole[..., :-1], axes=((1, 2), (0, 1)))
     curved = 2 * (np.tensordot(pushed, back, axes=((1, 2), (1, 2))) - observed @ root @ observed.T)
     return _Fit(
-        value=0.5 * (log_determinant + log_information + unexplained + ((tau / belief) ** 2).sum()),
-        gradient=score + tau / belief**2,
-        curvature=curved + np.diag(belief**-2.0),
+        value=0.5 * (log_determinant + log_information + unexplained + ((tau / prior) ** 2).sum()),
+        gradient=score + tau / prior**2,
+        curvature=curved + np.diag(prior**-2.0),
         inverse=inverse,
         information=information,
         gain=gain,
@@ -168,7 +168,7 @@ def _evaluate(
 
 
 def _rows(placement: np.ndarray) -> np.ndarray:
-    """Rows of H by placement, padded with -1, (g, r)."""
+    """Return the rows of H by placement, padded with -1, (g, r)."""
     _, group, size = np.unique(placement, return_inverse=True, return_counts=True)
     order = np.argsort(group, kind="stable")
     position = np.arange(len(order)) - np.repeat(np.cumsum(size) - size, size)
@@ -179,14 +179,14 @@ def _rows(placement: np.ndarray) -> np.ndarray:
 
 
 def _residual_size(data: Regression, residual: np.ndarray) -> float:
-    """S.d. of the residuals [m], above rounding."""
+    """Return the s.d. of the residuals, or rounding errors if larger [m]."""
     dof = max(len(residual) - data.matrix.shape[1], 1)
     least = 1e-12 * (float(np.abs(data.output).max(initial=0.0)) or 1.0)
     return max(float(np.linalg.norm(residual)) / np.sqrt(dof), least)
 
 
 def _levers(data: Regression) -> np.ndarray:
-    """(m, 2, 6); by the load share alone where nothing else is known."""
+    """Return the levers of the plate poses, (m, 2, 6), by the load share alone if nothing else is known."""
     if data.levers is not None:
         return data.levers
     levers = np.zeros((len(data.load_share), 2, 6))
@@ -196,22 +196,22 @@ def _levers(data: Regression) -> np.ndarray:
 
 
 def _stated(data: Regression, size: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Where the search starts, and how strongly the start is believed.
+    """Return the start of the search and the s.d. of its prior.
 
     Returns:
-        covariance of each posture's cells, (m, 2, 2); s.d. of both plates' x, y, yaw, (6,); the s.d. of
-        their positions, (2,); the s.d. of each tau, (3,).
+        Covariance of each posture's cells, (m, 2, 2); s.d. of both plates' x, y, yaw, (6,); s.d. of their
+        positions, (2,); s.d. of the prior of each tau, (3,).
     """
     shape = np.tile(np.eye(2), (len(data.placement), 1, 1)) if data.cells is None else data.cells
     cell = usable_sd(data.sensors.cell_sd) if data.cells is not None else None
     factor = size / np.sqrt(np.trace(shape.mean(axis=0)) / 2) if cell is None else cell
-    belief = [NO_BELIEF if cell is None else SHEET_BELIEF]
+    prior = [NO_PRIOR if cell is None else SHEET_PRIOR]
     left = np.array(data.sensors.placement_sd or (0.0, 0.0, 0.0))
     if left[:2].any():
-        belief += [MARK_BELIEF, SHEET_BELIEF]
+        prior += [MARK_PRIOR, SHEET_PRIOR]
         right = MARK_RATIO * left
     else:
-        belief += [NO_BELIEF, NO_BELIEF]
+        prior += [NO_PRIOR, NO_PRIOR]
         left = right = size * np.array([1.0, 1.0, YAW_RATIO])
     position = np.array([np.hypot(*right[:2]), np.hypot(*left[:2])]) / np.sqrt(2)
-    return factor**2 * shape, np.concatenate([right, left]), position, np.array(belief)
+    return factor**2 * shape, np.concatenate([right, left]), position, np.array(prior)

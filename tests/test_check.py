@@ -44,13 +44,13 @@ def test_every_statistical_check_has_its_share_of_the_level(wii, nominal):
 
 
 def test_a_check_without_power_does_not_pass(wii, nominal):
-    """Four placements for 25 parameters: a plate 100 mm off would not stand out."""
+    """Four placements for 25 parameters: a plate 100 mm off would not be detected."""
     measured = wii.run.measurements
     few = rows_of(measured, measured.placement <= 4)
     finding = found(few, nominal)["single placements"]
     assert finding.result == "not evaluated"
     assert "no power" in finding.seen
-    assert "would stand out" in found(measured, nominal)["single placements"].seen
+    assert "would be detected" in found(measured, nominal)["single placements"].seen
 
 
 def test_another_robots_folder_is_said_to_be_one(wii, tmp_path, foreign):

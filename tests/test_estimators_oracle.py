@@ -46,7 +46,7 @@ def test_filip_certified_values():
     for k, (certified, certified_deviation) in enumerate(FILIP):
         assert value[k] == pytest.approx(certified, rel=1e-6)
         assert deviation[k] == pytest.approx(certified_deviation, rel=1e-6)
-    with pytest.raises(InputError, match="cannot tell apart"):
+    with pytest.raises(InputError, match="not determined"):
         solve_least_squares(matrix, output)
 
 
@@ -116,7 +116,7 @@ def test_generalised_least_squares_is_that_of_statsmodels():
 def test_restricted_maximum_likelihood_is_that_of_statsmodels(monkeypatch):
     """With no belief in any data sheet. Their standard errors allow a little for the variances' own errors:
     1 %."""
-    monkeypatch.setattr(variance_components, "NO_BELIEF", 1e4)
+    monkeypatch.setattr(variance_components, "NO_PRIOR", 1e4)
     data = made(3)
     found = estimate_by(data, "placement")
     groups = np.repeat(data.placement, 2)

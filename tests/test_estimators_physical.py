@@ -13,10 +13,10 @@ from tulip_testbed.identification.estimators import DEFAULT, estimate_by
 from tulip_testbed.identification.estimators.consistent import corner_parameters
 from tulip_testbed.identification.estimators.errors_in_variables import bounded_excess
 from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD
+from tulip_testbed.identification.identifiable_masses import identifiable_masses
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
 from tulip_testbed.identification.nominal import link_boxes
 from tulip_testbed.identification.statistics import standard_errors
-from tulip_testbed.identification.visible_masses import visible_masses
 from tulip_testbed.sim.errors import InputError
 
 
@@ -59,9 +59,9 @@ def test_no_more_than_half_is_taken_for_encoder_errors():
 
 def test_masses_that_statics_gives(parameters, nominal, model, foreign):
     """TULip: the total alone. Moving mass between links along an unseen direction changes no measurement."""
-    visible = visible_masses(parameters)
+    visible = identifiable_masses(parameters)
     assert visible.combinations == pytest.approx(np.ones((1, 13)))
-    assert "no single link's" in visible.words
+    assert "no single link mass" in visible.sentence
     total = np.zeros((13, 4))
     total[:, 0] = 1.0
     _, _, turned = np.linalg.svd(np.vstack([parameters.from_standard, total.ravel()]))
@@ -70,7 +70,7 @@ def test_masses_that_statics_gives(parameters, nominal, model, foreign):
     for direction in unseen:
         assert parameters.values(standard + 0.1 * direction) == pytest.approx(nominal.value, abs=1e-9)
     assert (np.abs(unseen[:, :, 0]).max(axis=0) > 1e-3).all()
-    assert visible_masses(base_parameters(foreign["humanoid"])).alone == ("right_foot", "left_foot")
+    assert identifiable_masses(base_parameters(foreign["humanoid"])).alone == ("right_foot", "left_foot")
 
 
 def drawn(nominal, model, rng):

@@ -1,4 +1,4 @@
-"""Estimators of the base parameters behind one signature: a `Regression` in, an `Estimate` out."""
+"""Estimators of the base parameters with one signature: a `Regression` in, an `Estimate` out."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from tulip_testbed.sim.errors import look_up
 
 @dataclass(frozen=True)
 class Estimator:
-    """An estimator and what it is, in a sentence."""
+    """An estimator and its description in one sentence."""
 
     run: Callable[[Regression], Estimate]
     summary: str
@@ -28,17 +28,17 @@ ESTIMATORS: dict[str, Estimator] = {
     ),
     "least-squares": Estimator(least_squares, "Ordinary least squares, the paper's eq. 8 and eq. 14."),
     "placement": Estimator(
-        placement_effects, "Generalised least squares with placement effects; encoders count as exact."
+        placement_effects, "Generalised least squares with placement effects; encoders are assumed exact."
     ),
     "errors-in-variables": Estimator(
         corrected_least_squares, "Least squares corrected for the encoders' errors in the regressor."
     ),
-    "robust": Estimator(huber, "Huber's M-estimator: postures that fit badly count less."),
+    "robust": Estimator(huber, "Huber's M-estimator, which gives outlying postures less weight."),
     "prior": Estimator(
-        with_prior, "The default added to the robot's own model: link masses and centres of mass."
+        with_prior, "The default combined with the robot's own model, for link masses and centres of mass."
     ),
     "consistent": Estimator(
-        physically_consistent, "The default moved to what positive masses inside their links can reach."
+        physically_consistent, "The default projected on robots with positive masses inside their links."
     ),
 }
 DEFAULT = "mixed-model"
@@ -48,7 +48,7 @@ def estimate_by(data: Regression, name: str = DEFAULT) -> Estimate:
     """Run an estimator by its name.
 
     Raises:
-        InputError: an unknown name (lists the valid ones), or postures that do not suffice.
+        InputError: the name is unknown (the message lists the valid ones), or the postures do not suffice.
     """
     return ESTIMATORS[look_up("estimator", name, ESTIMATORS, "estimator")].run(data)
 

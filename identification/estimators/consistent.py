@@ -1,4 +1,4 @@
-"""The nearest base parameters that some real robot could have."""
+"""Physically consistent base parameters: the nearest to the estimate that a real robot can have."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from tulip_testbed.identification.nominal import SIDES, link_boxes
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.sim.errors import InputError
 
-EQUALITY = 1e4  # weight of "mass fractions sum to one" over the largest other
+EQUALITY = 1e4  # weight of the equation "mass fractions sum to one" over the largest other weight
 
 
 def physically_consistent(data: Regression) -> Estimate:
-    """The default estimate, moved into what robots with positive masses inside their links' boxes reach.
+    """Project the default estimate on robots with positive masses inside their links' boxes.
 
-    A link whose centre of mass lies in its box is a set of point masses on the box's corners, none
-    negative; so the reachable base parameters are theta = B G w, w >= 0, sum w = 1, and the nearest of them
-    by the estimate's covariance are non-negative least squares (Lawson and Hanson 1974). The standard
-    errors are those before the move: too large where it moved, and never too small.
+    A link with its centre of mass in its box is equivalent to non-negative point masses on the box's
+    corners. So the reachable base parameters are theta = B G w, w >= 0, sum w = 1, and the nearest of them in
+    the metric of the estimate's covariance follow from non-negative least squares (Lawson and Hanson 1974).
+    The standard errors are those before the projection, which are too large where it changed the estimate.
 
     Raises:
-        InputError: postures that cannot tell all parameters apart, or a regression without its robot.
+        InputError: the postures do not determine all parameters, or the regression has no robot.
     """
     found = mixed_model(data)
     reachable = corner_parameters(data)
@@ -44,13 +44,13 @@ def physically_consistent(data: Regression) -> Estimate:
 
 
 def corner_parameters(data: Regression) -> np.ndarray:
-    """Base parameters of robots whose whole mass sits on one corner of a link's box, (p, 8 n_links) [m].
+    """Return the base parameters of robots with all mass on one corner of a link's box, (p, 8 n_links) [m].
 
     Raises:
-        InputError: a regression without its robot.
+        InputError: the regression has no robot.
     """
     if data.robot is None or data.parameters is None:
-        raise InputError(f"{data.source}: found no robot, expected one: its links' boxes are the bounds")
+        raise InputError(f"{data.source}: found no robot, expected one, whose link boxes are the bounds")
     boxes = link_boxes(data.robot.visual_model)
     corners = np.where(SIDES[None] < 0, boxes[:, None, 0], boxes[:, None, 1])  # (n, 8, 3)
     count = len(boxes)

@@ -1,4 +1,4 @@
-"""Least squares corrected for the encoders' errors in the regressor, and for nothing else."""
+"""Least squares corrected for the encoders' errors in the regressor, and for no other errors."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ MOST_CORRECTION = 0.5  # of the information in any direction
 
 
 def bounded_excess(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """The part of H'H that encoder errors are taken for: at most half in any direction.
+    """Return the part of H'H due to encoder errors, bounded by half of it in any direction.
 
-    More than that cannot be told from chance, and the corrected equations would blow up (Fuller 1987,
-    ch. 2.5, bounds it for the same reason).
+    A larger part cannot be distinguished from chance and would make the corrected equations nearly singular
+    (Fuller 1987, ch. 2.5, bounds it for the same reason).
     """
     half = np.linalg.inv(np.linalg.cholesky(information))
     share = float(np.linalg.eigvalsh(half @ excess @ half.T)[-1])
@@ -28,12 +28,12 @@ def bounded_excess(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
 
 
 def corrected_least_squares(data: Regression) -> Estimate:
-    """theta = (H'H - D)^-1 H'y, D = s^2 sum_j (dH/dq_j)' (dH/dq_j) (Fuller 1987, ch. 3.1).
+    """Compute theta = (H'H - D)^-1 H'y, D = s^2 sum_j (dH/dq_j)' (dH/dq_j) (Fuller 1987, ch. 3.1).
 
-    Its covariance is sigma^2 A H'H A with A = (H'H - D)^-1, errors of different postures being independent.
+    Its covariance is sigma^2 A H'H A with A = (H'H - D)^-1 for independent errors of the postures.
 
     Raises:
-        InputError: postures that cannot tell all parameters apart; says which.
+        InputError: the postures do not determine all parameters; the message names them.
     """
     if data.slope is None or not data.encoder_sd:
         return least_squares(data)

@@ -1,4 +1,4 @@
-"""What every estimator returns."""
+"""The result of every estimator."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class StandardEstimate:
-    """Masses and centres of mass of the links, after the prior of the robot's own model was added.
+    """Masses and centres of mass of the links, estimated with the robot's own model as prior.
 
     Attributes:
-        links: names, (n,).
-        mass, mass_error, mass_share: value and standard error [kg], and how much of the prior's variance the
-            measurements took away, 0 (all prior) to 1 (all data), (n,).
-        center, center_error, center_share: the same of the centre of mass in the link's frame, (n, 3) [m].
-        visible: in words, which masses the measurements can give at all.
+        links: names of the links, (n,).
+        mass, mass_error, mass_share: value and standard error [kg], and share of the prior's variance that
+            the measurements removed, from 0 (all prior) to 1 (all data), (n,).
+        center, center_error, center_share: the same for the centre of mass in the link's frame, (n, 3) [m].
+        identifiable: sentence about the masses that the measurements determine.
     """
 
     links: tuple[str, ...]
@@ -26,27 +26,27 @@ class StandardEstimate:
     center: np.ndarray
     center_error: np.ndarray
     center_share: np.ndarray
-    visible: str
+    identifiable: str
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """An estimate and what it says of its own errors.
+    """An estimate of the base parameters with its covariance.
 
     Attributes:
-        numbers, names: of the parameters, (p,).
-        value: (p,) [m].
-        covariance: as the estimator's own model of the errors has it, (p, p) [m2]; least squares:
-            sigma^2 C, C = (H'H)^-1, for independent errors (eqs 13, 14).
-        clustered_covariance: with errors common to a placement allowed for, (p, p) [m2]; the same
-            as `covariance` where the estimator's own model has them.
+        numbers, names: numbers and names of the parameters, (p,).
+        value: estimated base parameters, (p,) [m].
+        covariance: covariance by the estimator's own error model, (p, p) [m2]; for least squares
+            sigma^2 C, C = (H'H)^-1, with independent errors (eqs 13, 14).
+        clustered_covariance: covariance with errors common to a placement, (p, p) [m2]; equal to
+            `covariance` if the estimator's own model includes them.
         residual: e = y - H theta (eq. 12), (2m,) [m].
-        sigma: eq. 14 [m].
+        sigma: residual s.d. (eq. 14) [m].
         placement_sd: estimated s.d. per axis of the placement errors of the right and left plate [m].
-        dof: r - p.
+        dof: degrees of freedom r - p.
         interval_dof: degrees of freedom of each parameter's t interval by `covariance`, (p,).
-        condition_number: of H.
-        standard: link masses and centres of mass, where the estimator gives them.
+        condition_number: condition number of H.
+        standard: link masses and centres of mass, if the estimator gives them.
     """
 
     numbers: np.ndarray

@@ -12,25 +12,25 @@ from tulip_testbed.identification.variance_components import Components, fit_com
 
 
 def placement_effects(data: Regression) -> Estimate:
-    """Generalised least squares with random placement effects; encoders count as exact.
+    """Estimate by generalised least squares with random placement effects and exact encoders.
 
     Raises:
-        InputError: postures that cannot tell all parameters apart; says which.
+        InputError: the postures do not determine all parameters; the message names them.
     """
     value, _ = solve(data)
     return _estimate(data, value, fit_components(data, None), None)
 
 
 def mixed_model(data: Regression) -> Estimate:
-    """Generalised least squares with placement effects and encoder errors, corrected for their bias.
+    """Estimate by generalised least squares with placement effects, corrected for encoder errors.
 
     Encoder errors add J J' s^2 to a posture's variance, J = (dH/dq) theta, and on average
-    D = s^2 sum_ij H_ij' (V^-1)_ii H_ij to H' V^-1 H, which pulls the estimate towards zero. The
-    corrected score H' V^-1 (y - H theta) + D theta has mean zero (Fuller 1987, ch. 3.1; Nakamura 1990)
-    and the variance H' V^-1 H, whence the covariance A^-1 H' V^-1 H A^-1, A = H' V^-1 H - D.
+    D = s^2 sum_ij H_ij' (V^-1)_ii H_ij to H' V^-1 H, which biases the estimate towards zero. The corrected
+    score H' V^-1 (y - H theta) + D theta has mean zero (Fuller 1987, ch. 3.1; Nakamura 1990) and variance
+    H' V^-1 H. Hence the covariance is A^-1 H' V^-1 H A^-1 with A = H' V^-1 H - D.
 
     Raises:
-        InputError: postures that cannot tell all parameters apart; says which.
+        InputError: the postures do not determine all parameters; the message names them.
     """
     value, _ = solve(data)
     if data.slope is None or not data.encoder_sd:
@@ -40,7 +40,7 @@ def mixed_model(data: Regression) -> Estimate:
 
 
 def _estimate(data: Regression, start: np.ndarray, fit: Components, blurred: np.ndarray | None) -> Estimate:
-    """In coordinates in which the columns of H are orthonormal, from least squares on."""
+    """Refine the estimate of least squares, in coordinates in which the columns of H are orthonormal."""
     information = fit.information
     root = np.linalg.inv(information)
     change = root @ fit.gain
@@ -70,7 +70,7 @@ def _estimate(data: Regression, start: np.ndarray, fit: Components, blurred: np.
 
 
 def _excess(fit: Components, blurred: np.ndarray) -> np.ndarray:
-    """D for one s.d. of every encoder times dH/dq, (m, 2, n_joints, p)."""
+    """Return D for one s.d. of every encoder times dH/dq, (m, 2, n_joints, p)."""
     within = fit.rows[:, ::2] >= 0
     pairs = np.arange(0, fit.rows.shape[1], 2)
     blocks = np.empty((len(blurred), 2, 2))
@@ -86,9 +86,9 @@ def _excess(fit: Components, blurred: np.ndarray) -> np.ndarray:
 
 
 def _satterthwaite(fit: Components, back: np.ndarray, most: int) -> np.ndarray:
-    """Degrees of freedom of each parameter's variance, 2 v^2 / var(v), at most r - p.
+    """Return the degrees of freedom of each parameter's variance, 2 v^2 / var(v), at most r - p.
 
-    Var(v) follows from the covariance of the log s.d. by the slope of the variance (Satterthwaite 1946;
+    Var(v) follows from the covariance of the log s.d. and the derivative of the variance (Satterthwaite 1946;
     Giesbrecht and Burns 1985).
     """
     spread = np.linalg.inv(fit.information) @ back.T

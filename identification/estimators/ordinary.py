@@ -15,17 +15,17 @@ from tulip_testbed.sim.measurements import SensorSheet
 
 
 def solve_least_squares(matrix: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """theta minimising |H theta - y| (eq. 8) and C = (H'H)^-1, by QR and never by H'H itself.
+    """Return theta minimising |H theta - y| (eq. 8) and C = (H'H)^-1, by QR without forming H'H.
 
     Raises:
-        InputError: H has not full column rank; says which columns (from 1) cannot be told apart.
+        InputError: H lacks full column rank; the message names the columns, numbered from 1.
     """
     require_identifiable(matrix, tuple(str(k + 1) for k in range(matrix.shape[1])), "regressor")
     return by_qr(matrix, output)
 
 
 def by_qr(matrix: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same without asking for the rank."""
+    """Return theta and C as `solve_least_squares`, without checking the rank."""
     scale = np.linalg.norm(matrix, axis=0)
     orthogonal, triangle = np.linalg.qr(matrix / scale)
     inverse = solve_triangular(triangle, np.eye(len(scale))) / scale[:, None]
@@ -33,27 +33,27 @@ def by_qr(matrix: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def solve(data: Regression) -> tuple[np.ndarray, np.ndarray]:
-    """Eq. 8 and C = (H'H)^-1 after the check that the postures tell all parameters apart.
+    """Return theta (eq. 8) and C = (H'H)^-1 after checking that the postures determine all parameters.
 
     Raises:
-        InputError: they do not; says which.
+        InputError: the postures do not determine all parameters; the message names them.
     """
     require_identifiable(data.matrix, labels(data.numbers, data.names), data.source, data.blur)
     return by_qr(data.matrix, data.output)
 
 
 def residual_sigma(data: Regression, value: np.ndarray) -> tuple[np.ndarray, float, int]:
-    """Residual e = y - H theta (eq. 12), sigma (eq. 14) and the degrees of freedom r - p."""
+    """Return the residual e = y - H theta (eq. 12), sigma (eq. 14) and the degrees of freedom r - p."""
     residual = data.output - data.matrix @ value
     dof = len(residual) - len(value)
     return residual, float(np.sqrt(residual @ residual / dof)), dof
 
 
 def least_squares(data: Regression) -> Estimate:
-    """Ordinary least squares with eq. 14's and placement-clustered standard errors.
+    """Estimate by ordinary least squares, with eq. 14's and placement-clustered standard errors.
 
     Raises:
-        InputError: postures that cannot tell all parameters apart; says which.
+        InputError: some parameters are not determined by the postures; the message names them.
     """
     value, c = solve(data)
     residual, sigma, dof = residual_sigma(data, value)
@@ -74,14 +74,19 @@ def least_squares(data: Regression) -> Estimate:
 
 
 def clustered_covariance(data: Regression, c: np.ndarray) -> tuple[np.ndarray, tuple[float, float]]:
-    """Covariance of eq. 8's estimate when placements share errors.
+    """Return the covariance of eq. 8's estimate if postures of a placement share errors.
+
+    An error of a recorded plate pose displaces the centre of pressure by the load share on that plate times
+    the error, in all postures of the placement; eq. 14 assumes independent errors. Here the errors are
+    e = Z_r u_r + Z_l u_l + w with variances by restricted maximum likelihood (`variance_components`), without
+    any data sheet, and least squares has the covariance C H' V H C.
 
     Args:
         data: the regression.
         c: (H'H)^-1, (p, p).
 
     Returns:
-        covariance (p, p) [m2] and the s.d. of the right and left plate's placement errors [m].
+        Covariance, (p, p) [m2], and the s.d. of the right and left plate's placement errors [m].
     """
     fit = fit_components(replace(data, cells=None, levers=None, sensors=SensorSheet()), None)
     rows = data.matrix[fit.rows] * (fit.rows >= 0)[..., None]

@@ -1,4 +1,4 @@
-"""Link masses and centres of mass: the measurements added to what the robot's own model says."""
+"""Link masses and centres of mass: the measurements combined with the robot's own model as prior."""
 
 from __future__ import annotations
 
@@ -10,24 +10,25 @@ from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.estimators.estimate import Estimate, StandardEstimate
 from tulip_testbed.identification.estimators.mixed import mixed_model
 from tulip_testbed.identification.estimators.ordinary import residual_sigma
+from tulip_testbed.identification.identifiable_masses import identifiable_masses
 from tulip_testbed.identification.regressor import Regression
-from tulip_testbed.identification.visible_masses import visible_masses
 from tulip_testbed.sim.errors import InputError
 
-MASS_SD = 0.2  # of each link's mass, relative: what a CAD model leaves out (cables, screws, shells)
+MASS_SD = 0.2  # relative, of each link's mass: a CAD model lacks cables, screws and shells
 CENTER_SD = 0.02  # m, of each link's centre of mass, per axis
 STEPS = 20
 CONVERGED = 1e-10
 
 
 def with_prior(data: Regression) -> Estimate:
-    """Posterior of masses and centres of mass, Gaussian by Gauss-Newton (the iterated Kalman update).
+    """Estimate masses and centres of mass with a Gaussian prior by Gauss-Newton (iterated Kalman update).
 
-    Prior: every link's mass within 20 %, its centre of mass within 20 mm of the robot's file (1 s.d.),
-    independent. Data: the default estimator's base parameters with their covariance, and the total mass.
+    The prior has an s.d. of 20 % for every link's mass and of 20 mm for its centre of mass about the robot's
+    file, all independent. The data are the base parameters of the default estimator with their covariance,
+    and the total mass.
 
     Raises:
-        InputError: postures that cannot tell all parameters apart, or a regression without its robot.
+        InputError: the postures do not determine all parameters, or the regression has no robot.
     """
     found = mixed_model(data)
     if data.robot is None or data.parameters is None or data.mass is None:
@@ -79,13 +80,13 @@ def with_prior(data: Regression) -> Estimate:
             center=state[:, 1:],
             center_error=error[:, 1:],
             center_share=share[:, 1:],
-            visible=visible_masses(data.parameters).words,
+            identifiable=identifiable_masses(data.parameters).sentence,
         ),
     )
 
 
 def _predict(state: np.ndarray, from_standard: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Base parameters and total mass of (mass, centre) per link, (n, 4), and their derivative."""
+    """Return base parameters and total mass of (mass, centre) per link, (n, 4), and their derivative."""
     mass, total = state[:, 0], state[:, 0].sum()
     standard = np.column_stack([mass, mass[:, None] * state[:, 1:]])
     value = from_standard @ standard.ravel() / total

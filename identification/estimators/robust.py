@@ -1,4 +1,4 @@
-"""Huber's M-estimator: postures that fit badly count less."""
+"""Huber's M-estimator, which gives outlying postures less weight."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from tulip_testbed.identification.estimators.estimate import Estimate
 from tulip_testbed.identification.estimators.ordinary import least_squares, residual_sigma, solve
 from tulip_testbed.identification.regressor import Regression
 
-EXACT = 1e-12  # residuals over the output's size: nothing to weigh
+EXACT = 1e-12  # of the output's size; smaller residuals need no weights
 
 
 def huber(data: Regression) -> Estimate:
-    """Huber's M-estimator (1964), tuned to 95 % efficiency, the scale by the median absolute deviation.
+    """Estimate by Huber's M-estimator (1964) with 95 % efficiency, scaled by the median absolute deviation.
 
-    Its covariance is Huber's (1973), sigma^2 of the clipped residuals over their mean slope, times C. That
-    is least squares on pseudo-observations, H theta + the clipped residuals over the mean slope, whose
+    Its covariance is Huber's (1973): C times sigma^2 of the clipped residuals over their mean slope. This
+    equals least squares on the pseudo-observations H theta + clipped residuals over the mean slope, whose
     solution is the M-estimate itself; so the clustered covariance follows as for least squares.
 
     Raises:
-        InputError: postures that cannot tell all parameters apart; says which.
+        InputError: the postures do not determine all parameters; the message names them.
     """
     start, _ = solve(data)
     if residual_sigma(data, start)[1] <= EXACT * np.abs(data.output).max(initial=0.0):

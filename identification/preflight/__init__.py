@@ -1,4 +1,4 @@
-"""The preflight: checks of a measurement folder before anybody trusts it."""
+"""The preflight: checks of a measurement folder for faults."""
 
 from tulip_testbed.identification.preflight.all_checks import preflight
 from tulip_testbed.identification.preflight.finding import FAIL_LEVEL, RESULTS, WARN_LEVEL, Finding, worst_of

@@ -1,9 +1,9 @@
-"""Preflight: do repeated postures, placements and postures agree with each other?
+"""Preflight: agreement between repeated postures, placements and single postures.
 
-All on e = y - H theta with the covariance V that the data sheets state. Repeats compare e for the
-nominal theta, so that tracking errors, which differ legitimately from one approach to the next, drop out.
-Placements and postures are tested one by one as mean shifts in the best fitting model (Cook and Weisberg
-1982), and against the scatter of the rest where that exceeds the stated one.
+All checks use e = y - H theta with the covariance V that the data sheets state. Repeats compare e for the
+nominal theta, so that tracking errors, which differ between approaches, cancel. Placements and postures are
+tested one by one as mean shifts in the best fitting model (Cook and Weisberg 1982), relative to the scatter
+of the others if that exceeds the stated one.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import PLATES
 
-STANDS_OUT = 4.0  # standard errors, about what the smallest of a hundred p-values needs to fail
-MOST_UNSEEN = 0.05  # m: a check that misses plates this far off has seen nothing
-NO_CELL_SD = "no sensors.cell_sd in the manifest to measure by"
+STANDS_OUT = 4.0  # standard errors, about those at which the smallest of a hundred p-values fails
+MOST_UNDETECTED = 0.05  # m: a check that cannot detect a plate shifted by this much has no power
+NO_CELL_SD = "the manifest states no sensors.cell_sd"
 
 
 def repeats(measurements: Measurements, nominal: Nominal, noise: ReadingNoise) -> Finding:
-    """Postures measured again: change of the CoP less what the change of the angles explains.
+    """Compare repeated postures: change of the centre of pressure minus the part that the angles explain.
 
-    Judged as a whole, pair by pair, and as a drift that grows with the time between.
+    The changes are tested together, pair by pair, and as a drift in proportion to the time between repeats.
     """
     name, m = "repeats", measurements
     numbers, counts = np.unique(m.posture, return_counts=True)
@@ -49,7 +49,11 @@ def repeats(measurements: Measurements, nominal: Nominal, noise: ReadingNoise) -
     rows, moved = groups[worst], np.linalg.norm(differences[worst][0].reshape(-1, 2), axis=1).max()
     p_value = bonferroni(
         np.array(
-            [chi2.sf(squares.sum(), sizes.sum()), bonferroni(singly), _wandering(m.time, groups, differences)]
+            [
+                chi2.sf(squares.sum(), sizes.sum()),
+                bonferroni(singly),
+                _drift_p_value(m.time, groups, differences),
+            ]
         )
     )
     change = max(float(np.ptp(m.joint_angles[r], axis=0).max()) for r in groups)
@@ -61,18 +65,18 @@ def repeats(measurements: Measurements, nominal: Nominal, noise: ReadingNoise) -
         f"chi-square about {sizes.sum()} at the stated s.d.; joints may differ (friction)",
         f"worst: posture {again[worst]}, rows {', '.join(str(r + 1) for r in rows)}, "
         f"CoP {1e3 * moved:.1f} mm apart",
-        "A tare that wandered, a board or foot that moved, or a stated cell_sd that is too small.",
+        "Look for a drifting tare, a board or foot that moved, or a stated cell_sd that is too small.",
         p_value,
     )
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The best fitting model under the stated covariance V, ready to be tested for shifts.
+    """The best fitting model under the stated covariance V, prepared for tests of shifts.
 
     Attributes:
         information: V^-1, (2m, 2m) [1/m2].
-        precision: Q = V^-1 less what the model's columns take up, (2m, 2m) [1/m2].
+        precision: Q = V^-1 minus its projection on the model's columns, (2m, 2m) [1/m2].
         score: Q y, (2m,) [1/m].
         square: y' Q y, the chi-square of the residuals.
         dof: 2m - p.
@@ -85,17 +89,17 @@ class Fit:
     dof: int
 
     def shift(self, directions: np.ndarray, rows: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """P-value, size and standard errors of a shift of some residuals along given directions.
+        """Return p-value, size and standard errors of a shift of some residuals along given directions.
 
-        F against the scatter of the rest, or against the stated one where that is larger.
+        The F test uses the scatter of the other residuals, or the stated one if that is larger.
 
         Args:
-            directions: (k, d) of the residuals numbered by `rows`, (k,); zero elsewhere.
+            directions: d directions of the residuals with numbers `rows`, (k, d); zero elsewhere.
         """
         block = np.ix_(rows, rows)
         power = directions.T @ self.precision[block] @ directions
         values, vectors = np.linalg.eigh(power)
-        # What the model can follow altogether cannot be tested; rounding leaves a little of it.
+        # Directions in the span of the model cannot be tested; rounding leaves a small part of them.
         whole = np.trace(directions.T @ self.information[block] @ directions)
         usable = values > 1e-9 * whole
         axes, rank = vectors[:, usable], int(usable.sum())
@@ -111,7 +115,7 @@ class Fit:
 
 
 def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> Fit | None:
-    """Generalised least squares; None without a stated cell_sd or without degrees of freedom."""
+    """Fit the model by generalised least squares; None without a stated cell_sd or degrees of freedom."""
     dof = len(data.output) - data.matrix.shape[1]
     if usable_sd(measurements.sensors.cell_sd) is None or dof < 1:
         return None
@@ -123,7 +127,7 @@ def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> Fi
 
 
 def single_postures(measurements: Measurements, found: Fit | None) -> Finding:
-    """Any posture whose CoP all the others contradict: a typing error, a foot touched, a wrong row."""
+    """Find a posture whose centre of pressure contradicts all the others."""
     name = "single postures"
     if found is None:
         return skipped(name, NO_CELL_SD)
@@ -135,21 +139,21 @@ def single_postures(measurements: Measurements, found: Fit | None) -> Finding:
     return Finding(
         name,
         result_of(p_value),
-        f"{far} of {len(measurements)} postures stand out",
+        f"{far} of {len(measurements)} postures are outliers",
         "every posture's CoP agrees with the model that fits the others",
         f"worst: {row_name(measurements, row)}, CoP off by {_millimetres(*shifts[row][1:])}",
-        "Compare the row with the notebook; leave the posture out if it cannot be mended.",
+        "Compare the row with the notebook; leave the posture out if it cannot be corrected.",
         p_value,
     )
 
 
 def single_placements(measurements: Measurements, found: Fit | None) -> Finding:
-    """Any placement whose postures are shifted together: a plate that lies elsewhere than recorded."""
+    """Find a placement whose postures are shifted together, as by a wrongly recorded plate pose."""
     name, m = "single placements", measurements
     if found is None:
         return skipped(name, NO_CELL_SD)
     if usable_sd(max(placement_sd(m)[:2])) is None:
-        return skipped(name, "no sensors.placement_sd in the manifest to measure by")
+        return skipped(name, "the manifest states no sensors.placement_sd")
     levers = placement_levers(m).reshape(-1, 6)
     shifts, labels = [], []
     for placement in np.unique(m.placement):
@@ -160,17 +164,17 @@ def single_placements(measurements: Measurements, found: Fit | None) -> Finding:
     p_values = np.array([p for p, _, _ in shifts])
     worst = int(p_values.argmin())
     p_value = bonferroni(p_values)
-    unseen = STANDS_OUT * float(np.median([error.max() for _, _, error in shifts]))
-    if result_of(p_value) == "pass" and unseen > MOST_UNSEEN:
-        reason = "no power: too few postures a placement to tell a shifted plate from the parameters"
-        if np.isfinite(unseen):
-            reason += f"; only one by more than about {1e3 * unseen:.0f} mm would stand out"
+    undetected = STANDS_OUT * float(np.median([error.max() for _, _, error in shifts]))
+    if result_of(p_value) == "pass" and undetected > MOST_UNDETECTED:
+        reason = "no power: too few postures a placement to distinguish a shifted plate from the parameters"
+        if np.isfinite(undetected):
+            reason += f"; only a shift of more than about {1e3 * undetected:.0f} mm would be detected"
         return skipped(name, reason)
     return Finding(
         name,
         result_of(p_value),
         f"largest shift: {labels[worst]} by {_millimetres(*shifts[worst][1:])}; "
-        f"one by more than about {1e3 * unseen:.0f} mm would stand out",
+        f"shifts of more than about {1e3 * undetected:.0f} mm would be detected",
         f"shifts of placement_sd, {1e3 * placement_sd(m)[:2].max():.1f} mm",
         labels[worst],
         "Measure that placement's plate poses again (sign, origin, a board that was moved), or leave it out.",
@@ -179,9 +183,9 @@ def single_placements(measurements: Measurements, found: Fit | None) -> Finding:
 
 
 def scatter(found: Fit | None) -> Finding:
-    """Residuals of the best fit against the stated noise; the most it says is warn.
+    """Compare the residuals of the best fit with the stated noise; the worst result is a warning.
 
-    Too much of it need not be the folder's fault: the robot may not be the model's.
+    Large residuals need not be a fault of the folder: the robot may differ from the model.
     """
     name = "scatter about the model"
     if found is None:
@@ -194,7 +198,7 @@ def scatter(found: Fit | None) -> Finding:
         f"{ratio:.2f} times the stated noise (chi-square {found.square:.0f}, {found.dof} degrees of freedom)",
         "about 1; less where the right plate was recorded better than the left",
         "",
-        "Stated s.d. too small, swapped cells or columns, or an effect that the model lacks "
+        "Check the stated s.d., swapped cells or columns, and effects that the model lacks "
         "(elasticity, an encoder's zero, link lengths): standard errors will be too small.",
         p_value,
     )
@@ -203,7 +207,7 @@ def scatter(found: Fit | None) -> Finding:
 def _differences(
     error: np.ndarray, noise: np.ndarray, levers: np.ndarray, placement: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of a posture's k rows to its first one, (2k - 2,) [m], and their covariance."""
+    """Return the differences of a posture's k rows to its first one, (2k - 2,) [m], and their covariance."""
     count = len(error)
     full = np.zeros((count, 2, count, 2))
     for i in range(count):
@@ -215,17 +219,17 @@ def _differences(
     return contrasts @ error.ravel(), contrasts @ full.reshape(2 * count, 2 * count) @ contrasts.T
 
 
-def _wandering(
+def _drift_p_value(
     time: np.ndarray, groups: list[np.ndarray], differences: list[tuple[np.ndarray, np.ndarray]]
 ) -> float:
-    """P-value of a CoP that wanders in proportion to the time between repeats."""
+    """Return the p-value of a drift of the centre of pressure in proportion to the time between repeats."""
     if not np.isfinite(time).all():
         return 1.0
     power, along = np.zeros((2, 2)), np.zeros(2)
     for rows, (difference, spread) in zip(groups, differences, strict=True):
-        passed = np.kron((time[rows[1:]] - time[rows[0]])[:, None], np.eye(2))
-        power += passed.T @ np.linalg.solve(spread, passed)
-        along += passed.T @ np.linalg.solve(spread, difference)
+        elapsed = np.kron((time[rows[1:]] - time[rows[0]])[:, None], np.eye(2))
+        power += elapsed.T @ np.linalg.solve(spread, elapsed)
+        along += elapsed.T @ np.linalg.solve(spread, difference)
     return float(chi2.sf(along @ np.linalg.solve(power, along), 2)) if power[0, 0] > 0 else 1.0
 
 

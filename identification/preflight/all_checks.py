@@ -1,4 +1,4 @@
-"""The preflight: is a measurement folder fit to be identified from?"""
+"""Run all checks of the preflight on a measurement folder."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ READINGS = (
 
 
 def preflight(measurements: Measurements, nominal: Nominal, series: Series | None = None) -> list[Finding]:
-    """Every check, in the order in which a laboratory should mend what they find."""
+    """Run every check, in the order in which a laboratory should correct the faults."""
     m = measurements
     findings = [same_robot(m, nominal)]
     rest = (*READINGS, *LEGS, *FORCES, "identifiable")
     if m.joints != nominal.parameters.tree.joints:
-        return [*findings, *_skip(("units", *rest), "the joints have to be the robot's first")]
+        return [*findings, *_skip(("units", *rest), "correct the joints first: they are not the robot's")]
     findings.append(units(m, nominal))
     if findings[-1].result == "fail":
-        return [*findings, *_skip(rest, "the units have to be right first")]
+        return [*findings, *_skip(rest, "correct the units first")]
     loads = cell_loads(m)
     findings += [
         joint_limits(m, nominal),
@@ -57,16 +57,16 @@ def preflight(measurements: Measurements, nominal: Nominal, series: Series | Non
     ]
     if (single := m.support != "double").any():
         row = int(single.argmax())
-        reason = f"{row_name(m, row)} stands on one foot ('{m.support[row]}'), this is checked on two"
+        reason = f"{row_name(m, row)} stands on one foot ('{m.support[row]}'); this check needs both feet"
         findings += _skip((*LEGS, *FORCES), reason)
         if (m.support == "left").any():
-            advice = "Leave these postures out, or name the other foot the stance foot."
+            advice = "Leave these postures out, or make the other foot the stance foot."
             expected = "support 'double' or 'right'"
             return [*findings, Finding("identifiable", "fail", "support 'left'", expected, "support", advice)]
         return [*findings, identifiable(m, nominal_robot(nominal.robot, "right"), None)]
     findings += [feet_on_plates(m, nominal), *legs(m, nominal)]
     if loads.result == "fail":
-        findings += _skip(FORCES, "the cells' loads have to be right first")
+        findings += _skip(FORCES, "correct the cells' loads first")
         return [*findings, identifiable(m, nominal, None)]
     noise = reading_noise(m, nominal)
     findings += [load_in_soles(m, nominal), repeats(m, nominal, noise), *_fits(m, nominal, noise)]
@@ -74,7 +74,7 @@ def preflight(measurements: Measurements, nominal: Nominal, series: Series | Non
 
 
 def _fits(m: Measurements, nominal: Nominal, noise: ReadingNoise) -> list[Finding]:
-    """What needs a fitted model."""
+    """Run the checks that need a fitted model."""
     try:
         found = fit(m, regression(nominal.parameters, m, nominal.robot), noise)
     except InputError as problem:

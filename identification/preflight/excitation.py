@@ -1,4 +1,4 @@
-"""Preflight: which parameters can these postures identify, and how well?"""
+"""Preflight: parameters that these postures identify, and their predicted accuracy."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ MOST_CONDITION = 2600  # twice the worst of the shipped plan's sets of 50
 
 
 def predicted_standard_errors(matrix: np.ndarray, noise: ReadingNoise) -> np.ndarray:
-    """Of ordinary least squares under the stated noise, C H'VH C, (p,) [m].
+    """Predict the standard errors of ordinary least squares under the stated noise, C H'VH C, (p,) [m].
 
     Args:
         matrix: H, (2m, p).
 
     Raises:
-        InputError: a rank-deficient regressor.
+        InputError: the regressor is rank-deficient.
     """
     _, c = solve_least_squares(matrix, np.zeros(len(matrix)))
     half = matrix @ c
@@ -33,15 +33,15 @@ def predicted_standard_errors(matrix: np.ndarray, noise: ReadingNoise) -> np.nda
 
 
 def identifiable(measurements: Measurements, nominal: Nominal, noise: ReadingNoise | None) -> Finding:
-    """Number of postures, rank, condition number, and, with a noise, predicted relative standard errors."""
+    """Check number of postures, rank, condition number and, with a noise, predicted standard errors."""
     name, m = "identifiable", measurements
     count = len(nominal.value)
     postures, rule = len(m), DATA_PER_PARAMETER * count // 2
     expected = f"{count} parameters, {rule} postures or more, condition number below {MOST_CONDITION}"
-    advice = "Measure more, and more different, postures: `tulip postures --random` draws some."
+    advice = "Measure more, and more different, postures: `tulip postures` draws random ones."
     seen = f"{postures} postures ({2 * postures} data points)"
     if 2 * postures <= count:
-        return Finding(name, "fail", f"{seen}, {count // 2 + 1} are the least", expected, "", advice)
+        return Finding(name, "fail", f"{seen}, at least {count // 2 + 1} are needed", expected, "", advice)
     matrix = stacked_regressor(nominal.parameters, m.joint_angles)
     condition = float(np.linalg.cond(matrix))
     sd = m.sensors.encoder_sd

@@ -1,4 +1,4 @@
-"""One finding of the preflight, and the levels at which it warns and fails."""
+"""A finding of the preflight, and the levels at which checks warn and fail."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from tulip_testbed.sim.measurements import Measurements
 
-# A healthy folder should fail in at most 1 % of cases and warn in at most 5 %, whatever number of its
-# statistical checks is evaluated: Bonferroni over all that there are.
+# A healthy folder should fail in at most 1 % of cases and warn in at most 5 %, however many of the
+# statistical checks are evaluated: Bonferroni over all of them.
 STATISTICAL_CHECKS = 11
 FAIL_LEVEL = 0.01 / STATISTICAL_CHECKS
 WARN_LEVEL = 0.05 / STATISTICAL_CHECKS
@@ -19,15 +19,15 @@ RESULTS = ("pass", "warn", "fail", "not evaluated")
 
 @dataclass(frozen=True)
 class Finding:
-    """What one check saw.
+    """Result of one check.
 
     Attributes:
         result: one of `RESULTS`.
-        seen, expected: in words, with numbers and units; `seen` is the reason where the check
-            was not evaluated.
-        where: posture, placement, joint or cell that stands out most.
-        advice: what to do about it.
-        p_value: chance of a healthy folder looking at least as bad, for statistical checks.
+        seen, expected: found and expected state as text with numbers and units; for a check that was not
+            evaluated, `seen` is the reason.
+        where: posture, placement, joint or cell with the largest deviation.
+        advice: action to take.
+        p_value: p-value of a statistical check under the hypothesis of a healthy folder.
     """
 
     name: str
@@ -40,31 +40,32 @@ class Finding:
 
 
 def skipped(name: str, reason: str) -> Finding:
+    """Return the finding of a check that was not evaluated."""
     return Finding(name, "not evaluated", reason)
 
 
 def result_of(p_value: float) -> str:
-    """Result of a statistical check with this p-value."""
+    """Return the result of a statistical check with this p-value."""
     return "fail" if p_value < FAIL_LEVEL else "warn" if p_value < WARN_LEVEL else "pass"
 
 
 def worst_of(results: list[str]) -> str:
-    """The worst of several results; "pass" if there is none."""
+    """Return the worst of several results; "pass" if there are none."""
     order = ("not evaluated", "pass", "warn", "fail")
     return max(results, key=order.index, default="pass")
 
 
 def bonferroni(p_values: np.ndarray) -> float:
-    """Chance that the smallest of so many p-values is as small as this one, at most."""
+    """Return the smallest p-value, adjusted for the number of tests."""
     p_values = np.ravel(p_values)
     return float(min(1.0, p_values.min() * p_values.size))
 
 
 def row_name(measurements: Measurements, row: int) -> str:
-    """A posture as a laboratory finds it again."""
+    """Return the name of a posture with its row and placement."""
     return f"posture {measurements.posture[row]} (row {row + 1}, placement {measurements.placement[row]})"
 
 
 def few(texts: list[str], most: int = 3) -> list[str]:
-    """The first few texts, and how many more there are."""
+    """Return the first texts, and the number of the others."""
     return texts if len(texts) <= most else [*texts[:most], f"and {len(texts) - most} more"]

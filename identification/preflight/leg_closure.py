@@ -1,4 +1,4 @@
-"""Preflight: do the legs close, and do the feet stay where they stand?"""
+"""Preflight: closure of the legs, and feet that stay in place."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from tulip_testbed.identification.preflight.finding import Finding, bonferroni, 
 from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.sim.measurements import Measurements
 
-CLOSED = [2, 3, 4]  # of x, y, z, roll, pitch, yaw: what both soles flat on level tops fix
+CLOSED = [2, 3, 4]  # of x, y, z, roll, pitch, yaw: fixed by both soles flat on level tops
 PLANAR = [0, 1, 5]
-# A robot that is put down anew stands a millimetre beside its marks (simulated laboratory), and the
-# CoP does not mind; a foot that moves by more has slipped.
+# A robot that is put down again stands within a millimetre of its marks (simulated laboratory), which does
+# not affect the centre of pressure; a foot that moves by more has slipped.
 STAY = np.array([0.005, 0.005, 0.02])  # m, m, rad
-EXPLAINED = 0.8  # share of the chi-square that names a joint
-NO_ENCODER_SD = "no sensors.encoder_sd in the manifest to measure by"
+EXPLAINED = 0.8  # share of the chi-square from which a joint is named
+NO_ENCODER_SD = "the manifest states no sensors.encoder_sd"
 
 
 def legs(measurements: Measurements, nominal: Nominal) -> list[Finding]:
-    """Both checks of the legs."""
+    """Run both checks of the legs."""
     pose = nominal.swing_sole(measurements.joint_angles)
     slope = jacobian(nominal.swing_sole, measurements.joint_angles)
     joints = nominal.parameters.tree.joints
@@ -30,7 +30,7 @@ def legs(measurements: Measurements, nominal: Nominal) -> list[Finding]:
 def _legs_close(
     measurements: Measurements, joints: tuple[str, ...], pose: np.ndarray, slope: np.ndarray
 ) -> Finding:
-    """Height, roll and pitch of the swing sole by forward kinematics, against the encoders' s.d."""
+    """Compare height, roll and pitch of the swing sole by forward kinematics with the encoders' s.d."""
     name, m = "legs close", measurements
     encoder_sd = usable_sd(m.sensors.encoder_sd)
     if encoder_sd is None:
@@ -39,7 +39,7 @@ def _legs_close(
     slope = slope[:, CLOSED]
     whitener, rank = _whitener(encoder_sd**2 * slope @ slope.transpose(0, 2, 1))
     if rank.min() == 0:
-        return skipped(name, "this robot's joints do not move its swing foot out of level")
+        return skipped(name, "this robot's joints cannot tilt its swing foot")
     white = (whitener @ error[..., None])[..., 0]
     squares = (white**2).sum(axis=1)
     row = int(squares.argmax())
@@ -65,7 +65,7 @@ def _legs_close(
 
 
 def _feet_stay(measurements: Measurements, pose: np.ndarray, slope: np.ndarray) -> Finding:
-    """Place of the swing foot, the same in all postures of a placement but for a few millimetres."""
+    """Check that the swing foot stays within a few millimetres in all postures of a placement."""
     name, m = "feet stay", measurements
     pose, slope = pose[:, PLANAR], slope[:, PLANAR]
     encoder_sd = m.sensors.encoder_sd or 0.0
@@ -75,7 +75,7 @@ def _feet_stay(measurements: Measurements, pose: np.ndarray, slope: np.ndarray) 
         rows = m.placement == placement
         away[rows] = pose[rows] - np.median(pose[rows], axis=0)
     beyond = np.maximum(np.abs(away) - STAY, 0.0)
-    # sqrt 2: the median that it is compared with is noisy too.
+    # The factor sqrt 2 accounts for the noise of the median.
     z = np.divide(beyond, np.sqrt(2) * sd, out=np.where(beyond > 0, np.inf, 0.0), where=sd > 0)
     p_values = np.where(beyond > 0, 2 * norm.sf(z), 1.0)
     p_value = bonferroni(p_values)
@@ -93,7 +93,7 @@ def _feet_stay(measurements: Measurements, pose: np.ndarray, slope: np.ndarray) 
 
 
 def _whitener(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """W with W V W' = 1 on the range of each V, (m, k, k), and its rank, (m,)."""
+    """Return W with W V W' = 1 on the range of each V, (m, k, k), and its rank, (m,)."""
     values, vectors = np.linalg.eigh(covariance)
     usable = values > 1e-9 * values.max(axis=1, keepdims=True)
     scale = np.where(usable, 1 / np.sqrt(np.where(usable, values, 1.0)), 0.0)
@@ -101,7 +101,7 @@ def _whitener(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _one_offset(slope: np.ndarray, white: np.ndarray) -> tuple[int, float, float]:
-    """The joint whose constant offset explains most: joint, offset [rad], share of the chi-square."""
+    """Find the joint whose constant offset explains most: joint, offset [rad], share of the chi-square."""
     power = (slope**2).sum(axis=(0, 1))
     along = np.einsum("mkn,mk->n", slope, white)
     offsets = np.divide(along, power, out=np.zeros_like(along), where=power > 0)

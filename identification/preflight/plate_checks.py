@@ -1,4 +1,4 @@
-"""Preflight: do the plates lie where the feet are, and does each foot press on its own sole?"""
+"""Preflight: plate poses, feet on their plates, and loads inside the soles."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from tulip_testbed.identification.reading_noise import placement_levers, placeme
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import PLATES
 
-SAME_POSE = 1e-9  # m, rad: a placement has one record
-BOARD_EDGE = 0.05  # m that a board reaches beyond its cells, at most
-LEAST_LOAD = 0.05  # of the weight: below, a plate's own CoP says nothing
-# The feet push against each other. That cancels in the sum, but at the board's top it shifts each plate's
-# own CoP by the height times horizontal over vertical force; 0.09 is the most in 395 simulated holds.
+SAME_POSE = 1e-9  # m, rad: largest difference of the recorded poses of a placement
+BOARD_EDGE = 0.05  # m, largest overhang of a board beyond its cells
+LEAST_LOAD = 0.05  # of the weight; with less load a plate's own centre of pressure is not used
+# The feet push against each other. This cancels in the sum, but shifts each plate's own centre of pressure by
+# the height of the top times horizontal over vertical force; which was at most 0.09 in 395 holds.
 MOST_PUSH = 0.2
 POSE_ADVICE = (
     "Measure the plates' poses again: base frame at the stance ankle, x forward, y left, "
@@ -33,7 +33,7 @@ POSE_ADVICE = (
 
 
 def plate_poses(measurements: Measurements) -> Finding:
-    """One record a placement, the left plate to the left, rectangles of cells apart."""
+    """Check for one pose per placement, the left plate on the left, and plates apart."""
     name, m = "plate poses", measurements
     expected = "one pose per plate and placement, left plate on the left, plates apart"
     warnings, failures, where = [], [], []
@@ -71,7 +71,7 @@ def plate_poses(measurements: Measurements) -> Finding:
 
 
 def feet_on_plates(measurements: Measurements, nominal: Nominal) -> Finding:
-    """Sole corners, by the measured angles, over the rectangle of their plate's cells."""
+    """Check that the soles, by the measured angles, are over the rectangle of their plate's cells."""
     name, m = "feet on plates", measurements
     expected = f"each sole over its own plate, at most {1e3 * BOARD_EDGE:.0f} mm beyond the cells"
     soles = nominal.soles_in_base(m.joint_angles)
@@ -100,11 +100,11 @@ def feet_on_plates(measurements: Measurements, nominal: Nominal) -> Finding:
 
 
 def load_in_soles(measurements: Measurements, nominal: Nominal) -> Finding:
-    """CoP of each plate inside the sole that stands on it: nothing else can press there."""
+    """Check that each plate's centre of pressure is inside the sole that stands on it."""
     name, m = "load inside soles", measurements
     cell_sd = usable_sd(m.sensors.cell_sd)
     if cell_sd is None:
-        return skipped(name, "no sensors.cell_sd in the manifest to measure by")
+        return skipped(name, "the manifest states no sensors.cell_sd")
     soles = nominal.soles_in_base(m.joint_angles)
     forces = m.cell_forces.reshape(-1, 2, 4)
     load = forces.sum(axis=2)
@@ -135,7 +135,7 @@ def load_in_soles(measurements: Measurements, nominal: Nominal) -> Finding:
 
 
 def _beyond(m: Measurements, points: np.ndarray, plate: int) -> np.ndarray:
-    """How far points (m, k, 2) lie beyond a plate's cells, the furthest of each row, (m,) [m]."""
+    """Return the largest distance of points (m, k, 2) beyond a plate's cells, (m,) [m]."""
     x, y, yaw = m.plate_poses[:, plate].T
     c, s = np.cos(yaw), np.sin(yaw)
     dx, dy = points[..., 0] - x[:, None], points[..., 1] - y[:, None]
@@ -145,7 +145,7 @@ def _beyond(m: Measurements, points: np.ndarray, plate: int) -> np.ndarray:
 
 
 def _pose_spread(m: Measurements) -> np.ndarray:
-    """Covariance of each plate's own CoP from its recorded pose's error, (m, 2, 2, 2) [m2]."""
+    """Return the covariance of each plate's centre of pressure by its recorded pose, (m, 2, 2, 2) [m2]."""
     share = m.cell_forces.reshape(-1, 2, 4).sum(axis=2) / m.cell_forces.sum(axis=1)[:, None]
     levers = (placement_levers(m) * placement_sd(m)).reshape(-1, 2, 2, 3).transpose(0, 2, 1, 3)
     own = levers / np.where(np.abs(share) > LEAST_LOAD, share, 1.0)[:, :, None, None]
@@ -153,7 +153,7 @@ def _pose_spread(m: Measurements) -> np.ndarray:
 
 
 def _outside(cop: np.ndarray, soles: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distance of (m, 2, 2) points outside (m, 2, 4, 2) convex polygons and its s.d., (m, 2) [m]."""
+    """Return distance and s.d. of points (m, 2, 2) outside of convex polygons (m, 2, 4, 2), (m, 2) [m]."""
     edges = np.roll(soles, -1, axis=2) - soles
     normals = np.stack([edges[..., 1], -edges[..., 0]], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)

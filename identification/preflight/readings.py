@@ -1,4 +1,4 @@
-"""Preflight: sensors that are stuck, saturated, not connected, too coarse, or better than they can be."""
+"""Preflight: sensors that are stuck, saturated, unconnected or too coarse, and understated noise."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import CELLS
 
-LEAST_TIES, TIED_SHARE = 3, 0.05  # rows at exactly the same extreme that are no coincidence
-STANDING = 0.5  # of the weight, that the cells carry in every posture
-UNLOADED = 0.01  # of the weight: a cell that never carries more is not under the board
-PULLING_WARN, PULLING_FAIL = 0.05, 0.2  # of the weight; a board's own tare allows the first (8.6 N of 226)
-UNSTATED_NOISE = 0.01  # of the weight, where no cell_sd is stated
+LEAST_TIES, TIED_SHARE = 3, 0.05  # number and share of rows at the same extreme that count as a fault
+STANDING = 0.5  # of the weight; the cells carry more in every posture
+UNLOADED = 0.01  # of the weight; a cell that never carries more is not under the board
+PULLING_WARN, PULLING_FAIL = 0.05, 0.2  # of the weight; a board's tare explains the first (8.6 N of 226)
+UNSTATED_NOISE = 0.01  # of the weight, assumed without a stated cell_sd
 STEPS = tuple(sorted((k * 10.0**n for n in range(-6, 3) for k in (1, 2, 5)), reverse=True))
 
 
 def stuck(measurements: Measurements) -> Finding:
-    """Readings at a constant extreme, or the same over and over: saturated, frozen or pasted."""
+    """Find readings at a constant extreme or repeated: saturated, frozen or pasted."""
     m = measurements
     faults: list[tuple[str, str, str]] = [*_constant(m), *_extremes(m), *_copies(m)]
     moved = np.ones(max(len(m) - 1, 0), dtype=bool)
@@ -36,7 +36,7 @@ def stuck(measurements: Measurements) -> Finding:
             runs.append((name, *longest_run(values, np.abs(np.diff(m.command[:, k])) > step)))
     p_value = bonferroni(np.array([chance for _, _, chance in runs]))
     faults += [
-        (result_of(min(1.0, chance * len(runs))), name, f"{name} repeats one value in {length} rows on end")
+        (result_of(min(1.0, chance * len(runs))), name, f"{name} repeats a value in {length} successive rows")
         for name, length, chance in runs
         if result_of(min(1.0, chance * len(runs))) != "pass"
     ]
@@ -46,14 +46,14 @@ def stuck(measurements: Measurements) -> Finding:
         "; ".join(few([text for _, _, text in faults])) or "every sensor's readings differ between postures",
         "no sensor at one value, no cell at one extreme, no row or column twice",
         ", ".join(few(list(dict.fromkeys(place for _, place, _ in faults)))),
-        "Saturated amplifier or converter, loose plug, a frozen log, a row or column pasted twice; "
-        "a joint that really was not moved tells nothing about its links.",
+        "Look for a saturated amplifier or converter, a loose plug, a frozen log, a row or column pasted "
+        "twice; a joint that was not moved gives no information about its links.",
         p_value,
     )
 
 
 def cell_loads(measurements: Measurements) -> Finding:
-    """Cells that never carry anything, and cells that pull more than a board weighs."""
+    """Find cells that never carry a load, and cells that pull more than a board weighs."""
     m = measurements
     total = m.cell_forces.sum(axis=1)
     weight = float(np.median(total))
@@ -81,35 +81,35 @@ def cell_loads(measurements: Measurements) -> Finding:
         "; ".join(texts) or lowest,
         f"every cell loaded, none below {-(PULLING_WARN + noise) * weight:.0f} N (a board's share)",
         where,
-        "Check plug, sign and tare of the cell; a board on three corners; a foot beyond its cells.",
+        "Check plug, sign and tare of the cell, a board on three corners, and a foot beyond its cells.",
     )
 
 
 def resolution(measurements: Measurements) -> Finding:
-    """Stated s.d. against what rounding and the noise within a window leave at least."""
+    """Compare the stated s.d. with the least that rounding and noise within a window allow."""
     m, sheet, texts, where = measurements, measurements.sensors, [], []
     for key, prefix, stated, step, values, spread in (
         ("encoder_sd", "q", sheet.encoder_sd, sheet.encoder_resolution, m.joint_angles, m.joint_angles_sd),
         ("cell_sd", "cell", sheet.cell_sd, sheet.cell_resolution, m.cell_forces, m.cell_forces_sd),
     ):
         if stated == 0:
-            texts.append(f"sensors.{key} is 0, which no sensor has: its checks are left out")
+            texts.append(f"sensors.{key} is 0, which is impossible: the checks that need it are skipped")
             where.append(f"sensors.{key}")
         if not usable_sd(stated):
             continue
         assert stated is not None
         noise = _median(spread)
-        left = rounding_sd(step or 0.0, noise)
+        rounding = rounding_sd(step or 0.0, noise)
         written = decimal_step(values)
         count = _median(m.samples)
         mean_noise = noise / np.sqrt(count) if np.isfinite(noise) and np.isfinite(count) else 0.0
-        for what, least in (
-            (f"a resolution of {step:g} at noise {noise:.2g}" if step else "", left),
+        for source, least in (
+            (f"a resolution of {step:g} at noise {noise:.2g}" if step else "", rounding),
             (f"{prefix}.* written in steps of {written:g}", written / np.sqrt(12)),
             (f"noise of {noise:.2g} over {count:g} samples", mean_noise),
         ):
-            if what and least > 1.1 * stated:
-                texts.append(f"{what} leaves {least:.2g}, sensors.{key} says {stated:.2g}")
+            if source and least > 1.1 * stated:
+                texts.append(f"{source} gives an s.d. of {least:.2g}, but sensors.{key} states {stated:.2g}")
                 where.append(f"sensors.{key}")
     return Finding(
         "stated noise",
@@ -122,10 +122,10 @@ def resolution(measurements: Measurements) -> Finding:
 
 
 def longest_run(values: np.ndarray, moved: np.ndarray) -> tuple[int, float]:
-    """Longest run of one value in consecutive rows, and a bound on its chance in shuffled order.
+    """Return the longest run of one value in successive rows, and a bound on its probability by chance.
 
     Args:
-        values: (m,).
+        values: readings, (m,).
         moved: whether the value should have changed from each row to the next, (m - 1,).
     """
     same = (values[1:] == values[:-1]) & moved
@@ -140,7 +140,7 @@ def longest_run(values: np.ndarray, moved: np.ndarray) -> tuple[int, float]:
 
 
 def decimal_step(values: np.ndarray) -> float:
-    """The coarsest of 1, 2, 5 times a power of ten that divides all values; 0 below 1e-6."""
+    """Return the coarsest of 1, 2, 5 times a power of ten that divides all values; 0 below 1e-6."""
     for step in STEPS:
         parts = values / step
         if (np.abs(parts - np.round(parts)) < 1e-9 * np.maximum(np.abs(parts), 1)).all():
@@ -149,7 +149,7 @@ def decimal_step(values: np.ndarray) -> float:
 
 
 def rounding_sd(step: float, noise: float) -> float:
-    """S.d. that rounding leaves on a mean of many samples; noise dithers it away (Widrow's series)."""
+    """Return the s.d. of a mean of many samples by rounding, dithered by noise (Widrow's series)."""
     if step == 0:
         return 0.0
     k = np.arange(1, 200)
@@ -163,7 +163,7 @@ def _columns(prefix: str, names: tuple[str, ...], values: np.ndarray) -> list[tu
 
 
 def _constant(m: Measurements) -> list[tuple[str, str, str]]:
-    """Channels that read one value throughout; a joint may have been left alone, a cell may not."""
+    """Find channels with a single value; a joint may be at rest on purpose, a cell may not."""
     faults = []
     if len(m) > 1:
         for k, (name, values) in enumerate(_columns("q", m.joints, m.joint_angles)):
@@ -179,19 +179,19 @@ def _constant(m: Measurements) -> list[tuple[str, str, str]]:
 
 
 def _extremes(m: Measurements) -> list[tuple[str, str, str]]:
-    """Cells whose largest or smallest reading comes again and again."""
+    """Find cells whose largest or smallest reading occurs repeatedly."""
     faults = []
     for name, values in _columns("cell", CELLS, m.cell_forces):
-        for extreme, what in ((values.max(), "largest"), (values.min(), "smallest")):
+        for extreme, kind in ((values.max(), "largest"), (values.min(), "smallest")):
             ties = int((values == extreme).sum())
             if np.ptp(values) > 0 and ties >= max(LEAST_TIES, TIED_SHARE * len(m)):
-                text = f"{name} reads its {what} value {extreme:g} N in {ties} postures"
+                text = f"{name} reads its {kind} value {extreme:g} N in {ties} postures"
                 faults.append(("fail", name, text))
     return faults
 
 
 def _copies(m: Measurements) -> list[tuple[str, str, str]]:
-    """Columns of cells that are equal, and rows whose readings are."""
+    """Find equal columns of cells, and rows with equal readings."""
     faults = []
     columns = _columns("cell", CELLS, m.cell_forces)
     for k, (name, values) in enumerate(columns):

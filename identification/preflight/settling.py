@@ -1,4 +1,4 @@
-"""Preflight: was every averaged window steady?"""
+"""Preflight: steadiness of the averaged windows."""
 
 from __future__ import annotations
 
@@ -9,38 +9,38 @@ from tulip_testbed.identification.preflight.finding import Finding, bonferroni, 
 from tulip_testbed.sim.measurements import Measurements, Series
 from tulip_testbed.sim.robot import CELLS
 
-BATCHES = 10  # per half: means of many samples are nearly independent
+BATCHES = 10  # per half; means of many samples are nearly independent
 UNSTEADY_WARN, UNSTEADY_FAIL = 2.0, 5.0  # times the channel's usual s.d. within a window
-LEAST_ANGLE, LEAST_FORCE = 1e-6, 1e-3  # rad, N: nobody minds movements below
+LEAST_ANGLE, LEAST_FORCE = 1e-6, 1e-3  # rad, N: smaller changes are irrelevant
 ADVICE = "Wait longer after each movement before averaging; leave these postures out."
 
 
 def settling(measurements: Measurements, series: Series | None) -> Finding:
-    """First against second half of every window; a change below the stated s.d. is harmless."""
+    """Compare the halves of every window; a change below the stated s.d. is harmless."""
     name, m = "settling", measurements
     if series is None:
-        return skipped(name, "no series.parquet with the raw readings; 'steady windows' stands in")
+        return skipped(name, "no series.parquet with the raw readings; see 'steady windows' instead")
     harmless = np.concatenate(
         [np.full(len(m.joints), m.sensors.encoder_sd or 0.0), np.full(len(CELLS), m.sensors.cell_sd or 0.0)]
     )
     p_values = np.ones((len(m), len(harmless)))
     change = np.zeros_like(p_values)
-    seen = np.zeros(len(m), dtype=bool)
+    evaluated = np.zeros(len(m), dtype=bool)
     for row in range(len(m)):
         readings = series.window(m, row)
         if len(readings) >= 4 * BATCHES:
             change[row], p_values[row] = _halves(readings, harmless)
-            seen[row] = True
-    if not seen.any():
-        return skipped(name, f"series.parquet holds {4 * BATCHES} samples in no posture's window")
+            evaluated[row] = True
+    if not evaluated.any():
+        return skipped(name, f"series.parquet has no window with at least {4 * BATCHES} samples")
     row, channel = np.unravel_index(p_values.argmin(), p_values.shape)
     label, size, unit = _channel(m, int(channel), change[row, channel])
-    p_value = bonferroni(p_values[seen])
-    count = int(((p_values * p_values[seen].size) < 0.01).any(axis=1).sum())
+    p_value = bonferroni(p_values[evaluated])
+    count = int(((p_values * p_values[evaluated].size) < 0.01).any(axis=1).sum())
     return Finding(
         name,
         result_of(p_value),
-        f"{count} of {int(seen.sum())} windows still change; most: {label} by {size:+.3g} {unit} "
+        f"{count} of {int(evaluated.sum())} windows still change; most: {label} by {size:+.3g} {unit} "
         "from the first half to the second",
         "no change beyond the stated s.d. of an averaged reading",
         row_name(m, int(row)),
@@ -50,7 +50,7 @@ def settling(measurements: Measurements, series: Series | None) -> Finding:
 
 
 def series_agrees(measurements: Measurements, series: Series | None) -> Finding:
-    """Averages of the raw readings against the table's."""
+    """Compare the averages of the raw readings with the table."""
     name, m = "series and table", measurements
     if series is None:
         return skipped(name, "no series.parquet")
@@ -84,11 +84,11 @@ def series_agrees(measurements: Measurements, series: Series | None) -> Finding:
 
 
 def steady_windows(measurements: Measurements) -> Finding:
-    """S.d. within each window against what that sensor usually shows: a rule of thumb."""
+    """Compare the s.d. within each window with the usual one of that sensor, as a rule of thumb."""
     name, m = "steady windows", measurements
     spread = np.column_stack([m.joint_angles_sd, m.cell_forces_sd])
-    given = np.isfinite(spread).sum(axis=0) >= 3
-    if not given.any():
+    available = np.isfinite(spread).sum(axis=0) >= 3
+    if not available.any():
         return skipped(name, "no q_std.* or cell_std.* columns")
     sheet = m.sensors
     step = np.concatenate(
@@ -98,11 +98,11 @@ def steady_windows(measurements: Measurements) -> Finding:
         ]
     )
     usual = np.full(spread.shape[1], np.nan)
-    usual[given] = np.nanmedian(spread[:, given], axis=0)
-    # A reading between two steps of a coarse sensor jumps by half a step without any movement.
+    usual[available] = np.nanmedian(spread[:, available], axis=0)
+    # A reading between two steps of a coarse sensor jumps by half a step without movement.
     floor = np.concatenate([np.full(len(m.joints), LEAST_ANGLE), np.full(len(CELLS), LEAST_FORCE)])
     limit = np.sqrt(usual**2 + (step / 2) ** 2 + floor**2)
-    frozen = [_channel(m, int(k), 0.0)[0] for k in np.flatnonzero(given & (usual == 0))]
+    frozen = [_channel(m, int(k), 0.0)[0] for k in np.flatnonzero(available & (usual == 0))]
     ratio = np.nan_to_num(spread / limit)
     row, channel = np.unravel_index(ratio.argmax(), ratio.shape)
     worst = float(ratio[row, channel])
@@ -124,10 +124,10 @@ def steady_windows(measurements: Measurements) -> Finding:
 
 
 def _halves(readings: np.ndarray, harmless: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Change from first to second half and p-value of a change beyond `harmless`, per channel.
+    """Return the change from first to second half and the p-value of a change beyond `harmless`, per channel.
 
     The standard error is that of batch means about a line in each half, so that the change itself does
-    not enter it. Noise that is correlated over more than a few hundredths of the window makes it too small.
+    not contribute. It is too small if noise is correlated over more than a few hundredths of the window.
     """
     size = len(readings) // (2 * BATCHES)
     batches = readings[: 2 * BATCHES * size].reshape(2, BATCHES, size, -1).mean(axis=2)
@@ -143,7 +143,7 @@ def _halves(readings: np.ndarray, harmless: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def _channel(m: Measurements, channel: int, value: float) -> tuple[str, float, str]:
-    """Column name, value in a handy unit, and that unit."""
+    """Return column name, value in a convenient unit, and that unit."""
     if channel < len(m.joints):
         return f"q.{m.joints[channel]}", 1e3 * value, "mrad"
     return f"cell.{CELLS[channel - len(m.joints)]}", value, "N"

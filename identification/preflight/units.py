@@ -1,4 +1,4 @@
-"""Preflight: is this the robot, in SI units, within its joints' limits?"""
+"""Preflight: the right robot, SI units, and joint limits."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tulip_testbed.identification.preflight.finding import Finding, few, row_nam
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import CORNERS, PLATES
 
-# Beyond a limit: drives sag under gravity by up to 0.02 rad in the simulated laboratory.
+# Allowed beyond a limit: drives sag under gravity by up to 0.02 rad in the simulated laboratory.
 LIMIT_WARN, LIMIT_FAIL = 0.03, 0.1  # rad
 MOST_CELL, MOST_POSE = 2.0, 3.0  # m: a cell from its plate's middle, a plate from the stance foot
 LEAST_CELLS = 2e-3  # m: twice the r.m.s. distance of a plate's cells from one line
@@ -19,14 +19,14 @@ MOST_PLACEMENT_SD = 0.2  # m
 
 
 def same_robot(measurements: Measurements, nominal: Nominal) -> Finding:
-    """Model file, feet and joint order against the nominal robot."""
+    """Compare model file, feet and joint order with the nominal robot."""
     name, robot, wrong = "robot", nominal.robot, []
-    seen = f"{robot.model_file.name}, as the manifest says"
+    seen = f"{robot.model_file.name}, as in the manifest"
     found, file_hash = measurements.robot, robot.model_hash
     if found["sha256"] is None and found["model"] != robot.model_file.name:
         wrong.append(f"model '{found['model']}'")
     elif found["sha256"] is None:
-        seen += "; by its name only, no sha256 given"
+        seen += "; compared by name only, since no sha256 is given"
     elif found["sha256"].lower() != file_hash:
         wrong.append(f"sha256 {found['sha256'][:12]}... of {found['model']}")
     for key, expected in (("stance_foot", robot.stance_foot), ("swing_foot", robot.swing_foot)):
@@ -40,13 +40,13 @@ def same_robot(measurements: Measurements, nominal: Nominal) -> Finding:
     if measurements.joints != joints:
         expected += f", joints {', '.join(joints)}"
     if wrong:
-        advice = "Give the robot that was measured as --robot, or mend the manifest."
+        advice = "Give the robot that was measured as `robot`, or correct the manifest."
         return Finding(name, "fail", "; ".join(wrong), expected, "manifest.json", advice)
     return Finding(name, "pass", seen, expected)
 
 
 def units(measurements: Measurements, nominal: Nominal) -> Finding:
-    """Degrees for radians, millimetres for metres, kilograms for newtons: told by what would fit."""
+    """Detect degrees instead of radians, millimetres instead of metres, kilograms instead of newtons."""
     complaints = [
         *_angles(measurements, nominal),
         *_lengths(measurements),
@@ -56,13 +56,13 @@ def units(measurements: Measurements, nominal: Nominal) -> Finding:
     if not complaints:
         return Finding("units", "pass", "angles, lengths, forces and mass of plausible size", expected)
     where = ", ".join(dict.fromkeys(place for place, _ in complaints))
-    advice = "Convert these and check again; everything else waits for it."
+    advice = "Convert these and check again; all other checks depend on the units."
     seen = "; ".join(few([text for _, text in complaints]))
     return Finding("units", "fail", seen, expected, where, advice)
 
 
 def joint_limits(measurements: Measurements, nominal: Nominal) -> Finding:
-    """Joint angles against the model's ranges."""
+    """Compare the joint angles with the model's ranges."""
     tree = nominal.parameters.tree
     angles = measurements.joint_angles
     beyond = np.maximum(tree.joint_range[:, 0] - angles, angles - tree.joint_range[:, 1])
@@ -79,7 +79,7 @@ def joint_limits(measurements: Measurements, nominal: Nominal) -> Finding:
         f"q.{tree.joints[joint]} = {angles[row, joint]:.4f} rad, range [{low:.4f}, {high:.4f}]; {count} rows",
         expected,
         row_name(measurements, int(row)),
-        "Look for an encoder's zero or sign, or a swapped column; else correct the model's range.",
+        "Look for an encoder's zero or sign, or a swapped column; otherwise correct the model's range.",
     )
 
 
@@ -88,7 +88,7 @@ def _angles(measurements: Measurements, nominal: Nominal) -> list[tuple[str, str
     for k, joint in enumerate(tree.joints):
         angles, (low, high) = measurements.joint_angles[:, k], tree.joint_range[k]
         most = np.abs(angles).max()
-        # A wrong sign or zero leaves the range too, but not by as much: 'joint limits' says that.
+        # A wrong sign or zero leaves the range by less, which 'joint limits' reports.
         if most > min(2 * max(abs(low), abs(high)), 2 * np.pi) and np.deg2rad(most) <= np.pi:
             text = (
                 f"q.{joint} reads {angles.min():.4g} to {angles.max():.4g} where [{low:.2f}, {high:.2f}] rad"

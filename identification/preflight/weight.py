@@ -1,4 +1,4 @@
-"""Preflight: do the cells carry the robot, and always the same robot?"""
+"""Preflight: the cells carry the robot's weight, the same in all postures."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from tulip_testbed.identification.preflight.finding import Finding, bonferroni, 
 from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.sim.measurements import Measurements
 
-NEGLIGIBLE = 1e-3  # of the weight: an error below does no harm where no cell_sd says what is usual
+NEGLIGIBLE = 1e-3  # of the weight; a smaller error is harmless without a stated cell_sd
 CELL_ADVICE = (
-    "Weigh a known mass over every cell: gain (error grows with the load), tare (a constant), "
-    "a swapped, dead or saturated cell; something else touching robot or boards."
+    "Weigh a known mass over every cell, to find a gain (error grows with the load), a tare (constant "
+    "error), a swapped, dead or saturated cell; check that nothing else touches robot or boards."
 )
 
 
 def weight_balance(measurements: Measurements) -> Finding:
-    """Sum of the cells against the weighed mass: on average, in scatter, and posture by posture."""
+    """Compare the sum of the cells with the weighed mass: mean, scatter and single postures."""
     name, m = "weight balance", measurements
     if m.weighed_mass is None:
-        return skipped(name, "no weighed_mass in the manifest; 'constant weight' stands in")
+        return skipped(name, "no weighed_mass in the manifest; see 'constant weight' instead")
     mass, mass_sd = m.weighed_mass
     total = m.cell_forces.sum(axis=1)
     error = total - mass * m.gravity
@@ -51,10 +51,10 @@ def weight_balance(measurements: Measurements) -> Finding:
 
 
 def constant_weight(measurements: Measurements) -> Finding:
-    """Without a weighed mass: is the total at least the same in all postures?"""
+    """Check, without a weighed mass, that the total force is the same in all postures."""
     name, m = "constant weight", measurements
     if m.weighed_mass is not None:
-        return skipped(name, "'weight balance' says it all")
+        return skipped(name, "included in 'weight balance'")
     sd = _total_sd(m)
     if sd is None or len(m) < 2:
         return skipped(name, "needs weighed_mass or sensors.cell_sd in the manifest, and two postures")
@@ -72,9 +72,10 @@ def constant_weight(measurements: Measurements) -> Finding:
 
 
 def drift(measurements: Measurements, nominal: Nominal) -> Finding:
-    """Slopes over the experiment of what should not change: total force, level of the swing sole.
+    """Test for a trend over the experiment in quantities that should not change.
 
-    Against their own scatter (Student's t), so that no data sheet is needed.
+    These are the total force and the level of the swing sole. The test uses their own scatter (Student's t),
+    so that no data sheet is needed.
     """
     name, m = "drift", measurements
     timed = bool(np.isfinite(m.time).all())
@@ -112,7 +113,7 @@ def _total_sd(measurements: Measurements) -> float | None:
 
 
 def _scatter(total: np.ndarray, sd: float) -> tuple[int, float, float]:
-    """Worst row, s.d. about the mean, and the smaller p-value of the chi-square and of the worst row."""
+    """Return worst row, s.d. about the mean, and the smaller p-value of chi-square and worst row."""
     deviation = total - total.mean()
     row, dof = int(np.abs(deviation).argmax()), len(total) - 1
     if dof == 0:
@@ -123,7 +124,7 @@ def _scatter(total: np.ndarray, sd: float) -> tuple[int, float, float]:
 
 
 def _change(clock: np.ndarray, values: np.ndarray, harmless: float) -> tuple[float, float, float]:
-    """Change over the whole time by a straight line, its standard error, and its p-value.
+    """Return the change over the whole time by a line, its standard error, and its p-value.
 
     The null hypothesis is a change of at most `harmless`.
     """

@@ -252,7 +252,7 @@ def all_postures_the_same(folder: Path, rng: Rng) -> Expected:
         load_table(folder), "q.", lambda v: np.full_like(v, v[0]) + noise * rng.standard_normal(len(v))
     )
     store(folder, table, rng)
-    return refused("cannot tell apart", "torso.x (1)", folder.name)
+    return refused("not determined separately", "torso.x (1)", folder.name)
 
 
 @mutation
@@ -264,7 +264,7 @@ def a_joint_that_never_moved(folder: Path, rng: Rng) -> Expected:
         table, f"q.{joint}", lambda v: np.full_like(v, v.mean()) + noise * rng.standard_normal(len(v))
     )
     store(folder, table, rng)
-    return refused("cannot tell apart", "(free:", folder.name)
+    return refused("not determined separately", "(free:", folder.name)
 
 
 @measurements_only
