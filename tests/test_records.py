@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tests.test_view import calibration, run  # noqa: F401
+from tulip_testbed.discovery.dynamics_check import DynamicsCheck
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
 from tulip_testbed.experiments.discovery_record import discovery_record, read_discovery, write_discovery
 from tulip_testbed.experiments.document import Document
@@ -39,6 +40,7 @@ from tulip_testbed.viewer.subject import validated
 GONE = object()
 VALUES = (GONE, None, -1, 1e300, "\x1b[2J", [], {}, [None], {"": None})
 SEED = 141
+DATA = Path(__file__).parent / "data"
 
 
 def mutations(document):
@@ -165,6 +167,38 @@ def test_a_validation_in_memory_is_the_one_in_its_folder(wii, robot, tmp_path):
     for name, document in {"report.json": memory.report, "truth.json": memory.truth}.items():
         assert json.loads((tmp_path / "run" / name).read_text()) == document.plain()
     assert same_page(page_of(memory), page_of(read))
+
+
+# Below these keys stand names that depend on the run.
+OPEN = (
+    *("base_parameters", "correlations", "failures", "files", "inputs", "outputs", "plan", "software"),
+    "cell_gain",
+)
+
+
+def key_paths(value, path=""):
+    """Paths of all keys of a JSON document, # for any place in a list."""
+    if isinstance(value, dict) and path.rpartition(".")[2] not in OPEN:
+        return {p for key, inner in value.items() for p in key_paths(inner, f"{path}.{key}")}
+    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
+        return {p for item in value for p in key_paths(item, f"{path}.#")}
+    return {path}
+
+
+def test_the_keys_on_disk_are_those_of_version_1(wii, discovered, robot, plan, tmp_path):
+    """Whoever renames a field in memory does not rename a key in everybody's files."""
+    write_validation(tmp_path / "validation", validation_record(wii))
+    checked = dataclasses.replace(discovered, check=DynamicsCheck(2, 3, 0.1, (1.0, 0.5), ""))
+    write_discovery(tmp_path / "discovery", discovery_record(checked))
+    settings = Settings(30, SEED, "mixed-model", None)
+    montecarlo(Laboratory(robot, "wii"), plan, settings, Place(tmp_path / "montecarlo", 1, None))
+    expected: dict[str, set[str]] = {}
+    for line in (DATA / "record_keys.txt").read_text().splitlines():
+        name, path = line.split(" ")
+        expected.setdefault(name, set()).add(f".{path}")
+    assert len(expected) == 8
+    for name, paths in expected.items():
+        assert key_paths(json.loads((tmp_path / name).read_text())) == paths, name
 
 
 def test_the_same_run_gives_the_same_bytes(static, static_run, tmp_path):
