@@ -27,21 +27,12 @@ class Document(BaseModel):
         """Read a file.
 
         Raises:
-            InputError: no such file, no JSON object, or a value that is not what was expected.
-        """
-        return cls.checked(path, read_json(path))
-
-    @classmethod
-    def checked(cls, where: Path, content: dict[str, Any]) -> Self:
-        """Check the content of a file.
-
-        Raises:
             InputError: names the file, the key, what was found and what was expected.
         """
         try:
-            return cls.model_validate(content)
+            return cls.model_validate(read_json(path))
         except ValidationError as error:
-            raise InputError(f"{where}: {validation_message(error)}") from None
+            raise InputError(f"{path}: {validation_message(error)}") from None
 
     def write(self, path: Path) -> None:
         """Write a file, which appears whole.

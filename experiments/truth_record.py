@@ -104,11 +104,20 @@ def _attempt(attempt: Attempt) -> TruthAttempt:
         "repeat": attempt.repeat,
         "true_plates": attempt.true_plates.tolist(),
     }
-    if attempt.held is None:
-        return TruthAttempt.model_validate(content | {"dropped": attempt.reason})
-    held = dataclasses.asdict(attempt.held)
-    arrays = {key: value.tolist() for key, value in held.items() if isinstance(value, np.ndarray)}
-    return TruthAttempt.model_validate(content | held | arrays)
+    if (held := attempt.held) is None:
+        return TruthAttempt(**content, dropped=attempt.reason)
+    return TruthAttempt(
+        **content,
+        joint_angles=held.joint_angles.tolist(),
+        motor_angles=held.motor_angles.tolist(),
+        commanded=held.commanded.tolist(),
+        torques=held.torques.tolist(),
+        cell_forces=held.cell_forces.tolist(),
+        com=held.com.tolist(),
+        drift=held.drift,
+        settled_after=held.settled_after,
+        books=dataclasses.asdict(held.balance),
+    )
 
 
 def write_experiment(out: Path, truth: Path | None, run: Run) -> None:
