@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg.lapack import dtrtrs
+from scipy.linalg import get_lapack_funcs
 from scipy.stats import median_abs_deviation
 
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
@@ -214,6 +214,7 @@ def _factored(
         used: which residuals there are, (m, 11) bool.
     """
     rows, blocks, at_row = [], [], 0
+    (solve,) = get_lapack_funcs(("trtrs",), (own,))  # scipy's solve_triangular takes six times as long
     for number in np.unique(placement):
         inside = np.flatnonzero(placement == number)
         numbers = (inside[:, None] * SIZE + np.arange(SIZE)).ravel()
@@ -222,9 +223,7 @@ def _factored(
         block, each = shared @ shared.T, np.arange(len(inside))
         block.reshape(len(inside), SIZE, len(inside), SIZE)[each, :, each] += own[inside]
         lower = np.linalg.cholesky(block[keep][:, keep])
-        factor, _ = dtrtrs(
-            lower, np.eye(len(lower)), lower=1
-        )  # scipy's solve_triangular takes six times as long
+        factor, _ = solve(lower, np.eye(len(lower)), lower=1)
         blocks.append((slice(at_row, at_row + len(lower)), factor))
         rows.append(numbers[keep])
         at_row += len(lower)
