@@ -3,6 +3,7 @@
 import inspect
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -46,6 +47,19 @@ def notebook(tmp_path, monkeypatch):
     run = tt.Laboratory(sensors="force-plate").run(tt.plans.random, seed=2, engine="statics")
     tt.write_measurements("data/first", run.measurements)
     return tmp_path
+
+
+@pytest.fixture
+def screen(monkeypatch):
+    """A virtual screen, on which the viewer opens; 90 keeps clear of real ones."""
+    if shutil.which("Xvfb") is None:
+        pytest.skip("no Xvfb")
+    server = subprocess.Popen(["Xvfb", ":90", "-screen", "0", "1280x800x24"], stderr=subprocess.DEVNULL)
+    monkeypatch.setenv("DISPLAY", ":90")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    yield
+    server.terminate()
+    server.wait()
 
 
 def test_the_readme_shows_the_first_half():

@@ -1,0 +1,60 @@
+"""What `discover` takes, as a ratio within one run: `OTHER=/path/of/a/checkout make bench` for a comparison.
+
+Two commits are compared as processes, taking turns; each has its own virtual environment in `.venv`.
+"""
+
+import json
+import os
+import subprocess
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.meshed_robot import meshed_plan, write_meshed_robot
+from tulip_testbed import plans
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.sim.measurements import write_measurements
+from tulip_testbed.sim.robot import load_robot
+
+HERE = Path(__file__).parents[2]
+ROUNDS = 3
+
+
+def seconds(checkout: Path, robot: Path | None, folder: Path, out: Path) -> float:
+    """Wall time of one run of the command."""
+    asked = ["discover", str(folder), "--json", "--out", str(out)]
+    if robot is not None:
+        asked += ["--robot", str(robot)]
+    began = time.perf_counter()
+    done = subprocess.run(
+        [str(checkout / ".venv/bin/tulip"), *asked], cwd=checkout, capture_output=True, text=True
+    )
+    taken = time.perf_counter() - began
+    assert json.loads(done.stdout)["verdict"]
+    return taken
+
+
+@pytest.mark.parametrize("name", ["TULip", "29 joints with meshes"])
+def test_discover_against_another_checkout(benchmark, tmp_path, name):
+    other = os.environ.get("OTHER")
+    if other is None:
+        pytest.skip("OTHER names no checkout to compare with")
+    if name == "TULip":
+        robot, path, plan = load_robot(), None, plans.random
+    else:
+        robot = write_meshed_robot(tmp_path / "robot")
+        path = tmp_path / "robot" / "robot.toml"
+        plan = meshed_plan(robot, plans.random, np.random.default_rng(1))
+    run = Laboratory(robot, "force-plate").run(plan, 3, "statics")
+    write_measurements(tmp_path / "measured", run.measurements)
+    times: dict[Path, list[float]] = {Path(other): [], HERE: []}
+    for k in range(ROUNDS):
+        for checkout in times:
+            out = tmp_path / f"{'here' if checkout == HERE else 'other'}{k}"
+            times[checkout].append(seconds(checkout, path, tmp_path / "measured", out))
+    then, now = (min(times[checkout]) for checkout in (Path(other), HERE))
+    benchmark.extra_info["ratio"] = then / now
+    print(f"\ndiscover, {name}: {then:.1f} s there, {now:.1f} s here, {then / now:.2f} times as fast")
+    benchmark.pedantic(lambda: None)
