@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, overload
 
 import numpy as np
 
-from tulip_testbed.experiments.table import Column, Table
+from tulip_testbed.experiments.table import Column, Shown, Table
 from tulip_testbed.identification.statistics import HIGH_CORRELATION
 from tulip_testbed.sim.errors import UnknownNameError, listed, shortened
 
@@ -23,7 +23,7 @@ class Pair(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Pairs(Sequence[Pair]):
+class Pairs(Shown, Sequence[Pair]):
     """High correlations; shown as a table.
 
     Attributes:
@@ -54,11 +54,9 @@ class Pairs(Sequence[Pair]):
         """Return a pandas DataFrame with one row a pair."""
         return self.table().frame()
 
-    def __repr__(self) -> str:
-        return repr(self.table()) if self.pairs else f"No correlation above {self.level:g}."
-
-    def _repr_html_(self) -> str:
-        return self.table().html() if self.pairs else f"<p>{self!r}</p>"
+    def parts(self) -> list[Table | str]:
+        """Return the pairs, or a sentence where there are none."""
+        return [self.table()] if self.pairs else [f"No correlation above {self.level:g}."]
 
 
 def parameter_index(name: str | int, numbers: np.ndarray, names: tuple[str, ...]) -> int:
@@ -83,7 +81,7 @@ def parameter_index(name: str | int, numbers: np.ndarray, names: tuple[str, ...]
 
 
 @dataclass(frozen=True, repr=False)
-class Correlations:
+class Correlations(Shown):
     """Correlations of p parameters.
 
     Attributes:
@@ -116,8 +114,6 @@ class Correlations:
 
         return pd.DataFrame(self.matrix, index=list(self.names), columns=list(self.names))
 
-    def __repr__(self) -> str:
-        return f"Correlations of {len(self.names)} parameters.\n{self.above()!r}"
-
-    def _repr_html_(self) -> str:
-        return f"<p>Correlations of {len(self.names)} parameters.</p>\n{self.above()._repr_html_()}"
+    def parts(self) -> list[Table | str]:
+        """Return the number of parameters and the high correlations."""
+        return [f"Correlations of {len(self.names)} parameters.", *self.above().parts()]

@@ -41,7 +41,7 @@ def candidate_table(candidates: list[dict[str, Any]]) -> Table:
     columns = (
         Column("gap", format="d"),
         Column("effect"),
-        Column("size ± half of the 95 % interval"),
+        Column("size"),
         Column("ln of Bayes factor", format=".1f"),
         Column("behind the best", format=".1f"),
     )
@@ -57,7 +57,7 @@ def candidate_table(candidates: list[dict[str, Any]]) -> Table:
                 short,
             ]
         )
-    return Table("Explanations", columns, rows)
+    return Table("Explanations", columns, rows, "±: half of the 95 % interval.")
 
 
 def behind(candidates: list[dict[str, Any]]) -> list[float]:

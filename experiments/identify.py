@@ -14,7 +14,7 @@ from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.correlations import Correlations, parameter_index
 from tulip_testbed.experiments.estimate_report import model_report
 from tulip_testbed.experiments.parameter_tables import mass_line, parameter_table
-from tulip_testbed.experiments.table import Table
+from tulip_testbed.experiments.table import Shown, Table
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,
     base_parameters,
@@ -55,7 +55,7 @@ class IdentifiedParameter:
 
 
 @dataclass(frozen=True, repr=False)
-class Identification(Mapping[str, IdentifiedParameter]):
+class Identification(Shown, Mapping[str, IdentifiedParameter]):
     """The estimates of both models from one set of measurements; prints as Table II of the paper.
 
     `identification["torso.x"]` and `identification[1]` are the same parameter of the full model.
@@ -106,12 +106,9 @@ class Identification(Mapping[str, IdentifiedParameter]):
         """Return a pandas DataFrame with one row a parameter of the full model and its name as the index."""
         return self.table().frame().set_index("parameter")
 
-    def __repr__(self) -> str:
-        return f"{self.table()!r}\n\n{self.correlations.above()!r}\n\n{mass_line(*self.mass)}"
-
-    def _repr_html_(self) -> str:
-        pairs = self.correlations.above()._repr_html_()
-        return f"{self.table().html()}\n{pairs}\n<p>{mass_line(*self.mass)}</p>"
+    def parts(self) -> list[Table | str]:
+        """Return the parameters of the full model, their high correlations and the total mass."""
+        return [self.table(), *self.correlations.above().parts(), mass_line(*self.mass)]
 
 
 def identify(

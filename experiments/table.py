@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
@@ -17,6 +17,7 @@ from tulip_testbed.sim.measurements.table_files import finite
 WIDTH = 100  # characters of a table that is shown by its repr
 GAP = 2  # blanks between two columns
 COMFORTABLE = 32  # characters of a column of text that wraps without being hard to read
+SHORT_TEXT = 12  # characters of a text that does not wrap
 SHORT_HEADING = 9  # characters of a heading that does not wrap unless it must
 LONGEST_WORD = 48  # characters; longer ones, such as hashes, are broken
 LARGE = 1e7  # from here on a number has an exponent
@@ -252,62 +253,84 @@ class Table:
 
 
 class Shown:
-    """A result that prints as its `parts`, tables and lines, in a terminal and in a notebook."""
+    """A result that prints as its `parts`, tables and sentences, in a terminal and in a notebook."""
 
     def parts(self) -> list[Table | str]:
         """Return what is shown."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
-        return "\n".join(part.text() + "\n" if isinstance(part, Table) else part for part in self.parts())
+        texts = (p.text() + "\n" if isinstance(p, Table) else printable(p) for p in self.parts())
+        return "\n".join(texts).rstrip("\n")
 
     def _repr_html_(self) -> str:
-        return "\n".join(p.html() if isinstance(p, Table) else f"<p>{escape(p)}</p>" for p in self.parts())
+        return "\n".join(
+            p.html() if isinstance(p, Table) else f"<p>{escape(printable(p))}</p>" for p in self.parts()
+        )
+
+
+@dataclass(frozen=True)
+class _Widths:
+    """Widths of a column [characters].
+
+    Attributes:
+        natural: its heading takes two lines at most. whole: none of its cells wraps.
+        least: no number and no word is cut.
+    """
+
+    natural: int
+    whole: int
+    least: int
+
+    @property
+    def comfortable(self) -> int:
+        """Return the width at which wrapped text is not hard to read."""
+        return min(self.whole, max(self.least, COMFORTABLE))
 
 
 def shown_columns(table: Table, width: int) -> dict[int, int]:
     """Choose the columns that a width has room for.
 
-    Columns that are `extra` are left out from the right until the others fit; then texts wrap. Numbers and
-    words are never cut: a table that still does not fit is wider than asked for.
+    Columns that are `extra` are left out from the right until the others fit; then headings wrap, then
+    texts. Numbers and words are never cut: a table that still does not fit is wider than asked for.
 
     Returns:
         Width by number of the column [characters].
     """
-    natural, least = zip(*(_widths(table, k) for k in range(len(table.columns))), strict=True)
-    shown = list(range(len(table.columns)))
+    of = [_widths(table, k) for k in range(len(table.columns))]
+    shown = {k: one.natural for k, one in enumerate(of)}
 
-    def room(widths: Sequence[int]) -> int:
-        return sum(widths[k] for k in shown) + GAP * (len(shown) - 1)
+    def room(widths: Iterable[int]) -> int:
+        sizes = list(widths)
+        return sum(sizes) + GAP * (len(sizes) - 1)
 
-    comfortable = [min(n, max(m, COMFORTABLE)) for n, m in zip(natural, least, strict=True)]
-    for k in reversed(range(len(table.columns))):
-        if table.columns[k].extra and room(comfortable) > width:
-            shown.remove(k)
-    widths = list(natural)
-    while room(widths) > width and (wider := [k for k in shown if widths[k] > least[k]]):
-        widths[max(wider, key=widths.__getitem__)] -= 1
-    return {k: widths[k] for k in shown}
+    for k in reversed(range(len(of))):
+        if table.columns[k].extra and room(of[n].comfortable for n in shown) > width:
+            del shown[k]
+    for least in ([one.whole for one in of], [one.least for one in of]):
+        while room(shown.values()) > width and (wider := [k for k in shown if shown[k] > least[k]]):
+            shown[max(wider, key=shown.__getitem__)] -= 1
+    return shown
 
 
 def whole_width(table: Table) -> int:
     """Return the width from which on no column is left out and none is hard to read."""
-    sizes = [_widths(table, k) for k in range(len(table.columns))]
-    return sum(min(n, max(m, COMFORTABLE)) for n, m in sizes) + GAP * (len(sizes) - 1)
+    of = [_widths(table, k) for k in range(len(table.columns))]
+    return sum(one.comfortable for one in of) + GAP * (len(of) - 1)
 
 
-def _widths(table: Table, k: int) -> tuple[int, int]:
-    """Return the natural and the least width of a column: numbers do not wrap, texts wrap at blanks."""
+def _widths(table: Table, k: int) -> _Widths:
     from rich.cells import cell_len
 
     column, cells = table.columns[k], [row[k] for row in table.texts]
     words = max(cell_len(word) for word in [*column.name.split(), column.unit])
     inside = max(map(cell_len, cells), default=0)
-    natural = max(words, inside, _heading_width(column.name))
-    if not column.format:
-        inside = max((cell_len(word) for text in cells for word in text.split()), default=0)
-        inside = min(inside, LONGEST_WORD)
-    return natural, max(words, inside)
+    whole = max(words, inside)
+    least = whole
+    if not column.format and inside > SHORT_TEXT:
+        longest = max(cell_len(word) for text in cells for word in text.split())
+        least = max(words, min(longest, LONGEST_WORD))
+    return _Widths(max(whole, _heading_width(column.name)), whole, least)
 
 
 def _heading_width(name: str) -> int:

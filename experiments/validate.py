@@ -27,7 +27,7 @@ from tulip_testbed.experiments.estimate_report import model_report
 from tulip_testbed.experiments.identify import Identification, identify
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory, Run
 from tulip_testbed.experiments.parameter_tables import parameter_table
-from tulip_testbed.experiments.table import Table
+from tulip_testbed.experiments.table import Shown, Table
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.identification.base_parameters import BaseParameters, renumbered
 from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS, solve_least_squares
@@ -41,7 +41,7 @@ NEGLIGIBLE = 1e-6  # m: a parameter that the simplified model may drop without b
 
 
 @dataclass(frozen=True, repr=False)
-class Validation:
+class Validation(Shown):
     """A run held against its truth; prints its checks and the verdict.
 
     Attributes:
@@ -74,11 +74,9 @@ class Validation:
         table = parameter_table("full", model_report(found.full, self.truth).plain(), found.parameters)
         return table.frame().set_index("parameter")
 
-    def __repr__(self) -> str:
-        return f"{self.table()!r}\n\nVerdict: {self.verdict}"
-
-    def _repr_html_(self) -> str:
-        return f"{self.table().html()}\n<p>Verdict: <b>{self.verdict}</b></p>"
+    def parts(self) -> list[Table | str]:
+        """Return the checks and the verdict."""
+        return [self.table(), f"Verdict: {self.verdict}"]
 
 
 def validate(

@@ -110,7 +110,7 @@ def test_a_validation_prints_its_checks_and_its_verdict(wii):
         assert check.name in text
         assert f">{check.name}<" in page
     assert text.endswith(f"Verdict: {wii.verdict}")
-    assert f"<b>{wii.verdict}</b>" in page
+    assert f"<p>Verdict: {wii.verdict}</p>" in page
     assert max(map(len, text.splitlines())) <= 100
 
 

@@ -13,7 +13,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from tulip_testbed.experiments.table import STYLES, Cell, Column, Table, number, shown_columns, whole_width
+from tulip_testbed.experiments.table import (
+    STYLES,
+    Cell,
+    Column,
+    Shown,
+    Table,
+    number,
+    shown_columns,
+    whole_width,
+)
 
 HOSTILE = (
     "knee[left]",
@@ -243,6 +252,17 @@ def test_an_unknown_mark_is_nothing():
     table = Table("", (Column("result"),), [[Cell("x", mark='"><script>')]])
     assert "<td>x</td>" in table.html()
     assert "x" in table.text()
+
+
+class Found(Shown):
+    def parts(self):
+        return ["Found [red]x[/].", made(ROWS), "Verdict: \x1b[2J<b>"]
+
+
+def test_a_result_shows_its_tables_and_sentences():
+    assert repr(Found()) == f"Found [red]x[/].\n{made(ROWS).text()}\n\nVerdict: \\x1b[2J<b>"
+    assert Found()._repr_html_().startswith(f"<p>Found [red]x[/].</p>\n{made(ROWS).html()}\n")
+    assert Found()._repr_html_().endswith("<p>Verdict: \\x1b[2J&lt;b&gt;</p>")
 
 
 def test_a_row_of_another_length_is_a_mistake():

@@ -94,7 +94,7 @@ def calibration_check_table(checks: list[dict[str, Any]]) -> Table:
         Column("value", format=".4f"),
         Column("interval", format=".4f", extra=True),
         Column("bounds", format=".2g"),
-        Column("beyond the bounds, no."),
+        Column("beyond, no."),
         Column("where the bounds come from", extra=True),
     )
     rows = []
