@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -19,8 +20,10 @@ from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification import estimators
 from tulip_testbed.identification.planning import interior_point, search
 from tulip_testbed.sim import sensors
+from tulip_testbed.sim.dynamics import dynamic_run
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import write_measurements
+from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.shipped import ASSETS
 
 TULIP = ASSETS / "tulip_mjcf"
@@ -172,6 +175,23 @@ def test_a_command_runs_with_one_thread_for_linear_algebra(monkeypatch):
     with threadpool_limits(2, user_api="blas"):
         assert main(["any"]) == 0
         assert blas_threads() == {2}
+    assert seen == [{1}]
+
+
+def test_a_placement_is_held_with_one_thread_in_whatever_process(monkeypatch, robot, plan):
+    seen = []
+
+    class Interrupted(Exception):  # noqa: N818
+        pass
+
+    def stand(*_):
+        seen.append(blas_threads())
+        raise Interrupted
+
+    monkeypatch.setattr(dynamic_run, "Stand", stand)
+    rig, stream = preset_rig("ideal", robot), np.random.SeedSequence(0)
+    with threadpool_limits(2, user_api="blas"), pytest.raises(Interrupted):
+        dynamic_run.run_placement(rig, plan, 1, frozenset(), stream)
     assert seen == [{1}]
 
 
