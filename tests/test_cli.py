@@ -5,15 +5,40 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_args
 
+import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
-from tulip_testbed.cli.main import COMMANDS, main
+from tulip_testbed.cli import main as command_line
+from tulip_testbed.cli import options
+from tulip_testbed.cli.main import COMMANDS, command_of, main, usage
+from tulip_testbed.experiments import laboratory
+from tulip_testbed.experiments.montecarlo import engine
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
+from tulip_testbed.identification import estimators
+from tulip_testbed.identification.planning import interior_point, search
+from tulip_testbed.sim import sensors
+from tulip_testbed.sim.dynamics import dynamic_run
+from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import write_measurements
+from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.shipped import ASSETS
 
 TULIP = ASSETS / "tulip_mjcf"
+HEAVY = (
+    "mujoco",
+    "numpy",
+    "scipy",
+    "pyarrow",
+    "statsmodels",
+    "pydantic",
+    "rich",
+    "pandas",
+    "rerun",
+    "plotly",
+)
 
 
 def refused(capsys, *arguments):
@@ -70,6 +95,113 @@ def test_plan_for_another_model(assets, tmp_path, capsys):
 def test_an_unknown_command_and_the_likely_one(capsys):
     assert "unknown command 'chek'; did you mean 'check'? valid: validate" in refused(capsys, "chek")
     assert "unknown command 'xyz'; valid: validate" in refused(capsys, "xyz")
+
+
+def test_no_command_and_an_unknown_option(capsys):
+    assert "found no command; valid: validate, simulate" in refused(capsys)
+    assert "unknown option '--foo'; valid: --help, --version" in refused(capsys, "--foo")
+
+
+def test_help_lists_every_command_with_the_first_line_of_its_docstring(capsys):
+    assert main(["--help"]) == 0
+    out = capsys.readouterr().out
+    assert out == usage() + "\n"
+    assert max(map(len, out.splitlines())) <= 80
+    for name, summary in COMMANDS.items():
+        assert f"  {name} " in out
+        assert (command_of(name).__doc__ or "").partition("\n")[0] == summary
+
+
+def loaded_by(code: str) -> list[str]:
+    """Run code in a process of its own and return the heavy libraries that it has loaded."""
+    tell = f"import sys; print(*[name for name in {HEAVY} if name in sys.modules], file=sys.stderr)"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{code}\n{tell}"], capture_output=True, text=True, check=True
+    )
+    return done.stderr.split()
+
+
+def test_help_and_version_load_no_simulator():
+    assert loaded_by("from tulip_testbed.cli.main import main; main(['--help'])") == []
+    version = "import sys; sys.argv = ['tulip', '--version']\nfrom tulip_testbed.cli.entry import run"
+    assert loaded_by(f"{version}\ntry: run()\nexcept SystemExit as stop: assert not stop.code") == []
+    each = f"for name in {list(COMMANDS)}:\n try: main([name, '--help'])\n except SystemExit: pass"
+    assert loaded_by(f"from tulip_testbed.cli.main import main\n{each}") == []
+    assert "mujoco" in loaded_by("import tulip_testbed.api")
+
+
+def test_the_options_are_the_librarys():
+    assert list(options.ESTIMATORS) == list(estimators.ESTIMATORS)
+    assert options.DEFAULT_ESTIMATOR == estimators.DEFAULT
+    assert set(get_args(options.Preset)) == set(sensors.PRESETS)
+    assert set(get_args(options.Noisy)) == set(sensors.PRESETS) - {"ideal"}
+    assert options.SOLVERS == interior_point.SOLVERS
+    assert options.HOPS == search.HOPS
+    assert options.ENGINES == engine.ENGINES
+    assert options.DEFAULT_SEED == laboratory.DEFAULT_SEED
+
+
+def test_interrupted_while_libraries_load_it_ends_quietly():
+    code = """
+import os, signal, sys
+
+class Interruption:
+    def find_spec(self, name, *rest):
+        if name == "mujoco":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Interruption())
+sys.argv = ["tulip", "model"]
+from tulip_testbed.cli.entry import run
+run()
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (130, "")
+    assert done.stderr == "tulip: interrupted; nothing was written\n"
+
+
+def blas_threads() -> set[int]:
+    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+
+def test_a_command_runs_with_one_thread_for_linear_algebra(monkeypatch):
+    seen = []
+
+    def command() -> int:
+        seen.append(blas_threads())
+        return 0
+
+    monkeypatch.setattr(command_line, "command_of", lambda name: command)
+    with threadpool_limits(2, user_api="blas"):
+        assert main(["any"]) == 0
+        assert blas_threads() == {2}
+    assert seen == [{1}]
+
+
+def test_a_placement_is_held_with_one_thread_in_whatever_process(monkeypatch, robot, plan):
+    seen = []
+
+    class Interrupted(Exception):  # noqa: N818
+        pass
+
+    def stand(*_):
+        seen.append(blas_threads())
+        raise Interrupted
+
+    monkeypatch.setattr(dynamic_run, "Stand", stand)
+    rig, stream = preset_rig("ideal", robot), np.random.SeedSequence(0)
+    with threadpool_limits(2, user_api="blas"), pytest.raises(Interrupted):
+        dynamic_run.run_placement(rig, plan, 1, frozenset(), stream)
+    assert seen == [{1}]
+
+
+def test_only_options_are_written_as_flags(monkeypatch, capsys):
+    def command(plan: str = "", /, *, per_placement: int = 0) -> int:
+        raise InputError(f"{'per_placement' if per_placement else 'plan'}: found 0, expected 1 or more")
+
+    monkeypatch.setattr(command_line, "command_of", lambda name: command)
+    assert refused(capsys, "any") == "tulip: plan: found 0, expected 1 or more"
+    assert "tulip: --per-placement: found 0" in refused(capsys, "any", "--per-placement", 1)
 
 
 def test_a_plan_is_no_measurement_folder_and_the_other_way_round(wii, tmp_path, capsys):

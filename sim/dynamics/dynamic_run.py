@@ -29,6 +29,7 @@ from tulip_testbed.sim.procedure import (
 from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.sensors import read_cells, read_encoders
+from tulip_testbed.sim.threads import one_blas_thread
 
 
 def run_dynamics(
@@ -127,6 +128,7 @@ def read_again(rig: Rig, plan: PosturePlan, experiment: Outcome, rng: np.random.
     return _measurements(rig, plan, attempts, experiment.truth.mass, rng)
 
 
+@one_blas_thread  # joblib gives a worker the threads that others leave idle
 def run_placement(
     rig: Rig, plan: PosturePlan, placement: int, repeats: frozenset[int], stream: np.random.SeedSequence
 ) -> list[Attempt]:
