@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg.lapack import dtrtrs
+from scipy.linalg import get_lapack_funcs
 from scipy.stats import median_abs_deviation
 
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
@@ -29,6 +29,9 @@ OUTLYING = 4.0  # s.d. of a twist that is no noise
 # What a plate's cells show beside the twist, at right angles to it: the load and where it is.
 OTHERS = np.array([[1.0, 1.0, 1.0, 1.0], [1.0, 1.0, -1.0, -1.0], [1.0, -1.0, -1.0, 1.0]])
 FREE_PLATE = (0.01, 0.01, 0.03)  # m, m, rad: of a recorded pose where nothing is known
+
+# For one placement SciPy's function of this name takes six times as long, because of its checks.
+solve_triangular = get_lapack_funcs("trtrs")
 
 
 @dataclass(frozen=True)
@@ -216,9 +219,7 @@ def _factored(
         block, each = shared @ shared.T, np.arange(len(inside))
         block.reshape(len(inside), SIZE, len(inside), SIZE)[each, :, each] += own[inside]
         lower = np.linalg.cholesky(block[keep][:, keep])
-        factor, _ = dtrtrs(
-            lower, np.eye(len(lower)), lower=1
-        )  # scipy's solve_triangular takes six times as long
+        factor, _ = solve_triangular(lower, np.eye(len(lower)), lower=1)
         blocks.append((slice(at_row, at_row + len(lower)), factor))
         rows.append(numbers[keep])
         at_row += len(lower)
