@@ -67,7 +67,7 @@ def unpacked(observed: Observation, values: np.ndarray) -> Observation:
 def moved_by(observed: Observation, before: Observation, after: Observation) -> Observation:
     """Return an observation changed by the difference of two others, with the lengths of the second.
 
-    The believed lengths and the places of the cells become those of `after`. A field that `before` and
+    The assumed lengths and cell positions become those of `after`. A field that `before` and
     `after` share stays the same array.
     """
     change = {
