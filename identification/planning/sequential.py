@@ -35,14 +35,14 @@ def measured_information(problem: Problem, measurements: Measurements) -> np.nda
 
 
 def initial_next_state(
-    problem: Problem, objective: Objective, taken: np.ndarray, placements: int, per: int, seed: int
+    problem: Problem, objective: Objective, measured: np.ndarray, placements: int, per: int, seed: int
 ) -> tuple[PosturePlan, SearchState]:
     """Draw random placements and repair them, as the start of the search.
 
     Args:
         problem: the robot and its constraints.
         objective: the objective.
-        taken: information of the measured postures, (p, p).
+        measured: information of the measured postures, (p, p).
         placements, per: number of placements, and of postures in each.
         seed: seed of the draws.
 
@@ -50,7 +50,7 @@ def initial_next_state(
         InputError: no posture is feasible, or too few can be repaired to keep the margins.
     """
     drawn, state = initial_state(problem, objective, placements, per, seed)
-    start = taken + information(evaluate(problem, state.design, state.angles))
+    start = measured + information(evaluate(problem, state.design, state.angles))
     value = objective.value(start)
     return drawn, replace(state, value=value, initial=value, initial_condition=condition_number(start))
 
@@ -63,7 +63,7 @@ def next_round_count(placements: int, hops: int) -> int:
 def search_next(
     problem: Problem,
     objective: Objective,
-    taken: np.ndarray,
+    measured: np.ndarray,
     state: SearchState,
     per: int,
     seed: int,
@@ -84,7 +84,7 @@ def search_next(
         rng = np.random.default_rng([seed, k])
         at = k % count
         parts = [information(evaluate(problem, b.design, b.angles)) for b in blocks]
-        rest = taken + np.sum([part for j, part in enumerate(parts) if j != at], axis=0)
+        rest = measured + np.sum([part for j, part in enumerate(parts) if j != at], axis=0)
         stage = objective.smooth[min(k * len(objective.smooth) // max(hops, 1), len(objective.smooth) - 1)]
         block = blocks[at]
         if k < hops:
@@ -136,11 +136,11 @@ def optimize_next_placements(
     Raises:
         InputError: as `initial_next_state` and `require_identifiable`.
     """
-    taken = measured_information(problem, measurements)
-    drawn, start = initial_next_state(problem, objective, taken, placements, per, seed)
+    measured = measured_information(problem, measurements)
+    drawn, start = initial_next_state(problem, objective, measured, placements, per, seed)
     require_identifiable(problem, start, placements + len(np.unique(measurements.placement)))
     state = state or start
-    for found in search_next(problem, objective, taken, state, per, seed, hops):
+    for found in search_next(problem, objective, measured, state, per, seed, hops):
         state = found
         progress(found)
     return next_plan_from_state(problem, objective, drawn, state, measurements, seed, hops)
@@ -157,11 +157,11 @@ def next_plan_from_state(
 ) -> PosturePlan:
     """Return the best placements of a state, numbered after the measured placements and postures."""
     plan = plan_from_state(problem, objective, drawn, state, seed, hops)
-    taken = measured_information(problem, measurements)
+    measured = measured_information(problem, measurements)
     made = plan.made | {
         "solver": "exchange, slsqp, one placement at a time",
         "rounds_planned": next_round_count(plan.made["placements"], hops),
-        "measured_objective": objective.value(taken),
+        "measured_objective": objective.value(measured),
         "after": {
             "postures": len(measurements),
             "placements": len(np.unique(measurements.placement)),

@@ -97,7 +97,7 @@ def open_chain_torques(problem: Problem, chain: Chain) -> np.ndarray:
 
 
 def single_support_plan(
-    problem: Problem, objective: Objective, plan: PosturePlan, taken: np.ndarray, count: int, seed: int
+    problem: Problem, objective: Objective, plan: PosturePlan, measured: np.ndarray, count: int, seed: int
 ) -> PosturePlan:
     """Append `count` postures on the stance foot, on placements of their own, to a plan.
 
@@ -108,7 +108,7 @@ def single_support_plan(
         problem: planning problem with support "right".
         objective: the objective.
         plan: postures on both feet.
-        taken: information of the measurements before, (p, p).
+        measured: information of the measurements before, (p, p).
         count: number of postures.
         seed: seed of the draws.
 
@@ -121,7 +121,7 @@ def single_support_plan(
     rows = problem.parameters.regressor(plan.joint_angles).reshape(-1, len(problem.nominal))
     none = Block(np.zeros((0, 9)), np.zeros((0, pool.shape[1])))
     offered = Block(np.tile([0.0] * 6 + swing.tolist(), (len(pool), 1)), pool)
-    chosen = exchange(problem, none, offered, taken + rows.T @ rows, objective.smooth[-1], count).angles
+    chosen = exchange(problem, none, offered, measured + rows.T @ rows, objective.smooth[-1], count).angles
     _, sizes = np.unique(plan.placement, return_counts=True)
     order, group = _sequences(problem, chosen, swing, int(sizes.max()))
     number = plan.placement.max() + 1 + group
