@@ -67,7 +67,7 @@ def unpacked(observed: Observation, values: np.ndarray) -> Observation:
 def moved_by(observed: Observation, before: Observation, after: Observation) -> Observation:
     """Return an observation changed by the difference of two others, with the lengths of the second.
 
-    The believed lengths and the places of the cells become those of `after`. A field that `before` and
+    The assumed lengths and cell positions become those of `after`. A field that `before` and
     `after` share stays the same array.
     """
     change = {
@@ -157,11 +157,11 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
     out = np.zeros((m, SIZE, at["lift"].stop))
     forces = carried(observed)
     total = forces.sum(axis=1)
-    stands = np.repeat(feet_in_contact(observed), 4, axis=1)
+    contact = np.repeat(feet_in_contact(observed), 4, axis=1)
     measured = (forces[..., None] * observed.cell_places).sum(axis=1) / total[:, None]
     lever = (observed.cell_places - measured[:, None]) / total[:, None, None]
-    out[:, 0:2, at["cells"]] = (lever * stands[..., None]).transpose(0, 2, 1)
-    out[:, 2, at["cells"]] = stands
+    out[:, 0:2, at["cells"]] = (lever * contact[..., None]).transpose(0, 2, 1)
+    out[:, 2, at["cells"]] = contact
     out[:, 3, at["cells"].start : at["cells"].start + 4] = TWIST
     out[:, 4, at["cells"].start + 4 : at["cells"].stop] = TWIST
     plates = forces.reshape(-1, 2, 4)

@@ -50,9 +50,9 @@ class Noise:
 
 
 def noise_of(observed: Observation) -> Noise:
-    """By the data sheets; what they do not state is taken from the readings, or assumed.
+    """Return the noise by the data sheets; estimate or assume figures that they do not state.
 
-    The sheet states the left plate's placement only. The right one's foot stands on a mark.
+    The sheet states the s.d. of the left plate's pose only; the foot on the right plate stands on a mark.
     """
     sheet = observed.measurements.sensors
     assumed = []
@@ -186,9 +186,9 @@ def whitening(
     own = noise.encoder**2 * angles @ angles.mT + noise.cell**2 * cells @ cells.mT + np.diag(FLOOR**2)
     levers = reach[..., at["plates"]] * noise.plates
     used = np.tile(_in_channels(channels), (len(observed), 1))
-    stands = feet_in_contact(observed)
-    used[:, ROWS["C"]] &= np.all(stands, axis=1, keepdims=True)
-    used[:, ROWS["T"]] &= stands & observed.on_four_cells
+    contact = feet_in_contact(observed)
+    used[:, ROWS["C"]] &= np.all(contact, axis=1, keepdims=True)
+    used[:, ROWS["T"]] &= contact & observed.on_four_cells
     placement = observed.measurements.placement
     rows, blocks = _factored(own, levers, placement, used)
     return Whitening(rows, blocks, slope, reach, own, levers, placement)
@@ -208,7 +208,7 @@ def _factored(
     """Factor the covariance of each placement; `rows` and `blocks` of `Whitening`.
 
     Args:
-        used: which residuals there are, (m, 11) bool.
+        used: whether a residual is in use, (m, 11) bool.
     """
     rows, blocks, at_row = [], [], 0
     for number in np.unique(placement):

@@ -154,8 +154,8 @@ def _evaluate(
         trace = (inverse * scaled[k]).sum() + 0.5 * (root * slopes[k]).sum()
         score[k] = trace - (projected * pushed[k]).sum()
     back = np.einsum("gab,kgb->kga", inverse, pushed)
-    observed = np.tensordot(back, whole[..., :-1], axes=((1, 2), (0, 1)))
-    curved = 2 * (np.tensordot(pushed, back, axes=((1, 2), (1, 2))) - observed @ root @ observed.T)
+    on_basis = np.tensordot(back, whole[..., :-1], axes=((1, 2), (0, 1)))
+    curved = 2 * (np.tensordot(pushed, back, axes=((1, 2), (1, 2))) - on_basis @ root @ on_basis.T)
     return _Fit(
         value=0.5 * (log_determinant + log_information + unexplained + ((tau / prior) ** 2).sum()),
         gradient=score + tau / prior**2,

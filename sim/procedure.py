@@ -53,7 +53,7 @@ def order_of_tries(plan: PosturePlan, placement: int, repeats: frozenset[int]) -
 
 
 def new_set_up(placement: np.ndarray, support: np.ndarray) -> np.ndarray:
-    """Return whether the robot is set up anew before an attempt, for all but the first, (k - 1,) bool."""
+    """Return whether a new set-up begins at an attempt, for all but the first, (k - 1,) bool."""
     return (placement[1:] != placement[:-1]) | (support[1:] != support[:-1])
 
 

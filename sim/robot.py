@@ -254,7 +254,7 @@ def compile_spec(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
     """Compile a spec; the compiler's complaint becomes the message of an `InputError`."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what MuJoCo doubts, `check_model` refuses by name
+            warnings.simplefilter("ignore")  # `check_model` refuses these cases by name
             return spec.compile()
     except BROKEN as error:
         raise InputError(f"{where}: broken MJCF: {shortened(error, 300)}") from None

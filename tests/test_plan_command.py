@@ -87,7 +87,7 @@ def test_options_that_do_not_go_together(data, tmp_path, capsys):
     assert "unknown solver 'snopt'; valid: slsqp, ipopt" in refused(capsys, *new, "--solver", "snopt")
     assert "--repeats: found 99, expected at most" in refused(capsys, *new, "--repeats", 99)
     few = refused(capsys, *new, "--placements", 2, "--postures-per-placement", 7, "--seed", 901)
-    assert "postures on 2 placements cannot tell 25 base parameters apart" in few
+    assert "postures on 2 placements do not determine 25 base parameters" in few
     assert "--single-support: found -1" in refused(capsys, *new, "--single-support", -1)
     assert "found a plan folder" in refused(capsys, *new, "--after", DEFAULT_PLAN)
     manifest = data / "manifest.json"

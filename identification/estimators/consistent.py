@@ -32,7 +32,7 @@ def physically_consistent(data: Regression) -> Estimate:
     reachable = corner_parameters(data)
     deviation = np.sqrt(np.diag(found.covariance))
     root = np.linalg.cholesky(found.covariance / np.outer(deviation, deviation))
-    # Distances from the estimate: the target is zero, and rounding stays small beside it.
+    # Distances from the estimate: the target is zero, and rounding errors stay small relative to it.
     away = np.linalg.solve(root, (reachable - found.value[:, None]) / deviation[:, None])
     size = np.abs(away).max()
     weights, _ = nnls(

@@ -1,8 +1,8 @@
-"""One placement's postures at a time: scipy's SLSQP on the variables that share a swing foot.
+"""Optimise the postures of one placement at a time by scipy's SLSQP.
 
-The plan's information is the sum of its placements', and a placement's constraints touch its own
-variables alone. So each block is a small dense problem: 3 + 6 variables a posture, the rest of the
-plan's information held fixed.
+The information of a plan is the sum over its placements, and the constraints of a placement involve its own
+variables only. So each block is a small dense problem with 3 variables for the swing foot and 6 for each
+posture; the information of the other placements is fixed.
 """
 
 from __future__ import annotations
@@ -19,18 +19,20 @@ from tulip_testbed.identification.planning.problem import Problem
 
 SCALE = np.array([0.05, 0.05, 0.05, 0.3, 0.3, 0.3, 0.05, 0.05, 0.3])  # of the design variables [m, rad]
 OWN, SHARED = slice(0, 6), slice(6, 9)
-FREEDOM = 0.5  # of the scale: how far one block's step may go, so that inverse kinematics follows
-FARTHEST = 0.5  # rad: of a prediction by dq/du
-FEASIBLE = 1e-7  # of a slot: what SLSQP may leave; `Margins.rounding` is a hundred times as much
+FREEDOM = 0.5  # of the scale: largest step of a block, so that inverse kinematics converges
+FARTHEST = 0.5  # rad: largest change of an angle in a prediction by dq/du
+FEASIBLE = (
+    1e-7  # violation of an inequality that SLSQP may leave; `Margins.rounding` is a hundred times as large
+)
 
 
 @dataclass(frozen=True)
 class Block:
-    """A placement's postures.
+    """Postures of one placement.
 
     Attributes:
-        design: (k, 9) [m, rad, m, m, rad]; the swing foot's columns are all the same.
-        angles: (k, n) [rad].
+        design: design variables, (k, 9) [m, rad, m, m, rad]; the columns of the swing foot are constant.
+        angles: joint angles, (k, n) [rad].
     """
 
     design: np.ndarray
@@ -38,30 +40,30 @@ class Block:
 
 
 def pack(design: np.ndarray) -> np.ndarray:
-    """Swing foot, then every posture's own six, each over its scale, (3 + 6 k,)."""
+    """Return the scaled variables: the swing foot's three, then six of every posture, (3 + 6 k,)."""
     scaled = design / SCALE
     return np.concatenate([scaled[0, SHARED], scaled[:, OWN].ravel()])
 
 
 def unpack(x: np.ndarray) -> np.ndarray:
-    """(k, 9)"""
+    """Return the design variables of scaled variables, (k, 9)."""
     own = x[3:].reshape(-1, 6)
     return np.column_stack([own, np.broadcast_to(x[:3], (len(own), 3))]) * SCALE
 
 
 def gradient_of_block(slopes: np.ndarray) -> np.ndarray:
-    """From derivatives by each posture's nine variables (k, s, 9) to (k s, 3 + 6 k), scaled."""
-    count, slots, _ = slopes.shape
+    """Convert derivatives by each posture's nine variables, (k, s, 9), to scaled ones, (k s, 3 + 6 k)."""
+    count, size, _ = slopes.shape
     scaled = slopes * SCALE
-    whole = np.zeros((count, slots, 3 + 6 * count))
+    whole = np.zeros((count, size, 3 + 6 * count))
     whole[:, :, :3] = scaled[:, :, SHARED]
     for k in range(count):
         whole[k, :, 3 + 6 * k : 9 + 6 * k] = scaled[k, :, OWN]
-    return whole.reshape(count * slots, -1)
+    return whole.reshape(count * size, -1)
 
 
 def bounds(problem: Problem, postures: int) -> np.ndarray:
-    """Of the packed variables, (3 + 6 k, 2)."""
+    """Return the bounds of the scaled variables, (3 + 6 k, 2)."""
     r, free = problem.ranges, (-np.inf, np.inf)
     own = np.array([free, free, free, r.torso_roll, r.torso_pitch, r.torso_yaw])
     swing = np.array([r.swing_x, r.swing_y, r.swing_yaw])
@@ -69,13 +71,13 @@ def bounds(problem: Problem, postures: int) -> np.ndarray:
 
 
 def information(evaluation: Evaluation) -> np.ndarray:
-    """M = H'H of the postures, (p, p)."""
+    """Compute the information matrix M = H'H of the postures, (p, p)."""
     rows = evaluation.regressor.reshape(-1, evaluation.regressor.shape[-1])
     return rows.T @ rows
 
 
 def information_slope(evaluation: Evaluation, by_matrix: np.ndarray) -> np.ndarray:
-    """Derivative of a function of M by the design variables, (k, 9); `by_matrix`: df/dM, (p, p)."""
+    """Differentiate a function of M by the design variables, (k, 9), from its derivative df/dM, (p, p)."""
     by_regressor = 2 * evaluation.regressor @ by_matrix
     return np.einsum("mip,mipu->mu", by_regressor, evaluation.regressor_slopes, optimize=True)
 
@@ -84,11 +86,14 @@ def improve(problem: Problem, block: Block, rest: np.ndarray, smooth: Smooth, it
     """Minimise a function of M over one block.
 
     Args:
-        block: feasible.
+        problem: the robot and its constraints.
+        block: feasible block to start from.
         rest: information of the other placements, (p, p).
+        smooth: function of M and its gradient.
+        iterations: most iterations of SLSQP.
 
     Returns:
-        A block that keeps every constraint and has a smaller value, or the same block.
+        A feasible block with a smaller value, or the same block.
     """
 
     def objective(found: Evaluation) -> tuple[float, np.ndarray]:
@@ -99,7 +104,7 @@ def improve(problem: Problem, block: Block, rest: np.ndarray, smooth: Smooth, it
 
 
 def repair(problem: Problem, block: Block, iterations: int = 60) -> Block:
-    """The nearest block that keeps every constraint; whatever SLSQP ends with where it finds none."""
+    """Return the nearest feasible block, or the last iterate of SLSQP if it finds none."""
     x0 = pack(block.design)
 
     def distance(x: np.ndarray, _: Evaluation) -> tuple[float, np.ndarray]:
@@ -135,22 +140,22 @@ def _slsqp(
     iterations: int,
     freedom: float,
 ) -> Block:
-    observed: dict[bytes, Evaluation] = {}
+    cache: dict[bytes, Evaluation] = {}
     last = evaluate(problem, block.design, block.angles)
     last_design = block.design
 
     def at(x: np.ndarray) -> Evaluation:
         nonlocal last, last_design
         key = x.tobytes()
-        if key not in observed:
-            observed.clear()
+        if key not in cache:
+            cache.clear()
             design = unpack(x)
             change = last.joint_jacobian @ (design - last_design)[..., None]
             far = max(1.0, np.abs(change).max() / FARTHEST)
-            observed[key] = evaluate(problem, design, last.chain.angles + change[..., 0] / far)
-            if observed[key].reached.all():
-                last, last_design = observed[key], design
-        return observed[key]
+            cache[key] = evaluate(problem, design, last.chain.angles + change[..., 0] / far)
+            if cache[key].reached.all():
+                last, last_design = cache[key], design
+        return cache[key]
 
     x0 = pack(block.design)
     box = bounds(problem, len(block.design))

@@ -1,8 +1,7 @@
-"""Joint angles from CoM, torso orientation and swing foot pose, and their derivatives, in batches.
+"""Joint angles from centre of mass, torso orientation and swing foot pose, with derivatives, in batches.
 
-Standing on both feet, twelve equations fix twelve joints: the swing foot's pose (6), the torso's
-orientation (3) and the centre of mass (3). With F(q, u) = 0 the implicit function theorem gives
-dq/du = -(dF/dq)^-1 dF/du.
+In double support twelve equations determine twelve joints: the swing foot's pose (6), the torso's orientation
+(3) and the centre of mass (3). For F(q, u) = 0 the implicit function theorem gives dq/du = -(dF/dq)^-1 dF/du.
 """
 
 from __future__ import annotations
@@ -22,13 +21,14 @@ DESIGN = 9  # variables of a posture: CoM (3), torso roll, pitch, yaw, swing foo
 
 @dataclass(frozen=True)
 class Chain:
-    """Postures with all that derivatives need; m postures, n joints, f frames.
+    """Kinematics of m postures with the quantities that derivatives need; n joints, f frames.
 
     Attributes:
-        angles: (m, n) [rad].
-        rotations, positions: of all frames in the base frame, (m, f, 3, 3) and (m, f, 3) [m].
-        axes, pivots: of the joints, (m, n, 3) [-, m].
-        beyond: mass that each joint carries, (n,) [kg]; moment: its first moment, (m, n, 3) [kg m].
+        angles: joint angles, (m, n) [rad].
+        rotations, positions: poses of all frames in the base frame, (m, f, 3, 3) and (m, f, 3) [m].
+        axes, pivots: axes of the joints and points on them, (m, n, 3) [-, m].
+        beyond: mass that each joint carries, (n,) [kg].
+        moment: first moment of that mass, (m, n, 3) [kg m].
         com: centre of mass, (m, 3) [m].
     """
 
@@ -43,7 +43,7 @@ class Chain:
 
 
 def chain_at(problem: Problem, angles: np.ndarray) -> Chain:
-    """Forward kinematics and centre of mass for joint angles (m, n) [rad]."""
+    """Compute forward kinematics and centre of mass for joint angles (m, n) [rad]."""
     tree, base = problem.parameters.tree, problem.parameters.base
     rotations = link_rotations(tree, base, angles)
     positions = frame_positions(tree, base, rotations, -problem.points[0])
@@ -69,21 +69,21 @@ def chain_at(problem: Problem, angles: np.ndarray) -> Chain:
 
 
 def com_jacobian(problem: Problem, chain: Chain) -> np.ndarray:
-    """Derivative of the centre of mass by the joint angles, (m, 3, n) [m/rad]."""
+    """Differentiate the centre of mass by the joint angles, (m, 3, n) [m/rad]."""
     arm = (chain.moment - chain.beyond[:, None] * chain.pivots) / problem.mass.sum()
     return cross(chain.axes, arm).mT
 
 
 def point_jacobian(problem: Problem, chain: Chain, frame: int) -> np.ndarray:
-    """Derivative of a frame's origin by the joint angles, (m, 3, n) [m/rad]."""
+    """Differentiate a frame's origin by the joint angles, (m, 3, n) [m/rad]."""
     arm = (chain.positions[:, frame, None] - chain.pivots) * problem.moved[:, frame, None]
     return cross(chain.axes, arm).mT
 
 
 def torso_turn(rpy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation of roll, pitch, yaw (m, 3), (m, 3, 3), and the angular velocity of each, (m, 3, 3).
+    """Return the rotation of roll, pitch, yaw (m, 3), (m, 3, 3), and the angular velocity of each, (m, 3, 3).
 
-    R = R_z(yaw) R_y(pitch) R_x(roll); the second holds one column an angle, in the base frame.
+    R = R_z(yaw) R_y(pitch) R_x(roll); the angular velocities are columns in the base frame.
     """
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy).T, np.sin(rpy).T
     zero, one = np.zeros_like(cr), np.ones_like(cr)
@@ -101,15 +101,18 @@ def torso_turn(rpy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def solve_chain(
     problem: Problem, com: np.ndarray, rpy: np.ndarray, swing: np.ndarray, guess: np.ndarray
 ) -> tuple[Chain, np.ndarray, np.ndarray]:
-    """Newton's method on all postures at once, from a guess on the wanted branch.
+    """Solve for the joint angles of all postures by Newton's method from a guess on the intended branch.
 
     Args:
-        com: (m, 3) [m]. rpy: of the torso, (m, 3) [rad]. swing: planar pose of the swing foot, (m, 3)
-            [m, m, rad]. guess: joint angles, (m, n) [rad]; joints that are not between the feet stay there.
+        problem: the robot.
+        com: centre of mass, (m, 3) [m].
+        rpy: roll, pitch, yaw of the torso, (m, 3) [rad].
+        swing: planar pose of the swing foot, (m, 3) [m, m, rad].
+        guess: joint angles, (m, n) [rad]; joints that are not between the feet keep them.
 
     Returns:
-        The postures; how much is left of the worst equation, (m,) [m, rad]; dq/du by the implicit
-        function theorem, (m, n, 9).
+        The postures; the largest residual of the equations, (m,) [m, rad]; dq/du by the implicit function
+        theorem, (m, n, 9).
     """
     torso, rates = torso_turn(rpy)
     angles = guess.copy()
@@ -136,7 +139,7 @@ def solve_chain(
         step *= np.minimum(1.0, LONGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
         angles = angles.copy()
         angles[:, problem.between] += step
-    wanted = np.zeros((len(swing), len(slope[0]), DESIGN))  # -dF/du: how the targets move
+    wanted = np.zeros((len(swing), len(slope[0]), DESIGN))  # -dF/du, the change of the targets
     wanted[:, 0:2, 6:8] = np.eye(2)
     wanted[:, 0:3, 8] = cross(np.array([0.0, 0.0, 1.0]), -(foot @ problem.points[1]))
     wanted[:, 5, 8] = 1.0
@@ -148,7 +151,7 @@ def solve_chain(
 
 
 def _equations(problem: Problem, chain: Chain) -> np.ndarray:
-    """dF/dq by the joints between the feet, (m, 12, 12)."""
+    """Return dF/dq for the joints between the feet, (m, 12, 12)."""
     moved = problem.moved
     turning = chain.axes.mT
     rows = [
@@ -161,19 +164,19 @@ def _equations(problem: Problem, chain: Chain) -> np.ndarray:
 
 
 def cross(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Of vectors along the last axis; a third of `numpy.cross`'s time."""
+    """Return the cross product along the last axis, in a third of `numpy.cross`'s time."""
     a, b, c = first[..., 0], first[..., 1], first[..., 2]
     x, y, z = second[..., 0], second[..., 1], second[..., 2]
     return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-1)
 
 
 def _difference(found: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Rotation from one orientation to another, to first order, (m, 3) [rad]."""
+    """Return the rotation from one orientation to another, to first order, (m, 3) [rad]."""
     return 0.5 * cross(found.mT, wanted.mT).sum(axis=1)
 
 
 def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solution of the twelve equations; damped where legs are exactly straight."""
+    """Solve the twelve equations, with damping if legs are exactly straight."""
     try:
         return np.linalg.solve(matrix, right)
     except np.linalg.LinAlgError:

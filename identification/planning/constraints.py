@@ -1,4 +1,4 @@
-"""Everything a posture has to keep, as slots that are at least zero, with derivatives."""
+"""All constraints on a posture as inequalities g(u) >= 0, with derivatives."""
 
 from __future__ import annotations
 
@@ -16,23 +16,24 @@ from tulip_testbed.identification.planning.footing import PLAN, ROOMS, footing_s
 from tulip_testbed.identification.planning.legs import holding_torques, leg_stretch, limb_distances
 from tulip_testbed.identification.planning.problem import Problem
 
-# A slot of one is this much.
+# Units of the inequalities: a value of one corresponds to this margin.
 LENGTH, ANGLE, FORCE, TORQUE = 0.01, 0.1, 10.0, 0.1  # m, rad, N, share of the limit
-REACHED = 1e-9  # m, rad: more is left of an equation only where the targets are out of reach
-UNREACHED = 10.0  # slots of a posture that does not exist
+REACHED = 1e-9  # m, rad: a larger residual of an equation means that the targets are out of reach
+UNREACHED = 10.0  # violation of all inequalities of a posture out of reach
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Postures with what is asked of them; m postures, s slots, p base parameters.
+    """Evaluated postures; m postures, s inequalities, p base parameters.
 
     Attributes:
         chain: joint angles and kinematics.
-        inequalities, inequality_jacobian: feasible where at least 0, (m, s), and derivatives by u, (m, s, 9).
+        inequalities: constraint values, feasible where at least 0, (m, s).
+        inequality_jacobian: their derivatives by u, (m, s, 9).
         regressor, regressor_slopes: R_b (eq. 6), (m, 2, p), and its derivative by u, (m, 2, p, 9).
         reached: whether inverse kinematics succeeded, (m,) bool.
         joint_jacobian: dq/du, (m, n, 9).
-        torque: of the drives, that share the load between the feet as planned, (m, n) [N m].
+        torque: drive torques that share the load between the feet as planned, (m, n) [N m].
     """
 
     chain: Chain
@@ -46,7 +47,7 @@ class Evaluation:
 
 
 def inequality_names(problem: Problem) -> tuple[str, ...]:
-    """What each slot stands for, (s,)."""
+    """Return the constraint of each inequality, (s,)."""
     names = problem.parameters.tree.joints
     pairs = len(problem.limbs[0]) * len(problem.limbs[1])
     limited = np.isfinite(problem.torques)
@@ -65,9 +66,10 @@ def inequality_names(problem: Problem) -> tuple[str, ...]:
 
 
 def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluation:
-    """All postures at their design variables u.
+    """Evaluate all postures at their design variables u.
 
     Args:
+        problem: the robot and its constraints.
         design: CoM x, y, z, torso roll, pitch, yaw, swing foot x, y, yaw, (m, 9) [m, rad, m, m, rad].
         guess: joint angles near the solution, (m, n) [rad].
     """
@@ -104,7 +106,7 @@ def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluat
     straight = np.array([length for _, _, length in problem.legs])
 
     count = len(design)
-    slots = [
+    values = [
         joints.reshape(count, -1) / ANGLE,
         height / LENGTH,
         (foot.polygon - ranges.stability_margin) / LENGTH,
@@ -128,13 +130,13 @@ def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluat
         limb_slope @ dq / LENGTH,
         room_slope @ dq / LENGTH,
     ]
-    values = np.concatenate(slots, axis=1) - margins.rounding
-    gradient = np.concatenate(slopes, axis=1)
-    values[~reached], gradient[~reached] = -UNREACHED, 0.0
+    inequalities = np.concatenate(values, axis=1) - margins.rounding
+    jacobian = np.concatenate(slopes, axis=1)
+    inequalities[~reached], jacobian[~reached] = -UNREACHED, 0.0
     return Evaluation(
         chain=chain,
-        inequalities=values,
-        inequality_jacobian=gradient,
+        inequalities=inequalities,
+        inequality_jacobian=jacobian,
         regressor=regressor,
         regressor_slopes=np.einsum("mijp,mju->mipu", by_angle, dq, optimize=True),
         reached=reached,
@@ -146,7 +148,7 @@ def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluat
 def _com_covariance(
     regressor: np.ndarray, by_angle: np.ndarray, spread: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of the nominal CoM in the plan view, xx, xy, yy, (m, 3) [m2], and by joint angles, (m, 3, n)."""
+    """Return covariances xx, xy, yy of the nominal CoM, (m, 3) [m2], and by joint angles, (m, 3, n)."""
     weighted = regressor @ spread
     covariance = weighted @ regressor.mT
     half = np.einsum("mijp,mkp->mikj", by_angle, weighted, optimize=True)

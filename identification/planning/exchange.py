@@ -1,7 +1,7 @@
-"""Random feasible postures on a placement, and the best of them: what gradients alone cannot find.
+"""Exchange postures of a placement for random feasible ones, to leave local optima.
 
-A plan has very many local optima, since each posture ends at some corner of what is allowed. As in
-Fedorov's exchange algorithm (1972), postures are swapped for candidates where that helps.
+A plan has very many local optima, since each posture ends at a corner of the feasible set. As in Fedorov's
+exchange algorithm (1972), postures are exchanged for candidates if that reduces the objective.
 """
 
 from __future__ import annotations
@@ -14,49 +14,55 @@ from tulip_testbed.identification.planning.footing import PLAN, footing
 from tulip_testbed.identification.planning.objectives import Smooth
 from tulip_testbed.identification.planning.problem import Problem
 
-DRAWS = 1000  # of which some hundredth is feasible
-PASSES = 3  # through a placement's postures
+DRAWS = 1000  # about one in a hundred is feasible
+PASSES = 3  # over a placement's postures
 
 
-def candidates(problem: Problem, swing: np.ndarray, near: Block, rng: np.random.Generator) -> Block:
-    """Feasible random postures on a placement, none to some tens.
+def candidates(problem: Problem, swing: np.ndarray, start: Block, rng: np.random.Generator) -> Block:
+    """Draw feasible random postures on a placement, between none and some tens.
 
     Args:
-        swing: the swing foot's pose, (3,) [m, m, rad].
-        near: postures whose joint angles and heights draws start from.
+        problem: the robot and its constraints.
+        swing: pose of the swing foot, (3,) [m, m, rad].
+        start: postures that give initial joint angles and the range of heights.
+        rng: random generator.
     """
     r = problem.ranges
     design = np.empty((DRAWS, 9))
     corners = np.concatenate([problem.soles[0], problem.soles[1] + swing[:2]])
     design[:, :2] = rng.uniform(corners.min(axis=0), corners.max(axis=0), (DRAWS, 2))
-    heights = near.design[:, 2]
+    heights = start.design[:, 2]
     design[:, 2] = rng.uniform(heights.min() - 0.1, heights.max() + 0.1, DRAWS)
     low, high = np.array([r.torso_roll, r.torso_pitch, r.torso_yaw]).T
     design[:, 3:6] = rng.uniform(low, high, (DRAWS, 3))
     design[:, 6:] = swing
-    plan = np.zeros((DRAWS, PLAN))  # as if the CoM were known: what that asks for is observed below
+    plan = np.zeros((DRAWS, PLAN))  # with an exact CoM; its uncertainty is included in `evaluate` below
     plan[:, :5] = design[:, [0, 1, 6, 7, 8]]
     foot = footing(problem, plan)
-    stands = (foot.polygon.min(axis=1) >= r.stability_margin) & (foot.boards.min(axis=1) >= 0)
-    stands &= (foot.soles.min(axis=1) >= r.sole_margin) & (foot.cells.min(axis=1) >= r.least_cell_load)
-    stands &= foot.feet.min(axis=1) >= problem.margins.foot_load
-    design = design[stands]
+    feasible = (foot.polygon.min(axis=1) >= r.stability_margin) & (foot.boards.min(axis=1) >= 0)
+    feasible &= (foot.soles.min(axis=1) >= r.sole_margin) & (foot.cells.min(axis=1) >= r.least_cell_load)
+    feasible &= foot.feet.min(axis=1) >= problem.margins.foot_load
+    design = design[feasible]
     if not len(design):
-        return Block(design, np.zeros((0, near.angles.shape[1])))
-    distance = np.abs((design[:, None, :6] - near.design[None, :, :6]) / SCALE[:6]).sum(axis=2)
-    found = evaluate(problem, design, near.angles[distance.argmin(axis=1)])
-    keeps = found.reached & (found.inequalities.min(axis=1) >= 0)
-    return Block(design[keeps], found.chain.angles[keeps])
+        return Block(design, np.zeros((0, start.angles.shape[1])))
+    distance = np.abs((design[:, None, :6] - start.design[None, :, :6]) / SCALE[:6]).sum(axis=2)
+    found = evaluate(problem, design, start.angles[distance.argmin(axis=1)])
+    feasible = found.reached & (found.inequalities.min(axis=1) >= 0)
+    return Block(design[feasible], found.chain.angles[feasible])
 
 
 def exchange(
     problem: Problem, start: Block, pool: Block, rest: np.ndarray, smooth: Smooth, wanted: int
 ) -> Block:
-    """The `wanted` postures among start and pool that minimise a function of M, swapped one by one.
+    """Choose the `wanted` postures of start and pool that minimise a function of M, one exchange at a time.
 
     Args:
-        start: postures to begin with; fewer than wanted: the best of the pool join them first.
+        problem: the robot.
+        start: initial postures; if fewer than `wanted`, the best of the pool are added first.
+        pool: candidates.
         rest: information of the other placements, (p, p).
+        smooth: function of M and its gradient.
+        wanted: number of postures.
     """
     design = np.concatenate([start.design, pool.design])
     angles = np.concatenate([start.angles, pool.angles])

@@ -1,8 +1,8 @@
-"""What depends on the plan view alone: support polygon, loads of feet and cells, boards.
+"""Constraints in the plan view: support polygon, loads of feet and cells, boards.
 
-Every function takes real or complex numbers, since derivatives come from complex steps
-(Squire and Trapp 1998): f'(x) = Im f(x + ih) / h, without cancellation and so exact to rounding.
-Decisions (which corner is on the hull, which clip holds) look at the real parts.
+Every function accepts complex numbers, since derivatives are computed by complex steps (Squire and Trapp
+1998): f'(x) = Im f(x + ih) / h is free of cancellation and so exact to rounding. Decisions, for example
+whether a corner is on the hull, use the real parts.
 """
 
 from __future__ import annotations
@@ -15,28 +15,28 @@ from tulip_testbed.identification.planning.problem import Problem
 
 STEP = 1e-30
 COLLINEAR = 1e-12  # m2
-LEAST_VARIANCE = 1e-18  # m2, so that a root has a derivative
-OFF_HULL = 1.0  # m: margin of a corner that begins no edge, so that it never binds
-LEAST_FORCE = 1.0  # N, on either foot; less is out of the question and would divide by nothing
+LEAST_VARIANCE = 1e-18  # m2, so that the square root is differentiable
+OFF_HULL = 1.0  # m: margin of a corner at which no edge begins, so that it is never active
+LEAST_FORCE = 1.0  # N, on each foot; avoids a division by zero far outside of the constraints
 # Inputs: CoM x, y; swing foot x, y, yaw; variance of the CoM's x, covariance, variance of y.
 PLAN = 8
 ROOMS = 42
-SHARING = 0.75  # of the way to the other foot: what the load goes over by; centres of pressure do the rest
+SHARING = 0.75  # change of the load share over that of the CoM's relative position between the feet
 
 
 @dataclass(frozen=True)
 class Footing:
-    """By posture (m, ...), complex while derivatives are taken.
+    """Constraint quantities by posture (m, ...), complex while derivatives are computed.
 
     Attributes:
-        polygon: how far the CoM stays inside each hull edge beyond its uncertainty, (m, 8) [m].
-        soles: how far each foot's centre of pressure stays inside its sole's edges, beyond what is not known
+        polygon: distance of the CoM inside each edge of the hull, minus its uncertainty, (m, 8) [m].
+        soles: distance of each foot's centre of pressure inside the edges of its sole, minus the uncertainty
             of its moment, (m, 8) [m].
-        cells: loads, (m, 8) [N].
-        feet: vertical force on either foot, (m, 2) [N].
-        wrench: the swing foot's vertical force and its moments about x and y through the base frame's
-            origin, (m, 3) [N, N m]; the rest of its wrench is zero.
-        boards: room of each sole on its own board to the side, of the swing sole to the front, and between
+        cells: cell loads, (m, 8) [N].
+        feet: vertical force on each foot, (m, 2) [N].
+        wrench: vertical force on the swing foot and its moments about x and y through the base frame's
+            origin, (m, 3) [N, N m]; the other components are zero.
+        boards: clearance of each sole on its board to the side, of the swing sole to the front, and between
             the soles to the side, (m, ROOMS) [m].
     """
 
@@ -49,7 +49,7 @@ class Footing:
 
 
 def footing(problem: Problem, plan: np.ndarray) -> Footing:
-    """For the inputs of `PLAN`, (m, 8)."""
+    """Compute the constraint quantities for the inputs of `PLAN`, (m, 8)."""
     com, swing, covariance = (plan[:, k] for k in (slice(0, 2), slice(2, 5), slice(5, 8)))
     c, s = np.cos(swing[:, 2]), np.sin(swing[:, 2])
     turn = np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
@@ -76,7 +76,7 @@ def footing(problem: Problem, plan: np.ndarray) -> Footing:
 
 
 def footing_slopes(problem: Problem, plan: np.ndarray) -> tuple[Footing, Footing]:
-    """Values, and derivatives by the inputs with a last axis of 8."""
+    """Return values, and derivatives by the inputs with a last axis of 8."""
     stepped = plan[:, None] + 1j * STEP * np.eye(PLAN)
     both = footing(problem, stepped.reshape(-1, PLAN))
     values, slopes = {}, {}
@@ -88,17 +88,17 @@ def footing_slopes(problem: Problem, plan: np.ndarray) -> tuple[Footing, Footing
 
 
 def _ccw(corners: np.ndarray) -> np.ndarray:
-    """`CORNERS` go round clockwise, observed from above."""
+    """Return corners counter-clockwise; `CORNERS` are clockwise seen from above."""
     return corners[:, ::-1]
 
 
 def _foot_loads(
     weight: float, com: np.ndarray, stance: np.ndarray, swing: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Vertical forces (m, 2) and centres of pressure (m, 2, 2) that the plan chooses for both feet.
+    """Return the vertical forces (m, 2) and centres of pressure (m, 2, 2) that the plan chooses.
 
-    Statics leaves them open but for their mean, which lies at the CoM. The load goes over with the CoM's
-    place between the soles' centres; what is then left moves both centres of pressure off those alike.
+    Statics determines only their mean, which is at the CoM. The load share depends on the position of the
+    CoM between the centres of the soles; the remaining offset is the same for both centres of pressure.
     """
     line = swing - stance
     part = ((com - stance) * line).sum(axis=1) / (line**2).sum(axis=1)
@@ -110,7 +110,7 @@ def _foot_loads(
 def _edges(
     point: np.ndarray, start: np.ndarray, end: np.ndarray
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Distance of points to the left of lines, and the lines' normals to the left (x and y)."""
+    """Return distances of points to the left of lines, and the lines' left normals (x and y)."""
     edge = end - start
     length = np.sqrt((edge**2).sum(axis=-1))
     x, y = -edge[..., 1] / length, edge[..., 0] / length
@@ -118,11 +118,11 @@ def _edges(
 
 
 def _polygon(com: np.ndarray, corners: np.ndarray, covariance: np.ndarray, problem: Problem) -> np.ndarray:
-    """One margin a corner: of the hull's edge that begins there, counter-clockwise, else `OFF_HULL`."""
+    """Return the margin of the hull's edge that begins at each corner, else `OFF_HULL`, (m, 8) [m]."""
     real = corners.real
     edge = real[:, None] - real[:, :, None]  # from i to j
-    beside = real[:, None, None] - real[:, :, None, None]  # from i to k
-    cross = edge[..., None, 0] * beside[..., 1] - edge[..., None, 1] * beside[..., 0]
+    other = real[:, None, None] - real[:, :, None, None]  # from i to k
+    cross = edge[..., None, 0] * other[..., 1] - edge[..., None, 1] * other[..., 0]
     length = (edge**2).sum(axis=-1)
     is_edge = (cross >= -COLLINEAR).all(axis=-1) & (length > COLLINEAR)
     last = np.where(is_edge, length, -1.0).argmax(axis=2)  # of collinear corners the farthest
@@ -137,10 +137,10 @@ def _polygon(com: np.ndarray, corners: np.ndarray, covariance: np.ndarray, probl
 
 
 def _boards(problem: Problem, swing_sole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centres of both boards, laid as `lay_boards` does, (m, 2, 2), and room of soles, (m, ROOMS).
+    """Return the centres of both boards, laid as by `lay_boards`, (m, 2, 2), and clearances, (m, ROOMS).
 
-    How far a turned sole reaches has a kink where another corner takes over, as at no yaw, and optima
-    lie there; so every pair of corners has its own room, which is smooth.
+    The reach of a rotated sole has a kink where another corner becomes the outermost, as at zero yaw, and
+    optima lie at such kinks. So every pair of corners has its own clearance, which is smooth.
     """
     size, gap, kept = problem.plate.size, problem.ranges.plate_gap, problem.margins.board
     first, second = problem.soles[0].min(axis=0), problem.soles[0].max(axis=0)
@@ -162,6 +162,6 @@ def _boards(problem: Problem, swing_sole: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _extreme(corners: np.ndarray, sign: int) -> np.ndarray:
-    """Least (-1) or largest (1) x and y of corners (m, 4, 2), (m, 2)."""
+    """Return the least (-1) or largest (1) x and y of corners (m, 4, 2), (m, 2)."""
     chosen = (sign * corners.real).argmax(axis=1)
     return np.take_along_axis(corners, chosen[:, None], axis=1)[:, 0]

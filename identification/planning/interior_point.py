@@ -1,7 +1,7 @@
-"""IPOPT on the whole plan, by casadi (the extra `opt`): all placements' variables at once.
+"""Optimise the whole plan by IPOPT through casadi (the extra `opt`).
 
-The constraints' Jacobian is sparse by blocks, since a posture touches its own and its swing foot's
-variables alone; the Hessian is approximated (limited-memory BFGS).
+The Jacobian of the constraints is sparse by blocks, since a posture depends on its own and its swing foot's
+variables only. The Hessian is approximated (limited-memory BFGS).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ OPTIONS = {
 
 
 def casadi_module() -> Any:
-    """The optional library.
+    """Import the optional library casadi.
 
     Raises:
         InputError: it is not installed.
@@ -44,10 +44,10 @@ def casadi_module() -> Any:
 
 
 def interior_point(problem: Problem, plan: EvaluatedPlan, smooth: Smooth, iterations: int) -> EvaluatedPlan:
-    """Minimise a function of the plan's information under every constraint.
+    """Minimise a function of the plan's information under all constraints.
 
     Returns:
-        Where IPOPT ended, perhaps slightly infeasible.
+        The last iterate of IPOPT, which may be slightly infeasible.
     """
     casadi = casadi_module()
     count, slots = plan.found.inequalities.shape
@@ -64,22 +64,22 @@ def interior_point(problem: Problem, plan: EvaluatedPlan, smooth: Smooth, iterat
     across = np.repeat(columns, slots, axis=0).ravel()
     order = np.lexsort((rows, across))  # casadi stores by columns
     sparsity = casadi.Sparsity.triplet(count * slots, size, rows[order].tolist(), across[order].tolist())
-    last, observed = plan, dict[bytes, EvaluatedPlan]()
+    last, cache = plan, dict[bytes, EvaluatedPlan]()
 
     def design_at(x: np.ndarray) -> np.ndarray:
         return x[columns] * SCALE
 
     def at(x: np.ndarray) -> Evaluation:
         nonlocal last
-        if x.tobytes() not in observed:
+        if x.tobytes() not in cache:
             design = design_at(x)
             change = (last.found.joint_jacobian @ (design - last.design)[..., None])[..., 0]
             change /= max(1.0, float(np.abs(change).max()) / FARTHEST)
-            observed.clear()
-            observed[x.tobytes()] = evaluate_plan(problem, design, last.found.chain.angles + change, plan.per)
-            if observed[x.tobytes()].found.reached.all():
-                last = observed[x.tobytes()]
-        return observed[x.tobytes()].found
+            cache.clear()
+            cache[x.tobytes()] = evaluate_plan(problem, design, last.found.chain.angles + change, plan.per)
+            if cache[x.tobytes()].found.reached.all():
+                last = cache[x.tobytes()]
+        return cache[x.tobytes()].found
 
     def slope(x: np.ndarray) -> np.ndarray:
         found = at(x)
@@ -111,13 +111,13 @@ def interior_point(problem: Problem, plan: EvaluatedPlan, smooth: Smooth, iterat
     )
     answer = solver(x0=x0, lbx=low, ubx=high, lbg=0.0, ubg=np.inf)
     at(np.clip(np.array(answer["x"]).ravel(), low, high))
-    return next(iter(observed.values()))
+    return next(iter(cache.values()))
 
 
 def _function(casadi: Any, name: str, size: int, shape: Any, compute: Any) -> Any:
-    """A function of x that casadi calls; its `slope`, if set, is another such function."""
+    """Make a function of x that casadi can call; its `slope`, if set, is another such function."""
 
-    class Function(casadi.Callback):  # casadi wants a subclass
+    class Function(casadi.Callback):  # casadi requires a subclass
         slope: Any = None
 
         def __init__(self) -> None:

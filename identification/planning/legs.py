@@ -1,4 +1,4 @@
-"""What a held posture asks of the legs: static torques, and room between them; with derivatives."""
+"""Constraints on the legs: static torques and clearance between the legs, with derivatives."""
 
 from __future__ import annotations
 
@@ -11,17 +11,19 @@ from tulip_testbed.identification.planning.problem import Problem
 def holding_torques(
     problem: Problem, chain: Chain, wrench: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Torques of the drives that hold the robot while the floor exerts a given wrench on the swing foot.
+    """Compute the drive torques that hold the robot under a given wrench of the floor on the swing foot.
 
-    Seen from the stance foot, joint j carries the weights beyond it and that wrench w, forces and moments
-    about the base frame's origin: tau = tau_0 + A w, A_j = -(p_j x a_j, a_j). The chain is closed, so
-    statics leaves w free, and whoever commands tau chooses it. Dry friction is left out.
+    Seen from the stance foot, joint j carries the weights beyond it and the wrench w (force and moment about
+    the base frame's origin): tau = tau_0 + A w, A_j = -(p_j x a_j, a_j). The chain is closed, so that statics
+    does not determine w; the commanded torques do. Dry friction is neglected.
 
     Args:
+        problem: the robot.
+        chain: the postures.
         wrench: w, (m, 6) [N, N m].
 
     Returns:
-        tau, (m, n) [N m]; its derivative by joint angles with w held, (m, n, n); A, (m, n, 6).
+        tau, (m, n) [N m]; its derivative by the joint angles at constant w, (m, n, n); A, (m, n, 6).
     """
     axes, pivots, gravity = chain.axes, chain.pivots, problem.gravity
     load = -gravity * (chain.moment - chain.beyond[:, None] * pivots)
@@ -56,11 +58,11 @@ def holding_torques(
 
 
 def limb_distances(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarray]:
-    """Between the surfaces of the two legs' capsules, pair by pair; negative where they overlap.
+    """Compute the distances between the capsules of the two legs, negative if they overlap.
 
     Returns:
-        (m, pairs) [m] and the derivative by joint angles, (m, pairs, n): between the nearest points held
-        fixed on their limbs, since moving those along changes nothing to first order.
+        Distances, (m, pairs) [m], and their derivatives by the joint angles, (m, pairs, n). The nearest
+        points are held fixed on their limbs, which is exact to first order.
     """
     ends = {frame for leg in problem.limbs for limb in leg for frame in limb[:2]}
     slopes = {frame: point_jacobian(problem, chain, frame) for frame in ends}
@@ -83,7 +85,7 @@ def limb_distances(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarr
 
 
 def leg_stretch(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarray]:
-    """How much nearer hip and ankle are than with a straight knee, (m, legs) [m]; by joint angles."""
+    """Return the shortening of hip to ankle against a straight knee, (m, legs) [m], and its derivative."""
     room, slopes = [], []
     for hip, ankle, length in problem.legs:
         line = chain.positions[:, ankle] - chain.positions[:, hip]
@@ -97,7 +99,7 @@ def leg_stretch(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarray]
 
 
 def nearest_on_segments(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where two segments (m, 2, 3) come nearest, as fractions of their lengths, (m,) each (Ericson 2005)."""
+    """Return the nearest points of two segments (m, 2, 3) as fractions of their lengths (Ericson 2005)."""
     u, v, w = first[:, 1] - first[:, 0], second[:, 1] - second[:, 0], first[:, 0] - second[:, 0]
     uu, uv, vv, uw, vw = ((x * y).sum(axis=1) for x, y in ((u, u), (u, v), (v, v), (u, w), (v, w)))
     cross = np.maximum(uu * vv - uv**2, 1e-12)

@@ -1,9 +1,8 @@
-"""Sequential linear programming on the whole plan: all placements move at once.
+"""Sequential linear programming on the whole plan, in which all placements move at once.
 
-Most of an optimal plan's variables end at some constraint, so steps to the corners of the linearised
-constraints (Fletcher and Sainz de la Maza 1989), inside a trust region, come near quickly. The
-programs are sparse, since a posture touches its own and its swing foot's variables alone; scipy's
-HiGHS solves them.
+Most variables of an optimal plan end at a constraint. Steps to the corners of the linearised constraints
+(Fletcher and Sainz de la Maza 1989), inside a trust region, therefore converge quickly. The programs are
+sparse, since a posture depends on its own and its swing foot's variables only; scipy's HiGHS solves them.
 """
 
 from __future__ import annotations
@@ -19,19 +18,20 @@ from tulip_testbed.identification.planning.constraints import Evaluation, evalua
 from tulip_testbed.identification.planning.objectives import Smooth
 from tulip_testbed.identification.planning.problem import Problem
 
-PENALTY = 0.1  # of a posture's worst slot below zero, against the objective
+PENALTY = 0.1  # weight of a posture's largest violation relative to the objective
 GROW, SHRINK = 1.5, 0.4
-WIDEST, NARROWEST = 1.0, 1e-3  # regions, of the variables' scales
-MOST_LACK = 0.2  # of a slot: what linearising may have missed
+WIDEST, NARROWEST = 1.0, 1e-3  # trust regions, relative to the variables' scales
+MOST_LACK = 0.2  # largest violation of an inequality by linearisation
 
 
 @dataclass(frozen=True)
 class EvaluatedPlan:
-    """A plan's postures, placement by placement.
+    """Evaluated postures of a plan, placement by placement.
 
     Attributes:
-        design: (m, 9) [m, rad, m, m, rad]. found: evaluated there.
-        per: postures a placement.
+        design: design variables, (m, 9) [m, rad, m, m, rad].
+        found: evaluation of the postures.
+        per: number of postures in a placement.
     """
 
     design: np.ndarray
@@ -40,10 +40,12 @@ class EvaluatedPlan:
 
 
 def evaluate_plan(problem: Problem, design: np.ndarray, angles: np.ndarray, per: int) -> EvaluatedPlan:
+    """Evaluate the postures of a plan."""
     return EvaluatedPlan(design, evaluate(problem, design, angles), per)
 
 
 def merit(plan: EvaluatedPlan, smooth: Smooth) -> float:
+    """Return the objective plus the penalty for violated constraints."""
     lack = np.maximum(-plan.found.inequalities.min(axis=1), 0.0)
     return smooth(information(plan.found))[0] + PENALTY * float(lack.sum())
 
@@ -51,16 +53,20 @@ def merit(plan: EvaluatedPlan, smooth: Smooth) -> float:
 def descend(
     problem: Problem, plan: EvaluatedPlan, smooth: Smooth, iterations: int, regions: np.ndarray
 ) -> tuple[EvaluatedPlan, np.ndarray]:
-    """Steps while they help; postures may end slightly infeasible.
+    """Take linear steps while they reduce the merit; postures may end slightly infeasible.
 
-    A placement whose step broke a constraint that was linear in prediction stays where it was, with a
-    smaller region of its own: one stretched knee must not hold up the rest.
+    A placement whose step violates a constraint by nonlinearity stays unchanged and gets a smaller trust
+    region, so that one straight knee does not slow down all placements.
 
     Args:
-        regions: of trust by placement, over the variables' scales, (k,) [-].
+        problem: the robot and its constraints.
+        plan: the plan to start from.
+        smooth: function of M and its gradient.
+        iterations: largest number of steps.
+        regions: trust region of each placement relative to the variables' scales, (k,) [-].
 
     Returns:
-        The plan, and the regions to go on with.
+        The plan, and the trust regions at the end.
     """
     value = merit(plan, smooth)
     for _ in range(iterations):
@@ -76,7 +82,7 @@ def descend(
             regions = np.where(broken, SHRINK * regions, regions)
             step = step * np.repeat(~broken, plan.per)[:, None]
         after = merit(moved, smooth)
-        if after >= value:  # curved constraints: once more with what linearising has missed
+        if after >= value:  # correct for the curvature of the constraints
             missed = moved.found.inequalities - plan.found.inequalities - _rates(plan, step)
             step, _ = linear_step(problem, plan, smooth, np.repeat(regions, plan.per), missed)
             moved = _moved(problem, plan, step)
@@ -107,11 +113,15 @@ def linear_step(
     region: np.ndarray,
     missed: np.ndarray | None = None,
 ) -> tuple[np.ndarray, float]:
-    """The linear program's step (m, 9) and what it promises of the merit.
+    """Return the step of the linear program, (m, 9), and the reduction of the merit that it predicts.
 
     Args:
-        missed: by how much the slots lie beyond their linearisation after a first step, (m, s); None: 0
-            (second-order correction, Fletcher 1982).
+        problem: the robot and its constraints.
+        plan: the plan to start from.
+        smooth: function of M and its gradient.
+        region: trust region of each posture relative to the variables' scales, (m,).
+        missed: error of the linearised inequalities after a first step, (m, s); None: 0 (second-order
+            correction, Fletcher 1982).
     """
     count, per, found = len(plan.design), plan.per, plan.found
     places = count // per
@@ -126,12 +136,12 @@ def linear_step(
     objective[size:] = PENALTY  # of each posture's elastic variable
 
     slopes = found.inequality_jacobian * SCALE
-    near = found.inequalities < region[:, None] * np.abs(slopes).sum(axis=2) + 1e-3
-    row, slot = np.nonzero(near)
+    reachable = found.inequalities < region[:, None] * np.abs(slopes).sum(axis=2) + 1e-3
+    row, column = np.nonzero(reachable)
     rows = np.arange(len(row))
     matrix = coo_array(
         (
-            np.concatenate([-slopes[row, slot].ravel(), -np.ones(len(row))]),
+            np.concatenate([-slopes[row, column].ravel(), -np.ones(len(row))]),
             (
                 np.concatenate([np.repeat(rows, 9), rows]),
                 np.concatenate([columns[row].ravel(), size + row]),
@@ -149,7 +159,7 @@ def linear_step(
     bounds[columns, 0], bounds[columns, 1] = low, high
     bounds[size:, 1] = np.inf
     room = found.inequalities if missed is None else found.inequalities + missed
-    result = linprog(objective, A_ub=matrix, b_ub=room[row, slot], bounds=bounds, method="highs")
+    result = linprog(objective, A_ub=matrix, b_ub=room[row, column], bounds=bounds, method="highs")
     if result.x is None:
         return np.zeros_like(plan.design), 0.0
     lack = np.maximum(-found.inequalities.min(axis=1), 0.0)

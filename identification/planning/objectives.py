@@ -1,7 +1,7 @@
-"""What an optimal plan minimises, as functions of the information matrix M = H'H.
+"""Objectives of an optimal plan as functions of the information matrix M = H'H.
 
-Each gives its value and its gradient G = df/dM, symmetric. Those that are not smooth are reached
-through smooth ones: the p-norms of the eigenvalues of M and M^-1 tend to their largest, so
+Each function returns its value and its symmetric gradient G = df/dM. Objectives that are not smooth are
+approximated by smooth ones: the p-norms of the eigenvalues of M and M^-1 tend to the largest ones, so
 (1/p) ln(tr M^p tr M^-p) tends to ln cond(M) (p = 1: ln tr M tr M^-1).
 """
 
@@ -16,18 +16,18 @@ from tulip_testbed.identification.statistics import WELL_IDENTIFIED
 
 Smooth = Callable[[np.ndarray], tuple[float, np.ndarray]]
 Value = Callable[[np.ndarray], float]
-POWERS = (1, 2, 4, 8, 16)  # of the p-norms, one after another
-SOFTNESS = 0.15  # of ln(relative standard error), in the smooth count
+POWERS = (1, 2, 4, 8, 16)  # of the p-norms, in this order
+SOFTNESS = 0.15  # width in ln(relative standard error) of the smooth count
 SINGULAR = 1e-14  # of the largest eigenvalue
 
 
 @dataclass(frozen=True)
 class Objective:
-    """A criterion by its name.
+    """An objective by its name.
 
     Attributes:
-        value: what is reported and decides which plan is better, smaller is better.
-        smooth: what is minimised in turn, each from the last one's result.
+        value: reported value, by which plans are compared; smaller is better.
+        smooth: smooth functions that are minimised in turn, each from the result of the last.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Objective:
 
 
 def condition_number(information: np.ndarray) -> float:
-    """Of H, by M = H'H (the paper's objective) [-]."""
+    """Return the condition number of H from M = H'H (the paper's objective) [-]."""
     values = np.linalg.eigvalsh(information)
     return float(np.sqrt(values[-1] / values[0])) if values[0] > SINGULAR * values[-1] else np.inf
 
@@ -80,7 +80,7 @@ def _worst(power: int) -> Smooth:
 
 
 def _count(nominal: np.ndarray, sigma: float) -> Smooth:
-    """Minus the soft number of parameters whose relative standard error lies below 15 %."""
+    """Return minus the smooth number of parameters whose relative standard error is below 15 %."""
     with np.errstate(divide="ignore"):
         goal = np.log(WELL_IDENTIFIED / 100 * np.abs(nominal) / sigma)
 
@@ -96,12 +96,12 @@ def _count(nominal: np.ndarray, sigma: float) -> Smooth:
 
 
 def objectives(nominal: np.ndarray, sigma: float) -> dict[str, Objective]:
-    """By name.
+    """Return the objectives by name.
 
     Args:
-        nominal: base parameters, (p,) [m].
-        sigma: s.d. of a centre of pressure's coordinate [m]; only `well-identified` needs it, the others'
-            minima do not depend on it.
+        nominal: nominal base parameters, (p,) [m].
+        sigma: s.d. of a coordinate of the centre of pressure [m]; only the minimum of `well-identified`
+            depends on it.
     """
 
     def standard_errors(information: np.ndarray) -> np.ndarray:

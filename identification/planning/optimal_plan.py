@@ -1,4 +1,4 @@
-"""From a robot to an optimal plan, and what a plan promises."""
+"""Make an optimal plan for a robot, describe its margins, and add repeated postures."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.sim.errors import InputError, look_up
 from tulip_testbed.sim.measurements import PosturePlan
 
-SPARE = 2  # random placements drawn for each that is wanted: some cannot be repaired
-UNITS = {  # of a margin, by the first word of its constraint: unit, and how much a slot of one is
+SPARE = 2  # random placements drawn for each wanted one, since some cannot be repaired
+UNITS = {  # of a margin, by the first word of its constraint: unit, and size of an inequality of one
     "joint": ("deg", float(np.rad2deg(ANGLE))),
     "cell": ("N", FORCE),
     "foot": ("N", FORCE),
@@ -42,10 +42,10 @@ MILLIMETRES = ("mm", 1e3 * LENGTH)
 
 
 def objective_by_name(problem: Problem, name: str, sigma: float) -> Objective:
-    """One of `OBJECTIVES`.
+    """Return the objective of `OBJECTIVES` with this name.
 
     Raises:
-        InputError: unknown; lists the valid ones.
+        InputError: the name is unknown; the message lists the valid ones.
     """
     look_up("objective", name, OBJECTIVES, "objective")
     return objectives(problem.nominal, sigma)[name]
@@ -54,10 +54,10 @@ def objective_by_name(problem: Problem, name: str, sigma: float) -> Objective:
 def initial_state(
     problem: Problem, objective: Objective, placements: int, per: int, seed: int
 ) -> tuple[PosturePlan, SearchState]:
-    """The random start of a trial, repaired.
+    """Draw a random start of the search and repair it.
 
     Raises:
-        InputError: the ranges admit nothing, or the margins beyond them.
+        InputError: no posture is feasible, or too few can be repaired to keep the margins.
     """
     drawn = random_postures(problem.robot, problem.plate, SPARE * placements, per, seed, problem.ranges)
     where = f"{problem.robot.path}: planning ranges, seed {seed}"
@@ -75,18 +75,20 @@ def initial_state(
 
 
 def require_identifiable(problem: Problem, state: SearchState, placements: int) -> None:
-    """Refuse a start whose postures cannot tell the parameters apart: on one or two placements none can.
+    """Refuse a start whose postures do not determine the parameters, as with one or two placements.
 
     Args:
-        placements: how many there are, measured ones included.
+        problem: the robot.
+        state: the start of the search.
+        placements: number of placements, measured ones included.
 
     Raises:
         InputError: the start's information is singular.
     """
     if not np.isfinite(state.initial_condition):
         raise InputError(
-            f"{problem.robot.path}: found that postures on {placements} placements cannot tell "
-            f"{len(problem.nominal)} base parameters apart, expected more placements"
+            f"{problem.robot.path}: found that postures on {placements} placements do not determine "
+            f"{len(problem.nominal)} base parameters, expected more placements"
         )
 
 
@@ -101,12 +103,17 @@ def optimize_plan(
     state: SearchState | None = None,
     solver: str = SOLVERS[0],
 ) -> PosturePlan:
-    """One trial from its own random start.
+    """Optimise a plan from its own random start.
 
     Args:
+        problem: the robot and its constraints.
+        objective: the objective to minimise.
+        placements, per: number of placements, and of postures in each.
+        seed: seed of the start and of the search.
+        hops: number of rounds that exchange postures of one placement.
         progress: called with the state after every round; may raise KeyboardInterrupt.
-        state: to go on from, of the same trial.
-        solver: of the polish, one of `SOLVERS`.
+        state: state of an interrupted search with the same arguments, to continue from.
+        solver: solver of the last round, one of `SOLVERS`.
 
     Raises:
         InputError: as `initial_state` and `require_identifiable`.
@@ -129,7 +136,7 @@ def plan_from_state(
     hops: int,
     solver: str = SOLVERS[0],
 ) -> PosturePlan:
-    """The best plan of a state, with how it was made."""
+    """Return the best plan of a state, with the settings that made it."""
     made = {
         "objective": objective.name,
         "seed": seed,
@@ -155,9 +162,9 @@ def plan_from_state(
 
 
 def smallest_margins(problem: Problem, plan: PosturePlan) -> dict[str, dict[str, Any]]:
-    """What is left of every constraint at the posture that has least, by constraint.
+    """Return the smallest margin of every constraint and the posture where it occurs.
 
-    Zero: as much as was asked for (d_s and whatever is kept beyond it). Infeasible where negative.
+    Zero means that the constraint is just kept with all its margins; a negative value is infeasible.
     """
     design = design_of(problem, plan.joint_angles, plan.swing_pose)
     found = evaluate(problem, design, plan.joint_angles)
@@ -180,18 +187,19 @@ def smallest_margins(problem: Problem, plan: PosturePlan) -> dict[str, dict[str,
 
 
 def with_repeats(plan: PosturePlan, count: int, seed: int) -> PosturePlan:
-    """A plan in which `count` postures come twice, with the same number.
+    """Return the plan with `count` postures repeated under the same number.
 
-    Half of them (rounded up) at the end of their own placement: their pure error is that of readings and
-    approach. The others each on a placement of its own with the same foot pose, so that the plates are laid
-    and recorded anew: theirs holds the placement's error too.
+    Half of them (rounded up) are repeated at the end of their own placement; their pure error is that of
+    readings and approach. Each of the others is repeated on a placement of its own with the same foot pose,
+    where the plates are laid and recorded again; its pure error includes that of the placement.
 
     Args:
-        count: at most the plan's postures.
-        seed: of the choice.
+        plan: the plan.
+        count: number of repeats, at most the number of postures.
+        seed: seed of the choice.
     """
     order = np.random.default_rng([seed, count, 2]).permutation(len(plan))
-    # Not a placement's last posture: its repeat would follow at once, without a new approach.
+    # A repeat of a placement's last posture would follow at once, without a new approach.
     last = np.append(plan.placement[1:] != plan.placement[:-1], True)
     within = np.sort(order[~last[order]][: (count + 1) // 2])
     anew = np.sort(order[~np.isin(order, within)][: count - len(within)])

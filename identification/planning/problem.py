@@ -1,4 +1,4 @@
-"""What planning knows of a robot: its nominal kinematics, masses, drives, soles and ranges, as arrays."""
+"""The planning problem: nominal kinematics, masses, drives, soles and ranges of a robot, as arrays."""
 
 from __future__ import annotations
 
@@ -15,35 +15,35 @@ from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PlateGeometry
 from tulip_testbed.sim.robot import Robot, between_feet, joint_names, sole_corners, sole_point
 
-CLOSING = 12  # joints between the feet: as many as the equations that two feet, torso and CoM give
+CLOSING = 12  # joints between the feet, as many as the equations of swing foot, torso and CoM
 Limb = tuple[int, int, float]
 Leg = tuple[Limb, ...]
-LEAST_LIMB = 0.1  # m, between joint centres: shorter links lie inside their neighbours' capsules
+LEAST_LIMB = 0.1  # m, between joint centres; shorter links lie inside their neighbours' capsules
 
 
 @dataclass(frozen=True)
 class Margins:
-    """What is kept beyond the planning ranges.
+    """Margins in addition to the planning ranges.
 
     Attributes:
-        mass_sd: 1 s.d. of every link's mass over its nominal one, and of its centre of mass over the half
-            edges of its inertia box, all independent [-].
-        assurance: standard deviations of the centre of mass that every edge of the support polygon keeps
-            beyond d_s; 1.645: each edge with 95 % probability [-].
-        torque_share: of a drive's limit, most that holding may take by prediction [-].
-        foot_load: least on either foot [N].
-        foot_moment: 1 s.d. of either foot's tilting moment over its prediction, by dry friction and
-            tracking errors in a stiff closed chain; soles keep it with the same assurance [N m]. TULip's
-            drives (0.8 of their dry friction, commands off by 0.5 mrad) give 0.5 about x and 0.6 about y.
-        board: between a sole and the edge of its board, since boards come to lie some millimetres off and
-            a corner beyond the edge carries nothing [m].
-        joint: kept from both ends of a joint's range, since a stop that is touched takes load from the
-            feet [rad].
-        stretch: of the straight leg's length that hip and ankle stay nearer than that: straight knees are
-            singular, where angles change without bound, and paths between them may be out of reach [-].
-        leg_clearance: between the capsules round the two legs' limbs [m].
-        rounding: kept from every bound, so that solver and file format cannot break one (in the
-            constraints' own scales) [-].
+        mass_sd: s.d. of every link's mass relative to the nominal one, and of its centre of mass relative to
+            the half edges of its inertia box, all independent [-].
+        assurance: number of standard deviations of the centre of mass that every edge of the support
+            polygon keeps in addition to d_s; 1.645 means 95 % probability for each edge [-].
+        torque_share: largest predicted holding torque relative to the drive's limit [-].
+        foot_load: smallest load of each foot [N].
+        foot_moment: s.d. of each foot's tilting moment about its prediction, by dry friction and tracking
+            errors in a stiff closed chain; soles keep it with the same assurance [N m]. TULip's drives (0.8
+            of their dry friction, command errors of 0.5 mrad) give 0.5 about x and 0.6 about y.
+        board: distance between a sole and the edge of its board, since boards are laid with errors of some
+            millimetres and a corner beyond the edge carries no load [m].
+        joint: distance from both ends of a joint's range, since a joint at its stop takes load from the feet
+            [rad].
+        stretch: shortening of the distance from hip to ankle relative to a straight leg; straight knees are
+            singular, and paths between such postures may be out of reach [-].
+        leg_clearance: distance between the capsules around the limbs of the two legs [m].
+        rounding: distance from every bound in the constraint's own scale, so that rounding by solver and
+            file format violates none [-].
     """
 
     mass_sd: float = 0.10
@@ -60,23 +60,23 @@ class Margins:
 
 @dataclass(frozen=True)
 class Problem:
-    """A robot as the optimisation of postures sees it; n joints, f frames, p base parameters.
+    """A robot as the optimisation of postures needs it; n joints, f frames, p base parameters.
 
     Attributes:
-        ranges, margins, plate: what the postures have to keep.
-        between: joints between the feet, of which the inverse kinematics disposes, (12,).
+        ranges, margins, plate: ranges, margins and plate geometry that define the constraints.
+        between: joints between the feet, which inverse kinematics determines, (12,).
         limits: ranges of all joints, (n, 2) [rad].
-        torques: drives' limits, (n, 2) [N m]; infinite where the robot's file has none.
-        mass, center: of every frame, (f,) [kg], and its centre of mass in it, (f, 3) [m].
-        gravity: [m/s2].
+        torques: torque limits of the drives, (n, 2) [N m]; infinite if the robot's file has none.
+        mass, center: mass of every frame, (f,) [kg], and its centre of mass in the frame, (f, 3) [m].
+        gravity: acceleration of gravity [m/s2].
         soles: corners of the stance and the swing sole in their feet's frames, (2, 4, 2) [m].
-        points: the sole points below both ankles in the feet's frames, (2, 3) [m].
+        points: sole points below both ankles in the feet's frames, (2, 3) [m].
         swing, torso: frame numbers.
-        moved: frames that a joint moves, observed from the stance foot, (n, f) bool.
+        moved: frames that each joint moves relative to the stance foot, (n, f) bool.
         upstream: whether joint i carries joint j, (n, n) bool.
         parameter_covariance: covariance of the nominal base parameters, (p, p) [m2].
-        limbs: the two legs' limbs as frames at their ends, two a leg or more, and radii [m].
-        legs: frames at hip and ankle, and the distance between them with a straight knee [m].
+        limbs: limbs of the two legs as pairs of frames and radii [m], at least two per leg.
+        legs: frames at hip and ankle, and their distance with a straight knee [m].
         nominal: nominal base parameters, (p,) [m].
     """
 
@@ -104,7 +104,7 @@ class Problem:
 
     @property
     def weight(self) -> float:
-        """[N]"""
+        """Return the weight of the robot [N]."""
         return float(self.mass.sum() * self.gravity)
 
 
@@ -115,15 +115,17 @@ def planning_problem(
     margins: Margins | None = None,
     support: str = "double",
 ) -> Problem:
-    """Read it from the robot's files.
+    """Read the planning problem from the robot's files.
 
     Args:
-        plate: the boards that have to carry the feet.
-        ranges: the robot description's if None.
-        support: whose base parameters are to be told, see `base_parameters`.
+        robot: the robot.
+        plate: geometry of the boards.
+        ranges: planning ranges; None means those of the robot's description.
+        margins: margins; None means the defaults.
+        support: support whose base parameters are optimised, see `base_parameters`.
 
     Raises:
-        InputError: broken files, or other than six joints a leg.
+        InputError: the files are broken, or a leg has other than six joints.
     """
     model, margins = robot.model, margins or Margins()
     parameters = base_parameters(robot, model, support)
@@ -168,7 +170,7 @@ def planning_problem(
 
 
 def _torque_limits(model: mujoco.MjModel) -> np.ndarray:
-    """Of every joint by its motor: control range times gear, and the force range, (n, 2) [N m]."""
+    """Return the torque limits of every joint by control range times gear and force range, (n, 2) [N m]."""
     limits = []
     for name in joint_names(model):
         joint = model.joint(name).id
@@ -190,7 +192,7 @@ def _torque_limits(model: mujoco.MjModel) -> np.ndarray:
 def _parameter_covariance(
     model: mujoco.MjModel, parameters: BaseParameters, standard: np.ndarray, relative: float
 ) -> np.ndarray:
-    """Covariance of the nominal base parameters by that of masses and centres of mass, linearised."""
+    """Propagate the covariance of masses and centres of mass to the base parameters, linearised."""
     mass, inertia = standard[:, 0], model.body_inertia[1:]
     with np.errstate(invalid="ignore", divide="ignore"):
         squares = 1.5 * (inertia.sum(axis=1, keepdims=True) - 2 * inertia) / mass[:, None]
@@ -211,10 +213,10 @@ def _parameter_covariance(
 def _limbs(
     model: mujoco.MjModel, robot: Robot, parameters: BaseParameters
 ) -> tuple[tuple[Leg, Leg], tuple[Limb, ...]]:
-    """Links between the torso and each foot that are long enough to meet the other leg's, and whole legs.
+    """Return the limbs between torso and feet that are long enough to collide, and the whole legs.
 
-    A limb is a capsule between the origins of its own and of the next frame; its radius is its box's
-    reach to the side.
+    A limb is a capsule between the origins of its own and of the next frame; its radius is the lateral
+    extent of its box.
     """
     tree = parameters.tree
     rotations = link_rotations(tree, tree.frame_of_link[0], np.zeros((1, len(tree.joints))))

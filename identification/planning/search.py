@@ -1,7 +1,7 @@
-"""The whole optimisation of one trial: repaired random start, descent, exchange, polish.
+"""Search for an optimal plan: repaired random start, descent, exchange and a final polish.
 
-One round is one checkpoint. Its random numbers depend on the seed and its own number alone, so a run
-that was interrupted and taken up again ends in the same bits.
+Every round ends with a checkpoint. Its random numbers depend only on the seed and its own number, so that an
+interrupted and resumed search ends with identical bits.
 """
 
 from __future__ import annotations
@@ -23,23 +23,26 @@ from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.sim.errors import InputError
 
 WARM = 15  # linear steps for each of the smooth objectives at the start
-HOPS = 60  # rounds that exchange one placement's postures each, by default
-STEPS = 12  # linear steps a hop
-REGION, FINE = 0.3, 0.1  # of trust
-POLISH = 20  # SLSQP's iterations on each placement at the end
-INTERIOR = 30  # IPOPT's on the whole plan
-LEAST_POOL = 3  # candidates that are worth an exchange
+HOPS = 60  # default number of rounds that exchange postures of one placement
+STEPS = 12  # linear steps in a hop
+REGION, FINE = 0.3, 0.1  # trust regions
+POLISH = 20  # iterations of SLSQP on each placement at the end
+INTERIOR = 30  # iterations of IPOPT on the whole plan
+LEAST_POOL = 3  # smallest number of candidates for an exchange
 GAIN = 1e-6
 
 
 @dataclass(frozen=True)
 class SearchState:
-    """Where the search stands after a number of rounds.
+    """State of the search after a number of rounds.
 
     Attributes:
-        rounds: done. design, angles: where it goes on from, perhaps slightly infeasible, (m, 9), (m, n).
-        best_design, best_angles: the best that keeps every constraint. value: its objective.
-        initial: the repaired start's objective; initial_condition: its condition number.
+        rounds: number of completed rounds.
+        design, angles: current plan, which may be slightly infeasible, (m, 9) and (m, n).
+        best_design, best_angles: best feasible plan.
+        value: its objective.
+        initial: objective of the repaired start.
+        initial_condition: its condition number.
     """
 
     rounds: int
@@ -61,15 +64,19 @@ def repair_start(
     placements: int,
     source: str,
 ) -> SearchState:
-    """The first placements of a random plan that can be repaired: moved to where every constraint holds.
+    """Repair the first placements of a random plan that can be made feasible, and begin the search there.
 
     Args:
-        angles: of a random plan, (m, n) [rad]. swing: its swing foot poses, (m, 3) [m, m, rad].
-        per: postures a placement. placements: how many are wanted.
-        source: for error messages.
+        problem: the robot and its constraints.
+        objective: the objective.
+        angles: joint angles of a random plan, (m, n) [rad].
+        swing: its swing foot poses, (m, 3) [m, m, rad].
+        per: number of postures in a placement.
+        placements: number of placements.
+        source: source of the plan, for error messages.
 
     Raises:
-        InputError: too few placements can be repaired; names what blocks.
+        InputError: too few placements can be repaired; the message names the violated constraints.
     """
     design = design_of(problem, angles, swing)
     names, tally, blocks = inequality_names(problem), Counter[str](), list[Block]()
@@ -98,7 +105,7 @@ def repair_start(
 
 
 def round_count(objective: Objective, hops: int) -> int:
-    """How many rounds `search` takes."""
+    """Return the number of rounds of `search`."""
     return len(objective.smooth) + hops + 1
 
 
@@ -111,9 +118,9 @@ def search(
     hops: int = HOPS,
     solver: str = SOLVERS[0],
 ) -> Iterator[SearchState]:
-    """Go on from a state; yields after every round.
+    """Continue from a state and yield the state after every round.
 
-    First descent by each smooth objective in turn, then hops, then polish by SLSQP or IPOPT.
+    The rounds are a descent by each smooth objective in turn, then the hops, then a polish by SLSQP or IPOPT.
     """
     stages = objective.smooth
     while state.rounds < round_count(objective, hops):
@@ -132,12 +139,12 @@ def search(
 
 
 def best_plan(problem: Problem, state: SearchState, per: int) -> EvaluatedPlan:
-    """The best plan so far."""
+    """Evaluate the best plan of a state."""
     return evaluate_plan(problem, state.best_design, state.best_angles, per)
 
 
 def design_of(problem: Problem, angles: np.ndarray, swing: np.ndarray) -> np.ndarray:
-    """Design variables of given postures, (m, 9)."""
+    """Return the design variables of given postures, (m, 9)."""
     chain = chain_at(problem, angles)
     torso = chain.rotations[:, problem.torso]
     rpy = np.column_stack(
@@ -151,7 +158,7 @@ def design_of(problem: Problem, angles: np.ndarray, swing: np.ndarray) -> np.nda
 
 
 def _kept(problem: Problem, objective: Objective, state: SearchState, plan: EvaluatedPlan) -> SearchState:
-    """The state after a round; its best only changes for a plan that keeps every constraint."""
+    """Return the state after a round; only a feasible plan can become the best."""
     after = replace(state, rounds=state.rounds + 1, design=plan.design, angles=plan.found.chain.angles)
     if objective.value(information(plan.found)) > state.value:
         return after
@@ -170,7 +177,7 @@ def _kept(problem: Problem, objective: Objective, state: SearchState, plan: Eval
 
 
 def _hop(problem: Problem, plan: EvaluatedPlan, smooth: Smooth, rng: np.random.Generator) -> EvaluatedPlan:
-    """Other postures on one placement, perhaps elsewhere; kept if a short descent from there is better."""
+    """Exchange postures of one placement, perhaps at another foot pose; keep the plan if it improves."""
     blocks = _blocks(plan)
     at = int(rng.integers(len(blocks)))
     block, per = blocks[at], plan.per
@@ -195,7 +202,7 @@ def _hop(problem: Problem, plan: EvaluatedPlan, smooth: Smooth, rng: np.random.G
 
 
 def _polish(problem: Problem, plan: EvaluatedPlan, smooth: Smooth) -> EvaluatedPlan:
-    """SLSQP on one placement after another."""
+    """Improve one placement after another by SLSQP."""
     blocks = _blocks(plan)
     parts = [information(evaluate(problem, b.design, b.angles)) for b in blocks]
     for k, block in enumerate(blocks):

@@ -1,6 +1,6 @@
-"""The next placements, given what was measured already: exchange and SLSQP on one of them at a time.
+"""Plan the next placements given measured ones, by exchange and SLSQP on one of them at a time.
 
-Information adds up over postures, so what was measured enters as a constant matrix and the rest is the
+Information adds up over postures, so that the measurements enter as a constant matrix; the rest is the
 problem of `search` with fewer placements.
 """
 
@@ -29,46 +29,50 @@ STEPS = 8  # of SLSQP after an exchange
 
 
 def measured_information(problem: Problem, measurements: Measurements) -> np.ndarray:
-    """M = H'H of the measured postures at their measured angles, (p, p)."""
+    """Compute M = H'H of the measured postures at their measured angles, (p, p)."""
     rows = problem.parameters.regressor(measurements.joint_angles).reshape(-1, len(problem.nominal))
     return rows.T @ rows
 
 
 def initial_next_state(
-    problem: Problem, objective: Objective, taken: np.ndarray, placements: int, per: int, seed: int
+    problem: Problem, objective: Objective, measured: np.ndarray, placements: int, per: int, seed: int
 ) -> tuple[PosturePlan, SearchState]:
-    """Random placements, repaired, to begin with.
+    """Draw random placements and repair them, as the start of the search.
 
     Args:
-        taken: information of what was measured, (p, p).
+        problem: the robot and its constraints.
+        objective: the objective.
+        measured: information of the measured postures, (p, p).
+        placements, per: number of placements, and of postures in each.
+        seed: seed of the draws.
 
     Raises:
-        InputError: the ranges admit nothing, or the margins beyond them.
+        InputError: no posture is feasible, or too few can be repaired to keep the margins.
     """
     drawn, state = initial_state(problem, objective, placements, per, seed)
-    start = taken + information(evaluate(problem, state.design, state.angles))
+    start = measured + information(evaluate(problem, state.design, state.angles))
     value = objective.value(start)
     return drawn, replace(state, value=value, initial=value, initial_condition=condition_number(start))
 
 
 def next_round_count(placements: int, hops: int) -> int:
-    """How many rounds `search_next` takes."""
+    """Return the number of rounds of `search_next`."""
     return hops + placements
 
 
 def search_next(
     problem: Problem,
     objective: Objective,
-    taken: np.ndarray,
+    measured: np.ndarray,
     state: SearchState,
     per: int,
     seed: int,
     hops: int,
 ) -> Iterator[SearchState]:
-    """Go on from a state; yields after every round.
+    """Continue from a state and yield the state after every round.
 
-    A hop exchanges postures of one placement for random ones, perhaps on another footing, and improves it
-    by SLSQP; it is kept where the criterion falls. At the end every placement is polished once.
+    A hop exchanges postures of one placement for random ones, perhaps at another foot pose, and improves the
+    placement by SLSQP; it is kept if the objective decreases. At the end every placement is polished once.
     """
     count = len(state.best_design) // per
     while state.rounds < next_round_count(count, hops):
@@ -80,7 +84,7 @@ def search_next(
         rng = np.random.default_rng([seed, k])
         at = k % count
         parts = [information(evaluate(problem, b.design, b.angles)) for b in blocks]
-        rest = taken + np.sum([part for j, part in enumerate(parts) if j != at], axis=0)
+        rest = measured + np.sum([part for j, part in enumerate(parts) if j != at], axis=0)
         stage = objective.smooth[min(k * len(objective.smooth) // max(hops, 1), len(objective.smooth) - 1)]
         block = blocks[at]
         if k < hops:
@@ -117,20 +121,26 @@ def optimize_next_placements(
     progress: Callable[[SearchState], None] = lambda state: None,
     state: SearchState | None = None,
 ) -> PosturePlan:
-    """The next placements from a random start.
+    """Optimise the next placements from a random start.
 
     Args:
+        problem: the robot and its constraints.
+        objective: the objective.
+        measurements: the measured postures.
+        placements, per: number of placements, and of postures in each.
+        seed: seed of the start and of the search.
+        hops: number of rounds that exchange postures.
         progress: called with the state after every round; may raise KeyboardInterrupt.
-        state: to go on from, of the same run.
+        state: state of an interrupted search with the same arguments, to continue from.
 
     Raises:
         InputError: as `initial_next_state` and `require_identifiable`.
     """
-    taken = measured_information(problem, measurements)
-    drawn, start = initial_next_state(problem, objective, taken, placements, per, seed)
+    measured = measured_information(problem, measurements)
+    drawn, start = initial_next_state(problem, objective, measured, placements, per, seed)
     require_identifiable(problem, start, placements + len(np.unique(measurements.placement)))
     state = state or start
-    for found in search_next(problem, objective, taken, state, per, seed, hops):
+    for found in search_next(problem, objective, measured, state, per, seed, hops):
         state = found
         progress(found)
     return next_plan_from_state(problem, objective, drawn, state, measurements, seed, hops)
@@ -145,13 +155,13 @@ def next_plan_from_state(
     seed: int,
     hops: int,
 ) -> PosturePlan:
-    """The best placements of a state; numbers of placements and postures go on from the measured ones."""
+    """Return the best placements of a state, numbered after the measured placements and postures."""
     plan = plan_from_state(problem, objective, drawn, state, seed, hops)
-    taken = measured_information(problem, measurements)
+    measured = measured_information(problem, measurements)
     made = plan.made | {
         "solver": "exchange, slsqp, one placement at a time",
         "rounds_planned": next_round_count(plan.made["placements"], hops),
-        "measured_objective": objective.value(taken),
+        "measured_objective": objective.value(measured),
         "after": {
             "postures": len(measurements),
             "placements": len(np.unique(measurements.placement)),

@@ -1,8 +1,8 @@
-"""Postures on the stance foot alone: what they keep, and those that tell most.
+"""Plan postures on the stance foot alone: their constraints and the most informative ones.
 
-There the robot is an open chain: statics alone gives the drives' torques, the centre of pressure lies below
-the centre of mass, and the swing foot, which turns freely, makes one more base parameter visible. The plan
-holds those torques as feed-forward, so that the servos do not sag.
+In single support the robot is an open chain: statics determines the drive torques, the centre of pressure is
+below the centre of mass, and the freely moving swing foot makes one more base parameter identifiable. The
+plan contains these torques as feed-forward, so that the servos do not sag.
 """
 
 from __future__ import annotations
@@ -24,28 +24,29 @@ from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PosturePlan, lay_boards
 
 LIFTED = 0.02  # m, of the swing sole's lowest corner over the plates
-DRAWS = 5000  # at once
-MOST_ROUNDS, HOPELESS = 60, 6  # at most; without a single feasible posture
-POOL = 8  # candidates for each posture that is wanted
+DRAWS = 5000  # per round
+MOST_ROUNDS, HOPELESS = 60, 6  # largest number of rounds; the same without any feasible posture
+POOL = 8  # candidates for each wanted posture
 NEWTON_STEPS = 6
-WAY = 7  # points between two postures
-ON_THE_WAY = ("stability margin", "torques", "leg clearance", "swing foot lifted")
+PATH_POINTS = 7  # points checked between two postures
+ON_THE_PATH = ("stability margin", "torques", "leg clearance", "swing foot lifted")
 
 
 @dataclass(frozen=True)
 class Margin:
-    """What is left of one constraint, (m,), in a unit that a person reads; feasible where at least 0."""
+    """Margin of one constraint by posture, (m,), in a readable unit; feasible where at least 0."""
 
     values: np.ndarray
     unit: str
 
 
 def single_support_margins(problem: Problem, angles: np.ndarray, swing: np.ndarray) -> dict[str, Margin]:
-    """By constraint, for postures on the stance foot.
+    """Compute the margins by constraint for postures on the stance foot.
 
     Args:
-        angles: (m, n) [rad].
-        swing: where the swing foot last stood, and so its board lies, (m, 3) [m, m, rad].
+        problem: the robot and its constraints.
+        angles: joint angles, (m, n) [rad].
+        swing: last pose of the standing swing foot, under which its board lies, (m, 3) [m, m, rad].
     """
     ranges, margins = problem.ranges, problem.margins
     chain = chain_at(problem, angles)
@@ -87,31 +88,32 @@ def single_support_margins(problem: Problem, angles: np.ndarray, swing: np.ndarr
 
 
 def open_chain_torques(problem: Problem, chain: Chain) -> np.ndarray:
-    """Of the drives that hold the robot on its stance foot, (m, n) [N m].
+    """Compute the drive torques that hold the robot on its stance foot, (m, n) [N m].
 
-    Each carries the moment of the weight beyond it about its axis: tau = -a . (r x m g).
+    A drive carries the moment of the weight beyond it about its axis: tau = -a . (r x m g).
     """
     load = -problem.gravity * (chain.moment - chain.beyond[:, None] * chain.pivots)
     return chain.axes[..., 1] * load[..., 0] - chain.axes[..., 0] * load[..., 1]
 
 
 def single_support_plan(
-    problem: Problem, objective: Objective, plan: PosturePlan, taken: np.ndarray, count: int, seed: int
+    problem: Problem, objective: Objective, plan: PosturePlan, measured: np.ndarray, count: int, seed: int
 ) -> PosturePlan:
-    """A plan with `count` postures on the stance foot after its own, in placements of their own.
+    """Append `count` postures on the stance foot, on placements of their own, to a plan.
 
-    Exchange (Fedorov 1972) over random feasible ones; the boards stay where the last placement left them.
-    Ordered so that the robot does not tip on its way from one to the next.
+    The postures are chosen by exchange (Fedorov 1972) from random feasible ones, and ordered so that the
+    robot does not tip between them. The boards stay where the last placement left them.
 
     Args:
-        problem: of support "right", whose base parameters one more posture kind makes visible.
+        problem: planning problem with support "right".
+        objective: the objective.
         plan: postures on both feet.
-        taken: information of what was measured before, (p, p).
-        count: of postures.
-        seed: of the draws.
+        measured: information of the measurements before, (p, p).
+        count: number of postures.
+        seed: seed of the draws.
 
     Raises:
-        InputError: too few random postures are feasible; names what blocks.
+        InputError: too few random postures are feasible; the message names the violated constraints.
     """
     rng = np.random.default_rng([seed, count, 1])
     swing = plan.swing_pose[-1]
@@ -119,7 +121,7 @@ def single_support_plan(
     rows = problem.parameters.regressor(plan.joint_angles).reshape(-1, len(problem.nominal))
     none = Block(np.zeros((0, 9)), np.zeros((0, pool.shape[1])))
     offered = Block(np.tile([0.0] * 6 + swing.tolist(), (len(pool), 1)), pool)
-    chosen = exchange(problem, none, offered, taken + rows.T @ rows, objective.smooth[-1], count).angles
+    chosen = exchange(problem, none, offered, measured + rows.T @ rows, objective.smooth[-1], count).angles
     _, sizes = np.unique(plan.placement, return_counts=True)
     order, group = _sequences(problem, chosen, swing, int(sizes.max()))
     number = plan.placement.max() + 1 + group
@@ -139,23 +141,26 @@ def single_support_plan(
 def _sequences(
     problem: Problem, angles: np.ndarray, swing: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """An order of postures and the placement of each in it, both (m,), so that no way between two tips.
+    """Order postures, and assign placements, (m,) each, so that no path between two of them tips the robot.
 
-    On one foot joints go straight from posture to posture. Where that way would leave the constraints
-    (`ON_THE_WAY`), the robot is lifted and put down instead: another placement begins.
+    In single support the joints move on a line from posture to posture. If this path violates a constraint
+    (`ON_THE_PATH`), the robot is lifted and put down instead, which begins another placement.
 
     Args:
-        most: postures on a placement.
+        problem: the robot and its constraints.
+        angles: joint angles of the postures, (m, n) [rad].
+        swing: pose of the swing foot's board, (3,) [m, m, rad].
+        most: largest number of postures on a placement.
     """
     count = len(angles)
     first, second = np.triu_indices(count, k=1)
-    part = np.arange(1, WAY + 1)[:, None] / (WAY + 1)
-    ways = angles[first, None] + part * (angles[second] - angles[first])[:, None]
-    points = ways.reshape(-1, angles.shape[1])
+    part = np.arange(1, PATH_POINTS + 1)[:, None] / (PATH_POINTS + 1)
+    paths = angles[first, None] + part * (angles[second] - angles[first])[:, None]
+    points = paths.reshape(-1, angles.shape[1])
     margins = single_support_margins(problem, points, np.broadcast_to(swing, (len(points), 3)))
-    least = np.min([margins[name].values for name in ON_THE_WAY if name in margins], axis=0)
+    least = np.min([margins[name].values for name in ON_THE_PATH if name in margins], axis=0)
     room = np.full((count, count), -np.inf)
-    room[first, second] = room[second, first] = least.reshape(-1, WAY).min(axis=1)
+    room[first, second] = room[second, first] = least.reshape(-1, PATH_POINTS).min(axis=1)
     left, order, group = list(range(count)), [], []
     while left:
         ahead = room[order[-1], left] if order else np.array([-np.inf])
@@ -169,7 +174,7 @@ def _sequences(
 
 
 def _pool(problem: Problem, swing: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Random feasible postures on the stance foot, (k, n) [rad]; k at least `count`."""
+    """Draw random feasible postures on the stance foot, (k, n) [rad]; k is at least `count`."""
     low, high = np.where(np.isfinite(problem.limits), problem.limits, [-np.pi, np.pi]).T
     sole = problem.soles[0]
     inner = problem.ranges.stability_margin
@@ -178,14 +183,14 @@ def _pool(problem: Problem, swing: np.ndarray, count: int, rng: np.random.Genera
     for tried in range(1, MOST_ROUNDS + 1):
         angles = rng.uniform(low, high, (DRAWS, len(low)))
         target = rng.uniform(sole.min(axis=0) + inner, sole.max(axis=0) - inner, (DRAWS, 2))
-        for _ in range(NEWTON_STEPS):  # least-norm: all joints move a little to bring the CoM there
+        for _ in range(NEWTON_STEPS):  # least-norm: all joints move a little to bring the CoM to its target
             chain = chain_at(problem, angles)
             slope = com_jacobian(problem, chain)[:, :2]
             lack = target - chain.com[:, :2]
             inverse = np.linalg.inv(slope @ slope.mT + 1e-9 * np.eye(2))
             step = (slope.mT @ inverse @ lack[..., None])[..., 0]
             angles = angles + np.clip(step, -0.3, 0.3)
-        within = ((angles >= low) & (angles <= high)).all(axis=1)  # cheap, and most fail here
+        within = ((angles >= low) & (angles <= high)).all(axis=1)  # a cheap test that rejects most
         blocked["joint limits"] += int((~within).sum())
         angles = angles[within]
         margins = single_support_margins(problem, angles, np.tile(swing, (len(angles), 1)))
@@ -204,7 +209,7 @@ def _pool(problem: Problem, swing: np.ndarray, count: int, rng: np.random.Genera
 
 
 def _torso_room(problem: Problem, chain: Chain) -> np.ndarray:
-    """(m, 6) [rad]"""
+    """Return the margins of the torso's orientation to its ranges, (m, 6) [rad]."""
     torso, ranges = chain.rotations[:, problem.torso], problem.ranges
     angles = np.column_stack(
         [
@@ -218,7 +223,7 @@ def _torso_room(problem: Problem, chain: Chain) -> np.ndarray:
 
 
 def _sure_distance(problem: Problem, angles: np.ndarray, com: np.ndarray) -> np.ndarray:
-    """Of the CoM inside every edge of the stance sole, less its uncertainty across it, (m, 4) [m]."""
+    """Return the CoM's distance inside every edge of the stance sole minus its uncertainty, (m, 4) [m]."""
     distance, normal = _edge_distances(problem.soles[0], com[:, :2])
     across = np.einsum("ek,mkp->mep", normal, problem.parameters.regressor(angles))
     sd = np.sqrt(np.einsum("mep,pq,meq->me", across, problem.parameter_covariance, across))
@@ -226,7 +231,7 @@ def _sure_distance(problem: Problem, angles: np.ndarray, com: np.ndarray) -> np.
 
 
 def _edge_distances(sole: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of points (m, 2) inside every edge of a sole, (m, 4) [m], and the edges' inner normals, (4, 2)."""
+    """Return distances of points (m, 2) inside a sole's edges, (m, 4) [m], and inner normals, (4, 2)."""
     polygon = support_polygon(sole)
     edge = np.roll(polygon, -1, axis=0) - polygon
     normal = np.column_stack([-edge[:, 1], edge[:, 0]]) / np.linalg.norm(edge, axis=1)[:, None]
@@ -234,7 +239,7 @@ def _edge_distances(sole: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _cell_loads(problem: Problem, com: np.ndarray, swing: np.ndarray) -> np.ndarray:
-    """Of the stance foot's plate, (m, 4) [N]."""
+    """Return the cell loads of the stance foot's plate, (m, 4) [N]."""
     loads = []
     for point, pose in zip(com[:, :2], swing, strict=True):
         soles = np.array([problem.soles[0], place_polygon(problem.soles[1], pose)])

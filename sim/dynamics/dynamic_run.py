@@ -144,11 +144,11 @@ def run_placement(
     fresh = np.append(
         True, plan.support[[r for r, _ in order[1:]]] != plan.support[[r for r, _ in order[:-1]]]
     )
-    for (row, repeat), anew in zip(order, fresh, strict=True):
+    for (row, repeat), put_down_again in zip(order, fresh, strict=True):
         planned = plan.joint_angles[row]
         sent = planned + rig.controller.command_sd * rng.standard_normal(len(planned))
         command = sent + stand.offset(plan.feed_forward[row])
-        if before is None or anew:
+        if before is None or put_down_again:
             put_down(stand, sent, str(plan.support[row]), command)
             if not attempts:
                 recorded = stand.plates_in_base() + error

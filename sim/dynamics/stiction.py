@@ -5,7 +5,7 @@ MuJoCo's friction rows act on velocity and are regularised: a row at rest under 
 cause and b the damping of the row. In Karnopp's model (1985) friction at rest is the force that holds the
 load. So once everything is calm, the force of each row is replaced by a constant one: `qfrc_applied` in a
 joint, and a pair of opposite `xfrc_applied` between a foot and its plate. The unloaded rows no longer
-creep, and no constant force exceeds what friction can carry.
+creep, and no constant force exceeds the available friction.
 """
 
 from __future__ import annotations

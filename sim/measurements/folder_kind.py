@@ -26,8 +26,8 @@ def check_kind(folder: Path, wanted: str) -> None:
         InputError: the folder is of another kind, which the message names.
     """
     if not folder.is_dir():
-        what = "found a file, expected a" if folder.exists() else "no such"
-        raise InputError(f"{folder}: {what} {wanted} folder")
+        found = "found a file, expected a" if folder.exists() else "no such"
+        raise InputError(f"{folder}: {found} {wanted} folder")
     if present(folder / KINDS[wanted]):
         return
     for kind, file in KINDS.items():

@@ -113,10 +113,10 @@ def residual(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
         for joint in body.joints:
             axis, anchor = axes[joint.column], anchors[joint.column]
             if joint.kind == HINGE:
-                borne = _dot(axis, moment[number] - _cross(anchor, force[number]))
+                component = _dot(axis, moment[number] - _cross(anchor, force[number]))
             else:
-                borne = _dot(axis, force[number])
-            out[..., 6 + joint.column] = borne
+                component = _dot(axis, force[number])
+            out[..., 6 + joint.column] = component
     out[..., 6 : 6 + n] += _drives(m, state, load)
     # A foot in the air bears no load, at any pose.
     closure = np.where(
