@@ -17,9 +17,9 @@ from tulip_testbed.discovery.evidence import ranked
 from tulip_testbed.discovery.linear_model import LinearModel, linear_model
 from tulip_testbed.discovery.selection import DECISIVE
 from tulip_testbed.effects.targets import PLACEMENTS
-from tulip_testbed.experiments.atlas.detectability import noncentrality
-from tulip_testbed.experiments.atlas.effect_atlas import Atlas, atlas
-from tulip_testbed.experiments.atlas.planned_experiment import planned
+from tulip_testbed.experiments.atlases.detectability import noncentrality
+from tulip_testbed.experiments.atlases.effect_atlas import Atlas, atlas
+from tulip_testbed.experiments.atlases.planned_experiment import planned
 from tulip_testbed.experiments.usable_plan import plan_for
 from tulip_testbed.sim.robot import load_robot
 

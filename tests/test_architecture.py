@@ -138,7 +138,7 @@ def test_the_wheel_holds_every_folder():
         ("tyro", r"cli\.\w+"),
         ("rich", r"(cli\.terminal|experiments\.table)"),
         ("jinja2", r"pages\.\w+"),
-        ("pandas", r"experiments\.(table|correlations|atlas\.effect_atlas)"),
+        ("pandas", r"experiments\.(table|correlations|atlases\.effect_atlas)"),
     ],
 )
 def test_a_library_has_one_room(library, owners):

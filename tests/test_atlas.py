@@ -14,11 +14,11 @@ from tulip_testbed.discovery.evidence import marginal_fits
 from tulip_testbed.discovery.linear_model import linear_model
 from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.experiments.atlas.bias import bias, weights
-from tulip_testbed.experiments.atlas.effect_atlas import atlas, document
-from tulip_testbed.experiments.atlas.isolability import ISOLABLE, angles, groups, order
-from tulip_testbed.experiments.atlas.planned_experiment import estimates, noisy, planned, streams
-from tulip_testbed.experiments.atlas.tolerance import CHECKED, Tolerance, erring, sources
+from tulip_testbed.experiments.atlases.bias import bias, weights
+from tulip_testbed.experiments.atlases.effect_atlas import atlas, document
+from tulip_testbed.experiments.atlases.isolability import ISOLABLE, angles, groups, order
+from tulip_testbed.experiments.atlases.planned_experiment import estimates, noisy, planned, streams
+from tulip_testbed.experiments.atlases.tolerance import CHECKED, Tolerance, erring, sources
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import CHANNELS, residuals
 from tulip_testbed.identification.residual_noise import noise_of

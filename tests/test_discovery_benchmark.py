@@ -10,14 +10,14 @@ import pytest
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import split_label
-from tulip_testbed.experiments.atlas.detectability import noncentrality
-from tulip_testbed.experiments.atlas.isolability import ISOLABLE
+from tulip_testbed.experiments.atlases.detectability import noncentrality
+from tulip_testbed.experiments.atlases.isolability import ISOLABLE
 from tulip_testbed.experiments.benchmark import benchmark_run as run
 from tulip_testbed.experiments.benchmark import cases as arms
 from tulip_testbed.experiments.benchmark.benchmark_tables import files
+from tulip_testbed.experiments.benchmark.case_outcome import Bias, Found, Outcome, outcome
 from tulip_testbed.experiments.benchmark.cases import Case, Settings, cases
 from tulip_testbed.experiments.benchmark.draw import MOST_PRIORS, draw_absorbed, draw_visible
-from tulip_testbed.experiments.benchmark.outcome import Bias, Found, Outcome, outcome
 from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
 from tulip_testbed.experiments.benchmark.score import figures
 from tulip_testbed.experiments.benchmark.scoreboard import board

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from studies.improve.single_support import holding_torques
-from tulip_testbed.experiments.atlas.planned_experiment import usable
+from tulip_testbed.experiments.atlases.planned_experiment import usable
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.plan_description import described_plan, regressor_by_mujoco
 from tulip_testbed.experiments.planning_run import as_plan, joined

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.experiments.atlas.effect_atlas import Atlas
-from tulip_testbed.experiments.atlas.effect_atlas import atlas as _atlas
-from tulip_testbed.experiments.atlas.planned_experiment import planned
+from tulip_testbed.experiments.atlases.effect_atlas import Atlas
+from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
+from tulip_testbed.experiments.atlases.planned_experiment import planned
 from tulip_testbed.experiments.check_folder import Preflight, check_folder, check_measurements
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.discovering import Discovered, discover_effects

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.experiments.benchmark.case_outcome import Outcome, outcome
 from tulip_testbed.experiments.benchmark.case_run import carry_out
 from tulip_testbed.experiments.benchmark.cases import Case, Settings, cases
-from tulip_testbed.experiments.benchmark.outcome import Outcome, outcome
 from tulip_testbed.experiments.benchmark.scoreboard import board
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.chunks import Chunks

@@ -15,11 +15,11 @@ from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, effect_label, injected
 from tulip_testbed.effects.true_robot import true_base_parameters
-from tulip_testbed.experiments.atlas.detectability import noncentrality
+from tulip_testbed.experiments.atlases.detectability import noncentrality
 from tulip_testbed.experiments.benchmark import cases as arms
+from tulip_testbed.experiments.benchmark.case_outcome import Bias, Found, Outcome
 from tulip_testbed.experiments.benchmark.cases import Case
 from tulip_testbed.experiments.benchmark.draw import Hidden, draw_absorbed, draw_visible
-from tulip_testbed.experiments.benchmark.outcome import Bias, Found, Outcome
 from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
 from tulip_testbed.experiments.benchmark.scoreboard import Board
 from tulip_testbed.experiments.identify import identify

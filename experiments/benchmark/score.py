@@ -11,7 +11,7 @@ from scipy.stats import binom
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import split_label
 from tulip_testbed.experiments.benchmark import cases as arms
-from tulip_testbed.experiments.benchmark.outcome import Outcome
+from tulip_testbed.experiments.benchmark.case_outcome import Outcome
 from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
 from tulip_testbed.experiments.montecarlo.intervals import share
 

@@ -19,8 +19,8 @@ from tulip_testbed.discovery.linear_model import LinearModel, linear_model
 from tulip_testbed.discovery.refit import exact_rig, measured_plan, simulated, without_noise
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.instance import split_label
-from tulip_testbed.experiments.atlas.detectability import noncentrality, single_level
-from tulip_testbed.experiments.atlas.isolability import ISOLABLE
+from tulip_testbed.experiments.atlases.detectability import noncentrality, single_level
+from tulip_testbed.experiments.atlases.isolability import ISOLABLE
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe

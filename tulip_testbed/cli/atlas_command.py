@@ -31,9 +31,9 @@ def atlas_command(
     import numpy as np
 
     from tulip_testbed.cli.terminal import print_json, say, show, working_on
-    from tulip_testbed.experiments.atlas.atlas_tables import atlas_report
-    from tulip_testbed.experiments.atlas.effect_atlas import atlas, document
-    from tulip_testbed.experiments.atlas.planned_experiment import planned
+    from tulip_testbed.experiments.atlases.atlas_tables import atlas_report
+    from tulip_testbed.experiments.atlases.effect_atlas import atlas, document
+    from tulip_testbed.experiments.atlases.planned_experiment import planned
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN, check_plan, plan_for
     from tulip_testbed.sim.files import check_new

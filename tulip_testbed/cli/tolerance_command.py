@@ -21,9 +21,9 @@ def tolerance_command(
     Example: tulip tolerance --preset force-plate
     """
     from tulip_testbed.cli.terminal import print_json, progress, show, working_on
-    from tulip_testbed.experiments.atlas.planned_experiment import planned
-    from tulip_testbed.experiments.atlas.tolerance import document, sources, tolerance
-    from tulip_testbed.experiments.atlas.tolerance_tables import tolerance_report
+    from tulip_testbed.experiments.atlases.planned_experiment import planned
+    from tulip_testbed.experiments.atlases.tolerance import document, sources, tolerance
+    from tulip_testbed.experiments.atlases.tolerance_tables import tolerance_report
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN, check_plan, plan_for
 

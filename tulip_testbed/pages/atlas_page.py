@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.effects.targets import PLACEMENTS
-from tulip_testbed.experiments.atlas.effect_atlas import Atlas
-from tulip_testbed.experiments.atlas.isolability import ISOLABLE, order
+from tulip_testbed.experiments.atlases.effect_atlas import Atlas
+from tulip_testbed.experiments.atlases.isolability import ISOLABLE, order
 from tulip_testbed.pages.heat_map_figures import heat_map
 from tulip_testbed.sim.files import new_folder, write_text
 from tulip_testbed.sim.measurements.table_files import finite, write_json

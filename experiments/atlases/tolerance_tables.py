@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tulip_testbed.experiments.atlas.tolerance import ALLOWED, CHECKED, UNITS, Tolerance
+from tulip_testbed.experiments.atlases.tolerance import ALLOWED, CHECKED, UNITS, Tolerance
 from tulip_testbed.experiments.table import Column, Table
 
 LARGE = 1000.0  # units: more than anybody would call a tolerance

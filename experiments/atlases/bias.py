@@ -15,7 +15,7 @@ from tulip_testbed.discovery.candidates import Candidate
 from tulip_testbed.discovery.columns import effect_columns, presence_column
 from tulip_testbed.discovery.linear_model import LinearModel, linear_model
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
-from tulip_testbed.experiments.atlas.planned_experiment import Planned
+from tulip_testbed.experiments.atlases.planned_experiment import Planned
 from tulip_testbed.identification.residual_channels import ROWS, SIZE
 from tulip_testbed.sim.rig import Rig
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from tulip_testbed.discovery.candidates import Candidate, candidates
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.experiments.atlas.bias import Weights, weights
-from tulip_testbed.experiments.atlas.planned_experiment import Planned, estimates, noisy, streams
+from tulip_testbed.experiments.atlases.bias import Weights, weights
+from tulip_testbed.experiments.atlases.planned_experiment import Planned, estimates, noisy, streams
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.effects.targets import PLACEMENTS
-from tulip_testbed.experiments.atlas.effect_atlas import Atlas, Row
-from tulip_testbed.experiments.atlas.isolability import ISOLABLE
+from tulip_testbed.experiments.atlases.effect_atlas import Atlas, Row
+from tulip_testbed.experiments.atlases.isolability import ISOLABLE
 from tulip_testbed.experiments.table import Column, Table, number
 from tulip_testbed.identification.residual_channels import CHANNELS
 

@@ -15,10 +15,10 @@ from tulip_testbed.discovery.linear_model import linear_model
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.effect import Parameter
 from tulip_testbed.effects.instance import MOST_PRIORS
-from tulip_testbed.experiments.atlas.bias import bias, weights
-from tulip_testbed.experiments.atlas.detectability import POWER, detectable_size, single_level
-from tulip_testbed.experiments.atlas.isolability import ISOLABLE, angles, groups
-from tulip_testbed.experiments.atlas.planned_experiment import Planned
+from tulip_testbed.experiments.atlases.bias import bias, weights
+from tulip_testbed.experiments.atlases.detectability import POWER, detectable_size, single_level
+from tulip_testbed.experiments.atlases.isolability import ISOLABLE, angles, groups
+from tulip_testbed.experiments.atlases.planned_experiment import Planned
 from tulip_testbed.identification.residual_channels import CHANNELS
 
 SAME = 1e-9  # of the largest column: a choice that changes nothing
