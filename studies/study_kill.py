@@ -1,17 +1,16 @@
-"""What does kill -9 leave behind? Fifty kills of real `tulip` processes. A Markdown table.
+"""Kill -9 fifty `tulip` processes, most while they write: what is left? (docs/reliability.md; ten minutes)
 
-Half of the kills aim at the moment of writing: the study watches the target's parent until the hidden
-folder in which the result is solved_plan holds its first file, and kills a random part of the time later
-that an undisturbed run needs from there to the final name. A hidden folder left behind proves the hit.
-docs/reliability.md holds the result.
+Most kills aim at the moment of writing: the study watches for the first file in the hidden folder in which
+the result is prepared, and kills a random part of the time later that an undisturbed run needs from there
+to the final name. A hidden folder left behind proves the hit.
 """
 
 from __future__ import annotations
 
-import argparse
-import contextlib
+import glob
 import hashlib
 import json
+import math
 import os
 import random
 import shutil
@@ -21,177 +20,123 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
-from studies.runner import header, part_of, row
+from studies.runner import Settings, header, row
 from tulip_testbed.sim.measurements import read_measurements, read_plan, write_plan
 from tulip_testbed.sim.robot import load_robot
 
 TULIP = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"]
-AIMED = 0.6  # share of the kills that aim at the writing
-OUTCOMES = ("before", "hit", "after", "BROKEN")
+SHAPE = ["--placements", "4", "--per-placement", "5", "--seed", "107"]
+SETTINGS = Settings(seed=1_000)
+OUTCOMES = ("nothing yet", "hit while writing", "whole", "BROKEN")
 
 
-@dataclass
-class Job:
-    """A command that writes a folder, how to tell that it is whole, and how long it takes.
-
-    Attributes:
-        arguments: of the command; it runs in `place` and writes `out`.
-        check: raises, or asserts, if the folder `out` is not whole.
-        total: time of an undisturbed run [s].
-        window: time of that from the hidden folder's appearance to the final name [s].
-    """
-
-    name: str
-    arguments: list[str]
-    place: Path
-    check: Callable[[Path], None]
-    total: float = 0.0
-    window: float = 0.0
-    tally: Counter[tuple[bool, str]] = field(default_factory=Counter)
-
-    @property
-    def out(self) -> Path:
-        return self.place / "out"
-
-    def start(self) -> subprocess.Popen[bytes]:
-        quiet = subprocess.DEVNULL
-        return subprocess.Popen(
-            [*TULIP, *self.arguments], cwd=self.place, stdout=quiet, stderr=quiet, start_new_session=True
-        )
-
-    def partial(self) -> set[str]:
-        """Hidden folders and files beside the results."""
-        return {name for name in os.listdir(self.place) if name.startswith(".")}
-
-    def writing(self, before: set[str]) -> bool:
-        """Whether a new hidden folder holds something; an empty one only tries whether one can be made."""
-        with contextlib.suppress(FileNotFoundError):
-            return any(os.listdir(self.place / name) for name in self.partial() - before)
-        return False
-
-    def clear(self) -> None:
-        """Remove results, but not what killed runs left behind."""
-        shutil.rmtree(self.out, ignore_errors=True)
-        (self.place / "truth.json").unlink(missing_ok=True)
+def check_plan(out: Path) -> None:
+    assert len(read_plan(out, load_robot())) > 0
 
 
-def is_measurement(out: Path) -> None:
-    """With its truth: that is written first."""
+def check_measurements(out: Path) -> None:
+    """With their truth, which is written first."""
     assert len(read_measurements(out)) > 0
-    assert json.loads((out.parent / "truth.json").read_text())["format"] == "tulip-truth"
+    assert json.loads(out.with_name("truth.json").read_text())["format"] == "tulip-truth"
 
 
-def is_plan(out: Path) -> None:
-    robot = load_robot()
-    assert len(read_plan(out, robot)) > 0
-
-
-def is_run(out: Path) -> None:
+def check_run(out: Path) -> None:
     """Every file that run.json lists is there, whole, and none that it does not list."""
     listed = json.loads((out / "run.json").read_text())["outputs"]
-    files = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}
-    assert files == {*listed, "run.json"}
-    for name, expected in listed.items():
-        assert hashlib.sha256((out / name).read_bytes()).hexdigest() == expected
-    is_plan(out / "plan")
+    found = {str(path.relative_to(out)): path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    del found["run.json"]
+    assert {name: hashlib.sha256(content).hexdigest() for name, content in found.items()} == listed
+    check_plan(out / "plan")
     assert len(read_measurements(out / "measurements")) > 0
 
 
-def time_one(job: Job) -> None:
-    """An undisturbed run: it has to succeed and to leave nothing but its result."""
-    job.clear()
-    began, observed = time.perf_counter(), None
-    before = job.partial()
-    process = job.start()
+COMMANDS: dict[str, tuple[list[str], Callable[[Path], None]]] = {
+    "postures --random": (["postures", "--random", *SHAPE, "--out", "out"], check_plan),
+    "simulate --truth": (
+        ["simulate", "../first", "--out", "out", "--truth", "truth.json"],
+        check_measurements,
+    ),
+    "validate": (["validate", "../plan", "--out", "out"], check_run),
+}
+
+
+def hidden(place: Path, pattern: str = ".*") -> set[str]:
+    """Names of the hidden folders; with the pattern `.*/*`, of those that hold something."""
+    return {path.split("/")[0] for path in glob.glob(pattern, root_dir=place)}
+
+
+def attempt(name: str, place: Path, after: float = math.inf, aimed: bool = False) -> tuple[str, float, float]:
+    """Run a command, and kill it some seconds after its start or, aimed, after the first file that it writes.
+
+    Returns:
+        Which of `OUTCOMES` it left, the seconds from its start to the final name, those since the first file.
+    """
+    arguments, check = COMMANDS[name]
+    out, before = place / "out", hidden(place)
+    shutil.rmtree(out, ignore_errors=True)
+    (place / "truth.json").unlink(missing_ok=True)
+    with open(os.devnull, "w") as quiet:
+        process = subprocess.Popen(
+            [*TULIP, *arguments], cwd=place, stdout=quiet, stderr=quiet, start_new_session=True
+        )
+    now = began = time.perf_counter()
+    wrote = named = math.inf
     while process.poll() is None:
-        if observed is None and job.writing(before):
-            observed = time.perf_counter()
-        if observed is not None and job.out.exists():
-            break
-    written = time.perf_counter()
-    assert process.wait() in (0, 1), f"{job.name} ended with {process.returncode}"
-    job.check(job.out)
-    assert not job.partial(), f"{job.name} left {job.partial()}"
-    job.total, job.window = written - began, written - (observed or written)
+        now = time.perf_counter()
+        if wrote == math.inf and hidden(place, ".*/*") - before:
+            wrote = now
+        if named == math.inf and out.exists():
+            named = now
+        if now > (wrote if aimed else began) + after:
+            os.killpg(process.pid, signal.SIGKILL)  # with its workers
+    left = "whole" if out.exists() else "hit while writing" if hidden(place) - before else "nothing yet"
+    try:
+        for truth in place.glob("truth.json"):
+            json.loads(truth.read_text())
+        if out.exists():
+            check(out)
+    except Exception as error:
+        print(f"{name}: {error!r}", file=sys.stderr)
+        left = "BROKEN"
+    named = min(named, now)
+    return left, named - began, named - wrote
 
 
-def kill_one(job: Job, aimed: bool, chance: random.Random) -> str:
-    """Start, kill, look."""
-    job.clear()
-    before = job.partial()
-    process = job.start()
-    if aimed:
-        while process.poll() is None and not job.writing(before) and not job.out.exists():
-            pass
-        moment = time.perf_counter() + chance.uniform(0.0, 1.1 * job.window)
-        while time.perf_counter() < moment:
-            pass
-    else:
-        time.sleep(chance.uniform(0.0, job.total))
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    with contextlib.suppress(ProcessLookupError):
-        os.killpg(process.pid, signal.SIGKILL)  # its workers
-    if job.out.exists():
-        try:
-            job.check(job.out)
-        except Exception as error:
-            print(f"{job.name}: {error!r}", file=sys.stderr)
-            return "BROKEN"
-        return "after"
-    with contextlib.suppress(FileNotFoundError):
-        json.loads((job.place / "truth.json").read_text())
-    return "hit" if job.partial() - before else "before"
+def undisturbed(name: str, place: Path) -> tuple[float, float]:
+    """Times of a run that has to succeed and to leave nothing but its result."""
+    left, total, writing = attempt(name, place)
+    assert left == "whole", name
+    assert not hidden(place), name
+    return total, writing
 
 
-def jobs(place: Path) -> list[Job]:
-    folders = [place / name for name in ("postures", "simulate", "validate")]
-    for folder in folders:
-        folder.mkdir()
-    draw = ["postures", "--random", "--placements", "4", "--per-placement", "5", "--seed", "107"]
-    plan = place / "plan"
-    subprocess.run([*TULIP, *draw, "--out", str(plan), "--json"], check=True, stdout=subprocess.DEVNULL)
-    robot = load_robot()
-    whole = read_plan(plan, robot)
-    write_plan(place / "first", part_of(whole, np.arange(5)))
-    simulate = ["simulate", str(place / "first"), "--out", "out", "--truth", "truth.json"]
-    return [
-        Job("postures --random", [*draw, "--out", "out"], folders[0], is_plan),
-        Job("simulate --truth", simulate, folders[1], is_measurement),
-        Job("validate", ["validate", str(plan), "--out", "out"], folders[2], is_run),
-    ]
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--kills", type=int, default=50)
-    parser.add_argument("--seed", type=int, default=1_000)
-    arguments = parser.parse_args()
-    chance = random.Random(arguments.seed)
-    with tempfile.TemporaryDirectory() as place:
-        made = jobs(Path(place))
-        for job in made:
-            time_one(job)
-        for k in range(arguments.kills):
-            job, aimed = made[k % len(made)], k % 10 < 10 * AIMED
-            job.tally[aimed, kill_one(job, aimed, chance)] += 1
-        outcomes = ("nothing yet", "hit while writing", "whole", "BROKEN")
-        print(header("command", "run, writing (s)", "kills aimed", *outcomes))
-        for job in made:
-            for aimed, what in ((False, "at any moment"), (True, "at the writing")):
-                counts = [job.tally[aimed, outcome] for outcome in OUTCOMES]
-                print(row(job.name, f"{job.total:.1f}, {job.window:.3f}", f"{sum(counts)} {what}", *counts))
-        for job in made:
-            time_one(job)
-        print("\nAfter one more run of each command, undisturbed, no hidden folder was left.")
-    return int(any(job.tally[aimed, "BROKEN"] for job in made for aimed in (True, False)))
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def study(settings: Settings) -> Iterator[str]:
+    """Yield the table of what was left."""
+    chance, names, tally = random.Random(settings.seed), list(COMMANDS), Counter()
+    with tempfile.TemporaryDirectory() as temporary:
+        home = Path(temporary)
+        places = {name: home / str(k) for k, name in enumerate(names)}
+        for place in places.values():
+            place.mkdir()
+        draw = [*TULIP, "postures", "--random", *SHAPE, "--out", "plan", "--json"]
+        subprocess.run(draw, cwd=home, check=True, stdout=subprocess.DEVNULL)
+        write_plan(home / "first", read_plan(home / "plan", load_robot()).take(np.arange(5)))
+        times = {name: undisturbed(name, places[name]) for name in names}
+        for k in range(settings.count(50)):
+            name, aimed = names[k % len(names)], k % 10 < 6
+            total, writing = times[name]
+            after = chance.uniform(0.0, 1.1 * writing if aimed else total)
+            tally[name, aimed, attempt(name, places[name], after, aimed)[0]] += 1
+        for name in names:
+            undisturbed(name, places[name])
+    yield header("command", "run, writing (s)", "kills aimed", *OUTCOMES)
+    for name, (total, writing) in times.items():
+        for aimed, what in ((False, "at any moment"), (True, "at the writing")):
+            counts = [tally[name, aimed, outcome] for outcome in OUTCOMES]
+            yield row(name, f"{total:.1f}, {writing:.3f}", f"{sum(counts)} {what}", *counts)
+    yield "\nAfter one more run of each command, undisturbed, no hidden folder was left."

@@ -1,0 +1,286 @@
+"""Unusual and broken robots, description (TOML) and MJCF, and what has to come of each."""
+
+from __future__ import annotations
+
+import os
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from tests.fuzz import changes
+from tests.fuzz.changes import (
+    EITHER,
+    REFUSED,
+    SAME,
+    WHOLE,
+    Change,
+    Draw,
+    Expected,
+    Make,
+    content,
+    one,
+    refused,
+    swap,
+)
+
+TOML, ROBOT, SCENE, PLATE, PAPER = "tulip.toml", "tulip.xml", "scene_plates.xml", "plate.xml", "table2.csv"
+WHOLE_LINE = re.compile(r"^([\w-]+) = ([^\[\n]*|\[.*\]\s*(#.*)?)$", re.MULTILINE)  # a key with its value
+STRANGE_TOML = (
+    *("true", "-1", "0", "1e300", "nan", "-inf", "9" * 26, '"x"', '""', '"\\u0000"', "[]", "[[]]", "{}"),
+    *("{ pair = [1, 1] }", "1979-05-27", "[1, 2, 3]", '["x", 1]', "[nan, 1]", "[-1e308, 1e308]"),
+    *('"../../../etc/passwd"', '"' + "x" * 300 + '"', "0.0", "0.02", "1e-300"),
+)
+STRANGE_NUMBERS = ("nan", "inf", "-inf", "1e400", "0", "-1", "1e300", "-1e300", "1e-300", "1e10", "9" * 20)
+STRANGE_XML = (
+    *("", " ", "x", "0 0 0", "1 2 3 4 5 6 7 8 9", "0.1 x 0.2", "true", "../x", "\U0010ffff", "x" * 50_000),
+    *STRANGE_NUMBERS,
+)
+
+# --- a text => others to put in its place ------------------------------------------------------
+
+WRONG_TOML = """
+name = => name = 1\\nname = | x = 1\\nname =
+[planning] => [planing] | [planning]\\nswing_z = [0, 1]
+swing_x = => swing_q =
+[-0.12, 0.12] => [0.12, -0.12]
+[paper] => [paper]\\nyear = 2013
+[1, 5, 9, => [26, 5, 9, | [0, 5, 9, | [5, 5, 9, | [1.0, 5, 9,
+pair = [12, 13] => pair = [12, 99] | pair = [12, 12] | pair = [12, 13, 14]
+joint = "right_ankle_roll" => joint = "nose"
+"right_hip", "right_upper_leg" => "nose", "right_upper_leg"
+postures_planned = 150 => postures_planned = 0
+wii = [4.2, 0.7] => wii = [4.2] | wii = 4.2 | wij = [4.2, 0.7]
+scene = "scene_plates.xml" => scene = "scene_plates.xml"\\nplate = "plate.xml"
+[4.2, 3.6, 10.7] => [4.2, 3.6] | ["4.2", 3.6, 1]
+stance_foot = "right_foot" => stance_foot = "left_foot"
+"""
+WRONG_FEET = """
+stance_foot = "right_foot" => stance_foot = "nose"
+swing_foot = "left_foot" => swing_foot = "torso"
+"""
+WRONG_PAPER = """
+1,-10.96 => 1,nan | 1,many | one,-10.96 | 1
+number => nr
+"""
+NO_ROBOT = """
+mass="10.7" => mass="-10.7" | mass="0" | mass="1e9"
+diaginertia="0.25 0.23 0.075" => diaginertia="0 0 0"
+<freejoint name="torso"/> => | <joint name="torso" axis="0 0 1"/>
+<joint name="left_knee" => <joint type="slide" name="left_knee" | <joint type="ball" name="left_knee" | <joint
+<joint name="left_knee" => <joint name="right_knee"
+<body name="left_hip"> => <body name="right_hip"> | <body>
+timestep="0.001" => timestep="0" | timestep="-1" | timestep="1e-12"
+cone="elliptic"/> => gravity="0 0 9.81"/> | gravity="0 0 0"/> | gravity="1 0 -9.81"/> | gravity="0 0 -1e300"/>
+name="right_foot_front_left" => name="toe"
+pos="0.13 0.05 -0.058" => pos="0.13 0.05 -0.05" | pos="-0.13 0.05 -0.058"
+pos="0 0 0.6899" => pos="0 0 1e200"
+axis="0 0 1" range="-40 40" => axis="0 0 0" range="-40 40"
+"""
+ODD_ROBOT = """
+diaginertia="0.25 0.23 0.075" => diaginertia="1 1 100"
+<body name="right_ankle" pos="0 0 -0.2732"> => <body name="right_ankle" quat="0 0 0 0">
+range="-40 40" => range="40 -40"
+<actuator> => <keyframe><key name="stand" qpos="1 2"/></keyframe><actuator>
+"""
+NO_DRIVE = """
+<motor name="left_knee" joint="left_knee" class="drive_90w_111"/> =>
+<motor name="left_knee" joint="left_knee" => <motor joint="right_knee" | <motor body="left_foot"
+ctrlrange="-25.4 25.4" forcerange="-25.4 25.4" => | ctrlrange="-25.4 25.4" forcerange="-25.4 0"
+"""
+LIMITS = """
+ctrlrange="-25.4 25.4" forcerange="-25.4 25.4" => ctrlrange="-25.4 25.4" | forcerange="-25.4 25.4"
+"""
+NO_SCENE = """
+name="floor" type => name="ground" type
+<frame name="right_plate_place" => <frame name="here"
+prefix="left_" => prefix="other_"
+<include file="tulip.xml"/> =>
+<default> => <option timestep="0.5"/><default> | <option gravity="0 0 9"/><default>
+file="plate.xml" => file="scene_plates.xml"
+"""
+NO_PLATE = """
+name="plate_top" => name="top"
+<touch name="plate_front_left" => <touch name="front" | <force name="plate_front_left"
+mass="3.5" => mass="-3.5"
+<site name="plate_front_left" => <site name="front"
+"""
+
+BUILT = """
+scene = "scene_plates.xml" => | plate = "plate.xml"
+"""
+
+# --- a text to put in before the end -----------------------------------------------------------
+
+END = "</mujoco>"
+ENDLESS = (  # small to write, too large to compile
+    "<worldbody>" + "<replicate count='1000'>" * 4 + "<site/>" + "</replicate>" * 4 + "</worldbody>",
+    "<worldbody><replicate count='100000000'><site/></replicate></worldbody>",
+    "<worldbody><flexcomp name='f' type='grid' count='400 400 400' spacing='1 1 1' dim='3'/></worldbody>",
+    "<worldbody>" + "<body><geom size='1'/></body>" * 5_000 + "</worldbody>",
+    "<asset><texture name='t' type='2d' builtin='flat' width='1000000' height='1000000'/></asset>",
+    "<asset><hfield name='t' nrow='1000000' ncol='1000000' size='1 1 1 1'/></asset>",
+    *(f"<size {key}='2000000000'/>" for key in ("nkey", "nuserdata", "nuser_body")),
+    "<size memory='1000T'/>",
+    "<custom><numeric name='n' size='2000000000'/></custom>",
+    "<sensor><user name='u' dim='2000000000'/></sensor>",
+)
+DEEP = [f"<worldbody>{'<body>' * n}{'</body>' * n}</worldbody>" for n in (450, 100_000)]
+BOMB = "".join(f'<!ENTITY e{k} "{f"&e{k - 1};" * 10}">' for k in range(1, 12))
+FOLDERS = [
+    f'<compiler {kind}dir="{up}"/>' for kind in ("mesh", "texture", "asset") for up in ("..", "/", "a/../..")
+]
+
+
+def before_the_end(*texts: str) -> Make:
+    return lambda text, draw: [text.replace(END, inserted + END) for inserted in texts]
+
+
+def wrong_mjcf(text: str, draw: Draw) -> list:
+    types = "<!DOCTYPE m SYSTEM 'file:///etc/passwd'>", f"<!DOCTYPE m [<!ENTITY e0 'x'>{BOMB}]>"
+    return [text.replace(END, ""), text.replace("mujoco", "robot"), *(t + text for t in types)]
+
+
+# --- edits that are made -----------------------------------------------------------------------
+
+
+def lines(*values: str) -> Make:
+    """Give a key another value; drop it with an empty one."""
+
+    def make(text: str, draw: Draw) -> list:
+        line = one(draw, WHOLE_LINE.finditer(text))
+        return [text[: line.start()] + (new and f"{line[1]} = {new}") + text[line.end() :] for new in values]
+
+    return make
+
+
+def endless_toml(text: str, draw: Draw) -> list:
+    return [f"{text}\nx = {nested * 100_000}" for nested in ("[", "{a=")]
+
+
+def drives(text: str, draw: Draw) -> list:
+    keys = ("[drives]\nwind_up", "[drives]\nbacklash", "[compliance]\nsole", "[compliance]\nsole_tilt")
+    return [f"{text}\n{key} = {value}\n" for key in keys for value in STRANGE_TOML]
+
+
+def tree(edit: str) -> Make:
+    """Drop, repeat or rename an element; drop an attribute or give it a strange value or number."""
+
+    def make(text: str, draw: Draw) -> list:
+        root = ET.fromstring(text)
+        parent = one(draw, [e for e in root.iter() if len(e)])
+        child = one(draw, parent)
+        inner = [e for e in root.iter() if e is not root and e.attrib]
+        physics = [e for e in inner if e.tag in ("inertial", "joint", "option")]
+        element = one(draw, physics if edit == "number" and physics else inner)
+        key = one(draw, element.attrib)
+        if edit == "drop":
+            parent.remove(child)
+        elif edit == "repeat":
+            parent.append(child)
+        elif edit == "rename":
+            child.tag = one(draw, ["nose", *sorted({e.tag for e in inner})])
+        elif edit == "forget":
+            del element.attrib[key]
+        else:
+            tokens = element.attrib[key].split()
+            at = one(draw, [slice(None), *(slice(k, k + 1) for k in range(len(tokens)))])
+            tokens[at] = [one(draw, STRANGE_NUMBERS if edit == "number" else STRANGE_XML)]
+            element.attrib[key] = " ".join(tokens)
+        return [ET.tostring(root)]
+
+    return make
+
+
+def elsewhere(suffix: str, file: str, old: str, new: str, **broken: bytes) -> Change:
+    """Make a file name one that lies outside the robot's folder, is no file, or is broken."""
+
+    def change(folder: Path, draw: Draw) -> Expected:
+        outside = folder.with_name(f"outside.{suffix}")
+        outside.write_bytes((folder / ROBOT).read_bytes())
+        for name, made in broken.items():
+            (folder / f"{name}.{suffix}").write_bytes(made)
+        for name, there in {"link": outside, "loop": f"loop.{suffix}", "zero": "/dev/zero"}.items():
+            (folder / f"{name}.{suffix}").symlink_to(there)
+        os.mkfifo(folder / f"pipe.{suffix}")
+        (folder / f"folder.{suffix}").mkdir()
+        near = [f"{name}.{suffix}" for name in ("gone", "link", "loop", "zero", "pipe", "folder", *broken)]
+        far = (str(outside), f"../{outside.name}", "../" * 50 + "etc/passwd", "x" * 300, "a\\u0000b")
+        name = one(draw, (*near, *far))
+        content(lambda text, d: [text.replace(old, new.format(name))], REFUSED, file)(folder, draw)
+        return refused()
+
+    return change
+
+
+def includes_that_are_fine(folder: Path, draw: Draw) -> Expected:
+    (folder / "parts").mkdir()
+    (folder / "parts" / "more.xml").write_text("<mujocoinclude><custom/></mujocoinclude>")
+    return content(before_the_end('<include file="parts/more.xml"/>'), SAME, ROBOT)(folder, draw)
+
+
+# --- kinds -------------------------------------------------------------------------------------
+
+TREE_EDITS = ("drop", "repeat", "rename", "forget", "strange", "number")
+LOOP = {
+    k: b'<mujocoinclude><include file="%s.xml"/></mujocoinclude>' % k[::-1].encode() for k in ("ab", "ba")
+}
+GARBAGE = b"\x89PNG\r\n\x1a\n\nv 0 0 0\nf 1 99999999 3\n" + b"\xd5" * 900
+BROKEN = {"empty": b"", "many": b"\x00" * 80 + b"\xff\xff\xff\x7f" + b"\x00" * 100, "garbage": GARBAGE}
+ITSELF = f'<asset><model name="m" file="{ROBOT}"/></asset>'
+NAMED = {  # where an MJCF may name another file: that file's suffix, what may be broken about it
+    '<include file="{}"/>': ("xml", LOOP),
+    '<asset><model name="m" file="{}"/></asset>': ("xml", LOOP),
+    '<asset><mesh name="m" file="{}"/></asset>': ("stl", BROKEN),
+    '<asset><mesh name="m" file="{}" /></asset>': ("obj", BROKEN),
+    '<asset><texture name="t" type="2d" file="{}"/></asset>': ("png", BROKEN),
+    '<asset><hfield name="h" size="1 1 1 1" file="{}"/></asset>': ("png", BROKEN),
+}
+DESCRIPTIONS: dict[str, tuple] = {
+    "drop a TOML key": (lines(""), EITHER),
+    "strange TOML values": (lines(*STRANGE_TOML), EITHER),
+    "truncated TOML": (changes.truncated, EITHER),
+    "spoiled TOML": (changes.spoiled, REFUSED),
+    "harmless TOML": (changes.harmless, SAME),
+    "wrong TOML": (swap(WRONG_TOML), REFUSED),
+    "endless TOML": (endless_toml, REFUSED),
+    "wrong feet": (swap(WRONG_FEET), refused(WHOLE, ROBOT)),
+}
+MODELS: dict[str, tuple] = {
+    **{f"{edit} in MJCF": (tree(edit), EITHER) for edit in TREE_EDITS},
+    "flipped bytes in MJCF": (changes.flipped, EITHER),
+    "truncated MJCF": (changes.truncated, REFUSED),
+    "spoiled MJCF": (changes.spoiled, REFUSED),
+    "wrong MJCF": (wrong_mjcf, REFUSED),
+    "deep MJCF": (before_the_end(*DEEP), REFUSED),
+    "many elements": (before_the_end("<custom/>" * 200_000), REFUSED),
+    "models without end": (before_the_end(*ENDLESS), REFUSED),
+    "a model in itself": (before_the_end(ITSELF), refused("includes itself (tulip.xml -> tulip.xml)")),
+    "a folder elsewhere": (before_the_end(*FOLDERS), refused("line")),
+    "no robot": (swap(NO_ROBOT), REFUSED),
+    "an odd robot": (swap(ODD_ROBOT), EITHER),
+    "other torque limits": (swap(LIMITS), SAME),
+}
+ROBOT_KINDS: dict[str, Change] = {
+    **{name: content(*how, TOML) for name, how in DESCRIPTIONS.items()},
+    **{name: content(*how, ROBOT) for name, how in MODELS.items()},
+    **{f"{kind} for a robot's file": changes.stands(kind, TOML, ROBOT) for kind in changes.PLACES},
+    **{f"{new} elsewhere": elsewhere(how[0], ROBOT, END, new + END, **how[1]) for new, how in NAMED.items()},
+    "a model elsewhere": elsewhere("xml", TOML, f'"{ROBOT}"', '"{}"'),
+    "a table of the paper elsewhere": elsewhere("csv", TOML, f'"{PAPER}"', '"{}"'),
+    "a wrong table of the paper": content(swap(WRONG_PAPER), REFUSED, PAPER),
+    "a spoiled table of the paper": content(lambda text, d: changes.spoiled(text, d)[:-1], REFUSED, PAPER),
+    "includes that are fine": includes_that_are_fine,
+}
+PLATE_KINDS: dict[str, Change] = {  # what only a simulation reads
+    **{f"{edit} in a scene": content(tree(edit), EITHER, SCENE, PLATE) for edit in TREE_EDITS},
+    "flipped bytes in a scene": content(changes.flipped, EITHER, SCENE, PLATE),
+    "spoiled scene": content(changes.spoiled, REFUSED, SCENE, PLATE),
+    "wrong scene": content(wrong_mjcf, REFUSED, SCENE, PLATE),
+    "no scene": content(swap(NO_SCENE), refused(WHOLE, "scene"), SCENE),
+    "no plate": content(swap(NO_PLATE), refused(WHOLE, "scene"), PLATE),
+    "a scene elsewhere": elsewhere("xml", TOML, f'"{SCENE}"', '"{}"'),
+    "a plate elsewhere": elsewhere("xml", TOML, f'scene = "{SCENE}"', 'plate = "{}"'),
+    "scenes that are built": content(swap(BUILT), SAME, TOML),
+    "strange drives": content(drives, EITHER, TOML),
+    "no drive": content(swap(NO_DRIVE), refused(WHOLE), ROBOT),
+}
