@@ -1,4 +1,4 @@
-"""The noise of an experiment's residuals, and the coordinates in which it is white."""
+"""Noise of an experiment's residuals, and coordinates in which it is white."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from tulip_testbed.identification.residual_channels import (
 )
 from tulip_testbed.identification.variance_components import MARK_RATIO
 
-# What the nominal laboratory itself leaves with exact sensors in full dynamics: contacts give way.
+# Residuals of the nominal laboratory with exact sensors in full dynamics, due to compliant contacts.
 FLOOR = np.array([1.5e-5] * 2 + [2e-3] + [2e-3] * 2 + [5e-6] + [1e-5] * 2 + [5e-6] * 2 + [1e-5])
 ASSUMED_ENCODER = 5e-4  # rad
 ASSUMED_CELL = 1.0  # N
-OUTLYING = 4.0  # s.d. of a twist that is no noise
-# What a plate's cells show beside the twist, at right angles to it: the load and where it is.
+OUTLYING = 4.0  # s.d. beyond which a twist is an outlier
+# Components of a plate's cell forces orthogonal to the twist: the load and its position.
 OTHERS = np.array([[1.0, 1.0, 1.0, 1.0], [1.0, 1.0, -1.0, -1.0], [1.0, -1.0, -1.0, 1.0]])
-FREE_PLATE = (0.01, 0.01, 0.03)  # m, m, rad: of a recorded pose where nothing is known
+FREE_PLATE = (0.01, 0.01, 0.03)  # m, m, rad: assumed s.d. of a recorded pose without a data sheet
 
 # For one placement SciPy's function of this name takes six times as long, because of its checks.
 solve_triangular = get_lapack_funcs("trtrs")
@@ -39,8 +39,10 @@ class Noise:
     """Standard deviations of an experiment's readings.
 
     Attributes:
-        encoder [rad], cell [N], plates: of both recorded poses, (6,) [m, m, rad].
-        assumed: which of them no data sheet stated, as text.
+        encoder: s.d. of a joint angle [rad].
+        cell: s.d. of a cell force [N].
+        plates: s.d. of both recorded plate poses, (6,) [m, m, rad].
+        assumed: names of the figures that no data sheet stated.
     """
 
     encoder: float
@@ -71,7 +73,7 @@ def noise_of(observed: Observation) -> Noise:
 
 
 def encoder_by_closure(observed: Observation) -> float | None:
-    """S.d. of the encoders' errors by the closed legs [rad]; None where too few postures stand on both."""
+    """Estimate the encoders' s.d. by the closed legs [rad]; None if too few postures are on both feet."""
     m, base = observed.measurements, observed.nominal.parameters.base
     both = m.support == "double"
     return encoder_sd_by_closure(
@@ -80,9 +82,9 @@ def encoder_by_closure(observed: Observation) -> float | None:
 
 
 def cell_by_twist(observed: Observation) -> float | None:
-    """S.d. of the cells' errors by what rigid plates cannot share among four [N]; None: too few postures.
+    """Estimate the cells' s.d. by the twist of rigid plates [N]; None if there are too few postures.
 
-    A cell's zero, gain and drift are no noise: what goes with the load, its place and time is taken off.
+    Zero, gain and drift of a cell are no noise: parts that vary with load, position and time are removed.
     """
     m, left, freedom = len(observed), [], 0
     for side in (0, 1):
@@ -105,15 +107,15 @@ class Whitening:
     """Coordinates in which the residuals' noise is independent, of unit variance.
 
     Attributes:
-        rows: numbers of the residuals (11 a posture) that there are, placement by placement.
-        blocks: inverse Cholesky factor of every placement's covariance, and where it stands in `rows`.
+        rows: numbers of the residuals in use (11 a posture), placement by placement.
+        blocks: slice of `rows` and inverse Cholesky factor of the covariance of every placement.
         sensitivity: derivative of the residuals by the fields of `packed`, (m, 11, k).
-        reach: derivative by the readings (angles, cells, plates), (m, 11, n_joints + 14): the same, unless
-            effects are taken away whose size goes with noisy readings.
-        own: part of each posture's covariance that is its own, (m, 11, 11).
+        reach: derivative by the readings (angles, cells, plates), (m, 11, n_joints + 14); it differs from
+            `sensitivity` if removed effects depend on noisy readings.
+        own: part of each posture's covariance that it does not share, (m, 11, 11).
         levers: one s.d. of each plate coordinate in the residuals, which a placement's postures share,
             (m, 11, 6).
-        placement: of each posture, (m,).
+        placement: placement of each posture, (m,).
     """
 
     rows: np.ndarray
@@ -133,7 +135,7 @@ class Whitening:
         return out
 
     def each(self, columns: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """Whiten several sets of columns, (m, 11, k) each, as if one by one: (r, k)."""
+        """Whiten several sets of columns, (m, 11, k) each, with the same bits as one by one: (r, k)."""
         out: list[np.ndarray] = [np.zeros(0)] * len(columns)
         widths = [column.shape[-1] for column in columns]
         for width in set(widths):
@@ -148,7 +150,7 @@ class Whitening:
 
     @property
     def log_volume(self) -> float:
-        """Ln of the determinant of the residuals' covariance."""
+        """Return the logarithm of the determinant of the residuals' covariance."""
         return -2 * sum(float(np.log(np.diag(factor)).sum()) for _, factor in self.blocks)
 
     def precision_weighted(self, white: np.ndarray) -> np.ndarray:
@@ -174,10 +176,14 @@ def whitening(
     channels: str = "AFTC",
     propagation: np.ndarray | None = None,
 ) -> Whitening:
-    """Coordinates for some channels of an experiment.
+    """Return the whitening coordinates of some channels of an experiment.
 
     Args:
-        propagation: derivative of all fields with respect to the readings, (m, k, n_joints + 14), where
+        observed: the experiment.
+        theta: base parameters, (p,) [m].
+        noise: standard deviations of the readings.
+        channels: channels in use.
+        propagation: derivative of all fields with respect to the readings, (m, k, n_joints + 14), if
             effects were removed from the experiment; None: the fields are the readings.
     """
     slope, at = sensitivity(observed, theta), fields(observed.nominal)
@@ -205,7 +211,7 @@ def _in_channels(channels: str) -> np.ndarray:
 def _factored(
     own: np.ndarray, levers: np.ndarray, placement: np.ndarray, used: np.ndarray
 ) -> tuple[np.ndarray, tuple[tuple[slice, np.ndarray], ...]]:
-    """Factor the covariance of each placement; `rows` and `blocks` of `Whitening`.
+    """Return `rows` and `blocks` of `Whitening` from the covariance of each placement.
 
     Args:
         used: whether a residual is in use, (m, 11) bool.

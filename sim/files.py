@@ -139,7 +139,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 @contextmanager
 def _partial(path: Path) -> Iterator[Path]:
-    """Yield a hidden folder beside `path`, locked while in use and removed at the end.
+    """Yield a hidden folder next to `path`, locked while in use and removed at the end.
 
     A killed process leaves its folder but not the lock, so that the next process that writes to the same
     name recognises the folder as stale and removes it.

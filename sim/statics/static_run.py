@@ -87,7 +87,7 @@ def run_statics(
     standard: np.ndarray | None = None,
     all_solved: bool = False,
 ) -> list[Outcome]:
-    """Repeat the experiment, every run with its own random stream.
+    """Run the experiment several times, each run with its own random stream.
 
     Args:
         standard: true standard parameters by run, (runs, n_links, 4) [kg, kg m]; None means those of the
