@@ -18,6 +18,7 @@ from tulip_testbed.sim.measurements import lay_boards, read_measurements
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import CORNERS, load_robot, sole_corners, sole_point
 from tulip_testbed.sim.scene import load_scene
+from tulip_testbed.sim.shipped import TULIP
 
 PENDULUM = """
 <mujoco>
@@ -181,8 +182,9 @@ def test_rigid_is_the_default_and_the_robot_file_says_otherwise(tmp_path, robot)
 
 
 def test_load_robot_knows_the_tables(tmp_path):
+    (tmp_path / "a.xml").write_text(TULIP.with_name("tulip.xml").read_text())
     path = tmp_path / "robot.toml"
     path.write_text(
-        'model = "a.xml"\nscene = "b.xml"\nstance_foot = "r"\nswing_foot = "l"\n[compliance]\nsole = 1e-5\n'
+        'model = "a.xml"\nstance_foot = "right_foot"\nswing_foot = "left_foot"\n[compliance]\nsole = 1e-5\n'
     )
     assert load_robot(path).settings["compliance"] == {"sole": 1e-5}

@@ -41,9 +41,9 @@ def view_command(
     from tulip_testbed.viewer.record_view import folder_view
     from tulip_testbed.viewer.robot_view import undrawn
 
+    view = folder_view(folder, described)
     if save is None and not serve:
         window.check_display()
-    view = folder_view(folder, described)
     if bare := undrawn(described.visual_model):
         say(
             f"{described.model_file.name}: no geom shows the links {listed(bare)}; "
