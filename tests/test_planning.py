@@ -57,7 +57,7 @@ def differences(function, design):
     return np.stack([(function(design + s) - function(design - s)) / (2 * STEP) for s in steps], axis=-1)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15, deadline=None, derandomize=True)
 @given(row=st.integers(0, 149), noise=st.integers(0, 2**31))
 def test_derivatives_through_the_inverse_kinematics(problem, plan, row, noise):
     angles = plan.joint_angles[row : row + 1]
