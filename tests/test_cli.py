@@ -349,6 +349,7 @@ def test_the_installed_script_runs_whole(tmp_path):
             plan,
             "--out",
             data,
+            "--statics",
             "--preset",
             "force-plate",
             "--seed",
