@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.stats import norm
 
 from tulip_testbed.discovery.candidates import Fitted, log_choices
 from tulip_testbed.discovery.columns import effect_columns
 from tulip_testbed.discovery.linear_model import LinearModel, linear_model
+from tulip_testbed.identification.distributions import normal_logcdf
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import difference, moved_by, packed, unpacked
 from tulip_testbed.identification.residual_noise import Noise
@@ -132,7 +132,7 @@ class JointFit:
         shrunk = np.where(information > INFORMED, information / (1 + information), 1.0)
         out -= 0.5 * float((shrunk * (turn.T @ (sizes / prior)) ** 2 + np.log1p(information)).sum())
         spread = np.sqrt(np.diag(self.covariance))
-        return out + float((norm.logcdf(sizes / spread) + np.log(2))[positive].sum())
+        return out + float((normal_logcdf(sizes / spread) + np.log(2))[positive].sum())
 
 
 def joint_fit(data: Data, terms: Sequence[Fitted], model_error: np.ndarray | None = None) -> JointFit:
@@ -215,7 +215,7 @@ def gauss_newton(
     log = 0.5 * gained - 0.5 * volume
     if positive.any():
         spread = np.sqrt(np.diag(covariance))
-        log += float((norm.logcdf(sizes / spread) + np.log(2))[positive].sum())
+        log += float((normal_logcdf(sizes / spread) + np.log(2))[positive].sum())
     data = Data(linear.observed, linear.noise)
     return JointFit(data, terms, covariance, linear, matrix, residual, float(log))
 

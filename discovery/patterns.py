@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from tulip_testbed.discovery.linear_model import LinearModel
+from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.residual_channels import SIZE, fields
 from tulip_testbed.sim.robot import CELLS
 
@@ -71,7 +71,7 @@ def patterns(linear: LinearModel, residual: np.ndarray, fitted: np.ndarray) -> l
         gain = float(((left.T @ residual) ** 2).sum())
         out.append(Pattern(channel, words, gain, left.shape[1], 0.0))
     count = len(out)
-    found = [replace(p, p=min(1.0, count * float(chi2.sf(p.gain, p.dof)))) for p in out if p.dof]
+    found = [replace(p, p=min(1.0, count * float(chi2_sf(p.gain, p.dof)))) for p in out if p.dof]
     return sorted(found, key=lambda p: (p.p, -p.gain))
 
 

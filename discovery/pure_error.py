@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
+from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import CHANNELS, ROWS, residuals
 from tulip_testbed.identification.residual_noise import Noise, cell_by_twist, encoder_by_closure, whitening
@@ -58,7 +58,7 @@ def pure_error(observed: Observation, theta: np.ndarray, noise: Noise) -> PureEr
         size = float((apart * solved)[use].sum())
         dof = int(use.sum()) * (rows.stop - rows.start)
         if dof:
-            ratio[channel], p[channel] = size / dof, float(chi2.sf(size, dof))
+            ratio[channel], p[channel] = size / dof, float(chi2_sf(size, dof))
     return PureError(len(pairs), ratio, p)
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.stats import chi2
 
 from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates
 from tulip_testbed.discovery.columns import candidate_columns
@@ -17,6 +16,7 @@ from tulip_testbed.discovery.linear_model import linear_model
 from tulip_testbed.discovery.refit import refit
 from tulip_testbed.discovery.shortlist import best_addition, fit_in_addition, shortlist
 from tulip_testbed.effects.effect import Effect
+from tulip_testbed.identification.distributions import chi2_sf
 
 LEVEL = 0.005  # of the test of all effects, and of that of the four channels: 0.01 in all
 DECISIVE = 3.0  # ln of the Bayes factor, below which two explanations are equivalent
@@ -69,7 +69,7 @@ def lack_of_fit(data: Data) -> tuple[LackOfFit, ...]:
     for channel in "AFTC":
         linear = linear_model(data.observed, data.noise, channel)
         if linear.dof > 0:
-            p = float(chi2.sf(linear.chi_square, linear.dof))
+            p = float(chi2_sf(linear.chi_square, linear.dof))
             out.append(LackOfFit(channel, linear.chi_square, linear.dof, p))
     return tuple(out)
 
@@ -139,7 +139,7 @@ class _Search:
         shrinks sizes towards zero.
         """
         gain = fit_in_addition(adopted, best).gain
-        p = float(chi2.sf(max(gain, 0.0), max(len(best.sizes), 1)))
+        p = float(chi2_sf(max(gain, 0.0), max(len(best.sizes), 1)))
         (linear,) = (one.p for one in ranking if one.label == best.label)
         return sidak(min(p, linear), self.tests)
 

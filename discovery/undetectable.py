@@ -37,18 +37,16 @@ def undetectable(linear: LinearModel, candidates: Sequence[Candidate]) -> tuple[
         linear: the experiment without any effect.
     """
     known = np.vstack([linear.whitening(nuisances(linear.smoothed, "AFTC")), weighing(linear.smoothed)[None]])
-    return tuple(_undetectable(linear, known, candidate) for candidate in candidates)
+    least_squares = np.linalg.pinv(known, rcond=np.finfo(float).eps * max(known.shape))
+    absorbed = least_squares[: len(linear.theta), :-1]  # no effect changes the weighing, the last row
+    return tuple(_undetectable(linear, absorbed, candidate) for candidate in candidates)
 
 
-def _undetectable(linear: LinearModel, known: np.ndarray, candidate: Candidate) -> Undetectable:
+def _undetectable(linear: LinearModel, absorbed: np.ndarray, candidate: Candidate) -> Undetectable:
     if not candidate.effect.sizes:
         return Undetectable(candidate, 0, 0.0)
     effect = effect_columns(linear, candidate, 0) * candidate.prior
-    if effect.any():
-        effect = np.vstack([effect, np.zeros((1, effect.shape[1]))])
-        moved = np.linalg.lstsq(known, effect, rcond=None)[0][: len(linear.theta)]
-    else:
-        moved = _change_of_robot(linear.observed, candidate)[:, None]
+    moved = absorbed @ effect if effect.any() else _change_of_robot(linear.observed, candidate)[:, None]
     at = np.unravel_index(np.abs(moved).argmax(), moved.shape)
     if not moved[at]:
         return Undetectable(candidate, 0, 0.0)

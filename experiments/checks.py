@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import f as f_distribution
-from scipy.stats import t as t_distribution
 
 from tulip_testbed.experiments.table import Cell, Column, Table
+from tulip_testbed.identification.distributions import f_ppf, t_ppf
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.statistics import standard_errors
 
@@ -114,13 +113,13 @@ def joint_check(name: str, estimate: Estimate, truth: np.ndarray) -> Check:
     """
     error = estimate.value - truth
     statistic = float(error @ np.linalg.solve(estimate.clustered_covariance, error)) / len(error)
-    limit = float(f_distribution.ppf(1 - LEVEL, len(error), estimate.dof))
+    limit = float(f_ppf(1 - LEVEL, len(error), estimate.dof))
     return below(name, statistic, limit, f"chi-square / {len(error)} as F, level {LEVEL}")
 
 
 def largest_z_check(name: str, estimate: Estimate, truth: np.ndarray) -> Check:
     z = np.abs(estimate.value - truth) / standard_errors(estimate.clustered_covariance)
-    limit = float(t_distribution.ppf(1 - LEVEL / 2 / len(z), estimate.dof))
+    limit = float(t_ppf(1 - LEVEL / 2 / len(z), estimate.dof))
     return below(name, z.max(), limit, f"Bonferroni over {len(z)}, level {LEVEL}")
 
 
@@ -166,5 +165,5 @@ def correlation_checks(
 def mass_check(value: float, standard_error: float, truth: float, count: int, noisy: bool) -> Check:
     if not noisy:
         return below("total mass", abs(value - truth), IDEAL_MASS_ERROR, "noise-free data: within 1 g (kg)")
-    half = float(t_distribution.ppf(1 - LEVEL / 2, count - 1)) * standard_error
+    half = float(t_ppf(1 - LEVEL / 2, count - 1)) * standard_error
     return within("total mass", value, truth - half, truth + half, f"{100 * (1 - LEVEL):.0f} % interval (kg)")

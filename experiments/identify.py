@@ -7,8 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from scipy.stats import t as t_distribution
-
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.correlations import Correlations, parameter_index
@@ -22,6 +20,7 @@ from tulip_testbed.identification.base_parameters import (
     simplified_numbers,
 )
 from tulip_testbed.identification.center_of_pressure import total_mass
+from tulip_testbed.identification.distributions import t_ppf
 from tulip_testbed.identification.estimators import DEFAULT, Estimate, estimate_by
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.regressor import check_robot, regression
@@ -79,7 +78,7 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
         """
         k = parameter_index(name, self.full.numbers, self.full.names)
         value, error = float(self.full.value[k]), float(standard_errors(self.full.covariance)[k])
-        half = float(t_distribution.ppf(0.975, self.full.interval_dof[k])) * error
+        half = float(t_ppf(0.975, self.full.interval_dof[k])) * error
         return IdentifiedParameter(
             int(self.full.numbers[k]), self.full.names[k], value, error, (value - half, value + half)
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import ConvexHull
+import scipy
 
 from tulip_testbed.sim.measurements import PlateGeometry
 
@@ -22,7 +22,7 @@ def place_polygon(corners: np.ndarray, pose: np.ndarray) -> np.ndarray:
 def support_polygon(feet: np.ndarray) -> np.ndarray:
     """Return the convex hull of all sole corners, counter-clockwise, (k, 2) [m]."""
     points = feet.reshape(-1, 2)
-    return points[ConvexHull(points).vertices]
+    return points[scipy.spatial.ConvexHull(points).vertices]
 
 
 def stability_margin(point: np.ndarray, polygon: np.ndarray) -> float:

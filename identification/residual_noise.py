@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import get_lapack_funcs
-from scipy.stats import median_abs_deviation
+from scipy.special import ndtri
 
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
 from tulip_testbed.identification.observation import Observation
@@ -97,7 +97,7 @@ def cell_by_twist(observed: Observation) -> float | None:
     every = np.concatenate(left)
     if not freedom:
         return None
-    most = OUTLYING * median_abs_deviation(every, scale="normal")
+    most = OUTLYING * np.median(np.abs(every - np.median(every))) / ndtri(0.75)
     inside = every[np.abs(every) <= most]
     return float(np.sqrt((inside**2).mean() * len(every) / freedom) / 2)
 

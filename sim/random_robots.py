@@ -7,7 +7,7 @@ from functools import partial
 
 import mujoco
 import numpy as np
-from scipy.stats import truncnorm
+import scipy
 
 from tulip_testbed.sim.errors import InputError
 
@@ -36,7 +36,7 @@ def draw_robot(model: mujoco.MjModel, spread: float, rng: np.random.Generator) -
         raise InputError(f"spread of random robots: found {spread}, expected more than 0 and at most 1")
     count = model.nbody - 1
     factor = np.exp(spread * rng.standard_normal(count) - spread**2 / 2)
-    deviate = spread * truncnorm.ppf(rng.random((count, 3)), -1 / spread, 1 / spread)
+    deviate = spread * scipy.stats.truncnorm.ppf(rng.random((count, 3)), -1 / spread, 1 / spread)
     mass = factor * model.body_mass[1:]
     place = model.body_ipos[1:] + _turned(model, deviate * half_edges(model))
     return np.column_stack([mass, mass[:, None] * place])

@@ -142,11 +142,13 @@ def _reloaded(path: Path, hashes: tuple[tuple[str, str], ...]) -> Robot:
     return robot
 
 
-def _load(path: Path, read_spec: Callable[[Path, Path], mujoco.MjSpec], meshes: bool) -> Robot:
+def _load(path: Path, read_spec: Callable[[Path, Path, Path], mujoco.MjSpec], meshes: bool) -> Robot:
     settings = _description(path)
     folder = path.resolve().parent
     model_file, feet = folder / settings["model"], (settings["stance_foot"], settings["swing_foot"])
-    spec = read_spec(model_file, folder)
+    scene_file = folder / settings["scene"] if "scene" in settings else None
+    plate_file = folder / settings.get("plate", PLATE)
+    spec = read_spec(model_file, folder, scene_file or plate_file)
     spec = spec if meshes else without_meshes(spec, str(model_file))
     model = compile_spec(spec.copy(), str(model_file))
     check_model(model, str(model_file))
@@ -160,8 +162,8 @@ def _load(path: Path, read_spec: Callable[[Path, Path], mujoco.MjSpec], meshes: 
     return Robot(
         path=path,
         model_file=model_file,
-        scene_file=folder / settings["scene"] if "scene" in settings else None,
-        plate_file=folder / settings.get("plate", PLATE),
+        scene_file=scene_file,
+        plate_file=plate_file,
         stance_foot=feet[0],
         swing_foot=feet[1],
         settings=settings,
@@ -193,23 +195,27 @@ def _description(path: Path) -> dict[str, Any]:
     return settings
 
 
-def load_spec(path: Path, folder: Path | None = None) -> mujoco.MjSpec:
+def load_spec(path: Path, folder: Path | None = None, plates: Path | None = None) -> mujoco.MjSpec:
     """Parse an MJCF file after a separate process has compiled it without a crash.
 
     Args:
         folder: folder of the robot, from which files may be read; None means the MJCF's own folder.
+        plates: another MJCF that the same process compiles, because starting one takes a while.
 
     Raises:
         InputError: the file is missing, is no MJCF, or reads files outside of the folder.
     """
     path = Path(path)
-    if not present(path):
-        raise InputError(f"{path}: no such MJCF file")
-    try_to_compile(path, mjcf_files(path, folder or path.parent))
+    files = {}
+    for file in [path] if plates is None else [path, plates]:
+        if not present(file):
+            raise InputError(f"{file}: no such MJCF file")
+        files[file] = mjcf_files(file, file.parent if file == PLATE else folder or file.parent)
+    try_to_compile(files)
     return _read_spec(path)
 
 
-def _read_spec(path: Path, folder: Path | None = None) -> mujoco.MjSpec:
+def _read_spec(path: Path, folder: Path | None = None, plates: Path | None = None) -> mujoco.MjSpec:
     try:
         return mujoco.MjSpec.from_file(str(path))
     except BROKEN as error:

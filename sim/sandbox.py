@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import signal
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
-from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.sim.errors import InputError, listed, shortened
 
 MOST_SECONDS = 20  # of processor time
 MOST_MEMORY = 4 * 2**30  # bytes
@@ -19,31 +19,37 @@ CHILD = f"""
 import resource, sys
 import mujoco
 resource.setrlimit(resource.RLIMIT_DATA, ({MOST_MEMORY}, {MOST_MEMORY}))
-resource.setrlimit(resource.RLIMIT_CPU, ({MOST_SECONDS}, {MOST_SECONDS + 5}))
+seconds = {MOST_SECONDS} * len(sys.argv[1:])
+resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 mujoco.set_mju_user_warning(lambda message: None)
-try:
-    mujoco.MjSpec.from_file(sys.argv[1]).compile()
-except Exception as error:
-    sys.exit(str(error))
+for path in sys.argv[1:]:
+    try:
+        mujoco.MjSpec.from_file(path).compile()
+    except Exception as error:
+        sys.exit(str(error))
+    print("compiled", flush=True)
 """
+Hashes = Mapping[Path, str]
+# What was compiled without a crash, by the files of each MJCF and their hashes.
+compiled: set[tuple[Path, frozenset[tuple[Path, str]]]] = set()
 
 
-def try_to_compile(path: Path, hashes: dict[Path, str]) -> None:
-    """Compile an MJCF in a separate process, once as long as no file changes.
+def try_to_compile(files: Mapping[Path, Hashes]) -> None:
+    """Compile MJCF files in one separate process, each once as long as no file changes.
 
     Args:
-        hashes: hashes of all files of the MJCF.
+        files: hashes of all files that each MJCF consists of.
 
     Raises:
-        InputError: MuJoCo refuses the MJCF, crashes, or needs too much time or memory.
+        InputError: MuJoCo refuses an MJCF, crashes, or needs too much time or memory.
     """
-    _try(path, frozenset(hashes.items()))
-
-
-@functools.lru_cache(maxsize=64)
-def _try(path: Path, hashes: frozenset[tuple[Path, str]]) -> None:
-    command = [sys.executable, "-c", CHILD, str(path)]
+    new = [
+        key for path, hashes in files.items() if (key := (path, frozenset(hashes.items()))) not in compiled
+    ]
+    if not new:
+        return
+    command = [sys.executable, "-c", CHILD, *(str(path) for path, _ in new)]
     # More threads would only take address space.
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "MUJOCO_GL": "disable"}
     try:
@@ -56,13 +62,17 @@ def _try(path: Path, hashes: frozenset[tuple[Path, str]]) -> None:
             stdin=subprocess.DEVNULL,
         )
     except subprocess.TimeoutExpired:
-        raise InputError(f"{path}: broken MJCF: MuJoCo did not compile it within {MOST_WAIT} s") from None
+        raise InputError(
+            f"{listed(path for path, _ in new)}: broken MJCF: MuJoCo did not compile it within {MOST_WAIT} s"
+        ) from None
+    good = len(done.stdout.splitlines())
+    compiled.update(new[:good])
     message = shortened(done.stderr.decode("utf-8", "replace"), 300)
     if done.returncode == -signal.SIGXCPU:
-        message = f"MuJoCo did not compile it within {MOST_SECONDS} s of processor time"
+        message = f"MuJoCo did not compile it within {MOST_SECONDS * len(new)} s of processor time"
     elif done.returncode < 0:
         message = f"MuJoCo crashed while compiling it ({signal.Signals(-done.returncode).name})"
     elif "unknown exception" in message:
         message = f"MuJoCo could not compile it within {MOST_MEMORY / 2**30:.0f} GiB of memory"
     if done.returncode != 0:
-        raise InputError(f"{path}: broken MJCF: {message}")
+        raise InputError(f"{new[good][0]}: broken MJCF: {message}")

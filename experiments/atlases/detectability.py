@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.stats import chi2, ncx2
+import scipy
 
 from tulip_testbed.discovery.candidates import Candidate
+from tulip_testbed.identification.distributions import chi2_isf
 
 POWER = 0.9
 
@@ -16,9 +16,12 @@ POWER = 0.9
 @cache
 def noncentrality(freedom: int, level: float, power: float = POWER) -> float:
     """Of chi-square that exceeds its `level` quantile with probability `power`."""
-    bound = chi2.isf(level, freedom)
-    found: float = brentq(lambda c: float(ncx2.sf(bound, freedom, c)) - power, 1e-6, 1e4)  # pyrefly: ignore
-    return found
+    bound = chi2_isf(level, freedom)
+
+    def missing(noncentral: float) -> float:
+        return float(scipy.stats.ncx2.sf(bound, freedom, noncentral)) - power
+
+    return float(scipy.optimize.brentq(missing, 1e-6, 1e4))  # pyrefly: ignore
 
 
 def single_level(level: float, tests: float) -> float:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2, norm
 
 from tulip_testbed.discovery.candidates import Candidate, candidates
 from tulip_testbed.discovery.columns import CandidateColumns, candidate_columns
@@ -19,6 +18,7 @@ from tulip_testbed.experiments.atlases.bias import bias, weights
 from tulip_testbed.experiments.atlases.detectability import POWER, detectable_size, single_level
 from tulip_testbed.experiments.atlases.isolability import ISOLABLE, angles, groups
 from tulip_testbed.experiments.atlases.planned_experiment import Planned
+from tulip_testbed.identification.distributions import chi2_isf, normal_isf
 from tulip_testbed.identification.residual_channels import CHANNELS
 
 SAME = 1e-9  # of the largest column: a choice that changes nothing
@@ -165,8 +165,8 @@ def _detectable(columns: CandidateColumns, k: int, point: int, size: int | None,
     if size is None:
         # The gain 2 g'r - g'g has mean g'g and variance 4 g'g where the effect is there.
         length = float(np.linalg.norm(column))
-        needed = chi2.isf(2 * level, 1)
-        return 1.0 if length**2 - 2 * norm.isf(1 - POWER) * length > needed else np.inf
+        needed = chi2_isf(2 * level, 1)
+        return 1.0 if length**2 - 2 * normal_isf(1 - POWER) * length > needed else np.inf
     candidate = columns.candidates[k]
     direction = (np.arange(column.shape[1]) == size).astype(float)
     found = detectable_size(candidate, column, level, direction)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.cluster.hierarchy import fcluster, leaves_list, linkage
-from scipy.spatial.distance import squareform
+import scipy
 
 ISOLABLE = np.radians(15.0)  # from there on the right one comes first in 95 % (docs/atlas.md, seeds 0 to 99)
 
@@ -37,15 +36,15 @@ def groups(angle: np.ndarray, threshold: float = ISOLABLE) -> list[list[int]]:
     """Candidates any two of which are closer than the threshold, by complete linkage; the largest first."""
     if len(angle) < 2:
         return []
-    label = fcluster(_tree(angle), threshold, "distance")
+    label = scipy.cluster.hierarchy.fcluster(_tree(angle), threshold, "distance")
     found = [np.flatnonzero(label == number).tolist() for number in np.unique(label)]
     return sorted((group for group in found if len(group) > 1), key=lambda group: (-len(group), group))
 
 
 def order(angle: np.ndarray) -> np.ndarray:
     """Candidates with those that look alike side by side, (n,)."""
-    return leaves_list(_tree(angle)) if len(angle) > 1 else np.arange(len(angle))
+    return scipy.cluster.hierarchy.leaves_list(_tree(angle)) if len(angle) > 1 else np.arange(len(angle))
 
 
 def _tree(angle: np.ndarray) -> np.ndarray:
-    return linkage(squareform(angle, checks=False), "complete")
+    return scipy.cluster.hierarchy.linkage(scipy.spatial.distance.squareform(angle, checks=False), "complete")

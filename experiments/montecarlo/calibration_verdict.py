@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy.stats import f as f_distribution
 
 from tulip_testbed.experiments.montecarlo.intervals import (
     Estimates,
@@ -28,6 +27,7 @@ from tulip_testbed.experiments.montecarlo.intervals import (
 )
 from tulip_testbed.experiments.montecarlo.summary import LEVELS, WHOLE_LEVEL, Calibration, Summary
 from tulip_testbed.experiments.validate import NEGLIGIBLE
+from tulip_testbed.identification.distributions import f_ppf, f_sf
 
 LEVEL = 0.01
 BIAS = (-0.1, 0.1)  # of the standard error
@@ -93,8 +93,8 @@ def shown(found: list[CalibrationCheck]) -> bool:
 
 def whole_bounds(size: int, dof: float) -> tuple[float, float]:
     """Shares of runs beyond the 95 % point of F(size, dof) if all s.e. were off by the factors `RATIO`."""
-    limit = f_distribution.ppf(1 - WHOLE_LEVEL, size, dof)
-    low, high = (float(f_distribution.sf(limit / ratio**2, size, dof)) for ratio in RATIO)
+    limit = f_ppf(1 - WHOLE_LEVEL, size, dof)
+    low, high = (float(f_sf(limit / ratio**2, size, dof)) for ratio in RATIO)
     return low, high
 
 

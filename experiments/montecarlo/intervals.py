@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import beta, chi2
-from scipy.stats import t as t_distribution
+import scipy
 
 from tulip_testbed.experiments.montecarlo.summary import Calibration
+from tulip_testbed.identification.distributions import chi2_ppf, t_ppf
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Estimates:
 
 def relative_bias(found: Calibration, count: int, confidence: float) -> Estimates:
     """Bias over standard error, with Student's interval for the mean error."""
-    half = t_distribution.ppf((1 + confidence) / 2, count - 1) * mc_error(found, count)
+    half = t_ppf((1 + confidence) / 2, count - 1) * mc_error(found, count)
     bias = np.array([found.bias, found.bias - half, found.bias + half])
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = bias / found.standard_error
@@ -42,7 +42,7 @@ def standard_error_ratio(found: Calibration, count: int, confidence: float) -> E
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = found.sd / found.standard_error
     tail = (1 - confidence) / 2
-    factors = np.sqrt((count - 1) / chi2.ppf([1 - tail, tail], count - 1))
+    factors = np.sqrt((count - 1) / chi2_ppf([1 - tail, tail], count - 1))
     return Estimates(ratio, factors[:, None] * ratio)
 
 
@@ -50,5 +50,8 @@ def share(counts: np.ndarray, count: int, confidence: float) -> Estimates:
     """Share of runs with the exact binomial interval (Clopper and Pearson 1934)."""
     k, tail = np.asarray(counts), (1 - confidence) / 2
     with np.errstate(invalid="ignore"):
-        low, high = beta.ppf(tail, k, count - k + 1), beta.ppf(1 - tail, k + 1, count - k)
+        low, high = (
+            scipy.stats.beta.ppf(tail, k, count - k + 1),
+            scipy.stats.beta.ppf(1 - tail, k + 1, count - k),
+        )
     return Estimates(k / count, np.array([np.where(k == 0, 0.0, low), np.where(k == count, 1.0, high)]))

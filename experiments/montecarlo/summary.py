@@ -6,12 +6,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f as f_distribution
-from scipy.stats import t as t_distribution
 
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.moments import histogram, moments, quantiles
 from tulip_testbed.experiments.montecarlo.run_columns import SCALARS, Layout
+from tulip_testbed.identification.distributions import f_ppf, t_ppf
 from tulip_testbed.sim.measurements.table_files import Columns
 
 LEVELS = (0.5, 0.9, 0.95)  # of the intervals whose coverage is counted
@@ -181,10 +180,10 @@ def _calibrated(
             values, errors, free, true = (_matrix(part, names) for names in (value, error, dof, truth))
             off = np.abs(values - true)
             for k, level in enumerate(LEVELS):
-                covered[k] += (off <= t_distribution.ppf((1 + level) / 2, free) * errors).sum(axis=0)
+                covered[k] += (off <= t_ppf((1 + level) / 2, free) * errors).sum(axis=0)
             if whole:
                 # The chi-square over p as F, since the covariance is itself estimated.
-                limit = size * f_distribution.ppf(1 - WHOLE_LEVEL, size, part[whole[1]])
+                limit = size * f_ppf(1 - WHOLE_LEVEL, size, part[whole[1]])
                 exceeded += int((part[whole[0]] > limit).sum())
             yield np.column_stack([values - true, errors**2, true])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy
 
 from tulip_testbed.identification.estimators.estimate import Estimate
 from tulip_testbed.identification.estimators.mixed import mixed_model
@@ -35,7 +35,7 @@ def physically_consistent(data: Regression) -> Estimate:
     # Distances from the estimate: the target is zero, and rounding errors stay small relative to it.
     away = np.linalg.solve(root, (reachable - found.value[:, None]) / deviation[:, None])
     size = np.abs(away).max()
-    weights, _ = nnls(
+    weights, _ = scipy.optimize.nnls(
         np.vstack([away / size, np.full(away.shape[1], EQUALITY)]), np.append(np.zeros(len(away)), EQUALITY)
     )
     value = reachable @ weights / weights.sum()

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from tulip_testbed.identification.planning.constraints import Evaluation, evaluate
 from tulip_testbed.identification.planning.objectives import Smooth
@@ -161,7 +161,7 @@ def _slsqp(
     box = bounds(problem, len(block.design))
     box = np.column_stack([np.maximum(box[:, 0], x0 - freedom), np.minimum(box[:, 1], x0 + freedom)])
     box = np.sort(box, axis=1)
-    result = minimize(
+    result = scipy.optimize.minimize(
         lambda x: function(x, at(x))[0],
         np.clip(x0, box[:, 0], box[:, 1]),
         jac=lambda x: function(x, at(x))[1],

@@ -10,8 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linprog
-from scipy.sparse import coo_array
+import scipy
 
 from tulip_testbed.identification.planning.blocks import SCALE, information, information_slope
 from tulip_testbed.identification.planning.constraints import Evaluation, evaluate
@@ -139,7 +138,7 @@ def linear_step(
     reachable = found.inequalities < region[:, None] * np.abs(slopes).sum(axis=2) + 1e-3
     row, column = np.nonzero(reachable)
     rows = np.arange(len(row))
-    matrix = coo_array(
+    matrix = scipy.sparse.coo_array(
         (
             np.concatenate([-slopes[row, column].ravel(), -np.ones(len(row))]),
             (
@@ -159,7 +158,9 @@ def linear_step(
     bounds[columns, 0], bounds[columns, 1] = low, high
     bounds[size:, 1] = np.inf
     room = found.inequalities if missed is None else found.inequalities + missed
-    result = linprog(objective, A_ub=matrix, b_ub=room[row, column], bounds=bounds, method="highs")
+    result = scipy.optimize.linprog(
+        objective, A_ub=matrix, b_ub=room[row, column], bounds=bounds, method="highs"
+    )
     if result.x is None:
         return np.zeros_like(plan.design), 0.0
     lack = np.maximum(-found.inequalities.min(axis=1), 0.0)

@@ -11,10 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
-from scipy.stats import f as f_distribution
 
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
+from tulip_testbed.identification.distributions import chi2_sf, f_sf
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
 from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, placement_sd, usable_sd
@@ -44,13 +43,13 @@ def repeats(measurements: Measurements, nominal: Nominal, noise: ReadingNoise) -
     differences = [_differences(error[r], noise.own[r], noise.shared[r], m.placement[r]) for r in groups]
     squares = np.array([d @ np.linalg.solve(v, d) for d, v in differences])
     sizes = np.array([len(d) for d, _ in differences])
-    singly = chi2.sf(squares, sizes)
+    singly = chi2_sf(squares, sizes)
     worst = int(singly.argmin())
     rows, moved = groups[worst], np.linalg.norm(differences[worst][0].reshape(-1, 2), axis=1).max()
     p_value = bonferroni(
         np.array(
             [
-                chi2.sf(squares.sum(), sizes.sum()),
+                chi2_sf(squares.sum(), sizes.sum()),
                 bonferroni(singly),
                 _drift_p_value(m.time, groups, differences),
             ]
@@ -111,7 +110,7 @@ class Fit:
             return 1.0, size, np.full(len(size), np.inf)
         scale = max(1.0, (self.square - explained) / free)
         error = np.sqrt(scale * np.diag(inverse))
-        return float(f_distribution.sf(explained / rank / scale, rank, free)), size, error
+        return float(f_sf(explained / rank / scale, rank, free)), size, error
 
 
 def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> Fit | None:
@@ -191,7 +190,7 @@ def scatter(found: Fit | None) -> Finding:
     if found is None:
         return skipped(name, NO_CELL_SD)
     ratio = np.sqrt(found.square / found.dof)
-    p_value = float(chi2.sf(found.square, found.dof))
+    p_value = float(chi2_sf(found.square, found.dof))
     return Finding(
         name,
         "pass" if result_of(p_value) == "pass" else "warn",
@@ -230,7 +229,7 @@ def _drift_p_value(
         elapsed = np.kron((time[rows[1:]] - time[rows[0]])[:, None], np.eye(2))
         power += elapsed.T @ np.linalg.solve(spread, elapsed)
         along += elapsed.T @ np.linalg.solve(spread, difference)
-    return float(chi2.sf(along @ np.linalg.solve(power, along), 2)) if power[0, 0] > 0 else 1.0
+    return float(chi2_sf(along @ np.linalg.solve(power, along), 2)) if power[0, 0] > 0 else 1.0
 
 
 def _millimetres(shift: np.ndarray, error: np.ndarray) -> str:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2, norm
 
+from tulip_testbed.identification.distributions import chi2_sf, normal_sf
 from tulip_testbed.identification.nominal import Nominal, jacobian
 from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
 from tulip_testbed.identification.reading_noise import usable_sd
@@ -43,7 +43,7 @@ def _legs_close(
     white = (whitener @ error[..., None])[..., 0]
     squares = (white**2).sum(axis=1)
     row = int(squares.argmax())
-    p_value = bonferroni(np.array([chi2.sf(squares.sum(), rank.sum()), bonferroni(chi2.sf(squares, rank))]))
+    p_value = bonferroni(np.array([chi2_sf(squares.sum(), rank.sum()), bonferroni(chi2_sf(squares, rank))]))
     rms = 1e3 * np.sqrt((error**2).mean(axis=0))
     usual = 1e3 * np.sqrt(np.einsum("mki,mki->k", slope, slope) / len(m)) * encoder_sd
     advice = "Check the encoders' zeros and signs, link lengths, and that both soles lay flat."
@@ -77,7 +77,7 @@ def _feet_stay(measurements: Measurements, pose: np.ndarray, slope: np.ndarray) 
     beyond = np.maximum(np.abs(away) - STAY, 0.0)
     # The factor sqrt 2 accounts for the noise of the median.
     z = np.divide(beyond, np.sqrt(2) * sd, out=np.where(beyond > 0, np.inf, 0.0), where=sd > 0)
-    p_values = np.where(beyond > 0, 2 * norm.sf(z), 1.0)
+    p_values = np.where(beyond > 0, 2 * normal_sf(z), 1.0)
     p_value = bonferroni(p_values)
     row = int(p_values.min(axis=1).argmin()) if p_value < 1 else int((np.abs(away) / STAY).max(1).argmax())
     x, y, yaw = 1e3 * away[row]

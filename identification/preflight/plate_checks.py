@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import norm
 
 from tulip_testbed.identification.center_of_pressure import cell_positions
+from tulip_testbed.identification.distributions import normal_isf, normal_sf
 from tulip_testbed.identification.feasibility import foot_clearance
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import (
@@ -119,8 +119,8 @@ def load_in_soles(measurements: Measurements, nominal: Nominal) -> Finding:
     outside, sd = _outside(cop, soles, spread)
     z = np.where(enough, (outside - MOST_PUSH * np.abs(m.top_height)) / sd, -np.inf)
     row, foot = np.unravel_index(z.argmax(), z.shape)
-    p_value = bonferroni(norm.sf(z[enough]))
-    count = int((z > norm.isf(0.01 / z.size)).sum())
+    p_value = bonferroni(normal_sf(z[enough]))
+    count = int((z > normal_isf(0.01 / z.size)).sum())
     return Finding(
         name,
         result_of(p_value),

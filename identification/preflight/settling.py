@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import t as t_distribution
 
+from tulip_testbed.identification.distributions import t_sf
 from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
 from tulip_testbed.sim.measurements import Measurements, Series
 from tulip_testbed.sim.robot import CELLS
@@ -139,7 +139,7 @@ def _halves(readings: np.ndarray, harmless: np.ndarray) -> tuple[np.ndarray, np.
     error = np.sqrt((rest**2).sum(axis=(0, 1)) / dof * 2 / BATCHES)
     beyond = np.maximum(np.abs(change) - harmless, 0.0)
     t = np.divide(beyond, error, out=np.where(beyond > 0, np.inf, 0.0), where=error > 0)
-    return change, np.where(beyond > 0, 2 * t_distribution.sf(t, dof), 1.0)
+    return change, np.where(beyond > 0, 2 * t_sf(t, dof), 1.0)
 
 
 def _channel(m: Measurements, channel: int, value: float) -> tuple[str, float, str]:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2, norm
-from scipy.stats import t as t_distribution
 
+from tulip_testbed.identification.distributions import chi2_sf, normal_sf, t_sf
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
 from tulip_testbed.identification.reading_noise import usable_sd
@@ -32,13 +31,13 @@ def weight_balance(measurements: Measurements) -> Finding:
             return skipped(name, "no sensors.cell_sd in the manifest, and too few postures to estimate it")
         spread = float(np.hypot(total.std(ddof=1) / np.sqrt(len(m)), m.gravity * mass_sd))
         beyond = max(abs(float(error.mean())) - NEGLIGIBLE * mass * m.gravity, 0.0)
-        p_value = float(2 * t_distribution.sf(beyond / max(spread, 1e-12), len(m) - 1)) if beyond else 1.0
+        p_value = float(2 * t_sf(beyond / max(spread, 1e-12), len(m) - 1)) if beyond else 1.0
         seen = f"mean {error.mean():+.2f} ± {spread:.2f} N off {mass * m.gravity:.2f} N"
         expected = "within the cells' own scatter (no sensors.cell_sd stated)"
         return Finding(name, result_of(p_value), seen, expected, "", CELL_ADVICE, p_value)
     spread = float(np.hypot(sd / np.sqrt(len(m)), m.gravity * mass_sd))
     row, scatter, p_scatter = _scatter(total, sd)
-    p_value = bonferroni(np.array([2 * norm.sf(abs(error.mean()) / spread), p_scatter]))
+    p_value = bonferroni(np.array([2 * normal_sf(abs(error.mean()) / spread), p_scatter]))
     return Finding(
         name,
         result_of(p_value),
@@ -119,8 +118,8 @@ def _scatter(total: np.ndarray, sd: float) -> tuple[int, float, float]:
     if dof == 0:
         return row, 0.0, 1.0
     square = float(deviation @ deviation)
-    outlier = bonferroni(2 * norm.sf(np.abs(deviation) / sd / np.sqrt(dof / len(total))))
-    return row, np.sqrt(square / dof), bonferroni(np.array([chi2.sf(square / sd**2, dof), outlier]))
+    outlier = bonferroni(2 * normal_sf(np.abs(deviation) / sd / np.sqrt(dof / len(total))))
+    return row, np.sqrt(square / dof), bonferroni(np.array([chi2_sf(square / sd**2, dof), outlier]))
 
 
 def _change(clock: np.ndarray, values: np.ndarray, harmless: float) -> tuple[float, float, float]:
@@ -136,4 +135,4 @@ def _change(clock: np.ndarray, values: np.ndarray, harmless: float) -> tuple[flo
     beyond = max(abs(slope) - harmless, 0.0)
     if beyond == 0:
         return slope, error, 1.0
-    return slope, error, float(2 * t_distribution.sf(beyond / error, len(values) - 2)) if error else 0.0
+    return slope, error, float(2 * t_sf(beyond / error, len(values) - 2)) if error else 0.0

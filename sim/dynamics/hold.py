@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from tulip_testbed.sim.dynamics.balance import Balance, balance_of, mechanical_energy
 from tulip_testbed.sim.dynamics.stand import Stand
@@ -79,7 +79,7 @@ def move(stand: Stand, start: np.ndarray, end: np.ndarray, command: np.ndarray) 
     duration = stand.protocol.move_time
     path_between = stand.chain.path if stand.foot_contact.all() else straight_path
     knots = np.vstack([start, path_between(start, end, PATH_KNOTS)])
-    path = CubicSpline(np.linspace(0, duration, PATH_KNOTS + 1), knots, bc_type="clamped")
+    path = scipy.interpolate.CubicSpline(np.linspace(0, duration, PATH_KNOTS + 1), knots, bc_type="clamped")
     time = np.arange(1, round(duration / SERVO_PERIOD) + 1) * SERVO_PERIOD
     part = time[:, None] / duration
     noise = (1 - part) * (stand.command - start) + part * (command - end)
