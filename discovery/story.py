@@ -11,6 +11,7 @@ from tulip_testbed.discovery.discover import AMBIGUOUS, NAMED, NONE, Discovery, 
 from tulip_testbed.discovery.effect_intervals import with_intervals
 from tulip_testbed.discovery.proposals import Proposal
 from tulip_testbed.discovery.selection import LEVEL
+from tulip_testbed.sim.numbers import number
 
 MANY = 2  # effects that often occur together
 LARGE = 5.0  # prior s.d., beyond which predictions were not tested
@@ -28,12 +29,15 @@ def story(found: Discovery, next_experiment: list[Proposal]) -> list[str]:
     lines = [_headline(found)]
     lines.append(_size_of_experiment(found) if found.verdict == NONE else _channels(found))
     if found.heldout is not None and found.fit.terms and found.verdict != NONE:
-        before, after, floor = found.heldout.millimetres
+        before, after, floor = (
+            number(by_channel["AFTC"], ".2f")
+            for by_channel in (found.heldout.before, found.heldout.after, found.heldout.floor)
+        )
+        before_mm, after_mm, noise_mm = (number(value, ".2f") for value in found.heldout.millimetres)
         lines.append(
             "On placements that took no part in the fit, the root mean square of the residuals goes from "
-            f"{found.heldout.before['AFTC']:.2f} to {found.heldout.after['AFTC']:.2f} times the noise "
-            f"(by chance up to {found.heldout.floor['AFTC']:.2f}), that of the centre of pressure from "
-            f"{before:.2f} to {after:.2f} mm (noise {floor:.2f} mm)."
+            f"{before} to {after} times the noise (by chance up to {floor}), that of the centre of pressure "
+            f"from {before_mm} to {after_mm} mm (noise {noise_mm} mm)."
         )
     if found.fit.terms and found.verdict in (NAMED, AMBIGUOUS) and found.patterns[0].p < LEVEL:
         lines.append(f"A small pattern remains unexplained: {found.patterns[0].words}.")
@@ -49,7 +53,7 @@ def story(found: Discovery, next_experiment: list[Proposal]) -> list[str]:
             "quantity in question directly."
         )
     lines += [
-        f"To separate them: {p.words} The expected ln BF is then {p.gain:.3g} times as large."
+        f"To separate them: {p.words} The expected ln BF is then {number(p.gain, '.3g')} times as large."
         for p in next_experiment
     ]
     if found.noise.assumed:
@@ -99,7 +103,9 @@ def _headline(found: Discovery) -> str:
 
 
 def _listed(explanations: Sequence[Fitted]) -> str:
-    return ", ".join(f"{e.label} ({_sizes(e)}; ln BF {e.log_bayes_factor:.1f})" for e in explanations)
+    return ", ".join(
+        f"{e.label} ({_sizes(e)}; ln BF {number(e.log_bayes_factor, '.1f')})" for e in explanations
+    )
 
 
 def _sizes(fitted: Fitted) -> str:
@@ -113,14 +119,15 @@ def _channels(found: Discovery) -> str:
     parts = []
     for test in found.selection.lack_of_fit:
         if test.p < SHOWN:
-            closed = f" -> {after[test.channel] ** 2:.2g}" if test.channel in after else ""
-            ratio = f"{test.chi_square / test.dof:.2g}{closed}"
+            ratio = number(test.chi_square / test.dof, ".2g")
+            if test.channel in after:
+                ratio += f" -> {number(after[test.channel] ** 2, '.2g')}"
             parts.append(f"{PLACES[test.channel]} (chi-square per degree of freedom {ratio})")
     if parts:
         return f"The gap shows in {', '.join(parts)}."
     return (
         "No channel by itself shows the gap, but the test of all effects of the catalogue does "
-        f"(p = {found.selection.p:.2g})."
+        f"(p = {number(found.selection.p, '.2g')})."
     )
 
 

@@ -11,6 +11,7 @@ from tulip_testbed.effects.targets import WHOLE, Targets
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.errors import listed
 from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.rig import Rig
 
 Values = tuple[float, ...]
@@ -77,11 +78,12 @@ class Parameter:
             return self.choices[round(value)].replace("_", " ")
         factor, unit = self.display
         if interval is None:
-            return f"{factor * value:.3g} {unit}".strip()
+            return f"{number(factor * value, '.3g')} {unit}".strip()
         # The shorter half of an interval may have been cut at zero.
         half = factor * max(interval[1] - value, value - interval[0])
         digits = max(0, 1 - math.floor(math.log10(half))) if half > 0 else 3
-        return f"{factor * value:.{digits}f} ± {half:.{digits}f} {unit}".strip()
+        size, half_width = (number(x, f".{digits}f") for x in (factor * value, half))
+        return f"{size} ± {half_width} {unit}".strip()
 
 
 @dataclass(frozen=True)

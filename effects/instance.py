@@ -14,6 +14,7 @@ from tulip_testbed.effects.effect import Effect, Parameter, Values
 from tulip_testbed.effects.targets import check_target
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
+from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import Robot
 
@@ -118,8 +119,9 @@ class EffectInstance:
     def doubts(self) -> list[str]:
         """Return a warning for every implausible value: most often another unit was meant."""
         return [
-            f"{self.label}: {p.name} {value:g} {p.unit} ({p.text(value)}) is {abs(value) / p.prior:.0f} "
-            f"times what is plausible ({p.prior:.3g} {p.unit}); values are in SI units"
+            f"{self.label}: {p.name} {number(value)} {p.unit} ({p.text(value)}) is "
+            f"{abs(value) / p.prior:.0f} times what is plausible ({number(p.prior, '.3g')} {p.unit}); "
+            "values are in SI units"
             for p, value in zip(self.effect.parameters, self.values, strict=True)
             if p.prior and abs(value) > DOUBTFUL_PRIORS * p.prior
         ]

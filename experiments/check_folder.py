@@ -14,7 +14,6 @@ from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.example import example_manifest, example_row
 from tulip_testbed.experiments.preflight_tables import advice_table, complaint_lines, finding_table
-from tulip_testbed.experiments.table import Shown, Table
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight import RESULTS, Finding, preflight, worst_of
 from tulip_testbed.identification.preflight.plate_checks import plate_poses
@@ -25,6 +24,7 @@ from tulip_testbed.sim.measurements.folder_kind import check_kind
 from tulip_testbed.sim.measurements.measurement_folder import read_manifest
 from tulip_testbed.sim.measurements.survey import complaints
 from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.table import Shown, Table
 
 UNREADABLE = "could not read"
 

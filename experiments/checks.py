@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.experiments.table import Cell, Column, Table
 from tulip_testbed.identification.distributions import f_ppf, t_ppf
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.statistics import standard_errors
+from tulip_testbed.sim.column import Column
+from tulip_testbed.sim.table import Cell, Table
 
 LEVEL = 0.01  # of every statistical check
 IDEAL_ERROR = 1e-3  # m, noise-free data only

@@ -9,8 +9,9 @@ from tulip_testbed.experiments.discovery_record import DiscoveryRecord
 from tulip_testbed.experiments.document import flattened
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
 from tulip_testbed.experiments.records import Record
-from tulip_testbed.experiments.table import Cell, Column, Table
+from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.table import Cell, Table
 
 NOT_SETTINGS = ("outputs",)  # hashes of results: they differ whenever the results do
 SHOWN = {

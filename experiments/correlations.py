@@ -9,9 +9,10 @@ from typing import Any, NamedTuple, overload
 
 import numpy as np
 
-from tulip_testbed.experiments.table import Column, Shown, Table
 from tulip_testbed.identification.statistics import HIGH_CORRELATION
+from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.errors import UnknownNameError, listed, shortened
+from tulip_testbed.sim.table import Shown, Table
 
 
 class Pair(NamedTuple):

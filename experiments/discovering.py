@@ -13,12 +13,12 @@ from tulip_testbed.discovery.proposals import Proposal, proposals
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.identify import Identification, identify
-from tulip_testbed.experiments.table import Shown, Table
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight.units import units
 from tulip_testbed.sim.errors import InputError, at_least
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.table import Shown, Table
 
 
 @dataclass(frozen=True, repr=False)

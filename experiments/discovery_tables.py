@@ -9,7 +9,8 @@ from typing import Any
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Parameter
 from tulip_testbed.effects.instance import effect_label
-from tulip_testbed.experiments.table import Cell, Column, Table
+from tulip_testbed.sim.column import Column
+from tulip_testbed.sim.table import Cell, Table
 
 MOVED = 0.5  # standard errors from which on a parameter's change is marked
 MOST_P = 0.05  # above it a pattern in the residuals is not worth a row

@@ -17,10 +17,10 @@ from tulip_testbed.experiments.parameter_tables import (
     standard_table,
     weak_directions,
 )
-from tulip_testbed.experiments.table import Table
 from tulip_testbed.identification.estimators import ESTIMATORS
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.table import Table
 
 
 def identification_document(

@@ -12,7 +12,6 @@ from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.correlations import Correlations, parameter_index
 from tulip_testbed.experiments.estimate_report import model_report
 from tulip_testbed.experiments.parameter_tables import mass_line, parameter_table
-from tulip_testbed.experiments.table import Shown, Table
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,
     base_parameters,
@@ -30,6 +29,7 @@ from tulip_testbed.identification.statistics import (
 )
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.table import Shown, Table
 
 
 @dataclass(frozen=True)

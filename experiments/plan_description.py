@@ -11,7 +11,6 @@ import numpy as np
 
 from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table, united_links
 from tulip_testbed.experiments.planning_run import joined
-from tulip_testbed.experiments.table import Column, Table
 from tulip_testbed.experiments.usable_plan import planned_parameters
 from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
 from tulip_testbed.identification.feasibility import predicted_cell_loads, predicted_foot_loads
@@ -26,12 +25,14 @@ from tulip_testbed.identification.statistics import (
     relative_standard_errors,
     standard_errors,
 )
+from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, joint_names, sole_point
 from tulip_testbed.sim.scene import boards_under, nominal_plates
+from tulip_testbed.sim.table import Table
 
 LARGE_SHARE = 1000.0  # % of a nominal value: it is near zero
 

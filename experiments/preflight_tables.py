@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from tulip_testbed.experiments.example import compact_json
-from tulip_testbed.experiments.table import Cell, Column, Table
+from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.measurements.survey import MAY_LACK
+from tulip_testbed.sim.table import Cell, Table
 
 
 def finding_table(checks: list[dict[str, Any]]) -> Table:

@@ -22,6 +22,7 @@ from tulip_testbed.sim.files import new_folder, present, write_text
 from tulip_testbed.sim.measurements.measurement_folder import Version
 from tulip_testbed.sim.measurements.plan_folder import check_model
 from tulip_testbed.sim.measurements.table_files import json_text, software
+from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, compile_spec, sha256
 from tulip_testbed.sim.scene import boards_under, laboratory_scene
@@ -197,7 +198,7 @@ def _outside(nominal: Rig, changed: Rig, instances: Sequence[EffectInstance]) ->
 
 def _numbers(found: EffectInstance) -> str:
     values = ", ".join(
-        f"{parameter.name} {value:.6g} {parameter.unit}".strip()
+        f"{parameter.name} {number(value)} {parameter.unit}".strip()
         for parameter, value in zip(found.effect.parameters, found.values, strict=True)
     )
     return f"({found.target + ': ' if found.target else ''}{values})"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.experiments.laboratory import Run
-from tulip_testbed.experiments.table import number
+from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.outcome import Truth
 
 

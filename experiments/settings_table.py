@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from tulip_testbed.experiments.document import flattened
-from tulip_testbed.experiments.table import Cell, Column, Table
+from tulip_testbed.sim.column import Column
+from tulip_testbed.sim.table import Cell, Table
 
 
 def settings_table(document: dict[str, Any]) -> Table:

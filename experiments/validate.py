@@ -27,7 +27,6 @@ from tulip_testbed.experiments.estimate_report import model_report
 from tulip_testbed.experiments.identify import Identification, identify
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory, Run
 from tulip_testbed.experiments.parameter_tables import parameter_table
-from tulip_testbed.experiments.table import Shown, Table
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.identification.base_parameters import BaseParameters, renumbered
 from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS, solve_least_squares
@@ -36,6 +35,7 @@ from tulip_testbed.identification.statistics import correlations
 from tulip_testbed.sim.errors import look_up
 from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.sensors import Sensors
+from tulip_testbed.sim.table import Shown, Table
 
 NEGLIGIBLE = 1e-6  # m: a parameter that the simplified model may drop without bias
 

@@ -13,8 +13,8 @@ from tulip_testbed.experiments.parameter_tables import (
     read_reported,
 )
 from tulip_testbed.experiments.run_summary import balance_line, sag_line, usable_postures
-from tulip_testbed.experiments.table import Table
 from tulip_testbed.experiments.validate import Validation
+from tulip_testbed.sim.table import Table
 
 
 def validation_report(result: Validation, document: dict[str, Any]) -> list[Table | str]:

@@ -136,9 +136,9 @@ def test_the_wheel_holds_every_folder():
         ("dm_control", r"sim\.composer\.\w+"),
         ("dm_env", r"sim\.composer\.\w+"),
         ("tyro", r"cli\.\w+"),
-        ("rich", r"(cli\.terminal|experiments\.table)"),
+        ("rich", r"(cli\.terminal|sim\.table(_layout)?)"),
         ("jinja2", r"pages\.\w+"),
-        ("pandas", r"experiments\.(table|correlations|atlases\.effect_atlas)"),
+        ("pandas", r"(sim\.table|experiments\.correlations|experiments\.atlases\.effect_atlas)"),
     ],
 )
 def test_a_library_has_one_room(library, owners):

@@ -110,10 +110,22 @@ def test_a_finding_is_a_sentence(values, intervals, sentence):
     assert EffectInstance(offset, "right_knee", values, intervals).finding == sentence
 
 
+@pytest.mark.parametrize(
+    ("value", "interval", "text"),
+    [
+        (2.345, None, "2345 mm"),  # rather than 2.35e+03
+        (1e-8, None, "1e-5 mm"),  # rather than 1e-05
+        (-1e-6, (-1e-2, 1e-2), "0 ± 10 mm"),  # rather than -0
+    ],
+)
+def test_sizes_are_written_as_numbers_in_tables(value, interval, text):
+    assert catalogue()["link-length"].parameters[0].text(value, interval) == text
+
+
 def test_the_catalogue_is_a_table():
     text, page = repr(effects.catalogue()), effects.catalogue()._repr_html_()
     lines = text.splitlines()
-    assert lines[0].split("  ")[0] == "effect"
+    assert lines[1].split() == ["effect", "unit", "plausible", "size", "what", "it", "is"]
     (tilt,) = (line for line in lines if line.startswith("tilt="))
     cells = [
         "tilt=ABOUT_X,ABOUT_Y",

@@ -17,7 +17,7 @@ from tests.fuzz.folders import json_values
 from tests.fuzz.judge import KINDS, Judge
 from tests.fuzz.robots import PLATE_KINDS
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.table import printable
+from tulip_testbed.sim.column import printable
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements.table_files import MOST_DEPTH, Table, read_json
 from tulip_testbed.sim.robot import load_robot, load_spec

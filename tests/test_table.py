@@ -13,16 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from tulip_testbed.experiments.table import (
-    STYLES,
-    Cell,
-    Column,
-    Shown,
-    Table,
-    number,
-    shown_columns,
-    whole_width,
-)
+from tulip_testbed.sim.column import Column
+from tulip_testbed.sim.numbers import number
+from tulip_testbed.sim.table import STYLES, Cell, Shown, Table
+from tulip_testbed.sim.table_layout import shown_columns
 
 HOSTILE = (
     "knee[left]",
@@ -123,8 +117,8 @@ def test_numbers_end_at_the_right_and_texts_begin_at_the_left():
 
 def test_only_extra_columns_are_left_out_and_it_is_said():
     table = made(ROWS)
-    assert "50 to 75" in table.text(whole_width(table))
-    narrow = table.text(whole_width(table) - 1)
+    assert "50 to 75" in table.text(table.whole_width)
+    narrow = table.text(table.whole_width - 1)
     assert "50 to 75" not in narrow
     assert "Too narrow here for: interval." in narrow
     assert "-11.72" in narrow
@@ -138,9 +132,9 @@ def test_extra_columns_are_left_out_from_the_right():
         Column("d", format="d", extra=True),
     )
     table = Table("", columns, [[10000, 20000, 30000, 40000]])
-    assert list(shown_columns(table, 26)) == [0, 1, 2, 3]
-    assert list(shown_columns(table, 25)) == [0, 1, 2]
-    assert list(shown_columns(table, 18)) == [0, 2]
+    assert list(shown_columns(table.columns, table.texts, 26)) == [0, 1, 2, 3]
+    assert list(shown_columns(table.columns, table.texts, 25)) == [0, 1, 2]
+    assert list(shown_columns(table.columns, table.texts, 18)) == [0, 2]
 
 
 def test_texts_wrap_at_blanks_before_anything_is_wider_than_asked_for():

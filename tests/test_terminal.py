@@ -14,7 +14,8 @@ from tulip_testbed.cli.terminal import (
     show_verdict,
     show_whole,
 )
-from tulip_testbed.experiments.table import Column, Table
+from tulip_testbed.sim.column import Column
+from tulip_testbed.sim.table import Table
 
 HOSTILE = "[red]x[/] \x1b[2J"
 AS_IT_IS = "[red]x[/] \\x1b[2J"

@@ -5,24 +5,24 @@ from __future__ import annotations
 import pkgutil
 from collections.abc import Iterator
 from functools import cache
-from html import escape
 from importlib import import_module
 from inspect import cleandoc
-from textwrap import wrap
 from types import ModuleType
 
 from tulip_testbed.effects.effect import Effect
+from tulip_testbed.sim.column import Column
+from tulip_testbed.sim.table import Table
 
-HEADERS = ("effect", "unit", "plausible size", "what it is")
-LINE = 60  # characters of the last column in plain text
+WIDTH = 150  # characters of the table in plain text: sentences of two lines at most
 
 
 class Catalogue(dict[str, Effect]):
     """Effects by name; shown as a table."""
 
-    def rows(self) -> list[tuple[str, str, str, str]]:
+    def table(self) -> Table:
         """Return the usage of every effect, its units, plausible sizes and what it is."""
-        return [
+        columns = tuple(map(Column, ("effect", "unit", "plausible size", "what it is")))
+        rows = [
             (
                 effect.usage,
                 ", ".join(p.unit or "-" for p in effect.parameters),
@@ -31,24 +31,13 @@ class Catalogue(dict[str, Effect]):
             )
             for effect in self.values()
         ]
+        return Table("Effects; values are given in SI units", columns, rows)
 
     def __repr__(self) -> str:
-        table = [HEADERS, *self.rows()]
-        widths = [max(len(row[k]) for row in table) for k in range(len(HEADERS) - 1)]
-        lines = []
-        for *cells, sentence in table:
-            start = "".join(cell.ljust(width + 2) for cell, width in zip(cells, widths, strict=True))
-            lines += wrap(
-                sentence, len(start) + LINE, initial_indent=start, subsequent_indent=len(start) * " "
-            )
-        return "\n".join(lines)
+        return self.table().text(WIDTH)
 
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in row)}</tr>"
-            for tag, row in [("th", HEADERS), *(("td", row) for row in self.rows())]
-        )
-        return f"<table>{rows}</table>"
+        return self.table().html()
 
 
 @cache

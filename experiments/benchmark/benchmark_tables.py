@@ -15,7 +15,8 @@ from tulip_testbed.effects.instance import split_label
 from tulip_testbed.experiments.benchmark import cases as arms
 from tulip_testbed.experiments.benchmark.case_outcome import Outcome
 from tulip_testbed.experiments.benchmark.score import Figure, figures, in_set, of, rate, right, wrong
-from tulip_testbed.experiments.table import Column, Table
+from tulip_testbed.sim.column import Column
+from tulip_testbed.sim.table import Table
 
 SAID = (Column("verdicts"), Column("named"))
 

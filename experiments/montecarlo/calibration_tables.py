@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from tulip_testbed.experiments.montecarlo.calibration_verdict import BIAS, COVERAGE, LEVEL, RATIO
-from tulip_testbed.experiments.table import Cell, Column, Table, number
+from tulip_testbed.sim.column import Column
+from tulip_testbed.sim.numbers import number
+from tulip_testbed.sim.table import Cell, Table
 
 LEGEND = (
     "bias: mean error, ± its Monte Carlo standard error; stated s.e.: by the estimator; found s.e.: s.d. of "

@@ -27,10 +27,10 @@ from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
 from tulip_testbed.experiments.montecarlo.run_columns import Job, layout_of
 from tulip_testbed.experiments.montecarlo.settings import Settings, check_settings
 from tulip_testbed.experiments.montecarlo.summary import errors_mm, summarise
-from tulip_testbed.experiments.table import Shown, Table
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.sim.errors import InputError, at_least
 from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.table import Shown, Table
 
 Progress = Callable[[str, int, int], AbstractContextManager[Callable[[int], None]]]
 

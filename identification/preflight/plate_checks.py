@@ -18,6 +18,7 @@ from tulip_testbed.identification.preflight.finding import (
 )
 from tulip_testbed.identification.reading_noise import placement_levers, placement_sd, usable_sd
 from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.robot import PLATES
 
 SAME_POSE = 1e-9  # m, rad: largest difference of the recorded poses of a placement
@@ -44,8 +45,8 @@ def plate_poses(measurements: Measurements) -> Finding:
         if spread.max() > SAME_POSE:
             plate, axis = np.unravel_index(spread.argmax(), spread.shape)
             warnings.append(
-                f"plate.{PLATES[plate]}.{('x', 'y', 'yaw')[axis]} changes by {spread[plate, axis]:.4g} "
-                f"within placement {placement}"
+                f"plate.{PLATES[plate]}.{('x', 'y', 'yaw')[axis]} changes by "
+                f"{number(spread[plate, axis], '.4g')} within placement {placement}"
             )
             where.append(f"placement {placement}")
         right, left = corners[rows[0]].mean(axis=1)

@@ -14,6 +14,7 @@ from tulip_testbed.identification.preflight.finding import (
 )
 from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.robot import CELLS
 
 LEAST_TIES, TIED_SHARE = 3, 0.05  # number and share of rows at the same extreme that count as a fault
@@ -104,12 +105,15 @@ def resolution(measurements: Measurements) -> Finding:
         count = _median(m.samples)
         mean_noise = noise / np.sqrt(count) if np.isfinite(noise) and np.isfinite(count) else 0.0
         for source, least in (
-            (f"a resolution of {step:g} at noise {noise:.2g}" if step else "", rounding),
+            (f"a resolution of {step:g} at noise {number(noise, '.2g')}" if step else "", rounding),
             (f"{prefix}.* written in steps of {written:g}", written / np.sqrt(12)),
-            (f"noise of {noise:.2g} over {count:g} samples", mean_noise),
+            (f"noise of {number(noise, '.2g')} over {count:g} samples", mean_noise),
         ):
             if source and least > 1.1 * stated:
-                texts.append(f"{source} gives an s.d. of {least:.2g}, but sensors.{key} states {stated:.2g}")
+                texts.append(
+                    f"{source} gives an s.d. of {number(least, '.2g')}, "
+                    f"but sensors.{key} states {number(stated, '.2g')}"
+                )
                 where.append(f"sensors.{key}")
     return Finding(
         "stated noise",

@@ -7,6 +7,7 @@ import numpy as np
 from tulip_testbed.identification.distributions import t_sf
 from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
 from tulip_testbed.sim.measurements import Measurements, Series
+from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.robot import CELLS
 
 BATCHES = 10  # per half; means of many samples are nearly independent
@@ -40,8 +41,8 @@ def settling(measurements: Measurements, series: Series | None) -> Finding:
     return Finding(
         name,
         result_of(p_value),
-        f"{count} of {int(evaluated.sum())} windows still change; most: {label} by {size:+.3g} {unit} "
-        "from the first half to the second",
+        f"{count} of {int(evaluated.sum())} windows still change; most: {label} by "
+        f"{number(size, '+.3g')} {unit} from the first half to the second",
         "no change beyond the stated s.d. of an averaged reading",
         row_name(m, int(row)),
         ADVICE,
@@ -69,7 +70,7 @@ def series_agrees(measurements: Measurements, series: Series | None) -> Finding:
         if ratio.max() > worst:
             worst = float(ratio.max())
             label, size, unit = _channel(m, int(ratio.argmax()), off[ratio.argmax()])
-            where = f"{label}, {row_name(m, row)}: {size:.3g} {unit} apart"
+            where = f"{label}, {row_name(m, row)}: {number(size, '.3g')} {unit} apart"
     seen = f"{len(m) - missing} of {len(m)} postures have raw readings"
     if worst > 1:
         seen += "; their averages are not the table's"
@@ -108,7 +109,7 @@ def steady_windows(measurements: Measurements) -> Finding:
     worst = float(ratio[row, channel])
     result = "fail" if worst > UNSTEADY_FAIL else "warn" if worst > UNSTEADY_WARN else "pass"
     label, size, unit = _channel(m, int(channel), spread[row, channel])
-    seen = f"largest: {label} with {size:.3g} {unit}, {worst:.1f} times its usual"
+    seen = f"largest: {label} with {number(size, '.3g')} {unit}, {worst:.1f} times its usual"
     dead = [label for label in frozen if label.startswith("cell.")]
     if dead:
         seen += f"; s.d. exactly 0: {', '.join(dead)}"

@@ -7,6 +7,7 @@ import numpy as np
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, few, row_name
 from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.robot import CORNERS, PLATES
 
 # Allowed beyond a limit: drives sag under gravity by up to 0.02 rad in the simulated laboratory.
@@ -90,13 +91,12 @@ def _angles(measurements: Measurements, nominal: Nominal) -> list[tuple[str, str
         most = np.abs(angles).max()
         # A wrong sign or zero leaves the range by less, which 'joint limits' reports.
         if most > min(2 * max(abs(low), abs(high)), 2 * np.pi) and np.deg2rad(most) <= np.pi:
-            text = (
-                f"q.{joint} reads {angles.min():.4g} to {angles.max():.4g} where [{low:.2f}, {high:.2f}] rad"
-            )
+            read = f"{number(angles.min(), '.4g')} to {number(angles.max(), '.4g')}"
+            text = f"q.{joint} reads {read} where [{low:.2f}, {high:.2f}] rad"
             complaints.append((f"q.{joint}", f"{text} is possible: degrees?"))
     yaw = np.abs(measurements.plate_poses[:, :, 2])
     complaints += [
-        (f"plate.{plate}.yaw", f"plate.{plate}.yaw reads up to {yaw[:, p].max():.4g}: degrees?")
+        (f"plate.{plate}.yaw", f"plate.{plate}.yaw reads up to {number(yaw[:, p].max(), '.4g')}: degrees?")
         for p, plate in enumerate(PLATES)
         if yaw[:, p].max() > MOST_YAW
     ]
@@ -137,14 +137,15 @@ def _masses(measurements: Measurements, nominal: Nominal) -> list[tuple[str, str
         weighed = measurements.weighed_mass[0]
         if not 0.5 < weighed / mass < 2:
             guess = _guess(weighed / mass, {gravity: "newtons", 1000.0: "grams"})
-            text = f"weighed_mass is {weighed:g} where the model weighs {mass:.4g} kg{guess}"
+            text = f"weighed_mass is {weighed:g} where the model weighs {number(mass, '.4g')} kg{guess}"
             complaints.append(("weighed_mass", text))
         else:
             mass = weighed
     total = float(np.median(measurements.cell_forces.sum(axis=1)))
     if not 0.5 < total / (mass * gravity) < 2:
         guess = _guess(total / (mass * gravity), {1 / gravity: "kilograms", 1000 / gravity: "grams"})
-        text = f"the cells sum to {total:.4g} where {mass:.4g} kg weigh {mass * gravity:.4g} N{guess}"
+        text = f"the cells sum to {number(total, '.4g')} where {number(mass, '.4g')} kg "
+        text += f"weigh {number(mass * gravity, '.4g')} N{guess}"
         complaints.append(("cell.*", text))
     return complaints
 

@@ -23,9 +23,8 @@ def effects_command(
     """
     from tulip_testbed.cli.effect_text import effect_document, effect_lines
     from tulip_testbed.cli.terminal import print_json, show, show_whole
-    from tulip_testbed.effects.catalogue import HEADERS, Catalogue, catalogue
+    from tulip_testbed.effects.catalogue import Catalogue, catalogue
     from tulip_testbed.experiments.description import described_robot
-    from tulip_testbed.experiments.table import Column, Table
     from tulip_testbed.sim.errors import look_up
 
     described = described_robot(robot)
@@ -35,7 +34,7 @@ def effects_command(
     if as_json:
         print_json({"effects": [effect_document(effect, described) for effect in chosen.values()]})
     elif name is None:
-        show(Table("Effects; values are given in SI units", tuple(map(Column, HEADERS)), chosen.rows()))
+        show(chosen.table())
     else:
         show_whole(effect_lines(chosen[name], described))
     return 0

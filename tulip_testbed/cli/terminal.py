@@ -23,8 +23,9 @@ from rich.progress import (
 from rich.status import Status
 from rich.text import Text
 
-from tulip_testbed.experiments.table import STYLES, Table, printable, whole_width
+from tulip_testbed.sim.column import printable
 from tulip_testbed.sim.measurements.table_files import finite
+from tulip_testbed.sim.table import STYLES, Table
 
 ERR = Console(stderr=True)
 PIPE_WIDTH = 150
@@ -41,7 +42,7 @@ def show(*parts: Table | str) -> None:
             _console().print(Text(printable(part)))
         else:
             gap = [""] if isinstance(before, str) and before else []
-            _console(whole_width(part)).print(*gap, part, "", sep="\n", crop=False)
+            _console(part.whole_width).print(*gap, part, "", sep="\n", crop=False)
         before = part
 
 

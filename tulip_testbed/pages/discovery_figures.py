@@ -13,6 +13,7 @@ from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL
 from tulip_testbed.experiments.discovery_tables import behind
 from tulip_testbed.experiments.residual_curves import Curve
 from tulip_testbed.pages.figures import Figure, figure
+from tulip_testbed.sim.numbers import number
 
 BEFORE, AFTER = MEASURED, ESTIMATE
 WIDE = 1.96  # s.d. that 95 % of the noise stay within
@@ -70,10 +71,8 @@ def curve_figure(k: int, curve: Curve, posture: np.ndarray, changed: bool) -> Fi
     drawn.update_xaxes(title="postures in the order of time")
     drawn.update_yaxes(title=curve.unit)
     drawn.update_layout(showlegend=False)
-    spread = [float(np.nanstd(values)) for _, values, _, _ in sides]
-    text = (
-        f"{curve.name} over the experiment, s.d. {' before, '.join(f'{s:.3g}' for s in spread)} {curve.unit}"
-    )
+    spread = " before, ".join(number(float(np.nanstd(values)), ".3g") for _, values, _, _ in sides)
+    text = f"{curve.name} over the experiment, s.d. {spread} {curve.unit}"
     text += " after." if changed else "."
     caption = f"{curve.channel}: {curve.name}"
     return replace(figure(f"residual-{k}", caption, text, drawn, 260), small=True)

@@ -27,7 +27,6 @@ from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRec
 from tulip_testbed.experiments.parameter_tables import models, parameter_table, read_reported
 from tulip_testbed.experiments.records import Record
 from tulip_testbed.experiments.settings_table import settings_table
-from tulip_testbed.experiments.table import Table
 from tulip_testbed.experiments.validate import correlations_at
 from tulip_testbed.experiments.validation_record import ValidationRecord
 from tulip_testbed.identification.base_parameters import base_parameters, common_support, renumbered
@@ -43,6 +42,7 @@ from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.scene import boards_under, nominal_plates
+from tulip_testbed.sim.table import Table
 
 TEMPLATE = "page.html.j2"
 POLYGONS, PICTURES = 6, 4  # how many placements and postures are drawn

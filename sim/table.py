@@ -4,23 +4,17 @@ from __future__ import annotations
 
 import io
 import json
-import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
-from textwrap import wrap
 from typing import Any
 
+from tulip_testbed.sim.column import Column, printable
 from tulip_testbed.sim.measurements.table_files import finite
+from tulip_testbed.sim.table_layout import GAP, shown_columns, whole_width
 
 WIDTH = 100  # characters of a table that is shown by its repr
-GAP = 2  # blanks between two columns
-COMFORTABLE = 32  # characters of a column of text that wraps without being hard to read
-SHORT_TEXT = 12  # characters of a text that does not wrap
-SHORT_HEADING = 9  # characters of a heading that does not wrap unless it must
-LONGEST_WORD = 48  # characters; longer ones, such as hashes, are broken
-LARGE = 1e7  # from here on a number has an exponent
 STYLES = {
     "pass": "green",
     "good": "green",
@@ -30,92 +24,6 @@ STYLES = {
     "moved": "bold",
     "aside": "dim",
 }
-
-
-def printable(text: str) -> str:
-    """Escape every character that would steer a terminal or cannot be encoded, line ends included."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
-
-
-def _make_printable(of: Column | Table, *names: str) -> None:
-    for name in names:
-        object.__setattr__(of, name, printable(getattr(of, name)))
-
-
-def number(value: float, spec: str = ".6g") -> str:
-    """Format a number so that a person can read it: 820 rather than 8.2e+02, 0.00 rather than -0.00.
-
-    Args:
-        spec: as of `format`.
-    """
-    if not math.isfinite(value):
-        return "" if math.isnan(value) else "-"
-    text = format(value, spec)
-    if "e" in text and 1 <= abs(value) < LARGE:
-        text = format(value, "+.0f" if "+" in spec else ".0f")
-    elif abs(value) >= LARGE and isinstance(value, float):
-        text = format(value, ".3g")
-    mantissa, e, exponent = text.partition("e")
-    if not float(mantissa):
-        mantissa = mantissa.lstrip("+-")
-    return f"{mantissa}e{int(exponent)}" if e else mantissa
-
-
-@dataclass(frozen=True)
-class Column:
-    """One column.
-
-    Attributes:
-        name: heading.
-        unit: of the numbers as they are shown; "": none.
-        format: of numbers, as of `format`; such columns are aligned to the right. "": a column of text.
-        scale: factor from the values in the rows to the unit.
-        extra: whether the column may be left out where the width does not suffice.
-    """
-
-    name: str
-    unit: str = ""
-    format: str = ""
-    scale: float = 1.0
-    extra: bool = False
-
-    def __post_init__(self) -> None:
-        _make_printable(self, "name", "unit")
-
-    @property
-    def heading(self) -> str:
-        """Return the name with its unit in brackets."""
-        return f"{self.name} [{self.unit}]" if self.unit else self.name
-
-    def text(self, value: Any) -> str:
-        """Return a value as it is shown.
-
-        Args:
-            value: a number, a text, yes or no, None for a blank; in a column of numbers also an interval
-                (low, high), of which one end may be infinite, or an estimate with its interval
-                (value, low, high); in a column of text also a list.
-        """
-        if value is None:
-            return ""
-        if isinstance(value, str):
-            return printable(value)
-        if isinstance(value, bool):
-            return "yes" if value else "no"
-        if isinstance(value, list | tuple):
-            return self._interval(value) if self.format else ", ".join(map(self.text, value))
-        if not self.format:
-            return str(value) if isinstance(value, int) else number(value)
-        return number(value if self.scale == 1.0 else self.scale * value, self.format)
-
-    def _interval(self, values: Sequence[float]) -> str:
-        *estimate, low, high = values
-        first, last = self.text(low), self.text(high)
-        if estimate:
-            known = math.isfinite(low) and math.isfinite(high)
-            return f"{self.text(estimate[0])} ({f'{first} to {last}' if known else 'no interval'})"
-        if math.isinf(low):
-            return f"at most {last}"
-        return f"at least {first}" if math.isinf(high) else f"{first} to {last}"
 
 
 @dataclass(frozen=True)
@@ -148,7 +56,8 @@ class Table:
     note: str = ""
 
     def __post_init__(self) -> None:
-        _make_printable(self, "title", "note")
+        object.__setattr__(self, "title", printable(self.title))
+        object.__setattr__(self, "note", printable(self.note))
 
     @cached_property
     def cells(self) -> list[list[Cell]]:
@@ -163,11 +72,16 @@ class Table:
             for row in self.cells
         ]
 
+    @property
+    def whole_width(self) -> int:
+        """Return the width from which on no column is left out and none is hard to read."""
+        return whole_width(self.columns, self.texts)
+
     def text(self, width: int = WIDTH) -> str:
         """Return the table as plain text.
 
         Args:
-            width: see `shown_columns`.
+            width: of the screen; see `shown_columns`.
         """
         from rich.console import Console
 
@@ -231,7 +145,7 @@ class Table:
         from rich.table import Table as Grid
         from rich.text import Text
 
-        shown = shown_columns(self, options.max_width)
+        shown = shown_columns(self.columns, self.texts, options.max_width)
         grid = Grid(box=SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, GAP - 1, 0, 0))
         for k, width in shown.items():
             column = self.columns[k]
@@ -267,77 +181,6 @@ class Shown:
         return "\n".join(
             p.html() if isinstance(p, Table) else f"<p>{escape(printable(p))}</p>" for p in self.parts()
         )
-
-
-@dataclass(frozen=True)
-class _Widths:
-    """Widths of a column [characters].
-
-    Attributes:
-        natural: its heading takes two lines at most. whole: none of its cells wraps.
-        least: no number and no word is cut.
-    """
-
-    natural: int
-    whole: int
-    least: int
-
-    @property
-    def comfortable(self) -> int:
-        """Return the width at which wrapped text is not hard to read."""
-        return min(self.whole, max(self.least, COMFORTABLE))
-
-
-def shown_columns(table: Table, width: int) -> dict[int, int]:
-    """Choose the columns that a width has room for.
-
-    Columns that are `extra` are left out from the right until the others fit; then headings wrap, then
-    texts. Numbers and words are never cut: a table that still does not fit is wider than asked for.
-
-    Returns:
-        Width by number of the column [characters].
-    """
-    of = [_widths(table, k) for k in range(len(table.columns))]
-    shown = {k: one.natural for k, one in enumerate(of)}
-
-    def room(widths: Iterable[int]) -> int:
-        sizes = list(widths)
-        return sum(sizes) + GAP * (len(sizes) - 1)
-
-    for k in reversed(range(len(of))):
-        if table.columns[k].extra and room(of[n].comfortable for n in shown) > width:
-            del shown[k]
-    for least in ([one.whole for one in of], [one.least for one in of]):
-        while room(shown.values()) > width and (wider := [k for k in shown if shown[k] > least[k]]):
-            shown[max(wider, key=shown.__getitem__)] -= 1
-    return shown
-
-
-def whole_width(table: Table) -> int:
-    """Return the width from which on no column is left out and none is hard to read."""
-    of = [_widths(table, k) for k in range(len(table.columns))]
-    return sum(one.comfortable for one in of) + GAP * (len(of) - 1)
-
-
-def _widths(table: Table, k: int) -> _Widths:
-    from rich.cells import cell_len
-
-    column, cells = table.columns[k], [row[k] for row in table.texts]
-    words = max(cell_len(word) for word in [*column.name.split(), column.unit])
-    inside = max(map(cell_len, cells), default=0)
-    whole = max(words, inside)
-    least = whole
-    if not column.format and inside > SHORT_TEXT:
-        longest = max(cell_len(word) for text in cells for word in text.split())
-        least = max(words, min(longest, LONGEST_WORD))
-    return _Widths(max(whole, _heading_width(column.name)), whole, least)
-
-
-def _heading_width(name: str) -> int:
-    """Return the least width at which a heading takes two lines, or one if it is short."""
-    if len(name) <= SHORT_HEADING:
-        return len(name)
-    return next(width for width in range(1, len(name) + 1) if len(wrap(name, width)) <= 2)
 
 
 def _scaled(value: Any, column: Column) -> Any:
