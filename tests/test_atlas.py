@@ -199,6 +199,9 @@ def test_document_is_what_the_rows_say(found):
     row = row_of(found, f"plate-translation:{entry['target']}", "y")
     at_found = np.array(entry["bias_at_prior_se"]) * row.detectable / row.prior
     assert entry["bias_at_detectable_se"] == pytest.approx(at_found)
+    frame = found.to_frame()
+    assert frame["detectable"].tolist() == [row.detectable for row in found.rows]
+    assert frame["unit"][frame["effect"] == "plate-yaw"].eq("rad").all()
 
 
 @pytest.fixture(scope="module")

@@ -20,6 +20,8 @@ from tulip_testbed.experiments.atlases.isolability import ISOLABLE, angles, grou
 from tulip_testbed.experiments.atlases.planned_experiment import Planned
 from tulip_testbed.identification.distributions import chi2_isf, normal_isf
 from tulip_testbed.identification.residual_channels import CHANNELS
+from tulip_testbed.sim.column import Column
+from tulip_testbed.sim.table import Table
 
 SAME = 1e-9  # of the largest column: a choice that changes nothing
 
@@ -93,10 +95,9 @@ class Atlas:
 
     def to_frame(self) -> Any:
         """Return a pandas DataFrame with one row a size of an effect, in SI units."""
-        import pandas as pd
-
         kept = ("effect", "target", "parameter", "unit", "prior_sd", "detectable", "visible", "nearest")
-        return pd.DataFrame([{name: row[name] for name in kept} for row in document(self)["effects"]])
+        rows = [[row[name] for name in kept] for row in document(self)["effects"]]
+        return Table("Effects", tuple(map(Column, kept)), rows).frame()
 
     def nearest(self, number: int) -> tuple[int, float]:
         """The other candidate that looks most like one, and the angle to it [rad]."""
