@@ -105,9 +105,6 @@ def run(name: str, arguments: list[str]) -> None:
         InputError: a part that the study does not have, or whatever the study refuses.
     """
     module = importlib.import_module(f"studies.study_{name}")
-    if not hasattr(module, "study"):  # it has a command line of its own
-        sys.argv = [name, *arguments]
-        raise SystemExit(module.main())
     prog = f"python -m studies {name}"
     settings = tyro.cli(
         Settings, prog=prog, description=module.__doc__, args=arguments, default=module.SETTINGS
