@@ -57,7 +57,7 @@ def check_folder(folder: Path, robot: Robot, corrections: Sequence[EffectInstanc
 
     Raises:
         InputError: no such folder, a broken robot, or a folder that cannot be read for a reason
-            that no list of columns and keys would mend.
+            other than missing columns and keys.
     """
     folder = Path(folder)
     check_kind(folder, "measurement")

@@ -13,7 +13,7 @@ from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.table import Cell, Table
 
 MOVED = 0.5  # standard errors from which on a parameter's change is marked
-MOST_P = 0.05  # above it a pattern in the residuals is not worth a row
+MOST_P = 0.05  # above it a pattern in the residuals gets no row
 HELD_OUT_MM = "heldout_rms_mm"
 CHANNEL_NAMES = {
     "A": "A, centre of pressure",

@@ -123,7 +123,7 @@ def identify(
     Args:
         estimator: a name of `identification.estimators.ESTIMATORS`.
         parameters: the robot's base parameters, if they are at hand: for many identifications of one robot.
-        adopted: effects that the measurements are freed of before the regression.
+        adopted: effects that are removed from the measurements before the regression.
 
     Raises:
         InputError: the measurements do not fit the robot or do not suffice, or an unknown estimator.

@@ -1,4 +1,4 @@
-"""Okabe and Ito's palette: colours that colour-blind people can tell apart, one for each thing shown."""
+"""Okabe and Ito's palette: colours that colour-blind people can distinguish, one for each thing shown."""
 
 from __future__ import annotations
 

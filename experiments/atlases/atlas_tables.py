@@ -1,4 +1,4 @@
-"""Tables of an atlas: what a plan detects, what it cannot, what it cannot tell apart."""
+"""Tables of an atlas: what a plan detects, what it cannot detect, what it cannot distinguish."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def effect_table(found: Atlas, rows: list[Row], title: str) -> Table:
 
 
 def group_table(found: Atlas) -> Table:
-    """Return the groups of effects that the postures cannot tell apart."""
+    """Return the groups of look-alikes."""
     rows = [[k, [found.shown[n].label for n in group]] for k, group in enumerate(found.groups, 1)]
     bound = f"{np.degrees(ISOLABLE):.0f} deg"
     title = f"Effects that these postures cannot tell apart (an angle below {bound} to another of the group)"

@@ -1,4 +1,4 @@
-"""The atlas of a plan: which effects it would show, tell apart or hide, before anything is measured."""
+"""The atlas of a plan: which effects it would detect, distinguish or hide, before anything is measured."""
 
 from __future__ import annotations
 
@@ -74,8 +74,8 @@ class Atlas:
     Attributes:
         rows: sizes of all candidates, in the catalogue's order.
         shown: candidates that could be observed, (n,).
-        angle: between them, (n, n) [rad]. groups: of them that cannot be told apart, by their numbers.
-        tests: how many independent tests the catalogue is worth. level: of each.
+        angle: between them, (n, n) [rad]. groups: of look-alikes among them, by their numbers.
+        tests: number of independent tests to which the catalogue is equivalent. level: of each.
     """
 
     planned: Planned

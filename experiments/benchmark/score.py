@@ -17,7 +17,7 @@ from tulip_testbed.experiments.montecarlo.intervals import share
 
 CONFIDENCE = 0.95
 HELD_OUT = 1.1  # times the noise
-BIASED = 1.0  # standard error: a bias that is worth removing
+BIASED = 1.0  # standard error: a bias that ought to be removed
 REDUCED = 0.7
 LATE = {fault.name for fault in OUTSIDE if fault.late}
 

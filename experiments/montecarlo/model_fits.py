@@ -59,7 +59,7 @@ def fit(
     """Identify a robot with an estimator of `identification.estimators.ESTIMATORS`.
 
     Args:
-        adopted: effects that the measurements are freed of before.
+        adopted: effects that are removed from the measurements before.
 
     Raises:
         InputError: the measurements do not suffice.

@@ -67,7 +67,7 @@ class Job:
 
     Attributes:
         parameters: with the lengths of the robot that stands there.
-        adopted: effects that the measurements are freed of.
+        adopted: effects that are removed from the measurements.
     """
 
     source: Source

@@ -23,7 +23,7 @@ def atlas_command(
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
-    """Predict which effects a plan can detect and tell apart.
+    """Predict which effects a plan can detect and distinguish.
 
     No data are needed. The atlas also lists the bias that each effect causes if it is not modelled.
     Example: tulip atlas --preset force-plate --out atlas

@@ -31,7 +31,7 @@ COMMANDS: dict[str, str] = {
     "model": "Show a model's standard parameters and its base parameters.",
     "discover": "Find physical effects that the model lacks.",
     "effects": "List the physical effects that can be simulated, or explain one.",
-    "atlas": "Predict which effects a plan can detect and tell apart.",
+    "atlas": "Predict which effects a plan can detect and distinguish.",
     "tolerance": "Compute how accurately a laboratory must be set up.",
     "view": "Show a plan, measurements or a run in rerun.",
     "report": "Write a run as one HTML page that needs no network.",

@@ -25,7 +25,7 @@ def heat_map(
         bound: shown as the step from warm to cool.
     """
     step = bound / most
-    # Small ones warm, the others from grey to white: told apart by colour-blind readers and in print.
+    # Small ones warm, the others from grey to white: distinguishable by colour-blind readers and in print.
     scale = [
         [0.0, "#7f2704"],
         [step, "#fdae6b"],

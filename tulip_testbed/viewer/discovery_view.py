@@ -24,7 +24,7 @@ from tulip_testbed.viewer.robot_view import log_geometry, log_motion
 from tulip_testbed.viewer.subject import of_measurements
 
 COLOURS = {"before": MEASURED, "after": ESTIMATE}
-LAYERS = {"before": "as_measured", "after": "freed"}  # rerun draws in the order of names, the last on top
+LAYERS = {"before": "as_measured", "after": "corrected"}  # rerun draws in the order of names, the last on top
 PALE = (250, 250, 250)
 BAR, STEP = 100.0, 14.0  # pixels: the longest bar, from bar to bar
 
