@@ -13,7 +13,7 @@ validate: setup  ## set up, then the main job: simulate, identify, compare, verd
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
 
 demo: setup  ## a hidden effect: identified wrong, discovered, identified right, report and view (a minute or two)
-	MUJOCO_GL=disable OPENBLAS_NUM_THREADS=1 $(BIN)/python -m examples.demo
+	MUJOCO_GL=disable $(BIN)/python -m examples.demo
 
 setup: $(VENV)/.done  ## the environment alone, once
 
@@ -39,7 +39,8 @@ lint: setup
 bench: setup  ## ratios of times, in one run
 	$(BIN)/python -m pytest -q -s tests/benchmarks -o addopts= --benchmark-only
 
-# One BLAS thread: with more, products of small matrices wait for each other on a busy machine.
+# One BLAS thread: Pinocchio, FIGAROH and the benchmarks call linear algebra without the library's own limit
+# (sim/threads.py); with more, products of small matrices wait for each other on a busy machine.
 oracle: export OPENBLAS_NUM_THREADS = 1
 oracle: $(ORACLE)/.done  ## ask Pinocchio and FIGAROH anew (2 GB), compare, time against FIGAROH
 	$(ORACLE)/bin/python -W ignore::RuntimeWarning -m studies.ask_oracles
@@ -62,7 +63,7 @@ study-plan: setup  ## docs/planning.md's Table I: six trials of optimal postures
 	$(BIN)/tulip plan --table1 --out runs/plan-$$(date +%Y%m%d-%H%M%S)
 
 pictures: setup  ## the README's pictures (needs libosmesa6, mesa-vulkan-drivers, chromium)
-	MUJOCO_GL=disable OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.pictures
+	MUJOCO_GL=disable $(BIN)/python -m studies.pictures
 
 constraints: setup  ## pin the dependencies anew
 	$(BIN)/python -m pip install --quiet uv

@@ -3,8 +3,9 @@
 import os
 import sys
 
-# As in tulip_testbed.cli.entry, before any library is loaded: the last bits of a result must not depend on
-# the number of cores, and nothing here draws by OpenGL.
+# Before any library is loaded. Studies call functions below those that limit linear algebra to one thread
+# (sim/threads.py), also in joblib's workers, which inherit the variable: with two threads the last bits of a
+# discovery differ. Nothing here draws by OpenGL.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 os.environ.setdefault("MUJOCO_GL", "disable")
 

@@ -6,7 +6,8 @@ import dataclasses
 import os
 
 os.environ.setdefault("MUJOCO_GL", "disable")
-# As the command line has it: with more threads sums come out in another order than in the workers.
+# Before numpy is loaded. Tests call functions below those that limit linear algebra to one thread
+# (sim/threads.py): with two threads the last bits of a discovery differ.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # pytest-xdist tells its workers the width of the terminal; tables would follow it.
 os.environ.pop("COLUMNS", None)
