@@ -70,6 +70,7 @@ def _paper_table(robot: Robot, name: str) -> dict[int, dict[str, float | None]]:
         )
     rows = csv.DictReader(io.StringIO(read_text(path, MOST_TABLE)))
     table: dict[int, dict[str, float | None]] = {}
+    expected = f"numbers in the columns number, {', '.join(PAPER_COLUMNS)}"
     try:
         for row in rows:
             values = {column: float(row[column]) if row[column] else None for column in PAPER_COLUMNS}
@@ -78,8 +79,9 @@ def _paper_table(robot: Robot, name: str) -> dict[int, dict[str, float | None]]:
             if not whole or not all(math.isfinite(value) for value in values.values() if value is not None):
                 raise ValueError
     except (KeyError, TypeError, ValueError, csv.Error):
-        expected = f"numbers in the columns number, {', '.join(PAPER_COLUMNS)}"
         raise InputError(f"{path}: line {rows.line_num}: not a table of {expected}") from None
+    if not table:
+        raise InputError(f"{path}: found no row, expected {expected}")
     return table
 
 

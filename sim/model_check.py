@@ -61,6 +61,21 @@ def check_options(model: mujoco.MjModel, where: str) -> None:
     _within(where, ["<option>"], "timestep", np.array([model.opt.timestep]), LEAST_STEP, MOST_STEP, "s")
 
 
+def check_joint_ranges(spec: mujoco.MjSpec, where: str) -> None:
+    """Refuse a joint whose limits are not in order: MuJoCo would leave it without any.
+
+    Raises:
+        InputError: names the joint and its range, in the units of the file.
+    """
+    for joint in spec.joints:
+        low, high = joint.range
+        given = joint.limited != mujoco.mjtLimited.mjLIMITED_FALSE and (low, high) != (0.0, 0.0)
+        if given and not low < high:
+            raise InputError(
+                f"{where}: joint '{joint.name}': found range [{low:g}, {high:g}], expected low < high"
+            )
+
+
 def _within(
     where: str, names: list[str], quantity: str, values: np.ndarray, low: float, high: float, unit: str
 ) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
 from tulip_testbed.sim.files import present, read_bytes, read_text
 from tulip_testbed.sim.mjcf_files import mjcf_files
-from tulip_testbed.sim.model_check import check_model
+from tulip_testbed.sim.model_check import check_joint_ranges, check_model
 from tulip_testbed.sim.sandbox import try_to_compile
 from tulip_testbed.sim.shipped import PLATE, TULIP
 
@@ -149,6 +149,7 @@ def _load(path: Path, read_spec: Callable[[Path, Path, Path], mujoco.MjSpec], me
     scene_file = folder / settings["scene"] if "scene" in settings else None
     plate_file = folder / settings.get("plate", PLATE)
     spec = read_spec(model_file, folder, scene_file or plate_file)
+    check_joint_ranges(spec, str(model_file))
     spec = spec if meshes else without_meshes(spec, str(model_file))
     model = compile_spec(spec.copy(), str(model_file))
     check_model(model, str(model_file))

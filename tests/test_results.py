@@ -1,11 +1,13 @@
 """Results as a researcher meets them: parameters by name, tables that print themselves, data frames."""
 
 import dataclasses
+import shutil
 
 import numpy as np
 import pytest
 from scipy.stats import t as t_distribution
 
+from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.estimate_report import model_report
 from tulip_testbed.experiments.parameter_tables import parameter_table, read_reported
 from tulip_testbed.experiments.validation_record import report_of
@@ -142,6 +144,17 @@ def test_the_terminal_and_the_page_have_one_table_of_parameters(wii, robot):
         if cell.key
     )
     assert "4.2, 3.6, 10.7" in table.note
+
+
+@pytest.mark.parametrize("lines", [0, 1])
+def test_a_table_of_the_paper_without_rows_is_refused(lines, robot, tmp_path):
+    folder = shutil.copytree(robot.folder, tmp_path / "robot")
+    header = (folder / "table2.csv").read_text().splitlines(keepends=True)[:lines]
+    (folder / "table2.csv").write_text("".join(header))
+    with pytest.raises(
+        InputError, match=r"table2.csv: found no row, expected numbers in the columns number, full_mm,"
+    ):
+        described_robot(folder / robot.path.name)
 
 
 def test_clustered_errors_have_a_column_where_they_differ(wii):

@@ -106,6 +106,8 @@ def test_own_plate(folder):
         ("tulip.toml", 'scene = "scene_plates.xml"', "plate = 3", "key 'plate': found 3, expected a text"),
         ("tulip.xml", "<worldbody>", '<worldbody><geom name="ground" type="plane" size="1 1 1"/>',
          "tulip.xml: found geoms 'ground' in the world, expected the robot alone"),
+        ("tulip.xml", 'range="-40 40"', 'range="40 -40"',
+         r"tulip.xml: joint 'right_hip_yaw': found range \[40, -40\], expected low < high"),
         ("plate.xml", '"plate_top"', '"board"', "plate.xml: no geom named plate_top"),
         ("plate.xml", '<touch name="plate_rear_left"', '<touch name="4th"', "no sensor named plate_rear"),
         ("tulip.xml", 'pos="0.13 0.05 -0.058"', 'pos="-0.13 0.05 -0.058"', "expected x forward and y to the"),
