@@ -21,11 +21,11 @@ from tulip_testbed.experiments.run_file import (
     check_outputs,
     check_parameters,
     check_robot,
+    check_rows,
     write_run_file,
 )
 from tulip_testbed.identification.base_parameters import base_parameters, common_support
 from tulip_testbed.identification.residual_channels import residuals
-from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import new_folder, read_bytes, read_text, write_text
 from tulip_testbed.sim.measurements import Measurements, read_measurements, write_measurements
 from tulip_testbed.sim.measurements.table_files import Table, software
@@ -143,11 +143,7 @@ def read_discovery(folder: Path, robot: Robot) -> DiscoveryRecord:
         list(enumerate(parameters.names, 1)),
     )
     table = Table(folder / RESIDUAL_FILE, read_bytes(folder / RESIDUAL_FILE))
-    if len(table) != len(measurements):
-        raise InputError(
-            f"{folder / RESIDUAL_FILE}: found {len(table)} rows, expected {len(measurements)}, as many as "
-            "the measurements have"
-        )
+    check_rows(folder / RESIDUAL_FILE, len(table), measurements)
     rig = [path for path in map(Path, document.outputs) if path.parent == Path(RIG)]
     return DiscoveryRecord(
         document=document,

@@ -13,7 +13,7 @@ from tulip_testbed.experiments.document import Document, Seed
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.sim.errors import InputError, listed, shortened
 from tulip_testbed.sim.files import present
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.measurements.folder_kind import KINDS
 from tulip_testbed.sim.measurements.table_files import finite
 from tulip_testbed.sim.robot import Robot, sha256
@@ -134,6 +134,18 @@ def check_parameters(
                 f"{where}: key '{key}.{row}': found parameter {a[0]}, {shortened(a[1])}, "
                 f"expected {b[0]}, {b[1]}"
             )
+
+
+def check_rows(path: Path, found: int, measurements: Measurements) -> None:
+    """Refuse a table that has not one row a measurement.
+
+    Raises:
+        InputError: it has another number of rows.
+    """
+    if found != len(measurements):
+        raise InputError(
+            f"{path}: found {found} rows, expected {len(measurements)}, as many as the measurements have"
+        )
 
 
 def kind_of(folder: Path) -> RunKind | Literal["plan", "measurement"]:

@@ -23,6 +23,7 @@ from tulip_testbed.experiments.run_file import (
     check_outputs,
     check_parameters,
     check_robot,
+    check_rows,
     configuration_of,
     write_run_file,
 )
@@ -239,11 +240,7 @@ def _check_fit(folder: Path, record: ValidationRecord) -> None:
         )
     if truth.attempts and [attempt.posture for attempt in truth.held] != measured.posture.tolist():
         raise InputError(f"{folder / TRUTH_FILE}: found other postures than in the measurements")
-    if (rows := len(record.residual_mm["full"])) != len(measured):
-        raise InputError(
-            f"{folder / RESIDUAL_FILE}: found {rows} rows, expected {len(measured)}, as many as the "
-            "measurements have"
-        )
+    check_rows(folder / RESIDUAL_FILE, len(record.residual_mm["full"]), measured)
 
 
 def _parameter_rows(report: Report) -> Iterator[dict[str, Any]]:

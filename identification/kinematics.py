@@ -247,6 +247,17 @@ def frame_positions(tree: Tree, base: int, rotations: np.ndarray, origin: np.nda
     return positions
 
 
+def roll_pitch_yaw(rotations: np.ndarray) -> np.ndarray:
+    """Return the angles about x, y and z, in this order, of rotations (m, 3, 3), (m, 3) [rad]."""
+    return np.column_stack(
+        [
+            np.arctan2(rotations[:, 2, 1], rotations[:, 2, 2]),
+            -np.arcsin(np.clip(rotations[:, 2, 0], -1.0, 1.0)),
+            np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]),
+        ]
+    )
+
+
 def _rotation(quaternion: np.ndarray) -> np.ndarray:
     w, x, y, z = quaternion / np.linalg.norm(quaternion)
     return np.array(

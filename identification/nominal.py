@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
-from tulip_testbed.identification.kinematics import frame_positions, link_rotations
+from tulip_testbed.identification.kinematics import frame_positions, link_rotations, roll_pitch_yaw
 from tulip_testbed.sim.robot import Robot, sole_corners, sole_point
 
 STEP = 1e-5  # rad, of central differences
@@ -49,10 +49,7 @@ class Nominal:
         positions = frame_positions(tree, base, rotations, -self.points[0])
         foot = rotations[:, self.swing_frame]
         place = positions[:, self.swing_frame] + foot @ self.points[1]
-        roll = np.arctan2(foot[:, 2, 1], foot[:, 2, 2])
-        pitch = -np.arcsin(np.clip(foot[:, 2, 0], -1.0, 1.0))
-        yaw = np.arctan2(foot[:, 1, 0], foot[:, 0, 0])
-        return np.column_stack([place, roll, pitch, yaw])
+        return np.column_stack([place, roll_pitch_yaw(foot)])
 
     def soles_in_base(self, joint_angles: np.ndarray) -> np.ndarray:
         """Compute the corners of both soles in the base frame, stance foot first, (m, 2, 4, 2) [m]."""

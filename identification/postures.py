@@ -21,7 +21,7 @@ from tulip_testbed.identification.feasibility import (
     support_polygon,
 )
 from tulip_testbed.identification.inverse_kinematics import InverseKinematics
-from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
+from tulip_testbed.sim.errors import InputError, listed, look_up, most_frequent, shortened
 from tulip_testbed.sim.measurements import PlateGeometry, PosturePlan, lay_boards
 from tulip_testbed.sim.robot import (
     Robot,
@@ -292,10 +292,9 @@ class _Search:
         self.attempts += 1
         self.rejected[reason] += 1
         if self.found == 0 and self.attempts >= ATTEMPTS:
-            tally = ", ".join(f"{name} ({count})" for name, count in self.rejected.most_common(4))
             raise InputError(
                 f"{self.solver.robot.path}: planning ranges admit no posture: "
-                f"{self.attempts} tries, none feasible; blocked by {tally}"
+                f"{self.attempts} tries, none feasible; blocked by {most_frequent(self.rejected)}"
             )
 
     def _bent_knees(self) -> np.ndarray:

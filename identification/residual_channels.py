@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tulip_testbed.identification.kinematics import roll_pitch_yaw
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.observation import Observation
 
@@ -141,10 +142,7 @@ def swing_pose(observed: Observation) -> np.ndarray:
         tilt = np.concatenate([observed.stance_tilt, np.zeros((len(observed), 1))], axis=1)
         place = place + np.cross(tilt, place)
         foot = foot + np.cross(tilt[:, None], foot.mT).mT
-    roll = np.arctan2(foot[:, 2, 1], foot[:, 2, 2])
-    pitch = -np.arcsin(np.clip(foot[:, 2, 0], -1.0, 1.0))
-    yaw = np.arctan2(foot[:, 1, 0], foot[:, 0, 0])
-    return np.column_stack([place, roll, pitch, yaw])
+    return np.column_stack([place, roll_pitch_yaw(foot)])
 
 
 def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:

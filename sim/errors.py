@@ -1,5 +1,7 @@
 """The exception for bad input, and helpers that word its messages."""
 
+from collections import Counter
+
 
 class InputError(ValueError):
     """Bad input; the message names what was found, where, and what was expected."""
@@ -14,6 +16,11 @@ class UnknownNameError(InputError, KeyError):
 def listed(names) -> str:
     """Join names for an error message, in their own order."""
     return ", ".join(str(name) for name in names)
+
+
+def most_frequent(reasons: Counter[str], most: int = 4) -> str:
+    """Join the most frequent reasons with their counts for an error message."""
+    return listed(f"{reason} ({count})" for reason, count in reasons.most_common(most))
 
 
 def shortened(value: object, most: int = 60) -> str:

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from tests.looking import browse
+from tests.test_cli import refused
 from tests.test_report import needs_chromium
-from tests.test_view import cpu_seconds, look, needs_vulkan, not_blank, refused
+from tests.test_view import cpu_seconds, look, needs_vulkan, not_blank
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.discovery_record import read_discovery
 from tulip_testbed.experiments.discovery_report import DiscoveryReport

@@ -10,7 +10,8 @@ import pytest
 from PIL import Image
 
 from tests.looking import browse, browser
-from tests.test_view import calibration, cpu_seconds, needs_opengl, not_blank, refused, run  # noqa: F401
+from tests.test_cli import refused
+from tests.test_view import calibration, cpu_seconds, needs_opengl, not_blank, run  # noqa: F401
 from tulip_testbed import rendering
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.document import flattened

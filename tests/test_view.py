@@ -18,6 +18,7 @@ from PIL import Image
 
 from studies.study_check import rows_of
 from tests.looking import headless_viewer
+from tests.test_cli import refused
 from tests.test_series import raw_series, write_series
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
@@ -245,14 +246,6 @@ def test_a_robot_of_meshes_and_one_of_two_hinges_a_body_are_drawn(foreign, tmp_p
         postures.log_geometry(recording, "robot", nominal)
         recording.disconnect()
         assert (tmp_path / f"{name}.rrd").stat().st_size > 1e4
-
-
-def refused(capsys, *arguments):
-    assert main([str(a) for a in arguments]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert "Traceback" not in err
-    return " ".join(err.split())
 
 
 def test_bad_input(run, tmp_path, capsys, monkeypatch):

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from tulip_testbed.identification.estimators.estimate import Estimate
-from tulip_testbed.identification.estimators.ordinary import (
-    clustered_covariance,
-    least_squares,
-    residual_sigma,
-    solve,
-)
+from tulip_testbed.identification.estimators.ordinary import estimate_at, least_squares, solve
 from tulip_testbed.identification.regressor import Regression
 
 MOST_CORRECTION = 0.5  # of the information in any direction
@@ -44,18 +41,5 @@ def corrected_least_squares(data: Regression) -> Estimate:
     identity = np.eye(len(start))
     corrected = np.linalg.inv(identity - bounded_excess(blurred.T @ blurred, identity))
     value = back @ corrected @ (orthogonal.T @ data.output)
-    residual, sigma, dof = residual_sigma(data, value)
-    clustered, placement_sd = clustered_covariance(data, back @ corrected @ back.T)
-    return Estimate(
-        numbers=data.numbers,
-        names=data.names,
-        value=value,
-        covariance=sigma**2 * back @ corrected @ corrected @ back.T,
-        clustered_covariance=clustered,
-        residual=residual,
-        sigma=sigma,
-        placement_sd=placement_sd,
-        dof=dof,
-        interval_dof=np.full(len(value), float(dof)),
-        condition_number=float(np.linalg.cond(data.matrix)),
-    )
+    found = estimate_at(data, value, back @ corrected @ back.T)
+    return replace(found, covariance=found.sigma**2 * back @ corrected @ corrected @ back.T)

@@ -55,7 +55,15 @@ def least_squares(data: Regression) -> Estimate:
     Raises:
         InputError: some parameters are not determined by the postures; the message names them.
     """
-    value, c = solve(data)
+    return estimate_at(data, *solve(data))
+
+
+def estimate_at(data: Regression, value: np.ndarray, c: np.ndarray) -> Estimate:
+    """Return an estimate with the errors of least squares.
+
+    Args:
+        value: the parameters, (p,). c: (H'H)^-1 or what takes its place, (p, p).
+    """
     residual, sigma, dof = residual_sigma(data, value)
     clustered, placement_sd = clustered_covariance(data, c)
     return Estimate(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tulip_testbed.identification.kinematics import roll_pitch_yaw
 from tulip_testbed.identification.planning.blocks import FEASIBLE, Block, improve, information, repair
 from tulip_testbed.identification.planning.closed_chain import chain_at
 from tulip_testbed.identification.planning.constraints import evaluate, inequality_names
@@ -20,7 +21,7 @@ from tulip_testbed.identification.planning.interior_point import SOLVERS, interi
 from tulip_testbed.identification.planning.linear_steps import EvaluatedPlan, descend, evaluate_plan, merit
 from tulip_testbed.identification.planning.objectives import Objective, Smooth, condition_number
 from tulip_testbed.identification.planning.problem import Problem
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.errors import InputError, most_frequent
 
 WARM = 15  # linear steps for each of the smooth objectives at the start
 HOPS = 60  # default number of rounds that exchange postures of one placement
@@ -92,11 +93,10 @@ def repair_start(
         if len(blocks) == placements:
             break
     if len(blocks) < placements:
-        listed = ", ".join(f"{name} ({count})" for name, count in tally.most_common(4))
         raise InputError(
             f"{source}: found random postures on {tally.total()} of {len(design) // per} placements that "
             f"cannot be repaired to keep every constraint, expected {placements} that can; "
-            f"blocked by {listed}"
+            f"blocked by {most_frequent(tally)}"
         )
     design, angles = _joined(blocks)
     start = information(evaluate(problem, design, angles))
@@ -146,15 +146,8 @@ def best_plan(problem: Problem, state: SearchState, per: int) -> EvaluatedPlan:
 def design_of(problem: Problem, angles: np.ndarray, swing: np.ndarray) -> np.ndarray:
     """Return the design variables of given postures, (m, 9)."""
     chain = chain_at(problem, angles)
-    torso = chain.rotations[:, problem.torso]
-    rpy = np.column_stack(
-        [
-            np.arctan2(torso[:, 2, 1], torso[:, 2, 2]),
-            -np.arcsin(np.clip(torso[:, 2, 0], -1, 1)),
-            np.arctan2(torso[:, 1, 0], torso[:, 0, 0]),
-        ]
-    )
-    return np.column_stack([chain.com, rpy, swing])
+    torso = roll_pitch_yaw(chain.rotations[:, problem.torso])
+    return np.column_stack([chain.com, torso, swing])
 
 
 def _kept(problem: Problem, objective: Objective, state: SearchState, plan: EvaluatedPlan) -> SearchState:

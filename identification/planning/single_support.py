@@ -14,13 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from tulip_testbed.identification.feasibility import place_polygon, predicted_cell_loads, support_polygon
+from tulip_testbed.identification.kinematics import roll_pitch_yaw
 from tulip_testbed.identification.planning.blocks import Block
 from tulip_testbed.identification.planning.closed_chain import Chain, chain_at, com_jacobian
 from tulip_testbed.identification.planning.exchange import exchange
 from tulip_testbed.identification.planning.legs import leg_stretch, limb_distances
 from tulip_testbed.identification.planning.objectives import Objective
 from tulip_testbed.identification.planning.problem import Problem
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.errors import InputError, most_frequent
 from tulip_testbed.sim.measurements import PosturePlan, lay_boards
 
 LIFTED = 0.02  # m, of the swing sole's lowest corner over the plates
@@ -200,24 +201,16 @@ def _pool(problem: Problem, swing: np.ndarray, count: int, rng: np.random.Genera
         if len(kept) >= POOL * count or (not kept and tried == HOPELESS):
             break
     if len(kept) < count:
-        tally = ", ".join(f"{name} ({times})" for name, times in blocked.most_common(4))
         raise InputError(
             f"{problem.robot.path}: planning ranges: found {len(kept)} postures on the stance foot in "
-            f"{tried * DRAWS} draws, expected {count}; blocked by {tally}"
+            f"{tried * DRAWS} draws, expected {count}; blocked by {most_frequent(blocked)}"
         )
     return np.array(kept)
 
 
 def _torso_room(problem: Problem, chain: Chain) -> np.ndarray:
     """Return the margins of the torso's orientation to its ranges, (m, 6) [rad]."""
-    torso, ranges = chain.rotations[:, problem.torso], problem.ranges
-    angles = np.column_stack(
-        [
-            np.arctan2(torso[:, 2, 1], torso[:, 2, 2]),
-            -np.arcsin(np.clip(torso[:, 2, 0], -1, 1)),
-            np.arctan2(torso[:, 1, 0], torso[:, 0, 0]),
-        ]
-    )
+    angles, ranges = roll_pitch_yaw(chain.rotations[:, problem.torso]), problem.ranges
     low, high = np.array([ranges.torso_roll, ranges.torso_pitch, ranges.torso_yaw]).T
     return np.concatenate([angles - low, high - angles], axis=1)
 

@@ -14,7 +14,7 @@ from studies.improve.prediction import predicted_covariance
 from studies.improve.repeat import monte_carlo_error, repeat, rms
 from tulip_testbed.experiments.montecarlo.laboratory_runs import stream_of
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
-from tulip_testbed.identification.kinematics import frame_positions, link_rotations
+from tulip_testbed.identification.kinematics import frame_positions, link_rotations, roll_pitch_yaw
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.postures import planning_ranges
 from tulip_testbed.identification.regressor import stacked_regressor
@@ -91,10 +91,7 @@ def _stands_well(robot: Robot, nominal: Nominal, angles: np.ndarray) -> np.ndarr
     ranges, tree, base = planning_ranges(robot), nominal.parameters.tree, nominal.parameters.base
     rotations = link_rotations(tree, base, angles)
     positions = frame_positions(tree, base, rotations, -nominal.points[0])
-    torso = rotations[:, 0]
-    roll = np.arctan2(torso[:, 2, 1], torso[:, 2, 2])
-    pitch = -np.arcsin(np.clip(torso[:, 2, 0], -1.0, 1.0))
-    yaw = np.arctan2(torso[:, 1, 0], torso[:, 0, 0])
+    roll, pitch, yaw = roll_pitch_yaw(rotations[:, 0]).T
     foot, place = rotations[:, nominal.swing_frame], positions[:, nominal.swing_frame]
     corners = np.column_stack([nominal.soles[1], np.full(4, nominal.points[1][2])])
     height = place[:, 2, None] + np.einsum("mb,cb->mc", foot[:, 2], corners)
