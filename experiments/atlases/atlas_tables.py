@@ -93,7 +93,7 @@ def group_table(found: Atlas) -> Table:
     """Return the groups of look-alikes."""
     rows = [[k, [found.shown[n].label for n in group]] for k, group in enumerate(found.groups, 1)]
     bound = f"{np.degrees(ISOLABLE):.0f} deg"
-    title = f"Effects that these postures cannot tell apart (an angle below {bound} to another of the group)"
+    title = f"Effects that these postures cannot distinguish (an angle below {bound} to another of the group)"
     return Table(title, (Column("group", format="d"), Column("effects")), rows)
 
 
