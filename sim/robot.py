@@ -6,6 +6,7 @@ import hashlib
 import tomllib
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -201,18 +202,19 @@ def load_spec(path: Path, folder: Path | None = None, plates: Path | None = None
 
     Args:
         folder: folder of the robot, from which files may be read; None means the MJCF's own folder.
-        plates: another MJCF that the same process compiles, because starting one takes a while.
+        plates: MJCF of the plates, which the same process compiles along with it.
 
     Raises:
         InputError: the file is missing, is no MJCF, or reads files outside of the folder.
     """
     path = Path(path)
-    files = {}
-    for file in [path] if plates is None else [path, plates]:
-        if not present(file):
-            raise InputError(f"{file}: no such MJCF file")
-        files[file] = mjcf_files(file, file.parent if file == PLATE else folder or file.parent)
-    try_to_compile(files)
+    if not present(path):
+        raise InputError(f"{path}: no such MJCF file")
+    files = {path: mjcf_files(path, folder or path.parent)}
+    if plates is not None:
+        with suppress(InputError):  # it is refused when it is needed
+            files[plates] = mjcf_files(plates, plates.parent if plates == PLATE else folder or path.parent)
+    try_to_compile(path, files)
     return _read_spec(path)
 
 

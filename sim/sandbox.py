@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from tulip_testbed.sim.errors import InputError, listed, shortened
+from tulip_testbed.sim.errors import InputError, shortened
 
 MOST_SECONDS = 20  # of processor time
 MOST_MEMORY = 4 * 2**30  # bytes
@@ -19,8 +19,7 @@ CHILD = f"""
 import resource, sys
 import mujoco
 resource.setrlimit(resource.RLIMIT_DATA, ({MOST_MEMORY}, {MOST_MEMORY}))
-seconds = {MOST_SECONDS} * len(sys.argv[1:])
-resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
+resource.setrlimit(resource.RLIMIT_CPU, ({MOST_SECONDS}, {MOST_SECONDS + 5}))
 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 mujoco.set_mju_user_warning(lambda message: None)
 for path in sys.argv[1:]:
@@ -35,21 +34,23 @@ Hashes = Mapping[Path, str]
 compiled: set[tuple[Path, frozenset[tuple[Path, str]]]] = set()
 
 
-def try_to_compile(files: Mapping[Path, Hashes]) -> None:
+def try_to_compile(path: Path, files: Mapping[Path, Hashes]) -> None:
     """Compile MJCF files in one separate process, each once as long as no file changes.
 
     Args:
-        files: hashes of all files that each MJCF consists of.
+        path: the MJCF that is needed now. The others are compiled along with it, since starting a process
+            takes a while; one that fails is tried again when it is needed.
+        files: hashes of all files that each MJCF consists of, `path` first.
 
     Raises:
-        InputError: MuJoCo refuses an MJCF, crashes, or needs too much time or memory.
+        InputError: MuJoCo refuses `path`, crashes, or needs too much time or memory.
     """
     new = [
-        key for path, hashes in files.items() if (key := (path, frozenset(hashes.items()))) not in compiled
+        key for file, hashes in files.items() if (key := (file, frozenset(hashes.items()))) not in compiled
     ]
-    if not new:
+    if path not in dict(new):
         return
-    command = [sys.executable, "-c", CHILD, *(str(path) for path, _ in new)]
+    command = [sys.executable, "-c", CHILD, *(str(file) for file, _ in new)]
     # More threads would only take address space.
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "MUJOCO_GL": "disable"}
     try:
@@ -62,17 +63,16 @@ def try_to_compile(files: Mapping[Path, Hashes]) -> None:
             stdin=subprocess.DEVNULL,
         )
     except subprocess.TimeoutExpired:
-        raise InputError(
-            f"{listed(path for path, _ in new)}: broken MJCF: MuJoCo did not compile it within {MOST_WAIT} s"
-        ) from None
-    good = len(done.stdout.splitlines())
-    compiled.update(new[:good])
+        raise InputError(f"{path}: broken MJCF: MuJoCo did not compile it within {MOST_WAIT} s") from None
+    good = new[: len(done.stdout.splitlines())]
+    compiled.update(good)
+    if path in dict(good):
+        return
     message = shortened(done.stderr.decode("utf-8", "replace"), 300)
     if done.returncode == -signal.SIGXCPU:
-        message = f"MuJoCo did not compile it within {MOST_SECONDS * len(new)} s of processor time"
+        message = f"MuJoCo did not compile it within {MOST_SECONDS} s of processor time"
     elif done.returncode < 0:
         message = f"MuJoCo crashed while compiling it ({signal.Signals(-done.returncode).name})"
     elif "unknown exception" in message:
         message = f"MuJoCo could not compile it within {MOST_MEMORY / 2**30:.0f} GiB of memory"
-    if done.returncode != 0:
-        raise InputError(f"{new[good][0]}: broken MJCF: {message}")
+    raise InputError(f"{path}: broken MJCF: {message}")

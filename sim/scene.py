@@ -16,6 +16,7 @@ from tulip_testbed.sim.plates import place_plates, plate_geometry
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import (
     CORNERS,
+    PLATE,
     PLATES,
     Robot,
     compile_spec,
@@ -119,7 +120,7 @@ def build_scene(robot: Robot) -> mujoco.MjSpec:
 def _load_plate(robot: Robot) -> mujoco.MjsBody:
     """Load the body of a plate and check the names that the laboratory looks up."""
     path = robot.plate_file
-    spec = load_spec(path, robot.folder)
+    spec = load_spec(path, path.parent if path == PLATE else robot.folder)
     wanted = {"body": ["plate"], "geom": ["plate_top"]}
     wanted |= {kind: [f"plate_{corner}" for corner in CORNERS] for kind in ("site", "sensor")}
     for kind, names in wanted.items():
