@@ -77,7 +77,7 @@ def rig_files(robot: Robot, instances: Sequence[EffectInstance], preset: str | N
         robot=RigRobot(
             model=robot.model_file.name,
             sha256=robot.model_hash,
-            files={path.name: sha256(path) for path in robot.files[1:]},
+            files=dict(list(robot.hashes.items())[1:]),
         ),
         preset=preset,
         effects=[EffectDocument.model_validate(found.document()) for found in instances],
@@ -122,22 +122,22 @@ def read_rig(folder: Path, robot: Robot) -> tuple[EffectInstance, ...]:
         raise InputError(f"{folder}: found no {RIG_FILE}, expected a rig folder{hint}")
     manifest = RigManifest.read(where)
     check_model(where, manifest.robot.model, manifest.robot.sha256, robot)
-    for path in robot.files[1:]:
-        _check_hash(path, manifest.robot.files.get(path.name), f"{where}: key 'robot.files'")
+    for name in {*(path.name for path in robot.files[1:]), *manifest.robot.files}:
+        expected = manifest.robot.files.get(name)
+        _check_hash(robot.folder / name, robot.hashes.get(name), expected, f"{where}: key 'robot.files'")
     if missing := [name for name in (NOMINAL, CHANGED, DIFF) if name not in manifest.files]:
         raise InputError(f"{where}: key 'files': found no {listed(missing)}, expected the hash of each")
     for name, expected in manifest.files.items():
         if name not in (NOMINAL, CHANGED, DIFF) and not LATER.fullmatch(name):
             raise InputError(f"{where}: key 'files': found '{shortened(name)}', expected scenes and {DIFF}")
-        _check_hash(folder / name, expected, f"{where}: key 'files'")
+        _check_hash(folder / name, sha256(folder / name), expected, f"{where}: key 'files'")
     return tuple(EffectInstance.from_document(entry, robot, str(where)) for entry in manifest.effects)
 
 
-def _check_hash(path: Path, expected: str | None, where: str) -> None:
-    found = sha256(path)
+def _check_hash(path: Path, found: str | None, expected: str | None, where: str) -> None:
     if found != expected:
         raise InputError(
-            f"{where}: hash mismatch: {path} has sha256 {found[:12]}..., "
+            f"{where}: hash mismatch: {path} has sha256 {(found or 'none')[:12]}..., "
             f"expected {shortened((expected or 'none')[:12])}...; it was changed after the rig was written"
         )
 

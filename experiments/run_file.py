@@ -108,7 +108,8 @@ def check_robot(folder: Path, inputs: dict[str, str], robot: Robot) -> None:
         InputError: the run was made with another robot.
     """
     name = robot.model_file.name
-    if inputs.get(name) != robot.model_hash:
+    _, *files = robot.hashes.items()
+    if name not in inputs or any(inputs.get(file, found) != found for file, found in files):
         raise InputError(
             f"{folder / RUN_FILE}: key 'inputs': found no {name} with the hash of {robot.model_file}; "
             "give the robot that the run was made with"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import tomllib
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -18,7 +18,7 @@ import numpy as np
 from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
 from tulip_testbed.sim.files import present, read_bytes, read_text
 from tulip_testbed.sim.mjcf_files import mjcf_files
-from tulip_testbed.sim.model_check import check_joint_ranges, check_model
+from tulip_testbed.sim.model_check import check_model
 from tulip_testbed.sim.sandbox import try_to_compile
 from tulip_testbed.sim.shipped import PLATE, TULIP
 
@@ -43,8 +43,8 @@ mujoco.set_mju_user_warning(lambda message: None)
 class Robot:
     """A robot, loaded once and passed on: its description, compiled model and file hashes.
 
-    Pickling stores the path of the description; the other process loads the robot once and refuses it if a
-    file has changed.
+    It is what its files held when it was loaded. Pickling stores the path of the description; the other
+    process loads the robot once and refuses it if a file has changed since.
 
     Attributes:
         path: the description (TOML).
@@ -53,6 +53,9 @@ class Robot:
         plate_file: MJCF of one plate.
         stance_foot, swing_foot: body names; the plate under the stance foot is the right one.
         settings: the whole description.
+        hashes: SHA-256 of the description and of every file that the MJCF consist of, by name in the robot's
+            folder; the description comes first.
+        model_hash: SHA-256 of the MJCF of the robot alone, its includes and meshes.
         spec: the robot alone without meshes that only a viewer needs; copy it before editing.
         model: `spec`, compiled.
         meshes: whether `spec` and `model` contain the meshes for drawing.
@@ -65,6 +68,8 @@ class Robot:
     stance_foot: str
     swing_foot: str
     settings: dict[str, Any] = field(repr=False)
+    hashes: dict[str, str] = field(repr=False)
+    model_hash: str = field(repr=False)
     spec: mujoco.MjSpec = field(repr=False)
     model: mujoco.MjModel = field(repr=False)
     meshes: bool = False
@@ -76,7 +81,7 @@ class Robot:
     @property
     def folder(self) -> Path:
         """Return the folder of the robot's files."""
-        return self.path.resolve().parent
+        return self.path.parent
 
     @property
     def name(self) -> str:
@@ -94,20 +99,13 @@ class Robot:
         return [self.path, self.model_file, self.scene_file or self.plate_file]
 
     @cached_property
-    def hashes(self) -> dict[str, str]:
-        """Return the SHA-256 of each of `files` by its name."""
-        return {path.name: sha256(path) for path in self.files}
-
-    @property
-    def model_hash(self) -> str:
-        """Return the SHA-256 of the MJCF of the robot alone."""
-        return self.hashes[self.model_file.name]
-
-    @cached_property
     def visual_model(self) -> mujoco.MjModel:
         """Return the model of the robot alone with all its geometry."""
         whole = mujoco.MjSpec.from_file(str(self.model_file))
         return self.model if not whole.meshes else compile_spec(whole, str(self.model_file))
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Robot:
+        return self
 
     def __reduce__(self) -> tuple[Callable[..., Robot], tuple[Any, ...]]:
         described = {name: getattr(self, name) for name in DESCRIBED}
@@ -125,7 +123,7 @@ def load_robot(path: Path = TULIP, meshes: bool = False) -> Robot:
         InputError: the description is missing, is not TOML, or lacks a key; the MJCF is broken; a foot is
             unknown or lacks its four sole corners.
     """
-    return _load(Path(path), load_spec, meshes)
+    return _load(Path(path), try_to_compile, meshes)
 
 
 def _elsewhere(path: Path, hashes: tuple[tuple[str, str], ...], described: dict[str, Any]) -> Robot:
@@ -137,19 +135,26 @@ def _elsewhere(path: Path, hashes: tuple[tuple[str, str], ...], described: dict[
 
 @lru_cache(maxsize=8)
 def _reloaded(path: Path, hashes: tuple[tuple[str, str], ...]) -> Robot:
-    robot = _load(path, _read_spec, meshes=False)  # the first process has compiled it safely
+    robot = _load(path, lambda model, files: None, meshes=False)  # the first process has compiled it safely
     if tuple(robot.hashes.items()) != hashes:
         raise InputError(f"{path}: a file of the robot was changed while it was in use")
     return robot
 
 
-def _load(path: Path, read_spec: Callable[[Path, Path, Path], mujoco.MjSpec], meshes: bool) -> Robot:
+def _load(
+    path: Path, compile_safely: Callable[[Path, dict[Path, dict[Path, str]]], None], meshes: bool
+) -> Robot:
     settings = _description(path)
-    folder = path.resolve().parent
+    path = path.resolve()
+    folder = path.parent
     model_file, feet = folder / settings["model"], (settings["stance_foot"], settings["swing_foot"])
     scene_file = folder / settings["scene"] if "scene" in settings else None
     plate_file = folder / settings.get("plate", PLATE)
-    spec = read_spec(model_file, folder, scene_file or plate_file)
+    files = {model_file: _files(model_file, folder)}
+    with suppress(InputError):  # a broken scene is refused by what stands on it
+        files[scene_file or plate_file] = _files(scene_file or plate_file, folder)
+    compile_safely(model_file, files)
+    spec = _read_spec(model_file)
     check_joint_ranges(spec, str(model_file))
     spec = spec if meshes else without_meshes(spec, str(model_file))
     model = compile_spec(spec.copy(), str(model_file))
@@ -169,6 +174,9 @@ def _load(path: Path, read_spec: Callable[[Path, Path, Path], mujoco.MjSpec], me
         stance_foot=feet[0],
         swing_foot=feet[1],
         settings=settings,
+        hashes={path.name: sha256(path)}
+        | {n: h for found in files.values() for n, h in _named(found, folder)},
+        model_hash=_joint_hash(_named(files[model_file], folder)),
         spec=spec,
         model=model,
         meshes=meshes,
@@ -197,28 +205,54 @@ def _description(path: Path) -> dict[str, Any]:
     return settings
 
 
-def load_spec(path: Path, folder: Path | None = None, plates: Path | None = None) -> mujoco.MjSpec:
+def load_spec(path: Path, folder: Path | None = None) -> mujoco.MjSpec:
     """Parse an MJCF file after a separate process has compiled it without a crash.
 
     Args:
         folder: folder of the robot, from which files may be read; None means the MJCF's own folder.
-        plates: MJCF of the plates, which the same process compiles along with it.
 
     Raises:
         InputError: the file is missing, is no MJCF, or reads files outside of the folder.
     """
     path = Path(path)
-    if not present(path):
-        raise InputError(f"{path}: no such MJCF file")
-    files = {path: mjcf_files(path, folder or path.parent)}
-    if plates is not None:
-        with suppress(InputError):  # it is refused when it is needed
-            files[plates] = mjcf_files(plates, plates.parent if plates == PLATE else folder or path.parent)
-    try_to_compile(path, files)
+    try_to_compile(path, {path: _files(path, folder or path.parent)})
     return _read_spec(path)
 
 
-def _read_spec(path: Path, folder: Path | None = None, plates: Path | None = None) -> mujoco.MjSpec:
+def check_unchanged(robot: Robot, path: Path) -> None:
+    """Refuse an MJCF of a robot of which a file was changed since the robot was loaded.
+
+    Raises:
+        InputError: names the file.
+    """
+    for name, now in _named(_files(path, robot.folder), robot.folder):
+        if robot.hashes.get(name, now) != now:
+            raise InputError(f"{robot.path}: {name} was changed while the robot was in use; load it again")
+
+
+def _files(path: Path, folder: Path) -> dict[Path, str]:
+    """Return the files that an MJCF of a robot consists of, with their hashes."""
+    if not present(path):
+        raise InputError(f"{path}: no such MJCF file")
+    return mjcf_files(path, path.parent if path == PLATE else folder)
+
+
+def _named(files: Mapping[Path, str], folder: Path) -> list[tuple[str, str]]:
+    """Return the files' names in the robot's folder with their hashes."""
+    return [
+        (path.relative_to(folder).as_posix() if path.is_relative_to(folder) else path.name, found)
+        for path, found in files.items()
+    ]
+
+
+def _joint_hash(files: list[tuple[str, str]]) -> str:
+    """Return the hash of a file, or one for several files with their names."""
+    if len(files) == 1:
+        return files[0][1]
+    return hashlib.sha256("".join(f"{name} {found}\n" for name, found in sorted(files)).encode()).hexdigest()
+
+
+def _read_spec(path: Path) -> mujoco.MjSpec:
     try:
         return mujoco.MjSpec.from_file(str(path))
     except BROKEN as error:

@@ -16,9 +16,9 @@ from tulip_testbed.sim.plates import place_plates, plate_geometry
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import (
     CORNERS,
-    PLATE,
     PLATES,
     Robot,
+    check_unchanged,
     compile_spec,
     load_spec,
     sole_corners,
@@ -52,6 +52,7 @@ def load_scene(robot: Robot) -> mujoco.MjSpec:
 def _nominal_scene(robot: Robot) -> mujoco.MjSpec:
     if robot.scene_file is None:
         return build_scene(robot)
+    check_unchanged(robot, robot.scene_file)
     spec = load_spec(robot.scene_file, robot.folder)
     return spec if robot.meshes else without_meshes(spec, str(robot.scene_file))
 
@@ -120,7 +121,8 @@ def build_scene(robot: Robot) -> mujoco.MjSpec:
 def _load_plate(robot: Robot) -> mujoco.MjsBody:
     """Load the body of a plate and check the names that the laboratory looks up."""
     path = robot.plate_file
-    spec = load_spec(path, path.parent if path == PLATE else robot.folder)
+    check_unchanged(robot, path)
+    spec = load_spec(path, robot.folder)
     wanted = {"body": ["plate"], "geom": ["plate_top"]}
     wanted |= {kind: [f"plate_{corner}" for corner in CORNERS] for kind in ("site", "sensor")}
     for kind, names in wanted.items():

@@ -150,7 +150,8 @@ def random_tree(seed: int, bodies: int) -> tuple[mujoco.MjModel, Robot]:
         "scene_file": None,
         "plate_file": Path("x.xml"),
     }
-    return model, Robot(**files, stance_foot=feet[0], swing_foot=feet[1], settings={}, spec=spec, model=model)
+    nothing = {"settings": {}, "hashes": {}, "model_hash": ""}
+    return model, Robot(**files, **nothing, stance_foot=feet[0], swing_foot=feet[1], spec=spec, model=model)
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)
