@@ -75,7 +75,7 @@ def test_missing_and_broken_mjcf(assets, tmp_path, capsys):
 def test_unknown_foot_lists_the_bodies(assets, capsys):
     edit(assets / "tulip.toml", 'swing_foot = "left_foot"', 'swing_foot = "left_toe"')
     message = refused(capsys, "model", "--robot", assets / "tulip.toml")
-    assert "unknown foot 'left_toe'; valid: torso, right_hip_yaw" in message
+    assert "unknown foot 'left_toe'; did you mean 'left_foot'? valid: torso, right_hip_yaw" in message
 
 
 def test_joint_that_is_no_hinge(assets, capsys):
@@ -264,7 +264,7 @@ def test_bad_numbers_and_places_are_refused_before_the_work(tmp_path, capsys):
 
 def test_unknown_key_in_the_robot_description(assets, capsys):
     edit(assets / "tulip.toml", "simplified =", "simplifed =")
-    assert "unknown key 'simplifed'; valid: name, model" in refused(
+    assert "unknown key 'simplifed'; did you mean 'simplified'? valid: name, model" in refused(
         capsys, "model", "--robot", assets / "tulip.toml"
     )
 
