@@ -32,6 +32,10 @@ class InputWarning(UserWarning):
     """Input that is probably not what was meant."""
 
 
+class IncompleteError(InputError):
+    """A measurement folder that lacks something; whoever reads it says how to see all of it."""
+
+
 class UnknownNameError(InputError, KeyError):
     """A name that is not among the valid ones; mappings raise it, so that `in` and `get` work."""
 
@@ -68,9 +72,14 @@ def _is_ours(frame: FrameType) -> bool:
 def choices(name: object, valid: Iterable[object]) -> str:
     """Word the valid names for an error message, those that are close to `name` first."""
     names = [str(one) for one in valid]
-    close = difflib.get_close_matches(shortened(name), names, n=3, cutoff=LIKELY)
+    close = close_to(name, names)
     meant = f"did you mean {' or '.join(map(repr, close))}? " if close else ""
     return f"{meant}valid: {listed(names)}"
+
+
+def close_to(name: object, names: list[str]) -> list[str]:
+    """Return the names that may have been meant, at most three, the closest first."""
+    return difflib.get_close_matches(shortened(name), names, n=3, cutoff=LIKELY)
 
 
 def look_up(kind: str, name: str, valid, where: str) -> str:

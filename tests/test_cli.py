@@ -204,6 +204,18 @@ def test_only_options_are_written_as_flags(monkeypatch, capsys):
     assert "tulip: --per-placement: found 0" in refused(capsys, "any", "--per-placement", 1)
 
 
+def test_what_a_message_advises_is_written_as_a_command(monkeypatch, capsys):
+    def command(*, save_as: str = "") -> int:
+        raise InputError(
+            "found none; `save_as=FILE` writes it, `other=1` not; `tt.check('my lab')` lists more"
+        )
+
+    monkeypatch.setattr(command_line, "command_of", lambda name: command)
+    assert refused(capsys, "any") == (
+        "tulip: found none; `--save-as FILE` writes it, `other=1` not; `tulip check 'my lab'` lists more"
+    )
+
+
 def test_a_plan_is_no_measurement_folder_and_the_other_way_round(wii, tmp_path, capsys):
     write_measurements(tmp_path / "data", wii.run.measurements)
     for command in ("identify", "check"):

@@ -116,7 +116,7 @@ def broken(rig, robot, path, old, new):
         (RIG_FILE, '"unit": "rad"', '"unit": "deg"', "encoder-offset: found parameters ('offset', 'deg')"),
         (RIG_FILE, '"value": 0.01,', '"value": 1e9,', "expected at most 1.75 in size"),
         (RIG_FILE, '"value": 0.0005', '"value": -0.0005', "found -0.0005, expected 0 or more"),
-        (RIG_FILE, '"value": 0.01,', '"value": "0.01",', "found '0.01'; expected a valid number"),
+        (RIG_FILE, '"value": 0.01,', '"value": "0.01",', "found '0.01'; expected a number"),
         (
             RIG_FILE,
             '"low95": null,\n     "high95": null',

@@ -10,8 +10,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError
 
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import new_folder
+from tulip_testbed.sim.errors import IncompleteError, InputError
+from tulip_testbed.sim.files import new_folder, present
 from tulip_testbed.sim.measurements.data import Measurements, SensorSheet
 from tulip_testbed.sim.measurements.folder_kind import check_kind
 from tulip_testbed.sim.measurements.table_files import (
@@ -20,12 +20,15 @@ from tulip_testbed.sim.measurements.table_files import (
     checked_table,
     read_json,
     software,
+    tables_beside,
     write_json,
     write_table,
 )
 from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, sha256
 from tulip_testbed.sim.validation_message import validation_message
 
+WHOLE = ("posture", "placement")  # columns of whole numbers
+MAY_LACK = ("support", "time", "window", "samples", "q_std", "q_command", "motor", "cell_std")
 SUPPORTS = ("double", "right", "left")
 
 # Bounds beyond any laboratory: narrow enough that nothing overflows later, wide enough that the preflight
@@ -114,6 +117,12 @@ class Manifest(_Strict):
     tables: dict[str, str | None] | None = None
 
 
+def required_columns(joints: tuple[str, ...]) -> tuple[str, ...]:
+    """List the columns without which a posture cannot be used."""
+    poses = [f"plate.{plate}.{axis}" for plate in PLATES for axis in ("x", "y", "yaw")]
+    return (*WHOLE, *(f"q.{joint}" for joint in joints), *(f"cell.{cell}" for cell in CELLS), *poses)
+
+
 def write_measurements(folder: Path, measurements: Measurements) -> None:
     """Write a measurement folder, which appears whole or not at all.
 
@@ -137,8 +146,12 @@ def read_measurements(folder: Path, likely: bool = True) -> Measurements:
             found and what was expected.
     """
     folder = Path(folder)
-    manifest = read_manifest(folder)
-    table = checked_table(folder, "postures", manifest.tables)
+    try:
+        manifest = read_manifest(folder)
+        table = checked_table(folder, "postures", manifest.tables)
+        table.require(required_columns(tuple(manifest.joints)), MAY_LACK)
+    except IncompleteError as error:
+        raise InputError(f"{error}; `tt.check({str(folder)!r})` lists all that is missing or wrong") from None
     measurements = _measurements(manifest, table)
     _check_plates(folder / "manifest.json", measurements)
     _check_rows(table, measurements)
@@ -156,10 +169,12 @@ def read_manifest(folder: Path) -> Manifest:
     folder = Path(folder)
     check_kind(folder, "measurement")
     where = folder / "manifest.json"
+    if not present(where):
+        raise IncompleteError(f"{where}: missing{tables_beside(folder)}")
     try:
         return Manifest.model_validate(read_json(where))
     except ValidationError as error:
-        raise InputError(f"{where}: {validation_message(error)}") from None
+        raise IncompleteError(f"{where}: {validation_message(error)}") from None
 
 
 def _check_plates(where: Path, measurements: Measurements) -> None:

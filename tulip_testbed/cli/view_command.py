@@ -79,4 +79,4 @@ def _or_served() -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise InputError(f"{error}, --serve shows it in a browser") from None
+        raise InputError(f"{error}, `--serve` shows it in a browser") from None
