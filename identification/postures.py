@@ -21,7 +21,7 @@ from tulip_testbed.identification.feasibility import (
     support_polygon,
 )
 from tulip_testbed.identification.inverse_kinematics import InverseKinematics
-from tulip_testbed.sim.errors import InputError, choices, listed, look_up, most_frequent, shortened
+from tulip_testbed.sim.errors import InputError, choices, look_up, most_frequent, shortened
 from tulip_testbed.sim.measurements import PlateGeometry, PosturePlan, lay_boards
 from tulip_testbed.sim.robot import (
     Robot,

@@ -5,14 +5,13 @@ import linecache
 import sys
 import traceback
 import warnings
+from collections import Counter
 from collections.abc import Iterable
 from itertools import takewhile
 from types import FrameType
 
 PACKAGE = __name__.partition(".")[0]
 LIKELY = 0.7  # similarity from which on another name may have been meant
-
-from collections import Counter
 
 
 class InputError(ValueError):

@@ -244,3 +244,18 @@ def test_a_joint_that_is_missing_is_named_alone(folder, robot):
     by_hand(folder, lambda m: m["joints"].remove("left_ankle_roll"))
     with pytest.raises(InputError, match=r"key 'joints': missing: left_ankle_roll$"):
         identify(read_measurements(folder), robot)
+
+
+def test_measurements_print_as_a_line_and_have_a_frame_with_the_folders_columns(wii, folder):
+    measured = wii.run.measurements
+    for shown in (measured, wii.run.truth, wii.run.outcome, wii.run.plan):
+        assert len(repr(shown).splitlines()) == 1, repr(shown)
+        assert len(repr(shown)) < 250
+    assert repr(measured).startswith(f"Measurements: {len(measured)} rows, ")
+    assert repr(measured).endswith("on 30 placements, support double, robot tulip.xml")
+    frame = measured.to_frame()
+    assert list(frame) == pyarrow.parquet.read_table(folder / "postures.parquet").column_names
+    assert (
+        frame["q.right_knee"].tolist()
+        == measured.joint_angles[:, measured.joints.index("right_knee")].tolist()
+    )

@@ -15,7 +15,6 @@ from tulip_testbed.sim.files import new_folder, present
 from tulip_testbed.sim.measurements.data import Measurements, SensorSheet
 from tulip_testbed.sim.measurements.folder_kind import check_kind
 from tulip_testbed.sim.measurements.table_files import (
-    Columns,
     Table,
     checked_table,
     read_json,
@@ -130,7 +129,7 @@ def write_measurements(folder: Path, measurements: Measurements) -> None:
         InputError: the folder exists or cannot be written.
     """
     with new_folder(folder) as working:
-        paths = write_table(working, "postures", _columns(measurements))
+        paths = write_table(working, "postures", measurements.columns())
         tables = {path.name: sha256(path) for path in paths.values()}
         write_json(working / "manifest.json", _manifest(measurements, tables).model_dump())
 
@@ -209,32 +208,6 @@ def _check_rows(table: Table, measurements: Measurements) -> None:
     )
     again = np.isfinite(measurements.time) & ~np.isin(np.arange(len(measurements)), first)
     table.refuse("posture", again, measurements.posture, "another posture or another time than a row before")
-
-
-def _columns(measurements: Measurements) -> Columns:
-    m = measurements
-    columns: Columns = {
-        "posture": m.posture,
-        "placement": m.placement,
-        "support": m.support,
-        "time": m.time,
-        "window": m.window,
-        "samples": m.samples,
-    }
-    for prefix, names, values in (
-        ("q", m.joints, m.joint_angles),
-        ("q_std", m.joints, m.joint_angles_sd),
-        ("q_command", m.joints, m.command),
-        ("motor", m.joints, m.motor),
-        ("cell", CELLS, m.cell_forces),
-        ("cell_std", CELLS, m.cell_forces_sd),
-    ):
-        if values is not None:
-            columns |= {f"{prefix}.{name}": values[:, k] for k, name in enumerate(names)}
-    for p, plate in enumerate(PLATES):
-        for k, axis in enumerate(("x", "y", "yaw")):
-            columns[f"plate.{plate}.{axis}"] = m.plate_poses[:, p, k]
-    return columns
 
 
 def _manifest(measurements: Measurements, tables: dict[str, str]) -> Manifest:
