@@ -66,6 +66,24 @@ def test_the_readme_shows_the_first_half():
     assert FIRST_HALF.strip() in (ROOT / "README.md").read_text()
 
 
+def blocks(page: str) -> list[str]:
+    return re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)
+
+
+def test_the_readme_begins_with_what_its_block_reads(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    first, second = blocks("README.md")
+    names: dict = {}
+    exec(first.replace("seed=3)", 'seed=3, engine="statics")') + second, names)
+    assert len(names["fit"]) == 25
+
+
+@pytest.mark.parametrize("page", ["docs/your-data.md", "docs/measurements.md", "docs/effects.md"])
+def test_the_python_of_a_page_runs(page, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    exec("".join(blocks(page)), {})
+
+
 def test_the_block_in_statics_without_a_screen(notebook):
     quick = SECOND_HALF.replace("seed=3)  ", 'seed=3, engine="statics")  ').replace("runs=1000", "runs=20")
     quick = quick.replace("seed=1).verdict", 'seed=1, engine="statics").verdict')

@@ -63,7 +63,7 @@ def test_a_correlation_is_of_two_parameters(fit, pair):
 
 @pytest.mark.parametrize("level", [2, -1, "0.85"])
 def test_a_level_is_within_0_and_1(fit, level):
-    with pytest.raises(InputError, match="^level: found"):
+    with pytest.raises(InputError, match=r"^level: found"):
         fit.correlations.above(level)
 
 
