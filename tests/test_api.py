@@ -155,8 +155,9 @@ def test_unknown_names_list_the_valid_ones(robot):
 
 
 def test_no_error_of_the_library_names_a_flag():
-    """Every message in the rooms below the command line is free of flags."""
-    for room in ("sim", "identification", "effects", "discovery", "experiments"):
+    """Every message of the rooms beside the command line is free of flags."""
+    door = (f"tulip_testbed/{room}" for room in ("pages", "viewer"))
+    for room in ("sim", "identification", "effects", "discovery", "experiments", *door):
         for path in (ROOT / room).rglob("*.py"):
             for raised in re.findall(r"raise \w+\((.*?)\)\n", path.read_text(), re.DOTALL):
                 assert not re.search(r"(?<![\w-])--[a-z]", raised), f"{path}: {raised[:120]}"
