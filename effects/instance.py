@@ -13,7 +13,8 @@ from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect, Parameter, Values
 from tulip_testbed.effects.targets import check_target
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
+from tulip_testbed.sim.arguments import expect
+from tulip_testbed.sim.errors import InputError, listed, look_up, shortened, warn
 from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import Robot
@@ -119,8 +120,8 @@ class EffectInstance:
     def doubts(self) -> list[str]:
         """Return a warning for every implausible value: most often another unit was meant."""
         return [
-            f"{self.label}: {p.name} {number(value)} {p.unit} ({p.text(value)}) is "
-            f"{abs(value) / p.prior:.0f} times what is plausible ({number(p.prior, '.3g')} {p.unit}); "
+            f"{self.label}: {p.name} {_with_unit(number(value), p)} ({p.text(value)}) is "
+            f"{abs(value) / p.prior:.0f} times what is plausible ({_with_unit(number(p.prior, '.3g'), p)}); "
             "values are in SI units"
             for p, value in zip(self.effect.parameters, self.values, strict=True)
             if p.prior and abs(value) > DOUBTFUL_PRIORS * p.prior
@@ -187,6 +188,36 @@ class EffectInstance:
         return read
 
 
+Effects = EffectInstance | str | Sequence[EffectInstance | str]
+
+
+def several(effects: Effects, where: str = "effects") -> tuple[EffectInstance | str, ...]:
+    """Return one effect or many as a tuple.
+
+    Raises:
+        InputError: something else.
+    """
+    expect(where, effects, Effects)
+    return (effects,) if isinstance(effects, EffectInstance | str) else tuple(effects)
+
+
+def instances_of(effects: Effects, robot: Robot, where: str = "effects") -> tuple[EffectInstance, ...]:
+    """Return effects, of which texts are read, with a warning for every implausible value.
+
+    Args:
+        where: place of the effects, for messages.
+
+    Raises:
+        InputError: with what is wrong and what is valid.
+    """
+    found = tuple(
+        EffectInstance.parse(e, robot) if isinstance(e, str) else e for e in several(effects, where)
+    )
+    for doubt in (text for instance in found for text in instance.doubts):
+        warn(doubt)
+    return found
+
+
 def _number(text: str, parameter: Parameter, where: str) -> float:
     if parameter.choices:
         return float(parameter.choices.index(look_up(parameter.name, text.strip(), parameter.choices, where)))
@@ -197,6 +228,10 @@ def _number(text: str, parameter: Parameter, where: str) -> float:
         raise InputError(
             f"{where}: {parameter.name}: found '{shortened(text)}', expected a number{unit}"
         ) from None
+
+
+def _with_unit(text: str, parameter: Parameter) -> str:
+    return f"{text} {parameter.unit}".strip()
 
 
 def _written(value: float, parameter: Parameter) -> str:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Any, NamedTuple, overload
 
 import numpy as np
 
 from tulip_testbed.identification.statistics import HIGH_CORRELATION
+from tulip_testbed.sim.arguments import expect
 from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.errors import UnknownNameError, listed, shortened
+from tulip_testbed.sim.errors import InputError, UnknownNameError, choices, listed, shortened
 from tulip_testbed.sim.table import Shown, Table
 
 
@@ -71,12 +72,10 @@ def parameter_index(name: str | int, numbers: np.ndarray, names: tuple[str, ...]
     """
     if name in names:
         return names.index(str(name))
-    if not isinstance(name, str) and name in numbers:
+    if isinstance(name, Integral) and name in numbers:
         return numbers.tolist().index(name)
-    close = difflib.get_close_matches(str(name), names, n=3)
-    meant = f"did you mean {' or '.join(map(repr, close))}? " if close else ""
     raise UnknownNameError(
-        f"unknown parameter {shortened(repr(name))}; {meant}valid: {listed(names)}, or their numbers "
+        f"unknown parameter {shortened(repr(name))}; {choices(name, names)}, or their numbers "
         f"{listed(numbers)}"
     )
 
@@ -100,11 +99,23 @@ class Correlations(Shown):
         Raises:
             UnknownNameError: there is none; lists the names that are close and those that are valid.
         """
+        if not isinstance(pair, tuple) or len(pair) != 2:
+            raise UnknownNameError(
+                f"found {shortened(repr(pair))}, expected two parameters: "
+                f'correlations["{self.names[0]}", "{self.names[-1]}"]'
+            )
         a, b = (parameter_index(name, self.numbers, self.names) for name in pair)
         return float(self.matrix[a, b])
 
     def above(self, level: float = HIGH_CORRELATION) -> Pairs:
-        """Return the pairs whose correlation exceeds a level in size."""
+        """Return the pairs whose correlation exceeds a level in size.
+
+        Raises:
+            InputError: a level below 0 or above 1.
+        """
+        expect("level", level, float)
+        if not 0 <= level <= 1:
+            raise InputError(f"level: found {level:g}, expected 0 to 1")
         found = np.argwhere(np.triu(np.abs(self.matrix) > level, k=1))
         pairs = (Pair(self.names[a], self.names[b], float(self.matrix[a, b])) for a, b in found)
         return Pairs(tuple(pairs), level)

@@ -9,7 +9,7 @@ import numpy as np
 
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.sim.measurements import lay_boards
-from tulip_testbed.sim.measurements.survey import required_columns
+from tulip_testbed.sim.measurements.measurement_folder import required_columns
 from tulip_testbed.sim.plates import plate_geometry
 from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, Robot
 from tulip_testbed.sim.scene import load_scene, nominal_plates

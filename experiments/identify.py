@@ -27,9 +27,12 @@ from tulip_testbed.identification.statistics import (
     correlations,
     standard_errors,
 )
+from tulip_testbed.sim.errors import look_up
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.table import Shown, Table
+
+MODELS = ("full", "simplified")
 
 
 @dataclass(frozen=True)
@@ -98,12 +101,17 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
         return Correlations(self.full.numbers, self.full.names, correlations(self.full.covariance))
 
     def table(self, model: str = "full") -> Table:
-        """Return the parameters of a model, "full" or "simplified"."""
+        """Return the parameters of a model, "full" or "simplified".
+
+        Raises:
+            UnknownNameError: another model.
+        """
+        look_up("model", model, MODELS, "model")
         return parameter_table(model, model_report(getattr(self, model), None).plain(), self.parameters)
 
-    def to_frame(self) -> Any:
-        """Return a pandas DataFrame with one row a parameter of the full model and its name as the index."""
-        return self.table().frame().set_index("parameter")
+    def to_frame(self, model: str = "full") -> Any:
+        """Return a pandas DataFrame with one row a parameter of a model and its name as the index."""
+        return self.table(model).frame().set_index("parameter")
 
     def parts(self) -> list[Table | str]:
         """Return the parameters of the full model, their high correlations and the total mass."""

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from tulip_testbed.effects.injection import check_built
-from tulip_testbed.effects.instance import EffectInstance, check_instance, check_laboratory, injected
+from tulip_testbed.effects.instance import (
+    EffectInstance,
+    Effects,
+    check_instance,
+    check_laboratory,
+    injected,
+    instances_of,
+    several,
+)
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,
     base_parameters,
     common_support,
 )
+from tulip_testbed.sim.arguments import checked, expect
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.errors import InputError, at_least, look_up
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
@@ -28,7 +36,7 @@ from tulip_testbed.sim.scene_check import check_scene
 from tulip_testbed.sim.sensors import PRESETS
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
-from tulip_testbed.sim.threads import one_blas_thread
+from tulip_testbed.sim.threads import one_blas_thread, processes
 
 ENGINES = ("dynamics", "statics")
 DEFAULT_SEED = 1
@@ -41,8 +49,8 @@ class Laboratory:
     Attributes:
         robot: the nominal robot.
         sensors: name of a preset of data-sheet figures: "wii", "force-plate" or "ideal".
-        known: effects that the laboratory is known to have; estimates are corrected for them.
-        hidden: effects that nobody is told.
+        known: effects that the laboratory is known to have; estimates are corrected for them. Texts are read.
+        hidden: effects that nobody is told, likewise.
         nominal: the laboratory without effects; None: the robot's, with the preset's sensors.
     """
 
@@ -53,7 +61,13 @@ class Laboratory:
     nominal: Rig | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        for name, kind in (("robot", Robot), ("sensors", str), ("nominal", Rig | None)):
+            expect(name, getattr(self, name), kind)
         look_up("preset", self.sensors, PRESETS, "sensors")
+        for name in ("known", "hidden"):
+            given = several(getattr(self, name), name)
+            texts = any(isinstance(effect, str) for effect in given)
+            object.__setattr__(self, name, self._instances(given) if texts else given)
 
     @cached_property
     def rig(self) -> Rig:
@@ -61,6 +75,7 @@ class Laboratory:
         plain = preset_rig(self.sensors, self.robot) if self.nominal is None else self.nominal
         return injected(injected(plain, self.known), self.hidden)
 
+    @checked
     def with_effects(self, *effects: EffectInstance | str) -> Laboratory:
         """Hide more effects in this laboratory.
 
@@ -73,24 +88,24 @@ class Laboratory:
         """
         return replace(self, hidden=self.hidden + self._instances(effects))
 
+    @checked
     def with_known(self, *effects: EffectInstance | str) -> Laboratory:
         """Add effects that the laboratory is known to have, written as in `with_effects`."""
         return replace(self, known=self.known + self._instances(effects))
 
-    def _instances(self, effects: Sequence[EffectInstance | str]) -> tuple[EffectInstance, ...]:
-        found = []
-        for effect in effects:
-            instance = EffectInstance.parse(effect, self.robot) if isinstance(effect, str) else effect
+    def _instances(self, effects: Effects) -> tuple[EffectInstance, ...]:
+        found = instances_of(effects, self.robot)
+        for instance in found:
             try:
                 check_built(injected(preset_rig("ideal", self.robot), [instance]))
             except InputError as error:
                 raise InputError(
-                    f"effect {effect}: found a laboratory that cannot be built, expected one that can: "
+                    f"effect {instance}: found a laboratory that cannot be built, expected one that can: "
                     f"{error}"
                 ) from None
-            found.append(instance)
-        return tuple(found)
+        return found
 
+    @checked
     @one_blas_thread
     def run(
         self,
@@ -113,14 +128,13 @@ class Laboratory:
         Raises:
             InputError: a plan that does not fit, or nothing could be measured.
         """
-        workers = os.cpu_count() or 1 if workers is None else workers
+        count = processes(workers)
         at_least("seed", seed, 0)
-        at_least("workers", workers, 1)
         self.check(plan, engine)
         if engine == "statics":
             (outcome,) = run_statics(solve_plan(self.rig, plan), [np.random.SeedSequence(seed)])
         else:
-            outcome = run_dynamics(self.rig, plan, seed, workers, progress)
+            outcome = run_dynamics(self.rig, plan, seed, count, progress)
         return Run(self, plan, seed, engine, outcome.measurements, outcome.truth)
 
     def check(self, plan: PosturePlan, engine: str) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 from tulip_testbed.experiments.example import compact_json
 from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.measurements.survey import MAY_LACK
+from tulip_testbed.sim.measurements.measurement_folder import MAY_LACK
 from tulip_testbed.sim.table import Cell, Table
 
 

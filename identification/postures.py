@@ -21,7 +21,7 @@ from tulip_testbed.identification.feasibility import (
     support_polygon,
 )
 from tulip_testbed.identification.inverse_kinematics import InverseKinematics
-from tulip_testbed.sim.errors import InputError, listed, look_up, most_frequent, shortened
+from tulip_testbed.sim.errors import InputError, choices, look_up, most_frequent, shortened
 from tulip_testbed.sim.measurements import PlateGeometry, PosturePlan, lay_boards
 from tulip_testbed.sim.robot import (
     Robot,
@@ -84,7 +84,7 @@ def planning_ranges(robot: Robot) -> PlanningRanges:
             values[name] = _joint_table(where, value)
             continue
         if name not in fields:
-            raise InputError(f"{where}: unknown key '{key}'; valid: {listed([*fields, 'joints_deg'])}")
+            raise InputError(f"{where}: unknown key '{key}'; {choices(key, [*fields, 'joints_deg'])}")
         if name in values:
             raise InputError(f"{where}: found '{name}' and '{name}_deg', expected one of them")
         numbers = _numbers(f"{where}: key '{key}'", value, is_range=fields[name].type == "Range")

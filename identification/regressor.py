@@ -123,11 +123,17 @@ def check_robot(
             raise InputError(
                 f"{where}: key 'robot.{key}': found '{measurements.robot[key]}', expected '{expected}'"
             )
-    if measurements.joints != parameters.tree.joints:
-        raise InputError(
-            f"{where}: key 'joints': found {listed(measurements.joints)}; "
-            f"expected the model's order {listed(parameters.tree.joints)}"
-        )
+    _check_joints(f"{where}: key 'joints'", measurements.joints, parameters.tree.joints)
+
+
+def _check_joints(where: str, found: tuple[str, ...], expected: tuple[str, ...]) -> None:
+    """Refuse joints other than the robot's; names those that make the difference."""
+    if missing := [joint for joint in expected if joint not in found]:
+        others = [joint for joint in found if joint not in expected]
+        strange = f"; found {listed(others)}, which the robot does not have" if others else ""
+        raise InputError(f"{where}: missing: {listed(missing)}{strange}")
+    if found != expected:
+        raise InputError(f"{where}: found {listed(found)}; expected the model's order {listed(expected)}")
 
 
 def regression(

@@ -63,6 +63,8 @@ class Column:
         return number(value if self.scale == 1.0 else self.scale * value, self.format)
 
     def _interval(self, values: Sequence[float]) -> str:
+        if None in values:  # too few runs for one
+            return ""
         *estimate, low, high = values
         first, last = self.text(low), self.text(high)
         if estimate:

@@ -1,10 +1,38 @@
-"""The exception for bad input, and helpers that word its messages."""
+"""The exception and the warning for bad input, and helpers that word their messages."""
 
+import difflib
+import linecache
+import sys
+import traceback
+import warnings
 from collections import Counter
+from collections.abc import Iterable
+from itertools import takewhile
+from types import FrameType
+
+PACKAGE = __name__.partition(".")[0]
+LIKELY = 0.7  # similarity from which on another name may have been meant
 
 
 class InputError(ValueError):
     """Bad input; the message names what was found, where, and what was expected."""
+
+    def _render_traceback_(self) -> list[str]:
+        """Return what a notebook shows: the line that called the library, and the message."""
+        way = takewhile(lambda step: not _is_ours(step[0]), traceback.walk_tb(self.__traceback__))
+        caller = [
+            f"----> {number} {linecache.getline(frame.f_code.co_filename, number, frame.f_globals).strip()}"
+            for frame, number in way
+        ]
+        return [*caller[-1:], f"{type(self).__name__}: {self}"]
+
+
+class InputWarning(UserWarning):
+    """Input that is probably not what was meant."""
+
+
+class IncompleteError(InputError):
+    """A measurement folder that lacks something; whoever reads it says how to see all of it."""
 
 
 class UnknownNameError(InputError, KeyError):
@@ -29,14 +57,39 @@ def shortened(value: object, most: int = 60) -> str:
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
+def warn(message: str) -> None:
+    """Warn at the line that called the library."""
+    frames = [frame for frame, _ in traceback.walk_stack(sys._getframe())]
+    outermost = max(k for k, frame in enumerate(frames) if _is_ours(frame))
+    warnings.warn(message, InputWarning, stacklevel=outermost + 2)
+
+
+def _is_ours(frame: FrameType) -> bool:
+    return frame.f_globals.get("__name__", "").partition(".")[0] == PACKAGE
+
+
+def choices(name: object, valid: Iterable[object]) -> str:
+    """Word the valid names for an error message, those that are close to `name` first."""
+    names = [str(one) for one in valid]
+    close = close_to(name, names)
+    meant = f"did you mean {' or '.join(map(repr, close))}? " if close else ""
+    return f"{meant}valid: {listed(names)}"
+
+
+def close_to(name: object, names: list[str]) -> list[str]:
+    """Return the names that may have been meant, at most three, the closest first."""
+    return difflib.get_close_matches(shortened(name), names, n=3, cutoff=LIKELY)
+
+
 def look_up(kind: str, name: str, valid, where: str) -> str:
     """Return `name` if it is one of `valid`.
 
     Raises:
-        InputError: `name` is unknown; the message lists the valid names.
+        UnknownNameError: `name` is unknown; the message lists the names that are close and those that are
+            valid.
     """
     if name not in valid:
-        raise InputError(f"{where}: unknown {kind} '{shortened(name)}'; valid: {listed(valid)}")
+        raise UnknownNameError(f"{where}: unknown {kind} '{shortened(name)}'; {choices(name, valid)}")
     return name
 
 

@@ -78,13 +78,18 @@ def present(path: Path) -> bool:
     return True
 
 
-def check_new(path: Path) -> None:
+def check_new(path: Path, ending: str = "") -> None:
     """Refuse, before the work, a path at which its result could not be written.
 
+    Args:
+        ending: of the name of a file, such as ".html".
+
     Raises:
-        InputError: the path exists, or lies in a folder that cannot be written.
+        InputError: the path exists, lies in a folder that cannot be written, or has another ending.
     """
     path = Path(path)
+    if not path.name.lower().endswith(ending):
+        raise InputError(f"{path}: found a name that ends in '{path.suffix}', expected {ending}")
     real = Path(os.path.realpath(path))
     if present(path) or real.exists():
         raise InputError(f"{path}: exists already; give a new name")

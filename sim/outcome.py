@@ -47,6 +47,10 @@ class Truth:
     dropped: tuple[tuple[int, str], ...]
     attempts: tuple[Attempt, ...] = ()
 
+    def __repr__(self) -> str:
+        links, postures = len(self.standard), len(self.dropped)
+        return f"Truth: {self.mass:.3f} kg on the plates, {links} links, {postures} postures dropped"
+
     @property
     def measured(self) -> list[Attempt]:
         """Return the attempts behind the rows of the measurements, in the same order."""
@@ -68,6 +72,9 @@ class Outcome:
 
     measurements: Measurements
     truth: Truth
+
+    def __repr__(self) -> str:
+        return f"Outcome: {self.measurements}; {self.truth}"
 
 
 def dropped_postures(attempts: tuple[Attempt, ...]) -> tuple[tuple[int, str], ...]:

@@ -106,7 +106,7 @@ def preset_rig(name: str, robot: Robot | None = None) -> Rig:
     Raises:
         InputError: the preset is unknown, or a [drives] or [compliance] table is invalid.
     """
-    look_up("preset", name, PRESETS, "preset_rig")
+    look_up("preset", name, PRESETS, "sensors")
     robot = robot or load_robot()
     drives = Drives(**_table(robot, "drives", Drives))
     if drives.backlash > 0 and drives.wind_up <= 0:

@@ -15,7 +15,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
+from tulip_testbed.sim.errors import InputError, choices, listed, look_up, shortened
 from tulip_testbed.sim.files import present, read_bytes, read_text
 from tulip_testbed.sim.mjcf_files import mjcf_files
 from tulip_testbed.sim.model_check import check_model
@@ -192,7 +192,7 @@ def _description(path: Path) -> dict[str, Any]:
     except RecursionError:
         raise InputError(f"{path}: not a robot description: nested too deep") from None
     if unknown := [key for key in settings if key not in KEYS]:
-        raise InputError(f"{path}: unknown key '{unknown[0]}'; valid: {listed(KEYS)}")
+        raise InputError(f"{path}: unknown key '{unknown[0]}'; {choices(unknown[0], KEYS)}")
     optional = [key for key in ("scene", "plate") if key in settings]
     for key in ("model", "stance_foot", "swing_foot", *optional):
         if not isinstance(settings.get(key), str):

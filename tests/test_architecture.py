@@ -138,7 +138,7 @@ def test_the_wheel_holds_every_folder():
         ("tyro", r"cli\.\w+"),
         ("rich", r"(cli\.terminal|sim\.table(_layout)?)"),
         ("jinja2", r"pages\.\w+"),
-        ("pandas", r"(sim\.table|experiments\.correlations)"),
+        ("pandas", r"(sim\.table|sim\.measurements\.data|experiments\.correlations)"),
     ],
 )
 def test_a_library_has_one_room(library, owners):

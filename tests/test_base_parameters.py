@@ -105,7 +105,7 @@ def test_unknown_foot_and_support_are_refused(robot, tmp_path):
         shutil.copy(path, tmp_path)
     description = tmp_path / robot.path.name
     description.write_text(description.read_text().replace('"right_foot"\n', '"third_foot"\n'))
-    with pytest.raises(InputError, match=r"unknown foot 'third_foot'; valid: torso, .*left_foot"):
+    with pytest.raises(InputError, match=r"unknown foot 'third_foot'; .*valid: torso, .*left_foot"):
         load_robot(description)
     with pytest.raises(InputError, match="expected one of double, right, left"):
         base_parameters(robot, support="both")

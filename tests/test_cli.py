@@ -75,7 +75,7 @@ def test_missing_and_broken_mjcf(assets, tmp_path, capsys):
 def test_unknown_foot_lists_the_bodies(assets, capsys):
     edit(assets / "tulip.toml", 'swing_foot = "left_foot"', 'swing_foot = "left_toe"')
     message = refused(capsys, "model", "--robot", assets / "tulip.toml")
-    assert "unknown foot 'left_toe'; valid: torso, right_hip_yaw" in message
+    assert "unknown foot 'left_toe'; did you mean 'left_foot'? valid: torso, right_hip_yaw" in message
 
 
 def test_joint_that_is_no_hinge(assets, capsys):
@@ -204,6 +204,18 @@ def test_only_options_are_written_as_flags(monkeypatch, capsys):
     assert "tulip: --per-placement: found 0" in refused(capsys, "any", "--per-placement", 1)
 
 
+def test_what_a_message_advises_is_written_as_a_command(monkeypatch, capsys):
+    def command(*, save_as: str = "") -> int:
+        raise InputError(
+            "found none; `save_as=FILE` writes it, `other=1` not; `tt.check('my lab')` lists more"
+        )
+
+    monkeypatch.setattr(command_line, "command_of", lambda name: command)
+    assert refused(capsys, "any") == (
+        "tulip: found none; `--save-as FILE` writes it, `other=1` not; `tulip check 'my lab'` lists more"
+    )
+
+
 def test_a_plan_is_no_measurement_folder_and_the_other_way_round(wii, tmp_path, capsys):
     write_measurements(tmp_path / "data", wii.run.measurements)
     for command in ("identify", "check"):
@@ -264,7 +276,7 @@ def test_bad_numbers_and_places_are_refused_before_the_work(tmp_path, capsys):
 
 def test_unknown_key_in_the_robot_description(assets, capsys):
     edit(assets / "tulip.toml", "simplified =", "simplifed =")
-    assert "unknown key 'simplifed'; valid: name, model" in refused(
+    assert "unknown key 'simplifed'; did you mean 'simplified'? valid: name, model" in refused(
         capsys, "model", "--robot", assets / "tulip.toml"
     )
 

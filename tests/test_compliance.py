@@ -173,7 +173,7 @@ def test_rigid_is_the_default_and_the_robot_file_says_otherwise(tmp_path, robot)
     assert flexible.drives == Drives(0.01, 0.001)
     for wrong, message in (
         ({"backlash": 0.01}, r"tulip.toml: \[drives\]: found backlash = 0.01 and no wind_up"),
-        ({"windup": 0.01}, "unknown key 'windup'; valid: wind_up, backlash"),
+        ({"windup": 0.01}, "unknown key 'windup'; did you mean 'wind_up'. valid: wind_up, backlash"),
         ({"wind_up": "soft"}, "key 'wind_up': found 'soft', expected a number, 0 or more"),
         ({"wind_up": -1.0}, "found -1.0"),
     ):

@@ -120,7 +120,7 @@ def test_an_episode_ends_when_the_robot_tips(rig, stand, actuation):
         ({"plate_poses": np.zeros(3)}, r"plate_poses: found shape \(3,\), expected \(2, 3\)"),
         ({"actuation": "speeds"}, "unknown actuation 'speeds'; valid: angles, torques"),
         ({"control_timestep": 0.0123}, "control_timestep: .*multiple"),
-        ({"observable_options": {"cell": {}}}, "unknown observable 'cell'; valid: .*cells"),
+        ({"observable_options": {"cell": {}}}, "unknown observable 'cell'; did you mean 'cells'. valid: "),
         ({"observable_options": {"cells": {"lag": 1}}}, "'cells': unknown option 'lag'; valid: .*delay"),
     ],
 )

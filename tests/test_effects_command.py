@@ -40,7 +40,9 @@ def test_one_effect_is_explained(capsys):
     assert "OFFSET [rad]: s.d. 1 deg" in out
     assert "has a wrong zero" in out
     assert "left_knee" in out
-    assert "unknown effect 'encoder-ofset'; valid: " in refused(capsys, "effects", "encoder-ofset")
+    assert "unknown effect 'encoder-ofset'; did you mean 'encoder-offset'" in refused(
+        capsys, "effects", "encoder-ofset"
+    )
 
 
 @pytest.mark.parametrize(

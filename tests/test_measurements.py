@@ -179,3 +179,83 @@ def test_a_failed_write_leaves_nothing(plan, tmp_path):
     with pytest.raises(TypeError):
         write_plan(tmp_path / "plan", broken)
     assert list(tmp_path.iterdir()) == []
+
+
+def by_hand(folder, change=lambda manifest: None, name="postures.csv"):
+    """Leave a folder as a person writes it: one CSV, and a manifest without hashes."""
+    manifest = json.loads((folder / "manifest.json").read_text()) | {"tables": None}
+    change(manifest)
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    (folder / "postures.parquet").unlink()
+    (folder / "postures.csv").rename(folder / name)
+
+
+def refusal(folder):
+    with pytest.raises(InputError) as error:
+        read_measurements(folder)
+    return str(error.value).replace(str(folder), "DATA")
+
+
+def test_an_incomplete_folder_names_its_tables_and_what_lists_the_rest(folder):
+    by_hand(folder, name="wednesday.csv")
+    rest = "; found wednesday.csv; `tt.check('DATA')` lists all that is missing or wrong"
+    assert (
+        refusal(folder)
+        == f"DATA: found neither postures.parquet nor postures.csv, expected one of them{rest}"
+    )
+    (folder / "manifest.json").unlink()
+    assert refusal(folder) == f"DATA/manifest.json: missing{rest}"
+    with pytest.raises(InputError, match=r"and the table as postures.csv; `tt.check\('.*data'\)` lists what"):
+        read_measurements(folder / "wednesday.csv")
+
+
+def test_all_missing_columns_are_named_and_close_ones_that_are_there(folder):
+    by_hand(folder)
+    path = folder / "postures.csv"
+    path.write_text(
+        path.read_text().replace("q.right_knee", "q.rightknee", 1).replace('"posture"', '"no"', 1)
+    )
+    assert "columns 'posture', 'q.right_knee' are missing (found 'q.rightknee'); `tt.check(" in refusal(
+        folder
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            lambda m: [m.pop(key) for key in ("gravity", "sensors")],
+            "keys 'gravity', 'sensors': found nothing",
+        ),
+        (lambda m: m.update(gravity=981), "key 'gravity': found 981; expected 100 or less"),
+        (lambda m: m.update(gravity="9.81"), "key 'gravity': found '9.81'; expected a number"),
+        (lambda m: m.update(joints=[]), "key 'joints': found []; expected 1 or more values"),
+        (lambda m: m.update(sensors=3), "key 'sensors': found 3; expected an object"),
+        (lambda m: m["sensors"].update(placement_sd=0.001), "found 0.001; expected a list"),
+        (lambda m: m["sensors"].update(cell_sd=1e-20), "found 1e-20; expected 0 or at least 1e-12"),
+    ],
+)
+def test_the_manifests_faults_are_told_in_our_words(folder, change, message):
+    by_hand(folder, change)
+    assert message in refusal(folder)
+
+
+def test_a_joint_that_is_missing_is_named_alone(folder, robot):
+    by_hand(folder, lambda m: m["joints"].remove("left_ankle_roll"))
+    with pytest.raises(InputError, match=r"key 'joints': missing: left_ankle_roll$"):
+        identify(read_measurements(folder), robot)
+
+
+def test_measurements_print_as_a_line_and_have_a_frame_with_the_folders_columns(wii, folder):
+    measured = wii.run.measurements
+    for shown in (measured, wii.run.truth, wii.run.outcome, wii.run.plan):
+        assert len(repr(shown).splitlines()) == 1, repr(shown)
+        assert len(repr(shown)) < 250
+    assert repr(measured).startswith(f"Measurements: {len(measured)} rows, ")
+    assert repr(measured).endswith("on 30 placements, support double, robot tulip.xml")
+    frame = measured.to_frame()
+    assert list(frame) == pyarrow.parquet.read_table(folder / "postures.parquet").column_names
+    assert (
+        frame["q.right_knee"].tolist()
+        == measured.joint_angles[:, measured.joints.index("right_knee")].tolist()
+    )

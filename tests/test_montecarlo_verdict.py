@@ -5,7 +5,8 @@ import pytest
 from scipy.stats import binom
 
 from tests.montecarlo_work import LAYOUT, Regressions, run_regressions
-from tulip_testbed.experiments.montecarlo.calibration_report import report
+from tulip_testbed.experiments.montecarlo.calibration_report import CalibrationReport, report
+from tulip_testbed.experiments.montecarlo.calibration_tables import calibration_report
 from tulip_testbed.experiments.montecarlo.calibration_verdict import (
     LEVEL,
     CalibrationCheck,
@@ -31,11 +32,21 @@ def failed(document):
 
 def test_a_true_estimator_is_shown_to_be_right(tmp_path):
     document = judged(tmp_path, RUNS)
+    assert CalibrationReport.model_validate(document).conclusive
     assert document["verdict"] == "pass"
     assert document["shown"]
     assert document["parameters"][0]["standard_error_ratio"] == pytest.approx(1.0, abs=0.07)
     assert document["parameters"][2]["coverage95"] == pytest.approx(0.95, abs=0.015)
     assert document["correlations"]["1,3"]["mean"] == pytest.approx(0.0, abs=0.03)
+
+
+@pytest.mark.parametrize("runs", [1, 2])
+def test_a_pass_of_few_runs_prints_and_is_not_conclusive(tmp_path, runs):
+    chunks = run_regressions(tmp_path, runs, 500, Regressions(seed=111))
+    found = report(summarise(chunks, LAYOUT), LAYOUT, "stand-in")
+    assert (found.verdict, found.conclusive) == ("pass", False)
+    text = "\n".join(map(str, calibration_report(found.plain())))
+    assert ("± - g, found over stated s.e. -," in text) == (runs == 1)
 
 
 def test_halved_standard_errors_fail(tmp_path):

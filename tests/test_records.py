@@ -321,7 +321,7 @@ EDITED_DISCOVERY = [
     (("parameters", 24), GONE, "key 'parameters': found 24 rows, expected 25"),
     (("parameters", 0, "name"), "head.x", "key 'parameters.0': found parameter 1, head.x, expected 1"),
     (("story",), [], "key 'story'"),
-    (("check",), {"reason": None}, "key 'check.postures': found nothing"),
+    (("check",), {"reason": None}, "keys 'check.postures', 'check.tried'"),
 ]
 
 

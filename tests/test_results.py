@@ -39,7 +39,7 @@ def test_names_are_those_of_the_base_parameters(fit):
     assert [p.number for p in fit.values()] == list(range(1, 26))
 
 
-@pytest.mark.parametrize("name", ["torso.w", "Torso.x", "", "knee[left]", 0, 26, -1, 1.5, None])
+@pytest.mark.parametrize("name", ["torso.w", "Torso.x", "", "knee[left]", 0, 26, -1, 1.5, None, ("a", "b")])
 def test_an_unknown_parameter_is_refused_by_name(fit, name):
     with pytest.raises(InputError, match=r"^unknown parameter .*valid: torso\.x, .* 24, 25$") as refusal:
         fit[name]
@@ -53,6 +53,28 @@ def test_an_unknown_parameter_is_refused_by_name(fit, name):
 def test_a_close_name_is_offered(fit):
     with pytest.raises(InputError, match=r"^unknown parameter 'torso\.w'; did you mean 'torso\.\w'"):
         fit["torso.w"]
+
+
+@pytest.mark.parametrize("pair", ["right_hip.y", 12, ("torso.x",), ("torso.x", "torso.y", "torso.z")])
+def test_a_correlation_is_of_two_parameters(fit, pair):
+    with pytest.raises(InputError, match=r"expected two parameters: correlations\[\"torso.x\", "):
+        fit.correlations[pair]
+
+
+@pytest.mark.parametrize("level", [2, -1, "0.85"])
+def test_a_level_is_within_0_and_1(fit, level):
+    with pytest.raises(InputError, match=r"^level: found"):
+        fit.correlations.above(level)
+
+
+def test_both_models_have_a_frame_and_others_are_refused(fit):
+    assert len(fit.to_frame()) == 25
+    assert len(fit.to_frame(model="simplified")) == 13
+    with pytest.raises(
+        InputError, match=r"unknown model 'simple'; did you mean 'simplified'. valid: full, s"
+    ):
+        fit.to_frame("simple")
+    assert repr(fit.full).startswith("Estimate: 25 parameters, residual sigma ")
 
 
 def test_correlations_by_name(fit):

@@ -110,13 +110,13 @@ def broken(rig, robot, path, old, new):
     [
         (CHANGED, "left_ankle_roll_yield", "left_ankle_roll_y", "hash mismatch"),
         (DIFF, "Effects", "effects", "hash mismatch"),
-        (RIG_FILE, '"encoder-offset"', '"encoder-ofset"', "unknown effect 'encoder-ofset'; valid: "),
-        (RIG_FILE, '"right_knee"', '"right_kne"', "unknown target 'right_kne'; valid: right_hip_yaw"),
+        (RIG_FILE, '"encoder-offset"', '"encoder-ofset"', "'encoder-ofset'; did you mean 'encoder-offset'"),
+        (RIG_FILE, '"right_knee"', '"right_kne"', "'right_kne'; did you mean 'right_knee'"),
         (RIG_FILE, '"right_knee"', "null", "found no target, expected JOINT"),
         (RIG_FILE, '"unit": "rad"', '"unit": "deg"', "encoder-offset: found parameters ('offset', 'deg')"),
         (RIG_FILE, '"value": 0.01,', '"value": 1e9,', "expected at most 1.75 in size"),
         (RIG_FILE, '"value": 0.0005', '"value": -0.0005', "found -0.0005, expected 0 or more"),
-        (RIG_FILE, '"value": 0.01,', '"value": "0.01",', "found '0.01'; expected a valid number"),
+        (RIG_FILE, '"value": 0.01,', '"value": "0.01",', "found '0.01'; expected a number"),
         (
             RIG_FILE,
             '"low95": null,\n     "high95": null',

@@ -29,6 +29,7 @@ from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validation_record import read_validation, validation_record, write_validation
 from tulip_testbed.identification.feasibility import stability_margin
 from tulip_testbed.polygons import inset, nearest_on
+from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import read_measurements, read_series, write_measurements
 from tulip_testbed.viewer import balance_series as balance
 from tulip_testbed.viewer import layout, window
@@ -253,7 +254,9 @@ def test_bad_input(run, tmp_path, capsys, monkeypatch):
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     message = refused(capsys, "view", run)
     assert "found no display" in message
-    assert "--save FILE.rrd" in message
+    assert "expected one; `--save FILE.rrd` writes the view without a window, `--serve` shows" in message
+    with pytest.raises(InputError, match=r"expected one; `save=FILE.rrd` writes the view without a window$"):
+        window.check_display()
     assert "no such folder" in refused(capsys, "view", tmp_path / "none")
     (tmp_path / "empty").mkdir()
     message = refused(capsys, "view", tmp_path / "empty")

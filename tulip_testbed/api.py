@@ -5,14 +5,12 @@ Every function uses one thread for linear algebra, so that a notebook and the co
 
 from __future__ import annotations
 
-import os
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.instance import Effects, instances_of
 from tulip_testbed.experiments.atlases.effect_atlas import Atlas
 from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
 from tulip_testbed.experiments.atlases.planned_experiment import planned
@@ -32,13 +30,15 @@ from tulip_testbed.experiments.validate import validate as _validate
 from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.planning.interior_point import SOLVERS
 from tulip_testbed.identification.planning.search import HOPS
+from tulip_testbed.sim.arguments import checked
 from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.files import check_new
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.measurements import read_measurements as _read_measurements
 from tulip_testbed.sim.measurements import write_measurements as _write_measurements
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.shipped import TULIP
-from tulip_testbed.sim.threads import one_blas_thread
+from tulip_testbed.sim.threads import one_blas_thread, processes
 
 __all__ = [
     "InputError",
@@ -57,10 +57,12 @@ __all__ = [
     "write_measurements",
 ]
 
-Shown = Run | Validation | Discovered | MonteCarlo | Measurements | PosturePlan | str | Path
-CORES = os.cpu_count() or 1
+Measured = Measurements | Run | str | Path
+Reported = Run | Validation | Discovered | MonteCarlo | str | Path
+Viewed = Reported | Measurements | PosturePlan
 
 
+@checked
 def load_robot(path: str | Path = TULIP) -> Robot:
     """Load a robot and check its description and its model against each other.
 
@@ -73,6 +75,7 @@ def load_robot(path: str | Path = TULIP) -> Robot:
     return described_robot(Path(path))
 
 
+@checked
 def read_measurements(folder: str | Path) -> Measurements:
     """Read and check a measurement folder.
 
@@ -82,6 +85,7 @@ def read_measurements(folder: str | Path) -> Measurements:
     return _read_measurements(Path(folder))
 
 
+@checked
 def write_measurements(folder: str | Path, measurements: Measurements) -> None:
     """Write a measurement folder, which appears whole or not at all.
 
@@ -91,20 +95,23 @@ def write_measurements(folder: str | Path, measurements: Measurements) -> None:
     _write_measurements(Path(folder), measurements)
 
 
+@checked
 @one_blas_thread
 def identify(
-    measurements: Measurements,
+    measurements: Measured,
     robot: Robot | None = None,
     estimator: str = DEFAULT,
-    corrections: Sequence[EffectInstance | str] = (),
+    corrections: Effects = (),
 ) -> Identification:
     """Identify a robot from what was measured.
 
     Args:
+        measurements: or their folder, or a run.
         robot: the nominal robot; TULip if None.
         estimator: "mixed-model", "least-squares", "placement", "errors-in-variables", "robust", "prior" or
             "consistent".
-        corrections: effects that the measurements are corrected for, e.g. `discover(...).adopted`.
+        corrections: effects that the measurements are corrected for, e.g. `discover(...).adopted`; or texts
+            as for `Laboratory.with_effects`.
 
     Returns:
         the full model and the simplified one; `fit["torso.x"].value` [m].
@@ -113,28 +120,27 @@ def identify(
         InputError: measurements that do not fit the robot or do not suffice, or an unknown estimator.
     """
     robot = robot or load_robot()
-    return _identify(measurements, robot, estimator=estimator, adopted=_instances(corrections, robot))
+    adopted = instances_of(corrections, robot, "corrections")
+    return _identify(_measurements(measurements), robot, estimator=estimator, adopted=adopted)
 
 
-def _instances(effects: Sequence[EffectInstance | str], robot: Robot) -> list[EffectInstance]:
-    return [e if isinstance(e, EffectInstance) else EffectInstance.parse(e, robot) for e in effects]
-
-
+@checked
 @one_blas_thread
 def discover(
-    measurements: Measurements,
+    measurements: Measured,
     robot: Robot | None = None,
     seed: int = 0,
     check: bool = True,
-    workers: int = CORES,
+    workers: int | None = None,
 ) -> Discovered:
     """Find what the nominal model lacks: where it disagrees with measurements, and which effect explains it.
 
     Args:
+        measurements: or their folder, or a run.
         robot: the nominal robot; TULip if None.
         seed: of the bootstrap that calibrates the level.
         check: simulate adopted physics in the full dynamics, which may take two minutes.
-        workers: processes of that simulation. Results do not depend on it.
+        workers: processes of that simulation; None: one a core. Results do not depend on it.
 
     Returns:
         the verdict "named", "ambiguous", "unknown" or "none"; what was adopted; the robot identified before
@@ -143,9 +149,12 @@ def discover(
     Raises:
         InputError: measurements that do not fit the robot, in wrong units, or too few placements.
     """
-    return discover_effects(measurements, robot or load_robot(), seed, check, workers)
+    return discover_effects(
+        _measurements(measurements), robot or load_robot(), seed, check, processes(workers)
+    )
 
 
+@checked
 @one_blas_thread
 def validate(
     laboratory: Laboratory,
@@ -153,7 +162,7 @@ def validate(
     seed: int = DEFAULT_SEED,
     estimator: str = DEFAULT,
     engine: str = "dynamics",
-    workers: int = CORES,
+    workers: int | None = None,
 ) -> Validation:
     """Simulate a plan, identify the robot, compare with the truth and give a verdict.
 
@@ -162,7 +171,7 @@ def validate(
         seed: of everything random.
         estimator: see `identify`.
         engine: "dynamics", half a minute, or "statics", a second.
-        workers: processes. Results do not depend on it.
+        workers: processes; None: one a core. Results do not depend on it.
 
     Raises:
         InputError: a plan that does not fit the robot or would not identify it.
@@ -170,6 +179,7 @@ def validate(
     return _validate(laboratory, plan, seed, estimator, engine, workers)
 
 
+@checked
 @one_blas_thread
 def monte_carlo(
     laboratory: Laboratory,
@@ -179,7 +189,7 @@ def monte_carlo(
     estimator: str = DEFAULT,
     random_robots: float | None = None,
     engine: str = "statics",
-    workers: int = CORES,
+    workers: int | None = None,
     folder: str | Path | None = None,
     scheduler: str | None = None,
 ) -> MonteCarlo:
@@ -191,7 +201,7 @@ def monte_carlo(
         random_robots: s.d. of the logarithm of each link's mass, and of its centre of mass in half edges of
             its inertia box: a random true robot in every run; None: the nominal one.
         engine: "statics", or "dynamics": about a minute a run.
-        workers: processes. Results do not depend on it.
+        workers: processes; None: one a core. Results do not depend on it.
         folder: keeps the runs; the same call resumes what was stopped. None: a temporary one.
         scheduler: address of a Dask scheduler, "tcp://HOST:PORT"; None: processes of this machine.
 
@@ -199,12 +209,12 @@ def monte_carlo(
         InputError: what cannot be run; a folder that holds another Monte Carlo.
     """
     settings = Settings(runs, seed, estimator, random_robots, engine)
-    if folder is not None:
-        return montecarlo(laboratory, plan, settings, Place(Path(folder), workers, scheduler))
     with tempfile.TemporaryDirectory() as scratch:
-        return montecarlo(laboratory, plan, settings, Place(Path(scratch) / "runs", workers, scheduler))
+        kept = Path(scratch) / "runs" if folder is None else Path(folder)
+        return montecarlo(laboratory, plan, settings, Place(kept, processes(workers), scheduler))
 
 
+@checked
 @one_blas_thread
 def plan(
     robot: Robot | None = None,
@@ -239,16 +249,17 @@ def plan(
     return optimal_plan(robot or load_robot(), wanted, after)
 
 
+@checked
 @one_blas_thread
 def check(
-    measurements: Measurements | str | Path,
+    measurements: Measured,
     robot: Robot | None = None,
-    corrections: Sequence[EffectInstance | str] = (),
+    corrections: Effects = (),
 ) -> Preflight:
     """Check measurements for faults: weights, drift, plates, legs, units and more.
 
     Args:
-        measurements: or their folder, whose complaints about missing columns are listed too.
+        measurements: or a run, or their folder, whose complaints about missing columns are listed too.
         robot: the nominal robot; TULip if None.
         corrections: effects that the measurements are corrected for before.
 
@@ -256,12 +267,20 @@ def check(
         InputError: no such folder, or another robot's.
     """
     robot = robot or load_robot()
-    known = _instances(corrections, robot)
-    if isinstance(measurements, Measurements):
-        return check_measurements(measurements, robot, known)
-    return check_folder(Path(measurements), robot, known)
+    known = instances_of(corrections, robot, "corrections")
+    if isinstance(measurements, str | Path):
+        return check_folder(Path(measurements), robot, known)
+    return check_measurements(_measurements(measurements), robot, known)
 
 
+def _measurements(measured: Measured) -> Measurements:
+    """Return measurements, those of a run, or those in a folder."""
+    if isinstance(measured, str | Path):
+        return read_measurements(measured)
+    return measured.measurements if isinstance(measured, Run) else measured
+
+
+@checked
 @one_blas_thread
 def atlas(
     plan: PosturePlan, robot: Robot | None = None, sensors: str = "wii", seed: int = DEFAULT_SEED
@@ -281,7 +300,8 @@ def atlas(
     return _atlas(planned(plan, sensors, robot, seed), np.random.default_rng(seed))
 
 
-def view(shown: Shown, robot: Robot | None = None, save: str | Path | None = None) -> None:
+@checked
+def view(shown: Viewed, robot: Robot | None = None, save: str | Path | None = None) -> None:
     """Look at postures, forces and errors in rerun's viewer, a window of its own.
 
     Args:
@@ -290,13 +310,14 @@ def view(shown: Shown, robot: Robot | None = None, save: str | Path | None = Non
         save: write the view as this file (.rrd) instead of showing it, for where there is no screen.
 
     Raises:
-        InputError: no screen and no file; a file that exists or cannot be written; what cannot be drawn.
+        InputError: no screen and no file; a file that exists, cannot be written or has another ending; what
+            cannot be drawn.
     """
-    from tulip_testbed.viewer import window
+    from tulip_testbed.viewer import ENDING, window
     from tulip_testbed.viewer.record_view import folder_view, measurements_view, plan_view, record_view
 
-    if save is None:
-        window.check_display()
+    if save is not None:
+        check_new(Path(save), ENDING)
     robot = robot or load_robot()
     if isinstance(shown, str | Path):
         made = folder_view(Path(shown), robot)
@@ -312,19 +333,22 @@ def view(shown: Shown, robot: Robot | None = None, save: str | Path | None = Non
         window.save(Path(save), made.title, made.log)
 
 
-def report(shown: Run | Validation | Discovered | MonteCarlo | str | Path, path: str | Path) -> None:
+@checked
+def report(shown: Reported, path: str | Path) -> None:
     """Write a run as one HTML page that needs no network: verdict, tables, figures, settings.
 
     Args:
         shown: a run, which is identified and held against its truth; a validation, a discovery, a Monte
             Carlo, or the folder of any of TULip's.
-        path: of the page, a new file.
+        path: of the page, a new file (.html).
 
     Raises:
-        InputError: the file exists or cannot be written; a run that cannot be identified.
+        InputError: the file exists, cannot be written or has another ending; a run that cannot be identified.
     """
+    from tulip_testbed.pages import ENDING
     from tulip_testbed.pages.report_page import write_page
 
+    check_new(Path(path), ENDING)
     record = read_record(Path(shown), load_robot()) if isinstance(shown, str | Path) else _record(shown)
     write_page(Path(path), record)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
+from tulip_testbed.sim.arguments import checked
 from tulip_testbed.sim.measurements import PosturePlan, read_plan, write_plan
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.shipped import PLANS
@@ -21,6 +22,7 @@ optimal: PosturePlan
 __all__ = ["SHIPPED", "optimal", "random", "read", "write"]
 
 
+@checked
 def read(folder: str | Path, robot: Robot | None = None) -> PosturePlan:
     """Read and check a plan folder.
 
@@ -33,6 +35,7 @@ def read(folder: str | Path, robot: Robot | None = None) -> PosturePlan:
     return read_plan(Path(folder), robot or load_robot())
 
 
+@checked
 def write(folder: str | Path, plan: PosturePlan) -> None:
     """Write a plan folder, which appears whole or not at all.
 

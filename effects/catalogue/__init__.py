@@ -11,6 +11,7 @@ from types import ModuleType
 
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.sim.column import Column
+from tulip_testbed.sim.errors import look_up
 from tulip_testbed.sim.table import Table
 
 WIDTH = 150  # characters of the table in plain text: sentences of two lines at most
@@ -18,6 +19,14 @@ WIDTH = 150  # characters of the table in plain text: sentences of two lines at 
 
 class Catalogue(dict[str, Effect]):
     """Effects by name; shown as a table."""
+
+    def __missing__(self, name: str) -> Effect:
+        """Refuse an unknown name.
+
+        Raises:
+            UnknownNameError: with the names that are close and those that are valid.
+        """
+        return self[look_up("effect", name, self, "effects")]
 
     def table(self) -> Table:
         """Return the usage of every effect, its units, plausible sizes and what it is."""
@@ -48,8 +57,13 @@ def catalogue() -> Catalogue:
 
 
 def explanation(name: str) -> str:
-    """Return the physics of an effect of the catalogue, as its module describes it."""
-    (text,) = (m.__doc__ for m in _modules() if getattr(m, "EFFECT", None) is catalogue()[name])
+    """Return the physics of an effect of the catalogue, as its module describes it.
+
+    Raises:
+        UnknownNameError: with the names that are close and those that are valid.
+    """
+    effect = catalogue()[name]
+    (text,) = (m.__doc__ for m in _modules() if getattr(m, "EFFECT", None) is effect)
     return cleandoc(text or "")
 
 

@@ -111,6 +111,11 @@ class CalibrationReport(ModelCalibration, _Runs):  # the keys come in the revers
     shown: bool
 
     @property
+    def conclusive(self) -> bool:
+        """Whether the runs settle the verdict: a check failed, or there are enough to show that all hold."""
+        return self.shown or self.verdict == "fail"
+
+    @property
     def models(self) -> dict[str, ModelCalibration]:
         """The models that the robot has, by name."""
         return {"full": self} | ({"simplified": self.simplified} if self.simplified.parameters else {})

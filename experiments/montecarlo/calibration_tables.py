@@ -137,11 +137,17 @@ def calibration_lines(report: dict[str, Any]) -> list[str]:
     mass = report["total_mass"]
     if mass["bias"] is not None:
         lines.append(
-            f"Total mass: bias {1e3 * mass['bias']:+.2f} ± {1e3 * mass['bias_mc_error']:.2f} g, found over "
-            f"stated s.e. {number(mass['standard_error_ratio'], '.3f')}, coverage of 95 % intervals "
-            f"{100 * mass['coverage95']:.1f} %."
+            f"Total mass: bias {_figure(mass['bias'], '+.2f', 1e3)} ± "
+            f"{_figure(mass['bias_mc_error'], '.2f', 1e3)} g, found over stated s.e. "
+            f"{_figure(mass['standard_error_ratio'], '.3f')}, coverage of 95 % intervals "
+            f"{_figure(mass['coverage95'], '.1f', 100)} %."
         )
     return lines + [f"{count} runs not identified: {reason}" for reason, count in report["failures"].items()]
+
+
+def _figure(value: float | None, spec: str, scale: float = 1.0) -> str:
+    """Format a figure of the report; "-" where the runs are too few for one."""
+    return "-" if value is None else number(scale * value, spec)
 
 
 def _path(model: str, name: str) -> str:

@@ -79,8 +79,13 @@ class MonteCarlo(Shown):
 
     @property
     def verdict(self) -> str:
-        """ "pass", or "fail" if any check fails."""
+        """ "pass", or "fail" if any check fails; a pass of too few runs is not `conclusive`."""
         return self.report.verdict
+
+    @property
+    def conclusive(self) -> bool:
+        """Whether the runs settle the verdict: a check failed, or there are enough to show that all hold."""
+        return self.report.conclusive
 
     def table(self) -> Table:
         """Return bias, ratio of standard errors and coverage of the full model's parameters."""
@@ -93,7 +98,7 @@ class MonteCarlo(Shown):
     def parts(self) -> list[Table | str]:
         """Return the parameters, the checks and the verdict."""
         checks = calibration_check_table(self.report.plain()["checks"])
-        enough = "" if self.report.shown or self.verdict == "fail" else ", inconclusive: too few runs"
+        enough = "" if self.conclusive else ", inconclusive: too few runs"
         return [self.table(), checks, f"Verdict after {self.report.runs} runs: {self.verdict}{enough}"]
 
 

@@ -61,3 +61,9 @@ class Estimate:
     interval_dof: np.ndarray
     condition_number: float
     standard: StandardEstimate | None = None
+
+    def __repr__(self) -> str:
+        return (
+            f"Estimate: {len(self.numbers)} parameters, residual sigma {1e3 * self.sigma:.3g} mm, "
+            f"{self.dof} degrees of freedom, condition number {self.condition_number:.3g}"
+        )

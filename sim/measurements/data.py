@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.sim.robot import CELLS, PLATES
+
 
 @dataclass(frozen=True)
 class PosturePlan:
@@ -36,6 +38,9 @@ class PosturePlan:
 
     def __len__(self) -> int:
         return len(self.posture)
+
+    def __repr__(self) -> str:
+        return f"PosturePlan: {_described(self)}, robot {self.robot['model']}"
 
     @property
     def feed_forward(self) -> np.ndarray:
@@ -113,6 +118,42 @@ class Measurements:
 
     def __len__(self) -> int:
         return len(self.posture)
+
+    def __repr__(self) -> str:
+        return f"Measurements: {len(self)} rows, {_described(self)}, robot {self.robot['model']}"
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """Return the rows as columns by the names that they have in a measurement folder, (m,) each."""
+        columns = {
+            name: getattr(self, name)
+            for name in ("posture", "placement", "support", "time", "window", "samples")
+        }
+        for prefix, names, values in (
+            ("q", self.joints, self.joint_angles),
+            ("q_std", self.joints, self.joint_angles_sd),
+            ("q_command", self.joints, self.command),
+            ("motor", self.joints, self.motor),
+            ("cell", CELLS, self.cell_forces),
+            ("cell_std", CELLS, self.cell_forces_sd),
+        ):
+            if values is not None:
+                columns |= {f"{prefix}.{name}": values[:, k] for k, name in enumerate(names)}
+        for p, plate in enumerate(PLATES):
+            for k, axis in enumerate(("x", "y", "yaw")):
+                columns[f"plate.{plate}.{axis}"] = self.plate_poses[:, p, k]
+        return columns
+
+    def to_frame(self) -> Any:
+        """Return a pandas DataFrame with the columns of a measurement folder [SI]."""
+        import pandas as pd
+
+        return pd.DataFrame(self.columns())
+
+
+def _described(rows: PosturePlan | Measurements) -> str:
+    """Count postures and placements, and name the supports."""
+    counts = f"{len(np.unique(rows.posture))} postures on {len(np.unique(rows.placement))} placements"
+    return f"{counts}, support {', '.join(np.unique(rows.support).tolist())}"
 
 
 @dataclass(frozen=True)

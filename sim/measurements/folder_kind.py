@@ -27,7 +27,12 @@ def check_kind(folder: Path, wanted: str) -> None:
     """
     if not folder.is_dir():
         found = "found a file, expected a" if folder.exists() else "no such"
-        raise InputError(f"{folder}: {found} {wanted} folder")
+        table = wanted == "measurement" and folder.exists() and folder.suffix in (".csv", ".parquet")
+        advice = (
+            f" with manifest.json and the table as postures{folder.suffix}; "
+            f"`tt.check({str(folder.parent)!r})` lists what that one lacks"
+        )
+        raise InputError(f"{folder}: {found} {wanted} folder{advice if table else ''}")
     if present(folder / KINDS[wanted]):
         return
     for kind, file in KINDS.items():

@@ -10,22 +10,24 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError
 
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import new_folder
+from tulip_testbed.sim.errors import IncompleteError, InputError
+from tulip_testbed.sim.files import new_folder, present
 from tulip_testbed.sim.measurements.data import Measurements, SensorSheet
 from tulip_testbed.sim.measurements.folder_kind import check_kind
 from tulip_testbed.sim.measurements.table_files import (
-    Columns,
     Table,
     checked_table,
     read_json,
     software,
+    tables_beside,
     write_json,
     write_table,
 )
 from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, sha256
 from tulip_testbed.sim.validation_message import validation_message
 
+WHOLE = ("posture", "placement")  # columns of whole numbers
+MAY_LACK = ("support", "time", "window", "samples", "q_std", "q_command", "motor", "cell_std")
 SUPPORTS = ("double", "right", "left")
 
 # Bounds beyond any laboratory: narrow enough that nothing overflows later, wide enough that the preflight
@@ -114,6 +116,12 @@ class Manifest(_Strict):
     tables: dict[str, str | None] | None = None
 
 
+def required_columns(joints: tuple[str, ...]) -> tuple[str, ...]:
+    """List the columns without which a posture cannot be used."""
+    poses = [f"plate.{plate}.{axis}" for plate in PLATES for axis in ("x", "y", "yaw")]
+    return (*WHOLE, *(f"q.{joint}" for joint in joints), *(f"cell.{cell}" for cell in CELLS), *poses)
+
+
 def write_measurements(folder: Path, measurements: Measurements) -> None:
     """Write a measurement folder, which appears whole or not at all.
 
@@ -121,7 +129,7 @@ def write_measurements(folder: Path, measurements: Measurements) -> None:
         InputError: the folder exists or cannot be written.
     """
     with new_folder(folder) as working:
-        paths = write_table(working, "postures", _columns(measurements))
+        paths = write_table(working, "postures", measurements.columns())
         tables = {path.name: sha256(path) for path in paths.values()}
         write_json(working / "manifest.json", _manifest(measurements, tables).model_dump())
 
@@ -137,8 +145,12 @@ def read_measurements(folder: Path, likely: bool = True) -> Measurements:
             found and what was expected.
     """
     folder = Path(folder)
-    manifest = read_manifest(folder)
-    table = checked_table(folder, "postures", manifest.tables)
+    try:
+        manifest = read_manifest(folder)
+        table = checked_table(folder, "postures", manifest.tables)
+        table.require(required_columns(tuple(manifest.joints)), MAY_LACK)
+    except IncompleteError as error:
+        raise InputError(f"{error}; `tt.check({str(folder)!r})` lists all that is missing or wrong") from None
     measurements = _measurements(manifest, table)
     _check_plates(folder / "manifest.json", measurements)
     _check_rows(table, measurements)
@@ -156,10 +168,12 @@ def read_manifest(folder: Path) -> Manifest:
     folder = Path(folder)
     check_kind(folder, "measurement")
     where = folder / "manifest.json"
+    if not present(where):
+        raise IncompleteError(f"{where}: missing{tables_beside(folder)}")
     try:
         return Manifest.model_validate(read_json(where))
     except ValidationError as error:
-        raise InputError(f"{where}: {validation_message(error)}") from None
+        raise IncompleteError(f"{where}: {validation_message(error)}") from None
 
 
 def _check_plates(where: Path, measurements: Measurements) -> None:
@@ -194,32 +208,6 @@ def _check_rows(table: Table, measurements: Measurements) -> None:
     )
     again = np.isfinite(measurements.time) & ~np.isin(np.arange(len(measurements)), first)
     table.refuse("posture", again, measurements.posture, "another posture or another time than a row before")
-
-
-def _columns(measurements: Measurements) -> Columns:
-    m = measurements
-    columns: Columns = {
-        "posture": m.posture,
-        "placement": m.placement,
-        "support": m.support,
-        "time": m.time,
-        "window": m.window,
-        "samples": m.samples,
-    }
-    for prefix, names, values in (
-        ("q", m.joints, m.joint_angles),
-        ("q_std", m.joints, m.joint_angles_sd),
-        ("q_command", m.joints, m.command),
-        ("motor", m.joints, m.motor),
-        ("cell", CELLS, m.cell_forces),
-        ("cell_std", CELLS, m.cell_forces_sd),
-    ):
-        if values is not None:
-            columns |= {f"{prefix}.{name}": values[:, k] for k, name in enumerate(names)}
-    for p, plate in enumerate(PLATES):
-        for k, axis in enumerate(("x", "y", "yaw")):
-            columns[f"plate.{plate}.{axis}"] = m.plate_poses[:, p, k]
-    return columns
 
 
 def _manifest(measurements: Measurements, tables: dict[str, str]) -> Manifest:

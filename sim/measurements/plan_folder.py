@@ -85,7 +85,7 @@ def read_plan(folder: Path, robot: Robot) -> PosturePlan:
     except ValidationError as error:
         raise InputError(f"{where}: {validation_message(error)}") from None
     check_model(where, manifest.robot.model, manifest.robot.sha256, robot)
-    table = checked_table(folder, "postures", manifest.tables)
+    table = checked_table(folder, "postures", manifest.tables, advice="")
     joints = joint_names(robot.model)
     swing = [table.numbers(f"swing.{axis}", False, -MOST_LENGTH, MOST_LENGTH) for axis in ("x", "y")]
     swing.append(table.numbers("swing.yaw", False, -MOST_ANGLE, MOST_ANGLE))

@@ -10,18 +10,15 @@ from pydantic import ValidationError
 
 from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.files import present
-from tulip_testbed.sim.measurements.measurement_folder import SUPPORTS, Manifest
+from tulip_testbed.sim.measurements.measurement_folder import (
+    MAY_LACK,
+    SUPPORTS,
+    WHOLE,
+    Manifest,
+    required_columns,
+)
 from tulip_testbed.sim.measurements.table_files import Table, checked_table, read_json
-from tulip_testbed.sim.robot import CELLS, PLATES
-
-WHOLE = ("posture", "placement")
-MAY_LACK = ("support", "time", "window", "samples", "q_std", "q_command", "motor", "cell_std")
-
-
-def required_columns(joints: tuple[str, ...]) -> tuple[str, ...]:
-    """List the columns without which a posture cannot be used."""
-    poses = [f"plate.{plate}.{axis}" for plate in PLATES for axis in ("x", "y", "yaw")]
-    return (*WHOLE, *(f"q.{joint}" for joint in joints), *(f"cell.{cell}" for cell in CELLS), *poses)
+from tulip_testbed.sim.validation_message import missing_keys, wrong_values
 
 
 def complaints(folder: Path, joints: tuple[str, ...]) -> dict[str, list[str]]:
@@ -55,14 +52,9 @@ def _manifest_complaints(where: Path, manifest: dict[str, Any]) -> list[str]:
     try:
         Manifest.model_validate(manifest)
     except ValidationError as error:
-        problems = error.errors()
-        missing = [".".join(map(str, p["loc"])) for p in problems if p["type"] == "missing"]
+        missing = missing_keys(error)
         texts = [f"{where}: keys missing: {listed(missing)} (null if unknown)"] if missing else []
-        return texts + [
-            f"{where}: key '{'.'.join(map(str, p['loc']))}': found {repr(p['input'])[:60]}; {p['msg']}"
-            for p in problems
-            if p["type"] != "missing"
-        ]
+        return texts + [f"{where}: {message}" for message in wrong_values(error)]
     return []
 
 

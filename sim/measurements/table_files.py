@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.sim.errors import IncompleteError, InputError, close_to, listed, shortened
 from tulip_testbed.sim.files import present, read_bytes, read_text, write_text
 from tulip_testbed.sim.measurements.spreadsheet import plain_csv
 
@@ -26,6 +26,7 @@ MOST_DEPTH = 32  # of a JSON document
 MOST_DIGITS = 300  # of a whole number in JSON: a float still holds it
 MOST_ROWS = 10_000
 MOST_COLUMNS = 1_000
+EDITED = "; if it was edited on purpose, remove 'tables' from manifest.json and the other table"
 MOST_UNPACKED = 256 * 2**20  # bytes of a Parquet file after unpacking, by its own metadata
 
 
@@ -191,9 +192,25 @@ class Table:
         """Return whether the table has a column of this name."""
         return name in self.types
 
+    def require(self, names: Sequence[str], others: Sequence[str] = ()) -> None:
+        """Refuse a table that lacks columns.
+
+        Args:
+            others: columns, or their words before the dot, that are not meant for one that is missing.
+
+        Raises:
+            IncompleteError: names all of them, and the columns that may be meant.
+        """
+        if missing := [name for name in names if not self.has(name)]:
+            free = [name for name in self.types if name not in names and name.partition(".")[0] not in others]
+            near = dict.fromkeys(close for name in missing for close in close_to(name, free)[:1])
+            found = f" (found {listed(map(repr, near))})" if near else ""
+            lacks = listed(f"'{shortened(name)}'" for name in missing)
+            are = f"column {lacks} is" if len(missing) == 1 else f"columns {lacks} are"
+            raise IncompleteError(f"{self.path}: {are} missing{found}")
+
     def _type(self, name: str) -> pa.DataType:
-        if not self.has(name):
-            raise InputError(f"{self.path}: column '{shortened(name)}' is missing")
+        self.require([name])
         return self.types[name]
 
     def refuse(self, name: str, rows: np.ndarray, values: np.ndarray, expected: str) -> None:
@@ -297,11 +314,18 @@ def software() -> dict[str, str]:
 
 
 def checked_table(
-    folder: Path, name: str, tables: Mapping[str, str | None] | None, most_rows: int = MOST_ROWS
+    folder: Path,
+    name: str,
+    tables: Mapping[str, str | None] | None,
+    most_rows: int = MOST_ROWS,
+    advice: str = EDITED,
 ) -> Table:
     """Read NAME.parquet, or else NAME.csv, and verify it by the hashes in the manifest.
 
     With both tables present it is unclear which one is meant, unless the manifest lists both hashes.
+
+    Args:
+        advice: what to do about a table that was edited, for the message.
 
     Raises:
         InputError: there is no table, a table differs from the manifest, or there are two without hashes.
@@ -309,13 +333,16 @@ def checked_table(
     paths = [folder / f"{name}.{suffix}" for suffix in ("parquet", "csv")]
     found = [path for path in paths if present(path)]
     if not found:
-        raise InputError(f"{folder}: found neither {name}.parquet nor {name}.csv, expected one of them")
+        raise IncompleteError(
+            f"{folder}: found neither {name}.parquet nor {name}.csv, expected one of them"
+            f"{tables_beside(folder)}"
+        )
     contents = [read_bytes(path) for path in found]
     hashes = tables or {}
     for path, content in zip(found, contents, strict=True):
         expected = hashes.get(path.name)
         if expected is not None:
-            _check_hash(path, content, expected)
+            _check_hash(path, content, expected, advice)
         elif len(found) > 1:
             twin = next(other.name for other in found if other != path)
             raise InputError(
@@ -325,9 +352,15 @@ def checked_table(
     return Table(found[0], contents[0], most_rows)
 
 
-def _check_hash(path: Path, content: bytes, expected: str) -> None:
+def tables_beside(folder: Path) -> str:
+    """Name the tables in a folder for a message that something else is missing."""
+    names = sorted(path.name for path in folder.iterdir() if path.suffix in (".csv", ".parquet"))
+    return f"; found {shortened(listed(names), 200)}" if names else ""
+
+
+def _check_hash(path: Path, content: bytes, expected: str, advice: str) -> None:
     if (found := hashlib.sha256(content).hexdigest()) != expected.lower():
         raise InputError(
             f"{path}: hash mismatch: found sha256 {found[:12]}..., "
-            f"expected {shortened(expected[:12])}... by the manifest"
+            f"expected {shortened(expected[:12])}... by the manifest{advice}"
         )

@@ -6,17 +6,21 @@ is quick.
 
 from __future__ import annotations
 
-import difflib
 import errno
 import functools
 import io
 import os
+import re
+import shlex
 import sys
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from inspect import Parameter, signature
+from typing import Any
 
-from tulip_testbed.sim.errors import InputError, listed, shortened
+from tulip_testbed.sim.errors import InputError, InputWarning, choices, listed, shortened
 
 # The command NAME is the function NAME_command of the module NAME_command; its summary is the first line of
 # the function's docstring.
@@ -39,6 +43,8 @@ COMMANDS: dict[str, str] = {
     "benchmark": "Count how often `tulip discover` finds simulated effects.",
 }
 Command = Callable[..., int]
+CALL = re.compile(r"`tt\.(\w+)\('(.*?)'\)`")
+SETTING = re.compile(r"`(\w+)=([^`]*)`")
 
 
 def main(arguments: list[str] | None = None, loaded: Callable[[], object] = lambda: None) -> int:
@@ -102,9 +108,7 @@ def command_of(name: str | None) -> Command:
             raise InputError(
                 f"unknown option '{shortened(name)}'; valid: --help, --version, or a command first"
             )
-        close = difflib.get_close_matches(name, COMMANDS, n=1)
-        meant = f"did you mean '{close[0]}'? " if close else ""
-        raise InputError(f"unknown command '{shortened(name)}'; {meant}valid: {listed(COMMANDS)}")
+        raise InputError(f"unknown command '{shortened(name)}'; {choices(name, COMMANDS)}")
     return getattr(import_module(f"tulip_testbed.cli.{name}_command"), f"{name}_command")
 
 
@@ -118,20 +122,50 @@ def _carry_out(name: str, command: Command, arguments: list[str], loaded: Callab
         from tulip_testbed.sim.threads import one_blas_thread
 
         loaded()
-        return one_blas_thread(command)(*positional, **options)
+        with _warnings_in_our_words():
+            return one_blas_thread(command)(*positional, **options)
 
     return tyro.cli(limited, prog=f"tulip {name}", args=arguments)
 
 
+@contextmanager
+def _warnings_in_our_words() -> Iterator[None]:
+    """Print the library's warnings as lines of the command's."""
+    from tulip_testbed.cli.terminal import say
+
+    with warnings.catch_warnings():
+        others = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+            if issubclass(category, InputWarning):
+                say(f"tulip: warning: {message}")
+            else:
+                others(message, category, *where, **more)
+
+        warnings.showwarning = show
+        warnings.simplefilter("always", InputWarning)
+        yield
+
+
 def _with_flags(message: str, command: Command) -> str:
-    """Write the parameters that a library's message begins with as the flags that they are here."""
+    """Write a library's message in the command line's words.
+
+    The parameters that it begins with become flags, `name=VALUE` becomes `--name VALUE`, and a call of the
+    library such as `tt.check('FOLDER')` its command.
+    """
     parameters = signature(command).parameters.values()
     flags = {p.name for p in parameters if p.kind is Parameter.KEYWORD_ONLY}
+    message = CALL.sub(lambda m: f"`tulip {m[1]} {shlex.quote(m[2])}`", message)
+    message = SETTING.sub(lambda m: f"`{_flag(m[1])} {m[2]}`" if m[1] in flags else m[0], message)
     place, colon, rest = message.partition(": ")
     words = place.split(", ")
     if not colon or any(word.split(" ")[0] not in flags for word in words):
         return message
-    return ", ".join(f"--{w.replace('_', '-')}" for w in words) + colon + rest
+    return ", ".join(map(_flag, words)) + colon + rest
+
+
+def _flag(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
 
 
 def run(loaded: Callable[[], object]) -> None:

@@ -27,9 +27,10 @@ def report_command(
     from tulip_testbed.cli.terminal import print_json, say
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.records import read_record
+    from tulip_testbed.pages import ENDING
     from tulip_testbed.sim.files import check_new
 
-    check_new(out)
+    check_new(out, ENDING)
     record = read_record(folder, described_robot(robot))
     from tulip_testbed.pages.report_page import write_page  # loads slowly
 

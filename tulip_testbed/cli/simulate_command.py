@@ -76,9 +76,6 @@ def simulate_command(
     if secret and truth is None:
         raise InputError("--effect random: found no --truth FILE, expected one: nothing else would know it")
     laboratory, made = laboratory_and_plan(robot, preset, plan, rig, effect, seed, statics)
-    if not secret:
-        for doubt in (text for found in laboratory.hidden for text in found.doubts):
-            say(f"tulip: warning: {doubt}")
     engine = "statics" if statics else "dynamics"
     try:
         with progress("holding postures", tries(laboratory, made)) as advance:

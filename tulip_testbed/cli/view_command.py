@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -43,7 +45,8 @@ def view_command(
 
     view = folder_view(folder, described)
     if save is None and not serve:
-        window.check_display()
+        with _or_served():
+            window.check_display()
     if bare := undrawn(described.visual_model):
         say(
             f"{described.model_file.name}: no geom shows the links {listed(bare)}; "
@@ -63,5 +66,17 @@ def view_command(
 
         window.serve(view.title, view.log, announce)
     else:
-        window.show(view.title, view.log)
+        with _or_served():
+            window.show(view.title, view.log)
     return 0
+
+
+@contextmanager
+def _or_served() -> Iterator[None]:
+    """Add to a refusal of the library what only the command can do without a window."""
+    from tulip_testbed.sim.errors import InputError
+
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{error}, `--serve` shows it in a browser") from None

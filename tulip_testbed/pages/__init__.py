@@ -1,1 +1,3 @@
 """A run as one HTML page that needs nothing else."""
+
+ENDING = ".html"

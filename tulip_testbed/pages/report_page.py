@@ -7,6 +7,7 @@ from pathlib import Path
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
 from tulip_testbed.experiments.records import Record
+from tulip_testbed.pages import ENDING
 from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.page import Page, html, montecarlo_page, validation_page
 from tulip_testbed.sim.files import check_new, write_bytes
@@ -26,9 +27,9 @@ def write_page(path: Path, run: Record) -> Page:
         the page; it tells what could not be drawn.
 
     Raises:
-        InputError: the file exists or cannot be written.
+        InputError: the file exists, cannot be written or has another ending.
     """
-    check_new(path)
+    check_new(path, ENDING)
     page = page_of(run)
     write_bytes(path, html(page).encode())
     return page

@@ -18,11 +18,12 @@ import rerun as rr
 
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import check_new, write_bytes
+from tulip_testbed.viewer import ENDING
 
 Log = Callable[[rr.RecordingStream], None]
 APPLICATION = "tulip"
 LOCAL = ("--bind", "127.0.0.1")  # rerun's own default is every address of the machine
-OTHERWISE = "--save FILE.rrd writes the view without a window, --serve shows it in a browser"
+OTHERWISE = "`save=FILE.rrd` writes the view without a window"
 # What the viewer's last words mean, and what helps on Debian.
 FAULTS = {
     ("WGPU", "render context", "graphics adapter", "Vulkan"): (
@@ -38,9 +39,9 @@ def save(path: Path, title: str, log: Log) -> int:
     """Write a recording, which appears whole; returns its size [bytes].
 
     Raises:
-        InputError: the path exists or cannot be written.
+        InputError: the path exists, cannot be written or has another ending.
     """
-    check_new(path)
+    check_new(path, ENDING)
     with tempfile.TemporaryDirectory() as scratch:
         content = _record(Path(scratch), title, log).read_bytes()
     write_bytes(path, content)

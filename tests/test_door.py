@@ -1,0 +1,155 @@
+"""What the library's door refuses, before any work, and in which words."""
+
+import pickle
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from IPython.core.interactiveshell import InteractiveShell
+
+import tulip_testbed as tt
+from tulip_testbed.sim.arguments import checked
+from tulip_testbed.sim.errors import InputError, InputWarning, choices, look_up
+
+DOUBTFUL = "cell-gain:right.front_left=3"
+
+
+@pytest.fixture(scope="module")
+def run(robot):
+    return tt.Laboratory(robot, "force-plate").run(tt.plans.random, seed=3, engine="statics")
+
+
+@checked
+def asked(
+    count: int, size: float | None = None, names: Sequence[str | float] | str = (), *more: bool
+) -> tuple:
+    return count, size, names, more
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ((1.5,), "count: found the float 1.5, expected a whole number"),
+        ((True,), "count: found the bool True, expected a whole number"),
+        (("10",), "count: found the str '10', expected a whole number"),
+        ((1, "2"), "size: found the str '2', expected a number or None"),
+        ((1, 2, {}), "names: found dict, expected a list of them or a text"),
+        ((1, 2, ["a", None]), r"names\[1\]: found None, expected a text or a number"),
+        ((1, 2, "a", True, 0), "more: found the int 0, expected True or False"),
+    ],
+)
+def test_an_argument_of_another_type_is_refused(given, message):
+    with pytest.raises(InputError, match=f"^{message}$"):
+        asked(*given)
+
+
+def test_what_fits_passes_and_numbers_of_numpy_become_plain():
+    assert asked(1, 2, ["a", 0.5], True) == (1, 2, ["a", 0.5], (True,))
+    count: Any = np.int64(3)
+    assert type(asked(count)[0]) is int
+    with pytest.raises(TypeError, match="count"):
+        asked()  # type: ignore[missing-argument]  # as Python says it
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        ("tt.identify(3)", "measurements: found the int 3, expected Measurements, Run, a text or a path"),
+        ("tt.identify(run, 'tulip')", "robot: found the str 'tulip', expected Robot or None"),
+        ("tt.identify(run, corrections=[3])", "corrections[0]: found the int 3, expected EffectInstance"),
+        ("tt.discover('none')", "none: no such measurement folder"),
+        ("tt.validate('wii', plan)", "laboratory: found the str 'wii', expected Laboratory"),
+        ("tt.monte_carlo(lab, plan, runs=2.5)", "runs: found the float 2.5, expected a whole number"),
+        ("tt.atlas(lab, plan)", "plan: found Laboratory, expected PosturePlan"),
+        (
+            "tt.atlas(plan, sensors='forceplate')",
+            "sensors: unknown preset 'forceplate'; did you mean 'force-",
+        ),
+        (
+            "tt.report(run.measurements, 'a.html')",
+            "shown: found Measurements, expected Run, Validation, Disc",
+        ),
+        ("tt.report(run, 'plain')", "plain: found a name that ends in '', expected .html"),
+        ("tt.view(lab)", "shown: found Laboratory, expected Run"),
+        ("tt.view(run, save='x.txt')", "x.txt: found a name that ends in '.txt', expected .rrd"),
+        ("tt.view('none')", "none: no such folder"),
+        ("lab.run('random')", "plan: found the str 'random', expected PosturePlan"),
+        ("lab.run(plan, seed=1.5)", "seed: found the float 1.5, expected a whole number"),
+        ("lab.with_effects(['tilt=0,0'])", "effects: found list, expected EffectInstance or a text"),
+        ("tt.Laboratory('tulip')", "robot: found the str 'tulip', expected Robot"),
+        ("tt.Laboratory(hidden=[3])", "hidden[0]: found the int 3, expected EffectInstance or a text"),
+        (
+            "tt.effects.explanation('cell-gian')",
+            "effects: unknown effect 'cell-gian'; did you mean 'cell-gain'",
+        ),
+        ("tt.plans.read(3)", "folder: found the int 3, expected a text or a path"),
+    ],
+)
+def test_the_door_says_what_was_found(call, message, run, monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(InputError) as refusal:
+        eval(call, {"tt": tt, "run": run, "lab": run.laboratory, "plan": tt.plans.random})
+    assert str(refusal.value).startswith(message)
+
+
+def test_measurements_come_from_a_folder_or_a_run_too(run, tmp_path):
+    tt.write_measurements(tmp_path / "data", run.measurements)
+    values = [tt.identify(m).full.value for m in (run.measurements, run, tmp_path / "data")]
+    assert np.array_equal(values[0], values[1])
+    assert np.array_equal(values[0], values[2])
+    assert tt.check(run).verdict == tt.check(run.measurements).verdict
+
+
+def test_a_laboratory_reads_texts(robot):
+    text = "cell-gain:right.front_left=0.03"
+    expected = tt.Laboratory(robot).with_effects(text)
+    laboratory: Any = tt.Laboratory  # type checkers know the attributes that it will have
+    assert laboratory(robot, hidden=(text,)) == expected
+    assert laboratory(robot, hidden=text) == expected
+    with pytest.raises(InputError, match="unknown effect 'cell-gian'"):
+        laboratory(robot, known=("cell-gian=1",))
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        f"lab.with_effects('{DOUBTFUL}')",
+        f"lab.with_known(tt.effects.parse('{DOUBTFUL}', lab.robot))",
+        f"tt.Laboratory(lab.robot, hidden=('{DOUBTFUL}',))",
+        f"tt.check(run, corrections='{DOUBTFUL}')",
+    ],
+)
+def test_an_implausible_value_warns_at_the_line_that_called(call, run):
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        exec(f"\n\n{call}", {"__name__": "notebook", "tt": tt, "run": run, "lab": run.laboratory})
+    (warning,) = seen
+    assert (warning.category, warning.filename, warning.lineno) == (InputWarning, "<string>", 3)
+    assert str(warning.message) == (
+        "cell-gain:right.front_left: gain 3 (300 %) is 60 times what is plausible (0.05); "
+        "values are in SI units"
+    )
+
+
+def test_close_names_come_first():
+    assert (
+        choices("right_kne", ["left_hip", "right_knee"])
+        == "did you mean 'right_knee'? valid: left_hip, right_knee"
+    )
+    assert choices("zzz", ["left_hip"]) == "valid: left_hip"
+    with pytest.raises(KeyError):  # so that mappings may raise it
+        look_up("joint", "knee", ["hip"], "plan")
+
+
+def test_a_notebook_shows_the_line_and_the_message(capsys):
+    shell = InteractiveShell()
+    shell.run_cell("import tulip_testbed as tt\nplan = 3\ntt.plans.write('folder', plan)")
+    out = capsys.readouterr().out
+    assert out.splitlines() == [
+        "----> 3 tt.plans.write('folder', plan)",
+        "InputError: plan: found the int 3, expected PosturePlan",
+    ]
+    assert str(pickle.loads(pickle.dumps(InputError("as it was")))) == "as it was"
