@@ -21,7 +21,7 @@ from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.table import Shown, Table
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Discovered(Shown):
     """What a discovery found, and what it changes.
 

@@ -56,7 +56,7 @@ class IdentifiedParameter:
         return f"{self.name} (no. {self.number}): {1e3 * self.value:.2f} ± {half:.2f} mm (95 %)"
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Identification(Shown, Mapping[str, IdentifiedParameter]):
     """The estimates of both models from one set of measurements; prints as Table II of the paper.
 

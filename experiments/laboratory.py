@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from tulip_testbed.sim.arguments import checked, expect
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.errors import InputError, at_least, look_up
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.measurements.plan_folder import check_fits
 from tulip_testbed.sim.outcome import Outcome, Truth
 from tulip_testbed.sim.procedure import check_support
 from tulip_testbed.sim.rig import Rig, preset_rig
@@ -68,6 +70,10 @@ class Laboratory:
             given = several(getattr(self, name), name)
             texts = any(isinstance(effect, str) for effect in given)
             object.__setattr__(self, name, self._instances(given) if texts else given)
+
+    def __reduce__(self) -> Any:
+        """Leave the rig out, which holds functions that cannot be pickled."""
+        return Laboratory, tuple(getattr(self, one.name) for one in fields(self))
 
     @cached_property
     def rig(self) -> Rig:
@@ -144,6 +150,7 @@ class Laboratory:
             InputError: names what was found and what is valid.
         """
         look_up("engine", engine, ENGINES, "engine")
+        check_fits("plan", plan, self.robot)
         check_support(plan)
         check_scene(preset_rig(self.sensors, self.robot) if self.nominal is None else self.nominal)
         placements = np.unique(plan.placement).tolist()
@@ -161,7 +168,7 @@ class Laboratory:
         return base_parameters(self.robot, model, common_support(plan.support, "plan"))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Run:
     """One experiment in a laboratory: what it handed over and, apart from it, what really happened.
 

@@ -13,6 +13,7 @@ from tulip_testbed.identification.rank import labels, require_identifiable
 from tulip_testbed.identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
 from tulip_testbed.sim.errors import InputError, at_least
 from tulip_testbed.sim.measurements import PosturePlan, read_plan
+from tulip_testbed.sim.measurements.plan_folder import check_fits
 from tulip_testbed.sim.procedure import check_support
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
@@ -43,6 +44,7 @@ def check_plan(robot: Robot, plan: PosturePlan, source: str = "plan") -> None:
     Raises:
         InputError: see `identifiable_regressor`; a scene or a support that no laboratory stands on.
     """
+    check_fits(source, plan, robot)
     check_scene(preset_rig("ideal", robot))
     check_support(plan)
     identifiable_regressor(source, robot, plan)

@@ -40,7 +40,7 @@ from tulip_testbed.sim.table import Shown, Table
 NEGLIGIBLE = 1e-6  # m: a parameter that the simplified model may drop without bias
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Validation(Shown):
     """A run held against its truth; prints its checks and the verdict.
 

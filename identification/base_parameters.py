@@ -30,7 +30,7 @@ AXES = "xyz"
 SUPPORTS = ("double", "right", "left")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BaseParameters:
     """Base parameter set of a robot in one kind of support.
 

@@ -31,7 +31,7 @@ class Attempt:
     true_plates: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Truth:
     """True values, which only a simulation knows.
 
@@ -62,7 +62,7 @@ class Truth:
         return [a.held for a in self.attempts if a.held is not None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Outcome:
     """Measurements and truth of one experiment.
 

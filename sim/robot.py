@@ -18,7 +18,7 @@ import numpy as np
 from tulip_testbed.sim.errors import InputError, choices, listed, look_up, shortened
 from tulip_testbed.sim.files import present, read_bytes, read_text
 from tulip_testbed.sim.mjcf_files import mjcf_files
-from tulip_testbed.sim.model_check import check_model
+from tulip_testbed.sim.model_check import check_joint_ranges, check_model
 from tulip_testbed.sim.sandbox import try_to_compile
 from tulip_testbed.sim.shipped import PLATE, TULIP
 

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import Lock
+from typing import ParamSpec, TypeVar
 
 import numpy.linalg  # noqa: F401  threadpoolctl limits the libraries that are loaded by then
 import scipy.linalg  # noqa: F401
@@ -10,7 +15,38 @@ from threadpoolctl import threadpool_limits
 
 from tulip_testbed.sim.errors import at_least
 
-one_blas_thread = threadpool_limits.wrap(limits=1, user_api="blas")
+P = ParamSpec("P")
+R = TypeVar("R")
+_lock = Lock()
+_inside: list[threadpool_limits] = []  # one entry for every call under way, of which the last restores
+
+
+@contextmanager
+def _one_blas_thread() -> Iterator[None]:
+    with _lock:
+        _inside.append(_inside[0] if _inside else threadpool_limits(limits=1, user_api="blas"))
+    try:
+        yield
+    finally:
+        with _lock:
+            limits = _inside.pop()
+            if not _inside:
+                limits.restore_original_limits()
+
+
+def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
+    """Let a function use one thread for linear algebra.
+
+    The limit holds for the whole process, until the last of such functions has ended: one that ends must not
+    lift it for another thread's.
+    """
+
+    @functools.wraps(function)
+    def limited(*args: P.args, **kwargs: P.kwargs) -> R:
+        with _one_blas_thread():
+            return function(*args, **kwargs)
+
+    return limited
 
 
 def processes(workers: int | None) -> int:

@@ -334,13 +334,14 @@ def view(shown: Viewed, robot: Robot | None = None, save: str | Path | None = No
 
 
 @checked
-def report(shown: Reported, path: str | Path) -> None:
+def report(shown: Reported, path: str | Path, robot: Robot | None = None) -> None:
     """Write a run as one HTML page that needs no network: verdict, tables, figures, settings.
 
     Args:
         shown: a run, which is identified and held against its truth; a validation, a discovery, a Monte
-            Carlo, or the folder of any of TULip's.
+            Carlo, or the folder of any.
         path: of the page, a new file (.html).
+        robot: that the folder's run was made with; TULip if None.
 
     Raises:
         InputError: the file exists, cannot be written or has another ending; a run that cannot be identified.
@@ -349,7 +350,9 @@ def report(shown: Reported, path: str | Path) -> None:
     from tulip_testbed.pages.report_page import write_page
 
     check_new(Path(path), ENDING)
-    record = read_record(Path(shown), load_robot()) if isinstance(shown, str | Path) else _record(shown)
+    record = (
+        read_record(Path(shown), robot or load_robot()) if isinstance(shown, str | Path) else _record(shown)
+    )
     write_page(Path(path), record)
 
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+
 from tulip_testbed.sim.arguments import checked
 from tulip_testbed.sim.measurements import PosturePlan, read_plan, write_plan
 from tulip_testbed.sim.robot import Robot, load_robot
@@ -47,7 +49,11 @@ def write(folder: str | Path, plan: PosturePlan) -> None:
 
 @cache
 def _shipped(name: str) -> PosturePlan:
-    return read_plan(PLANS / name, load_robot())
+    plan = read_plan(PLANS / name, load_robot())
+    for values in vars(plan).values():
+        if isinstance(values, np.ndarray):
+            values.setflags(write=False)  # everyone in the process has the same plan
+    return plan
 
 
 def __getattr__(name: str) -> PosturePlan:

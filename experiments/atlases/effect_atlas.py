@@ -67,7 +67,7 @@ class Row:
         return self.bias * (self.detectable / self.prior if np.isfinite(self.detectable) else np.nan)
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Atlas:
     """All of it.
 

@@ -59,7 +59,7 @@ class Place:
     address: str | None
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MonteCarlo(Shown):
     """Many runs of one experiment, and what they say of the estimator.
 

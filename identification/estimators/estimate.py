@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StandardEstimate:
     """Masses and centres of mass of the links, estimated with the robot's own model as prior.
 
@@ -29,7 +29,7 @@ class StandardEstimate:
     identifiable: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """An estimate of the base parameters with its covariance.
 

@@ -10,7 +10,7 @@ import numpy as np
 from tulip_testbed.sim.robot import CELLS, PLATES
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PosturePlan:
     """Postures to measure, in order; the postures of a placement are consecutive.
 
@@ -70,7 +70,7 @@ class SensorSheet:
     placement_sd: tuple[float, float, float] | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Measurements:
     """Measurements, one row per held posture; they contain nothing of a simulation's truth.
 

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.sim.errors import InputError, listed, shortened
 from tulip_testbed.sim.files import new_folder
 from tulip_testbed.sim.measurements.data import PosturePlan
 from tulip_testbed.sim.measurements.folder_kind import check_kind
@@ -100,8 +100,7 @@ def read_plan(folder: Path, robot: Robot) -> PosturePlan:
         made=manifest.made,
         torques=_torques(table, joints),
     )
-    check_limits(table.path, plan, robot.model)
-    check_repeats(table.path, plan)
+    check_postures(table.path, plan, robot)
     return plan
 
 
@@ -128,7 +127,36 @@ def check_model(where: Path | str, made_with: str | None, expected: str | None, 
         )
 
 
-def check_repeats(path: Path, plan: PosturePlan) -> None:
+def check_fits(where: str, plan: PosturePlan, robot: Robot) -> None:
+    """Refuse a plan in memory that a robot's plan folder could not hold.
+
+    Args:
+        where: source of the plan, for the message.
+
+    Raises:
+        InputError: made for another robot, other joints, no postures, an angle that is not finite or outside
+            of a joint's range, or rows that share a number but not the posture.
+    """
+    check_model(where, plan.robot.get("model"), plan.robot.get("sha256"), robot)
+    if plan.joints != (expected := joint_names(robot.model)):
+        raise InputError(f"{where}: found joints {listed(plan.joints)}, expected {listed(expected)}")
+    if plan.joint_angles.shape != (len(plan), len(expected)) or not len(plan):
+        raise InputError(
+            f"{where}: found {plan.joint_angles.shape} joint angles, expected (postures, {len(expected)})"
+        )
+    for name in ("joint_angles", "swing_pose"):
+        if (bad := ~np.isfinite(getattr(plan, name)).all(axis=1)).any():
+            raise InputError(f"{where}: row {bad.argmax() + 1}: found {name} that are not finite numbers")
+    check_postures(where, plan, robot)
+
+
+def check_postures(path: Path | str, plan: PosturePlan, robot: Robot) -> None:
+    """Refuse postures outside of a joint's range, and rows that share a number but not the posture."""
+    check_limits(path, plan, robot.model)
+    check_repeats(path, plan)
+
+
+def check_repeats(path: Path | str, plan: PosturePlan) -> None:
     """Refuse rows that share a number but not the posture.
 
     Raises:
@@ -150,7 +178,7 @@ def check_repeats(path: Path, plan: PosturePlan) -> None:
         )
 
 
-def check_limits(path: Path, plan: PosturePlan, model: mujoco.MjModel) -> None:
+def check_limits(path: Path | str, plan: PosturePlan, model: mujoco.MjModel) -> None:
     """Refuse a plan that leaves a joint's range by more than a rounding error.
 
     Raises:
