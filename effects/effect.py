@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from tulip_testbed.effects.injection import misreading
 from tulip_testbed.effects.targets import WHOLE, Targets
@@ -148,14 +147,6 @@ class Effect:
     def __repr__(self) -> str:
         return f"<Effect {self.usage}>"
 
-    def __reduce_ex__(self, protocol: Any) -> Any:
-        """Pickle an effect of the catalogue by its name: its targets are functions without one."""
-        from tulip_testbed.effects.catalogue import catalogue
-
-        if catalogue().get(self.name) is self:
-            return _of_catalogue, (self.name,)
-        return super().__reduce_ex__(protocol)
-
     @property
     def usage(self) -> str:
         """Return the pattern after which an instance of the effect is written."""
@@ -184,9 +175,3 @@ class Effect:
     def predict(self, observed: Observation, target: str, values: Values) -> Observation:
         """Return the observation with the effect removed, as the nominal laboratory would have given it."""
         return self.mechanism.predict(observed, target, values)
-
-
-def _of_catalogue(name: str) -> Effect:
-    from tulip_testbed.effects.catalogue import catalogue
-
-    return catalogue()[name]

@@ -32,11 +32,10 @@ from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.scene import nominal_plates
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_itemcollected(item: pytest.Item) -> None:
     """Keep the tests of the two full experiments in one process of pytest-xdist."""
-    for item in items:
-        if {"ideal", "wii"} & set(getattr(item, "fixturenames", ())):
-            item.add_marker(pytest.mark.xdist_group("full experiments"))
+    if {"ideal", "wii"} & set(getattr(item, "fixturenames", ())):
+        item.add_marker(pytest.mark.xdist_group("full experiments"))
 
 
 @pytest.fixture(scope="session")

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import copyreg
 import pkgutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import fields
 from functools import cache
 from importlib import import_module
 from inspect import cleandoc
 from types import ModuleType
+from typing import Any
 
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.sim.column import Column
@@ -69,3 +72,17 @@ def explanation(name: str) -> str:
 
 def _modules() -> Iterator[ModuleType]:
     return (import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__))
+
+
+def _by_name(name: str) -> Effect:
+    return catalogue()[name]
+
+
+def _pickled(effect: Effect) -> tuple[Callable[..., Effect], tuple[Any, ...]]:
+    """Pickle an effect of the catalogue by its name: its targets are functions without one."""
+    if dict.get(catalogue(), effect.name) is effect:
+        return _by_name, (effect.name,)
+    return Effect, tuple(getattr(effect, field.name) for field in fields(effect))
+
+
+copyreg.pickle(Effect, _pickled)
