@@ -15,9 +15,9 @@ import numpy as np
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance, effect_label
-from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.errors import InputError, look_up
 from tulip_testbed.sim.measurements import SensorSheet
+from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.sensors import PRESETS
 
 # Tolerance of every family [SI] by preset. Assumed: no data sheet states them.
@@ -150,12 +150,10 @@ def _place(sd: float | None, name: str) -> float:
     return float(np.clip(np.round(place, 1), 0.0, 1.0))
 
 
-def families_of(observed: Observation, tolerances: Tolerances) -> tuple[Family, ...]:
-    """List the families that are not exact, on all targets that an experiment has."""
-    robot = observed.nominal.robot
-    numbers = tuple(int(number) for number in np.unique(observed.measurements.placement))
+def families_of(robot: Robot, tolerances: Tolerances) -> tuple[Family, ...]:
+    """List the families that are not exact, on all targets that a robot and its plates have."""
     return tuple(
         Family(effect, tolerances.value[name], targets)
         for name, effect in catalogue().items()
-        if tolerances.value.get(name, 0.0) > 0 and (targets := effect.targets.of(robot, numbers))
+        if tolerances.value.get(name, 0.0) > 0 and (targets := effect.targets.of(robot, ()))
     )

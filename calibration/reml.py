@@ -18,7 +18,7 @@ holds the uncertainty of the scales to first order (Kass and Steffey 1989).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -145,6 +145,13 @@ def fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None = None) ->
         if gained < CONVERGED:
             break
     return _result(problem, noise, spread)
+
+
+def given(problem: Problem, scales: np.ndarray, spreads: np.ndarray) -> Fit:
+    """Return the estimate with known scales (k,) and spreads (f,)."""
+    noise = _noise(problem, np.log(scales))
+    found = _result(problem, noise, _spread(problem, noise, np.log(spreads)))
+    return replace(found, scale_covariance=0 * found.scale_covariance, covariance=found.conditional)
 
 
 def objective(problem: Problem, log_scale: np.ndarray, log_spread: np.ndarray) -> tuple[float, np.ndarray]:

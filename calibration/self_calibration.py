@@ -1,0 +1,317 @@
+"""Self-calibration: base parameters and all ordinary imperfections in one estimate.
+
+The residuals of all channels are linear about the current estimate,
+
+    r = R(q) (theta - theta_0) + sum_f G_f (phi_f - phi_f0) + stances + weight + e,
+
+with the members' columns at the readings without the members and without the noise as far as both are known.
+`reml` estimates everything; then the members are removed at their estimate by the effects' own formulas and
+the columns are computed anew, until nothing moves (Gauss-Newton).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import norm
+
+from tulip_testbed.calibration.estimated_loads import with_estimated_loads
+from tulip_testbed.calibration.families import Family, families_of, tolerances_of
+from tulip_testbed.calibration.linear_model import nuisances, weighing, without_noise
+from tulip_testbed.calibration.member_columns import member_columns
+from tulip_testbed.calibration.placement_blocks import PlacementBlocks, placement_blocks
+from tulip_testbed.calibration.reml import Fit, Problem, fit, given
+from tulip_testbed.effects.instance import EffectInstance, removed
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_channels import fields, residuals, sensitivity
+from tulip_testbed.identification.residual_noise import FLOOR, Noise, noise_of
+from tulip_testbed.identification.variance_components import MARK_PRIOR, NO_PRIOR, SHEET_PRIOR
+
+ROUNDS = 4
+STANDS = 0.05  # s.e. by which nothing moves any more
+PRIOR_ONLY = 0.5  # share of its prior's variance from which a member is known by its prior only
+SOURCES = ("encoders", "cells", "right plate", "left plate")
+CHANNELS = "AFTC"
+
+
+@dataclass(frozen=True)
+class CalibratedFamily:
+    """A family and the spread of its members.
+
+    Attributes:
+        spread: estimated s.d. of the members, in tolerances. interval95: of the spread.
+        label: of every number of the family. value, standard_error: (n,) [SI].
+        interval95: low and high end, (n, 2) [SI]. determined: whether the data know it, (n,) bool.
+    """
+
+    family: Family
+    spread: float
+    spread95: tuple[float, float]
+    value: np.ndarray
+    standard_error: np.ndarray
+    interval95: np.ndarray
+    determined: np.ndarray
+
+    @property
+    def instances(self) -> list[EffectInstance]:
+        """Return the members as effects with their intervals."""
+        width = len(self.family.effect.parameters)
+        intervals = [tuple(map(float, pair)) for pair in self.interval95]
+        return [
+            replace(found, intervals=tuple(intervals[width * k : width * (k + 1)]))
+            for k, found in enumerate(self.family.instances(self.value))
+        ]
+
+
+@dataclass(frozen=True)
+class SelfCalibration:
+    """Base parameters and members of an experiment.
+
+    Attributes:
+        observed: the readings with all members removed at their estimate.
+        theta: base parameters, (p,) [m]. covariance: of theta, with everything that is uncertain, (p, p).
+        sources: names of the parts of the variance. shares: parts of the variance of each parameter,
+            (len(sources), p), with sum 1.
+        interval_dof: degrees of freedom of each parameter's t interval, (p,).
+        families: with their members. noise: with estimated scales.
+        problem, solved: the linear model at the estimate.
+        assumed: how the tolerances were found.
+    """
+
+    observed: Observation
+    theta: np.ndarray
+    covariance: np.ndarray
+    sources: tuple[str, ...]
+    shares: np.ndarray
+    interval_dof: np.ndarray
+    families: tuple[CalibratedFamily, ...]
+    noise: Noise
+    problem: Problem
+    solved: Fit
+    assumed: str
+
+    def keep(self, columns: Sequence[int]) -> SelfCalibration:
+        """Return the estimate of a model with some of the base parameters, the others being zero.
+
+        Args:
+            columns: indices of the parameters, (k,).
+        """
+        p = len(self.theta)
+        chosen = [*columns, p]
+        problem = replace(
+            self.problem,
+            columns=self.problem.columns[..., chosen],
+            information=self.problem.information[np.ix_(chosen, chosen)],
+        )
+        solved = fit(problem, (self.solved.scales, self.solved.spreads))
+        return _result(
+            self.observed, [c.family for c in self.families], self.noise, problem, solved, self.assumed
+        )
+
+
+@dataclass(frozen=True)
+class _Linear:
+    problem: Problem
+    blocks: PlacementBlocks
+    unit: np.ndarray
+    reach: np.ndarray
+
+
+def self_calibrate(
+    observed: Observation, tolerances: Mapping[str, float] | None = None, rounds: int = ROUNDS
+) -> SelfCalibration:
+    """Estimate base parameters and members.
+
+    Args:
+        observed: the experiment.
+        tolerances: of families, in place of those that fit the sensors [SI]; zero: exact.
+        rounds: largest number of linearisations.
+
+    Raises:
+        InputError: an unknown family or an impossible tolerance.
+        numpy.linalg.LinAlgError: readings that are not finite, or postures that do not suffice.
+    """
+    used = tolerances_of(observed.measurements.sensors, tolerances)
+    families, noise = families_of(observed.nominal.robot, used), noise_of(observed)
+    blocks = placement_blocks(observed)
+    regressor = observed.geometry.regressor
+    p = regressor.shape[2]
+    start = residuals(observed, np.zeros(p))[:, :2]
+    theta = np.linalg.lstsq(regressor.reshape(-1, p), start.ravel(), rcond=None)[0]
+    phi = np.zeros(sum(map(len, families)))
+    clean, smooth, scaled = observed, observed, noise
+    found: tuple[Problem, Fit] | None = None
+    for _ in range(rounds):
+        linear = _linearised(observed, clean, smooth, theta, phi, families, noise, scaled, blocks)
+        if found is None:
+            # Columns at the readings hold the readings' noise: they could explain it with no noise at all.
+            solved = given(linear.problem, np.ones(len(SOURCES)), np.ones(len(families)))
+        else:
+            solved = fit(linear.problem, (found[1].scales, found[1].spreads))
+        found = (linear.problem, solved)
+        moved = np.append(theta - solved.estimate[:p], phi - solved.estimate[p + 1 :])
+        known = np.sqrt(np.delete(np.diag(solved.covariance), p))
+        theta, phi = solved.estimate[:p], solved.estimate[p + 1 :]
+        scaled = _scaled(noise, solved.scales)
+        loaded = with_estimated_loads(observed, theta, solved.covariance[:p, :p])
+        clean = removed(loaded, _instances(families, phi))
+        pull = linear.blocks.back(linear.unit * solved.weighted)
+        smooth = without_noise(clean, pull, linear.reach, scaled)
+        if np.abs(moved / known).max() < STANDS:
+            break
+    assert found is not None
+    return _result(clean, families, noise, *found, used.assumed)
+
+
+def _instances(families: Sequence[Family], phi: np.ndarray) -> list[EffectInstance]:
+    ends = np.cumsum([len(family) for family in families])[:-1]
+    return [
+        instance
+        for family, values in zip(families, np.split(phi, ends), strict=True)
+        for instance in family.instances(values)
+    ]
+
+
+def _scaled(noise: Noise, scales: np.ndarray) -> Noise:
+    encoder, cell, right, left = scales
+    plates = noise.plates * np.repeat([right, left], 3)
+    return replace(noise, encoder=encoder * noise.encoder, cell=cell * noise.cell, plates=plates)
+
+
+def _linearised(
+    observed: Observation,
+    clean: Observation,
+    smooth: Observation,
+    theta: np.ndarray,
+    phi: np.ndarray,
+    families: Sequence[Family],
+    noise: Noise,
+    scaled: Noise,
+    blocks: PlacementBlocks,
+) -> _Linear:
+    """Linearise the residuals about an estimate, each row divided by its s.d. by the data sheets."""
+    at, p = fields(observed.nominal), len(theta)
+    slope = sensitivity(smooth, theta)
+    reach = slope[..., : at["plates"].stop]
+    flat = -nuisances(smooth, CHANNELS)
+    flat = np.concatenate([flat[..., :p], flat[..., -1:]], axis=2)
+    members = member_columns(smooth, theta, slope, families)
+    output = residuals(clean, theta) + flat[..., :p] @ theta + members @ phi
+    kernels = _kernels(reach, noise, blocks)
+    fixed = blocks.covariance(np.tile(np.diag(FLOOR**2), (len(observed), 1, 1)))
+    each = np.arange(fixed.shape[1])
+    fixed[:, each, each] += blocks.padding
+    total = fixed + kernels.sum(axis=0)
+    unit = 1 / np.sqrt(np.diagonal(total, axis1=1, axis2=2))
+    square = unit[:, :, None] * unit[:, None]
+    information = np.zeros((p + 1, p + 1))
+    information[-1, -1] = weighing(observed)[-1] ** 2
+    problem = Problem(
+        output=unit * blocks(output),
+        columns=unit[..., None] * blocks(flat),
+        members=unit[..., None] * blocks(members),
+        fixed=square * fixed,
+        kernels=square * kernels,
+        information=information,
+        roots=tuple(family.root for family in families),
+        doubt=_doubt(observed),
+    )
+    return _Linear(problem, blocks, unit, reach)
+
+
+def _kernels(reach: np.ndarray, noise: Noise, blocks: PlacementBlocks) -> np.ndarray:
+    """Return the covariance that encoders, cells, right and left plate give by the data sheets, (4, g, r, r)."""
+    n = reach.shape[2] - 14
+    angles, cells = noise.encoder * reach[..., :n], noise.cell * reach[..., n : n + 8]
+    plates = blocks(noise.plates * reach[..., n + 8 :])
+    return np.stack(
+        [
+            blocks.covariance(angles @ angles.mT),
+            blocks.covariance(cells @ cells.mT),
+            plates[..., :3] @ plates[..., :3].mT,
+            plates[..., 3:] @ plates[..., 3:].mT,
+        ]
+    )
+
+
+def _doubt(observed: Observation) -> np.ndarray:
+    """Return the s.d. of the logarithm of each scale of the noise, (4,)."""
+    sheet = observed.measurements.sensors
+    return np.array(
+        [
+            NO_PRIOR if sheet.encoder_sd is None else SHEET_PRIOR,
+            NO_PRIOR if sheet.cell_sd is None else SHEET_PRIOR,
+            *([NO_PRIOR] * 2 if sheet.placement_sd is None else [MARK_PRIOR, SHEET_PRIOR]),
+        ]
+    )
+
+
+def _result(
+    clean: Observation,
+    families: Sequence[Family],
+    noise: Noise,
+    problem: Problem,
+    solved: Fit,
+    assumed: str,
+) -> SelfCalibration:
+    p, k = problem.columns.shape[2] - 1, len(problem.kernels)
+    theta, covariance = solved.estimate[:p], solved.covariance[:p, :p]
+    parts = np.diagonal(solved.shares, axis1=1, axis2=2)[:, :p]
+    variance = np.diag(covariance)
+    spreads = variance - np.diag(solved.conditional)[:p]
+    sources = ("weighing", "contacts", *SOURCES, *(f.name for f in families), "spreads")
+    shares = np.concatenate([parts, spreads[None]]) / variance
+    # The derivative of a variance by the logarithm of a scale is twice that scale's part.
+    slope = 2 * parts[2 : 2 + k]
+    doubt = np.einsum("ki,kl,li->i", slope, solved.scale_covariance[:k, :k], slope)
+    dof = 2 * variance**2 / np.maximum(doubt, 1e-300)
+    log_sd = np.sqrt(np.diag(solved.scale_covariance)[k:])
+    out = []
+    for j, (family, part) in enumerate(zip(families, problem.parts, strict=True)):
+        where = slice(p + 1 + part.start, p + 1 + part.stop)
+        value, sd = solved.estimate[where], np.sqrt(np.diag(solved.covariance)[where])
+        spread = float(solved.spreads[j])
+        prior = spread * family.tolerance
+        known = np.diag(solved.conditional)[where]
+        ends = spread * np.exp(norm.ppf([0.025, 0.975]) * log_sd[j])
+        out.append(
+            CalibratedFamily(
+                family=family,
+                spread=spread,
+                spread95=(float(ends[0]), float(ends[1])),
+                value=value,
+                standard_error=sd,
+                interval95=_intervals(value, sd, family.positive),
+                determined=known < PRIOR_ONLY * prior**2,
+            )
+        )
+    return SelfCalibration(
+        observed=clean,
+        theta=theta,
+        covariance=covariance,
+        sources=sources,
+        shares=shares,
+        interval_dof=np.minimum(dof, 2 * len(clean) - p),
+        families=tuple(out),
+        noise=_scaled(noise, solved.scales),
+        problem=problem,
+        solved=solved,
+        assumed=assumed,
+    )
+
+
+def _intervals(value: np.ndarray, sd: np.ndarray, positive: bool) -> np.ndarray:
+    """Return 95 % intervals of normal deviates, (n, 2); of positive ones the shortest intervals.
+
+    A positive number has a normal distribution cut at zero. Its shortest interval begins at zero unless the
+    density there is below that at the upper end.
+    """
+    if not positive:
+        return value[:, None] + sd[:, None] * norm.ppf([0.025, 0.975])
+    mass = norm.cdf(value / sd)
+    half = norm.ppf(0.5 + 0.475 * mass)
+    low, high = value - half * sd, value + half * sd
+    upper = value + sd * norm.isf(0.05 * mass)
+    return np.column_stack([np.maximum(low, 0.0), np.where(low < 0, upper, high)])
