@@ -94,16 +94,21 @@ class Family:
             for parameter in self.effect.parameters
         )
 
-    @cached_property
-    def root(self) -> np.ndarray:
-        """Return a square root of the numbers' prior covariance at spread 1, (n, n) [SI].
+    @property
+    def parts(self) -> tuple[np.ndarray, ...]:
+        """Return how the numbers arise from independent deviates of s.d. 1 at spread 1, (n, k) each [SI].
 
-        Numbers of either sign are independent. Absolute values of normal deviates have a common mean: their
-        second moments are those of a common deviate and independent ones.
+        Every part has a spread of its own. Numbers of either sign are independent. Numbers that cannot be
+        negative have a common mean and independent differences; the second moments at spread 1 are those of
+        absolute values of normal deviates.
         """
         n = len(self)
-        shape = (1 - COMMON) * np.eye(n) + COMMON if self.positive else np.eye(n)
-        return self.tolerance * np.linalg.cholesky(shape)
+        if not self.positive or n == 1:
+            return (self.tolerance * np.eye(n),)
+        return (
+            self.tolerance * np.sqrt(COMMON) * np.ones((n, 1)),
+            self.tolerance * np.sqrt(1 - COMMON) * np.eye(n),
+        )
 
     def instances(self, values: np.ndarray) -> list[EffectInstance]:
         """Return the family's effects with these values, (n,)."""

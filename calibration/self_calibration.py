@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.stats import norm
 
 from tulip_testbed.calibration.estimated_loads import with_estimated_loads
@@ -32,7 +33,12 @@ from tulip_testbed.identification.variance_components import MARK_PRIOR, NO_PRIO
 ROUNDS = 4
 STANDS = 0.05  # s.e. by which nothing moves any more
 PRIOR_ONLY = 0.5  # share of its prior's variance from which a member is known by its prior only
-SOURCES = ("encoders", "cells", "right plate", "left plate")
+SOURCES = ("encoders", "cells", "right plate", "left plate", "internal forces")
+# S.d. of the internal wrench of the closed legs about that of elastic servos without friction, assumed: as
+# large as the wrench itself. It is not estimated, since friction at rest makes the difference no noise: it
+# opposes the loads.
+INTERNAL_SD = np.array([5.0, 5.0, 2.0])  # N, N, Nm
+INTERNAL_PRIOR = 0.01
 CHANNELS = "AFTC"
 
 
@@ -92,6 +98,11 @@ class SelfCalibration:
     solved: Fit
     assumed: str
 
+    @property
+    def mixing(self) -> np.ndarray:
+        """Return the members from the estimated deviates, (q, k) [SI]."""
+        return _mixing([c.family for c in self.families])[0]
+
     def keep(self, columns: Sequence[int]) -> SelfCalibration:
         """Return the estimate of a model with some of the base parameters, the others being zero.
 
@@ -140,22 +151,26 @@ def self_calibrate(
     p = regressor.shape[2]
     start = residuals(observed, np.zeros(p))[:, :2]
     theta = np.linalg.lstsq(regressor.reshape(-1, p), start.ravel(), rcond=None)[0]
-    phi = np.zeros(sum(map(len, families)))
+    mixing, owner = _mixing(families)
+    phi = np.zeros(len(mixing))
     clean, smooth, scaled = observed, observed, noise
     found: tuple[Problem, Fit] | None = None
     for _ in range(rounds):
         linear = _linearised(observed, clean, smooth, theta, phi, families, noise, scaled, blocks)
         if found is None:
             # Columns at the readings hold the readings' noise: they could explain it with no noise at all.
-            solved = given(linear.problem, np.ones(len(SOURCES)), np.ones(len(families)))
+            solved = given(linear.problem, np.ones(len(SOURCES)), np.ones(len(owner)))
         else:
             solved = fit(linear.problem, (found[1].scales, found[1].spreads))
         found = (linear.problem, solved)
-        moved = np.append(theta - solved.estimate[:p], phi - solved.estimate[p + 1 :])
-        known = np.sqrt(np.delete(np.diag(solved.covariance), p))
-        theta, phi = solved.estimate[:p], solved.estimate[p + 1 :]
+        both = block_diag(np.eye(p + 1), mixing)
+        estimate, covariance = both @ solved.estimate, both @ solved.covariance @ both.T
+        moved = np.append(theta - estimate[:p], phi - estimate[p + 1 :])
+        known = np.sqrt(np.delete(np.diag(covariance), p))
+        theta, phi = estimate[:p], estimate[p + 1 :]
         scaled = _scaled(noise, solved.scales)
-        loaded = with_estimated_loads(observed, theta, solved.covariance[:p, :p])
+        compliance = _compliance(families, phi, observed.joint_angles.shape[1])
+        loaded = with_estimated_loads(observed, theta, covariance[:p, :p], compliance)
         clean = removed(loaded, _instances(families, phi))
         pull = linear.blocks.back(linear.unit * solved.weighted)
         smooth = without_noise(clean, pull, linear.reach, scaled)
@@ -166,16 +181,29 @@ def self_calibrate(
 
 
 def _instances(families: Sequence[Family], phi: np.ndarray) -> list[EffectInstance]:
+    return [instance for family, values in _split(families, phi) for instance in family.instances(values)]
+
+
+def _split(families: Sequence[Family], phi: np.ndarray) -> list[tuple[Family, np.ndarray]]:
     ends = np.cumsum([len(family) for family in families])[:-1]
-    return [
-        instance
-        for family, values in zip(families, np.split(phi, ends), strict=True)
-        for instance in family.instances(values)
-    ]
+    return list(zip(families, np.split(phi, ends), strict=True))
+
+
+def _mixing(families: Sequence[Family]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the members from the deviates of all parts, (q, k) [SI], and the family of each part."""
+    rows = [np.concatenate(family.parts, axis=1) for family in families]
+    owner = [k for k, family in enumerate(families) for _ in family.parts]
+    return block_diag(*rows), np.array(owner, int)
+
+
+def _compliance(families: Sequence[Family], phi: np.ndarray, joints: int) -> np.ndarray:
+    """Return the estimated compliances of the joints, (n_joints,) [rad/Nm]; zero if they are exact."""
+    found = [values for family, values in _split(families, phi) if family.name == "joint-compliance"]
+    return found[0] if found else np.zeros(joints)
 
 
 def _scaled(noise: Noise, scales: np.ndarray) -> Noise:
-    encoder, cell, right, left = scales
+    encoder, cell, right, left, _ = scales
     plates = noise.plates * np.repeat([right, left], 3)
     return replace(noise, encoder=encoder * noise.encoder, cell=cell * noise.cell, plates=plates)
 
@@ -194,12 +222,15 @@ def _linearised(
     """Linearise the residuals about an estimate, each row divided by its s.d. by the data sheets."""
     at, p = fields(observed.nominal), len(theta)
     slope = sensitivity(smooth, theta)
+    mixing, _ = _mixing(families)
     reach = slope[..., : at["plates"].stop]
     flat = -nuisances(smooth, CHANNELS)
     flat = np.concatenate([flat[..., :p], flat[..., -1:]], axis=2)
     members = member_columns(smooth, theta, slope, families)
     output = residuals(clean, theta) + flat[..., :p] @ theta + members @ phi
-    kernels = _kernels(reach, noise, blocks)
+    yielding = np.maximum(_compliance(families, phi, at["angles"].stop), 0.0)
+    pushed = slope[..., at["angles"]] @ (yielding[:, None] * smooth.loads.levers)
+    kernels = _kernels(reach, pushed, noise, blocks)
     fixed = blocks.covariance(np.tile(np.diag(FLOOR**2), (len(observed), 1, 1)))
     each = np.arange(fixed.shape[1])
     fixed[:, each, each] += blocks.padding
@@ -211,18 +242,23 @@ def _linearised(
     problem = Problem(
         output=unit * blocks(output),
         columns=unit[..., None] * blocks(flat),
-        members=unit[..., None] * blocks(members),
+        members=unit[..., None] * (blocks(members) @ mixing),
         fixed=square * fixed,
         kernels=square * kernels,
         information=information,
-        roots=tuple(family.root for family in families),
+        roots=tuple(np.eye(part.shape[1]) for family in families for part in family.parts),
         doubt=_doubt(observed),
     )
     return _Linear(problem, blocks, unit, reach)
 
 
-def _kernels(reach: np.ndarray, noise: Noise, blocks: PlacementBlocks) -> np.ndarray:
-    """Return the covariance that encoders, cells, right and left plate give by the data sheets, (4, g, r, r)."""
+def _kernels(reach: np.ndarray, pushed: np.ndarray, noise: Noise, blocks: PlacementBlocks) -> np.ndarray:
+    """Return the covariance that each of SOURCES gives by the data sheets, (5, g, r, r).
+
+    Args:
+        pushed: derivative of the residuals by the internal wrench, (m, 11, 3).
+    """
+    pushed = pushed * INTERNAL_SD
     n = reach.shape[2] - 14
     angles, cells = noise.encoder * reach[..., :n], noise.cell * reach[..., n : n + 8]
     plates = blocks(noise.plates * reach[..., n + 8 :])
@@ -232,18 +268,20 @@ def _kernels(reach: np.ndarray, noise: Noise, blocks: PlacementBlocks) -> np.nda
             blocks.covariance(cells @ cells.mT),
             plates[..., :3] @ plates[..., :3].mT,
             plates[..., 3:] @ plates[..., 3:].mT,
+            blocks.covariance(pushed @ pushed.mT),
         ]
     )
 
 
 def _doubt(observed: Observation) -> np.ndarray:
-    """Return the s.d. of the logarithm of each scale of the noise, (4,)."""
+    """Return the s.d. of the logarithm of the scale of each of SOURCES, (5,)."""
     sheet = observed.measurements.sensors
     return np.array(
         [
             NO_PRIOR if sheet.encoder_sd is None else SHEET_PRIOR,
             NO_PRIOR if sheet.cell_sd is None else SHEET_PRIOR,
             *([NO_PRIOR] * 2 if sheet.placement_sd is None else [MARK_PRIOR, SHEET_PRIOR]),
+            INTERNAL_PRIOR,
         ]
     )
 
@@ -257,41 +295,46 @@ def _result(
     assumed: str,
 ) -> SelfCalibration:
     p, k = problem.columns.shape[2] - 1, len(problem.kernels)
+    mixing, owner = _mixing(families)
     theta, covariance = solved.estimate[:p], solved.covariance[:p, :p]
-    parts = np.diagonal(solved.shares, axis1=1, axis2=2)[:, :p]
     variance = np.diag(covariance)
-    spreads = variance - np.diag(solved.conditional)[:p]
-    sources = ("weighing", "contacts", *SOURCES, *(f.name for f in families), "spreads")
-    shares = np.concatenate([parts, spreads[None]]) / variance
+    parts = np.diagonal(solved.shares, axis1=1, axis2=2)[:, :p]
+    of_families = np.array([parts[2 + k :][owner == j].sum(axis=0) for j in range(len(families))])
+    of_spreads = variance - np.diag(solved.conditional)[:p]
+    shares = np.concatenate([parts[: 2 + k], of_families.reshape(-1, p), of_spreads[None]]) / variance
     # The derivative of a variance by the logarithm of a scale is twice that scale's part.
     slope = 2 * parts[2 : 2 + k]
     doubt = np.einsum("ki,kl,li->i", slope, solved.scale_covariance[:k, :k], slope)
     dof = 2 * variance**2 / np.maximum(doubt, 1e-300)
-    log_sd = np.sqrt(np.diag(solved.scale_covariance)[k:])
-    out = []
-    for j, (family, part) in enumerate(zip(families, problem.parts, strict=True)):
-        where = slice(p + 1 + part.start, p + 1 + part.stop)
-        value, sd = solved.estimate[where], np.sqrt(np.diag(solved.covariance)[where])
-        spread = float(solved.spreads[j])
-        prior = spread * family.tolerance
-        known = np.diag(solved.conditional)[where]
-        ends = spread * np.exp(norm.ppf([0.025, 0.975]) * log_sd[j])
+    value = mixing @ solved.estimate[p + 1 :]
+    known = np.diag(mixing @ solved.conditional[p + 1 :, p + 1 :] @ mixing.T)
+    sd = np.sqrt(np.diag(mixing @ solved.covariance[p + 1 :, p + 1 :] @ mixing.T))
+    out, first = [], 0
+    for j, family in enumerate(families):
+        where, mine = slice(first, first + len(family)), np.flatnonzero(owner == j)
+        first = where.stop
+        moments = [(part[0] ** 2).sum() for part in family.parts]
+        each = moments * solved.spreads[mine] ** 2  # parts of the members' variance
+        spread = float(np.sqrt(each.sum()) / family.tolerance)
+        weight = each / each.sum()
+        log_sd = np.sqrt(weight @ solved.scale_covariance[k + mine][:, k + mine] @ weight)
+        ends = spread * np.exp(norm.ppf([0.025, 0.975]) * log_sd)
         out.append(
             CalibratedFamily(
                 family=family,
                 spread=spread,
                 spread95=(float(ends[0]), float(ends[1])),
-                value=value,
-                standard_error=sd,
-                interval95=_intervals(value, sd, family.positive),
-                determined=known < PRIOR_ONLY * prior**2,
+                value=value[where],
+                standard_error=sd[where],
+                interval95=_intervals(value[where], sd[where], family.positive),
+                determined=known[where] < PRIOR_ONLY * each.sum(),
             )
         )
     return SelfCalibration(
         observed=clean,
         theta=theta,
         covariance=covariance,
-        sources=sources,
+        sources=("weighing", "contacts", *SOURCES, *(f.name for f in families), "spreads"),
         shares=shares,
         interval_dof=np.minimum(dof, 2 * len(clean) - p),
         families=tuple(out),

@@ -1,4 +1,4 @@
-"""Coverage and error of the self-calibrating estimate in ordinary laboratories (docs/calibration.md; 15 minutes).
+"""Coverage and error of the self-calibrating estimate (docs/calibration.md; half an hour).
 
 A laboratory has a random robot and, if it is ordinary, members of all families with spreads of 0.1 to 1
 tolerance, injected into the static laboratory. In a null nothing but the robot's masses differs. The oracle
@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh
+from scipy.linalg import block_diag, eigh
 from scipy.stats import t as t_distribution
 
 from studies.runner import Settings, header, row, shipped_plan
@@ -198,7 +198,9 @@ def _score(
     ways = determined_directions(found)
     sensors = PRESETS[preset]
     mark = sensors.mark_sd[0] / (MARK_RATIO * sensors.placement_sd[0])
-    oracle = given(found.problem, np.array([1.0, 1.0, mark, 1.0]), np.maximum(spreads, 1e-3))
+    per_part = np.repeat(spreads, [len(m.family.parts) for m in members])
+    scales = np.array([1.0, 1.0, mark, 1.0, 1.0])
+    oracle = given(found.problem, scales, np.maximum(per_part, 1e-3))
     se, oracle_se = _errors(ways, found.covariance), _errors(ways, oracle.covariance[:p, :p])
     oracle_error = ways.T @ (oracle.estimate[:p] - truth)
     variance, turn = np.linalg.eigh(mixed.covariance)
@@ -229,9 +231,10 @@ def determined_directions(found: SelfCalibration) -> np.ndarray:
     q = len(known)
     # The covariance without those members' uncertainty: as if they were known.
     full = found.covariance
-    both = np.append(np.arange(p), p + 1 + np.flatnonzero(~known))
-    joint = found.solved.covariance[np.ix_(both, both)]
-    a, b, c = joint[:p, :p], joint[:p, p:], joint[p:, p:]
+    chosen = np.append(np.arange(p), p + 1 + np.flatnonzero(~known))
+    both = block_diag(np.eye(p + 1), found.mixing)[chosen]
+    joint = both @ found.solved.covariance @ both.T
+    b, c = joint[:p, p:], joint[p:, p:]
     due = b @ np.linalg.solve(c, b.T) if q > known.sum() else np.zeros((p, p))
     share, ways = eigh(due, full)
     return ways[:, share < LEAST_DATA]
