@@ -26,11 +26,11 @@ from tulip_testbed.calibration.placement_blocks import PlacementBlocks, placemen
 from tulip_testbed.calibration.reml import Fit, Problem, fit, given
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import fields, residuals, sensitivity
+from tulip_testbed.identification.residual_channels import difference, fields, residuals, sensitivity
 from tulip_testbed.identification.residual_noise import FLOOR, Noise, noise_of
 from tulip_testbed.identification.variance_components import MARK_PRIOR, NO_PRIOR, SHEET_PRIOR
 
-ROUNDS = 4
+ROUNDS = 12
 STANDS = 0.05  # s.e. by which nothing moves any more
 PRIOR_ONLY = 0.5  # share of its prior's variance from which a member is known by its prior only
 SOURCES = ("encoders", "cells", "right plate", "left plate", "internal forces")
@@ -40,6 +40,7 @@ SOURCES = ("encoders", "cells", "right plate", "left plate", "internal forces")
 INTERNAL_SD = np.array([5.0, 5.0, 2.0])  # N, N, Nm
 INTERNAL_PRIOR = 0.01
 CHANNELS = "AFTC"
+OF_LOADS = ("joint-compliance", "sole-compliance")
 
 
 @dataclass(frozen=True)
@@ -223,7 +224,8 @@ def _linearised(
     at, p = fields(observed.nominal), len(theta)
     slope = sensitivity(smooth, theta)
     mixing, _ = _mixing(families)
-    reach = slope[..., : at["plates"].stop]
+    reach = slope[..., : at["plates"].stop].copy()
+    reach[..., at["cells"]] += slope @ _by_cells(smooth, families, phi)
     flat = -nuisances(smooth, CHANNELS)
     flat = np.concatenate([flat[..., :p], flat[..., -1:]], axis=2)
     members = member_columns(smooth, theta, slope, families)
@@ -250,6 +252,31 @@ def _linearised(
         doubt=_doubt(observed),
     )
     return _Linear(problem, blocks, unit, reach)
+
+
+def _by_cells(observed: Observation, families: Sequence[Family], phi: np.ndarray) -> np.ndarray:
+    """Differentiate what compliances change by the readings of the cells, which give the loads, (m, k, 8).
+
+    Without it the noise of the cells, in the loads and in the columns of the compliances alike, would draw
+    the compliances towards zero.
+    """
+    yielding = [
+        instance
+        for family, values in _split(families, phi)
+        if family.name in OF_LOADS
+        for instance in family.instances(values)
+    ]
+    if not any(any(instance.values) for instance in yielding):
+        return np.zeros((len(observed), fields(observed.nominal)["lift"].stop, 8))
+
+    def change(seen: Observation) -> np.ndarray:
+        changes = [difference(seen, i.effect.predict(seen, i.target, i.values)) for i in yielding]
+        return np.sum(changes, axis=0)
+
+    # The loads are linear in the cells.
+    steps = [observed.changed(cell_forces=observed.cell_forces + step) for step in np.eye(8)]
+    start = change(observed)
+    return np.stack([change(one) - start for one in steps], axis=-1)
 
 
 def _kernels(reach: np.ndarray, pushed: np.ndarray, noise: Noise, blocks: PlacementBlocks) -> np.ndarray:
