@@ -11,7 +11,8 @@ scales sigma minimise
 S = (I + R'BR)^-1, it is that of V_0 plus 1/2 (-ln|S| - b' R S R' b), which holds at tau = 0 too. All scales
 are estimated by their logarithms. ln tau has the prior of a half-Cauchy tau (Gelman 2006): a family that no
 reading shows has its mode at tau = 1, and one that the readings do not want becomes small, but never zero.
-ln sigma is normal about the data sheet. In the scales of the noise Newton's steps use the average information
+One member says next to nothing of the spread of its family: there ln tau is normal about zero, with a factor of
+two as s.d. ln sigma is normal about the data sheet. In the scales of the noise Newton's steps use the average information
 (Gilmour, Thompson and Cullis 1995), in the spreads the Hessian itself. The covariance of the estimates holds
 the uncertainty of the scales to first order (Kass and Steffey 1989).
 """
@@ -26,7 +27,9 @@ import numpy as np
 MOST_STEP = 1.5  # of the logarithm of a scale
 LIMIT = 7.0  # largest size of the logarithm of a scale
 MOST_STEPS = 60
-CONVERGED = 1e-7  # of the log-likelihood
+ALONE = np.log(2.0)  # s.d. of ln tau of a family of one
+CONVERGED = 1e-5  # of the log-likelihood
+SETTLED = 1e-8  # of the log-likelihood, in the spreads alone
 LEAST_CURVATURE = 0.25  # the s.d. of the logarithm of a scale is at most two
 
 
@@ -208,18 +211,17 @@ def _spread(problem: Problem, noise: _Noise, log_spread: np.ndarray) -> _Spread:
     deviate = shrinkage @ pull
     own = np.array([np.trace(shrinkage[a, a]) for a in parts])
     sizes = np.array([deviate[a] @ deviate[a] for a in parts])
-    odds = np.exp(2 * log_spread) / (1 + np.exp(2 * log_spread))
     count = np.array([len(one) for one in problem.roots])
-    hessian = np.diag(2 * (own + sizes) + 4 * odds * (1 - odds))
+    prior, slope, curvature = _log_prior(log_spread, count)
+    hessian = np.diag(2 * (own + sizes) + curvature)
     for i, a in enumerate(parts):
         for j, b in enumerate(parts):
             block = shrinkage[a, b]
             hessian[i, j] -= 2 * (block**2).sum() + 4 * deviate[a] @ block @ deviate[b]
-    prior = (np.log1p(np.exp(2 * log_spread)) - log_spread).sum()
     return _Spread(
         log_spread=log_spread,
         value=float(np.log(np.diag(lower)).sum() - 0.5 * pull @ deviate + prior),
-        gradient=count - own - sizes + 2 * odds - 1,
+        gradient=count - own - sizes + slope,
         hessian=hessian,
         root=root,
         shrinkage=shrinkage,
@@ -227,12 +229,25 @@ def _spread(problem: Problem, noise: _Noise, log_spread: np.ndarray) -> _Spread:
     )
 
 
+def _log_prior(log_spread: np.ndarray, count: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return minus the logarithm of the prior of ln tau, and its first and second derivatives.
+
+    Args:
+        count: number of members of each family.
+    """
+    alone = count == 1
+    odds = np.exp(2 * log_spread) / (1 + np.exp(2 * log_spread))
+    value = np.where(alone, 0.5 * (log_spread / ALONE) ** 2, np.log1p(np.exp(2 * log_spread)) - log_spread)
+    slope = np.where(alone, log_spread / ALONE**2, 2 * odds - 1)
+    return float(value.sum()), slope, np.where(alone, ALONE**-2.0, 4 * odds * (1 - odds))
+
+
 def _spreads(problem: Problem, noise: _Noise, start: np.ndarray) -> _Spread:
     """Minimise over ln tau with the noise as it is."""
     best = _spread(problem, noise, start)
     for _ in range(MOST_STEPS):
         step = _step(best.gradient, best.hessian)
-        if abs(best.gradient @ step) < CONVERGED:
+        if abs(best.gradient @ step) < SETTLED:
             break
         for shrink in 0.5 ** np.arange(12):
             trial = _spread(problem, noise, np.clip(best.log_spread + shrink * step, -LIMIT, LIMIT))

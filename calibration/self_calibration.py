@@ -154,10 +154,11 @@ def self_calibrate(
     theta = np.linalg.lstsq(regressor.reshape(-1, p), start.ravel(), rcond=None)[0]
     mixing, owner = _mixing(families)
     phi = np.zeros(len(mixing))
+    variance = (mixing**2).sum(axis=1)
     clean, smooth, scaled = observed, observed, noise
     found: tuple[Problem, Fit] | None = None
     for _ in range(rounds):
-        linear = _linearised(observed, clean, smooth, theta, phi, families, noise, scaled, blocks)
+        linear = _linearised(observed, clean, smooth, theta, phi, variance, families, noise, blocks)
         if found is None:
             # Columns at the readings hold the readings' noise: they could explain it with no noise at all.
             solved = given(linear.problem, np.ones(len(SOURCES)), np.ones(len(owner)))
@@ -168,7 +169,7 @@ def self_calibrate(
         estimate, covariance = both @ solved.estimate, both @ solved.covariance @ both.T
         moved = np.append(theta - estimate[:p], phi - estimate[p + 1 :])
         known = np.sqrt(np.delete(np.diag(covariance), p))
-        theta, phi = estimate[:p], estimate[p + 1 :]
+        theta, phi, variance = estimate[:p], estimate[p + 1 :], np.diag(covariance)[p + 1 :]
         scaled = _scaled(noise, solved.scales)
         compliance = _compliance(families, phi, observed.joint_angles.shape[1])
         loaded = with_estimated_loads(observed, theta, covariance[:p, :p], compliance)
@@ -186,20 +187,20 @@ def _instances(families: Sequence[Family], phi: np.ndarray) -> list[EffectInstan
 
 
 def _split(families: Sequence[Family], phi: np.ndarray) -> list[tuple[Family, np.ndarray]]:
-    ends = np.cumsum([len(family) for family in families])[:-1]
-    return list(zip(families, np.split(phi, ends), strict=True))
+    ends = np.cumsum([len(family) for family in families])
+    return [(f, phi[end - len(f) : end]) for f, end in zip(families, ends.tolist(), strict=True)]
 
 
 def _mixing(families: Sequence[Family]) -> tuple[np.ndarray, np.ndarray]:
     """Return the members from the deviates of all parts, (q, k) [SI], and the family of each part."""
     rows = [np.concatenate(family.parts, axis=1) for family in families]
     owner = [k for k, family in enumerate(families) for _ in family.parts]
-    return block_diag(*rows), np.array(owner, int)
+    return block_diag(*rows) if rows else np.zeros((0, 0)), np.array(owner, int)
 
 
-def _compliance(families: Sequence[Family], phi: np.ndarray, joints: int) -> np.ndarray:
-    """Return the estimated compliances of the joints, (n_joints,) [rad/Nm]; zero if they are exact."""
-    found = [values for family, values in _split(families, phi) if family.name == "joint-compliance"]
+def _compliance(families: Sequence[Family], values: np.ndarray, joints: int) -> np.ndarray:
+    """Select the compliances of the joints from all members, (n_joints,); zeros if they are exact."""
+    found = [part for family, part in _split(families, values) if family.name == "joint-compliance"]
     return found[0] if found else np.zeros(joints)
 
 
@@ -215,9 +216,9 @@ def _linearised(
     smooth: Observation,
     theta: np.ndarray,
     phi: np.ndarray,
+    variance: np.ndarray,
     families: Sequence[Family],
     noise: Noise,
-    scaled: Noise,
     blocks: PlacementBlocks,
 ) -> _Linear:
     """Linearise the residuals about an estimate, each row divided by its s.d. by the data sheets."""
@@ -230,7 +231,8 @@ def _linearised(
     flat = np.concatenate([flat[..., :p], flat[..., -1:]], axis=2)
     members = member_columns(smooth, theta, slope, families)
     output = residuals(clean, theta) + flat[..., :p] @ theta + members @ phi
-    yielding = np.maximum(_compliance(families, phi, at["angles"].stop), 0.0)
+    # The mean square: with that of an estimate that is too small, the estimate would seem too certain.
+    yielding = np.sqrt(_compliance(families, np.maximum(phi, 0.0) ** 2 + variance, at["angles"].stop))
     pushed = slope[..., at["angles"]] @ (yielding[:, None] * smooth.loads.levers)
     kernels = _kernels(reach, pushed, noise, blocks)
     fixed = blocks.covariance(np.tile(np.diag(FLOOR**2), (len(observed), 1, 1)))
