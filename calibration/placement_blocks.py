@@ -49,6 +49,16 @@ class PlacementBlocks:
         flat = full.reshape(g, n * SIZE, n * SIZE)
         return self.contrast @ flat @ self.contrast.mT
 
+    def own(self, inverse: np.ndarray) -> np.ndarray:
+        """Return the blocks of single postures of an inverse covariance (g, r, r), (m, 11, 11)."""
+        there = self.postures >= 0
+        full = self.contrast.mT @ inverse @ self.contrast
+        each = np.arange(self.postures.shape[1])
+        blocks = full.reshape(*self.postures.shape, SIZE, -1, SIZE)[:, each, :, each].swapaxes(0, 1)
+        out = np.zeros((there.sum(), SIZE, SIZE))
+        out[self.postures[there]] = blocks[there]
+        return out
+
     def back(self, values: np.ndarray) -> np.ndarray:
         """Apply the transpose of the map: (g, r) to (m, 11)."""
         there = self.postures >= 0

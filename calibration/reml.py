@@ -11,10 +11,11 @@ scales sigma minimise
 S = (I + R'BR)^-1, it is that of V_0 plus 1/2 (-ln|S| - b' R S R' b), which holds at tau = 0 too. All scales
 are estimated by their logarithms. ln tau has the prior of a half-Cauchy tau (Gelman 2006): a family that no
 reading shows has its mode at tau = 1, and one that the readings do not want becomes small, but never zero.
-One member says next to nothing of the spread of its family: there ln tau is normal about zero, with a factor of
-two as s.d. ln sigma is normal about the data sheet. In the scales of the noise Newton's steps use the average information
-(Gilmour, Thompson and Cullis 1995), in the spreads the Hessian itself. The covariance of the estimates holds
-the uncertainty of the scales to first order (Kass and Steffey 1989).
+One member says next to nothing of the spread of its family: there ln tau is normal about zero, with a factor
+of two as s.d. ln sigma is normal about the data sheet. In the scales of the noise Newton's steps use the
+average information (Gilmour, Thompson and Cullis 1995), in the spreads the Hessian itself. The covariance of
+the estimates holds the uncertainty of the scales to first order (Kass and Steffey 1989). Where columns G hold
+noise, G' V_0^-1 G is corrected for it (Nakamura 1990).
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+
+from tulip_testbed.identification.estimators.errors_in_variables import bounded_excess
 
 MOST_STEP = 1.5  # of the logarithm of a scale
 LIMIT = 7.0  # largest size of the logarithm of a scale
@@ -46,6 +49,8 @@ class Problem:
         information: of nu, known beforehand with mean zero, (p, p).
         roots: square root of C_f by family, (n_f, n_f) each; together q rows.
         doubt: s.d. of ln sigma about zero, (k,).
+        excess: what the noise in the columns adds to G' V_0^-1 G on average, (q, q).
+        about: members at which y was linearised, (q,); there the noise of the columns has no effect.
     """
 
     output: np.ndarray
@@ -56,6 +61,8 @@ class Problem:
     information: np.ndarray
     roots: tuple[np.ndarray, ...]
     doubt: np.ndarray
+    excess: np.ndarray
+    about: np.ndarray
 
     @property
     def parts(self) -> list[slice]:
@@ -182,6 +189,11 @@ def _noise(problem: Problem, log_scale: np.ndarray) -> _Noise:
     root = np.linalg.cholesky(size[:, None] * information * size)
     half = np.linalg.solve(root, size[:, None] * gram[:p, p:])
     rest = gram[p:, p:] - half.T @ half
+    if problem.excess.any():
+        bounded = bounded_excess(problem.excess, rest[:-1, :-1] + np.eye(len(rest) - 1))
+        noisy = np.column_stack([np.eye(len(rest) - 1), problem.about])
+        gram[p:, p:] -= noisy.T @ bounded @ noisy
+        rest = rest - noisy.T @ bounded @ noisy
     inverse_root = np.linalg.inv(root) * size
     flat = inverse_root.T @ inverse_root
     logs = np.log(np.diagonal(lower, axis1=1, axis2=2)).sum() + np.log(np.diag(root) / size).sum()

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -26,7 +27,7 @@ from tulip_testbed.calibration.placement_blocks import PlacementBlocks, placemen
 from tulip_testbed.calibration.reml import Fit, Problem, fit, given
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import difference, fields, residuals, sensitivity
+from tulip_testbed.identification.residual_channels import ROWS, difference, fields, residuals, sensitivity
 from tulip_testbed.identification.residual_noise import FLOOR, Noise, noise_of
 from tulip_testbed.identification.variance_components import MARK_PRIOR, NO_PRIOR, SHEET_PRIOR
 
@@ -124,11 +125,21 @@ class SelfCalibration:
 
 
 @dataclass(frozen=True)
-class _Linear:
-    problem: Problem
-    blocks: PlacementBlocks
-    unit: np.ndarray
-    reach: np.ndarray
+class _State:
+    """An estimate about which the residuals are linearised.
+
+    Attributes:
+        clean: readings without the members. smooth: the same without noise, by the last linearisation.
+        nu: base parameters [m] and error of the weight [N], (p + 1,).
+        deviates: of the members' parts, (k,). variance: of the members, (q,). scales: of SOURCES.
+    """
+
+    clean: Observation
+    smooth: Observation
+    nu: np.ndarray
+    deviates: np.ndarray
+    variance: np.ndarray
+    scales: np.ndarray
 
 
 def self_calibrate(
@@ -153,30 +164,28 @@ def self_calibrate(
     start = residuals(observed, np.zeros(p))[:, :2]
     theta = np.linalg.lstsq(regressor.reshape(-1, p), start.ravel(), rcond=None)[0]
     mixing, owner = _mixing(families)
-    phi = np.zeros(len(mixing))
-    variance = (mixing**2).sum(axis=1)
-    clean, smooth, scaled = observed, observed, noise
+    nu, phi, deviates = np.append(theta, 0.0), np.zeros(len(mixing)), np.zeros(mixing.shape[1])
+    variance, scales = (mixing**2).sum(axis=1), np.ones(len(SOURCES))
+    clean, smooth = observed, observed
     found: tuple[Problem, Fit] | None = None
     for _ in range(rounds):
-        linear = _linearised(observed, clean, smooth, theta, phi, variance, families, noise, blocks)
+        state = _State(clean, smooth, nu, deviates, variance, scales)
+        problem, smooth = _linearised(state, families, noise, blocks)
         if found is None:
-            # Columns at the readings hold the readings' noise: they could explain it with no noise at all.
-            solved = given(linear.problem, np.ones(len(SOURCES)), np.ones(len(owner)))
+            # At first the columns hold the readings' noise: they could explain it with no noise at all.
+            solved = given(problem, scales, np.ones(len(owner)))
         else:
-            solved = fit(linear.problem, (found[1].scales, found[1].spreads))
-        found = (linear.problem, solved)
+            solved = fit(problem, (found[1].scales, found[1].spreads))
+        found = (problem, solved)
         both = block_diag(np.eye(p + 1), mixing)
         estimate, covariance = both @ solved.estimate, both @ solved.covariance @ both.T
-        moved = np.append(theta - estimate[:p], phi - estimate[p + 1 :])
-        known = np.sqrt(np.delete(np.diag(covariance), p))
-        theta, phi, variance = estimate[:p], estimate[p + 1 :], np.diag(covariance)[p + 1 :]
-        scaled = _scaled(noise, solved.scales)
+        moved = np.abs(np.append(nu, phi) - estimate) / np.sqrt(np.diag(covariance))
+        nu, phi, variance = estimate[: p + 1], estimate[p + 1 :], np.diag(covariance)[p + 1 :]
+        deviates, scales = solved.estimate[p + 1 :], solved.scales
         compliance = _compliance(families, phi, observed.joint_angles.shape[1])
-        loaded = with_estimated_loads(observed, theta, covariance[:p, :p], compliance)
+        loaded = with_estimated_loads(observed, nu[:p], covariance[:p, :p], compliance)
         clean = removed(loaded, _instances(families, phi))
-        pull = linear.blocks.back(linear.unit * solved.weighted)
-        smooth = without_noise(clean, pull, linear.reach, scaled)
-        if np.abs(moved / known).max() < STANDS:
+        if moved.max() < STANDS:
             break
     assert found is not None
     return _result(clean, families, noise, *found, used.assumed)
@@ -211,74 +220,100 @@ def _scaled(noise: Noise, scales: np.ndarray) -> Noise:
 
 
 def _linearised(
-    observed: Observation,
-    clean: Observation,
-    smooth: Observation,
-    theta: np.ndarray,
-    phi: np.ndarray,
-    variance: np.ndarray,
-    families: Sequence[Family],
-    noise: Noise,
-    blocks: PlacementBlocks,
-) -> _Linear:
-    """Linearise the residuals about an estimate, each row divided by its s.d. by the data sheets."""
-    at, p = fields(observed.nominal), len(theta)
-    slope = sensitivity(smooth, theta)
+    state: _State, families: Sequence[Family], noise: Noise, blocks: PlacementBlocks
+) -> tuple[Problem, Observation]:
+    """Linearise the residuals about an estimate, each row divided by its s.d. by the data sheets.
+
+    Returns:
+        the problem, and the readings without members and noise, at which its columns are taken.
+    """
+    clean, theta = state.clean, state.nu[:-1]
+    at, p = fields(clean.nominal), len(theta)
     mixing, _ = _mixing(families)
+    phi = mixing @ state.deviates
+    slope = sensitivity(state.smooth, theta)
     reach = slope[..., : at["plates"].stop].copy()
-    reach[..., at["cells"]] += slope @ _by_cells(smooth, families, phi)
+    # Members at an estimate carry the noise of the cells, by their loads, into the residuals.
+    loaded = np.einsum("mrk,mkcq->mrcq", slope, _by_cells(state.smooth, families), optimize=True)
+    reach[..., at["cells"]] += loaded @ phi
+    # The mean square: with that of an estimate that is too small, the estimate would seem too certain.
+    square = np.maximum(phi, 0.0) ** 2 + state.variance
+    yielding = np.sqrt(_compliance(families, square, at["angles"].stop))
+    pushed = slope[..., at["angles"]] @ (yielding[:, None] * state.smooth.loads.levers)
+    kernels = _kernels(reach, pushed, noise, blocks)
+    fixed = blocks.covariance(np.tile(np.diag(FLOOR**2), (len(clean), 1, 1)))
+    each = np.arange(fixed.shape[1])
+    fixed[:, each, each] += blocks.padding
+    inverse = np.linalg.inv(fixed + np.tensordot(state.scales**2, kernels, axes=1))
+
+    left = residuals(clean, theta)
+    unexplained = left.copy()
+    unexplained[:, ROWS["F"]] -= state.nu[-1]
+    pull = blocks.back((inverse @ blocks(unexplained)[..., None])[..., 0])
+    smooth = without_noise(clean, pull, reach, _scaled(noise, state.scales))
+    slope = sensitivity(smooth, theta)
     flat = -nuisances(smooth, CHANNELS)
     flat = np.concatenate([flat[..., :p], flat[..., -1:]], axis=2)
     members = member_columns(smooth, theta, slope, families)
-    output = residuals(clean, theta) + flat[..., :p] @ theta + members @ phi
-    # The mean square: with that of an estimate that is too small, the estimate would seem too certain.
-    yielding = np.sqrt(_compliance(families, np.maximum(phi, 0.0) ** 2 + variance, at["angles"].stop))
-    pushed = slope[..., at["angles"]] @ (yielding[:, None] * smooth.loads.levers)
-    kernels = _kernels(reach, pushed, noise, blocks)
-    fixed = blocks.covariance(np.tile(np.diag(FLOOR**2), (len(observed), 1, 1)))
-    each = np.arange(fixed.shape[1])
-    fixed[:, each, each] += blocks.padding
-    total = fixed + kernels.sum(axis=0)
-    unit = 1 / np.sqrt(np.diagonal(total, axis1=1, axis2=2))
-    square = unit[:, :, None] * unit[:, None]
+    output = left + flat[..., :p] @ theta + members @ phi
+
+    unit = 1 / np.sqrt(np.diagonal(fixed + kernels.sum(axis=0), axis1=1, axis2=2))
+    both = unit[:, :, None] * unit[:, None]
     information = np.zeros((p + 1, p + 1))
-    information[-1, -1] = weighing(observed)[-1] ** 2
+    information[-1, -1] = weighing(clean)[-1] ** 2
+    sd = state.scales[SOURCES.index("cells")] * noise.cell
+    excess = _excess(loaded, reach[..., at["cells"]], sd, blocks.own(inverse))
     problem = Problem(
         output=unit * blocks(output),
         columns=unit[..., None] * blocks(flat),
         members=unit[..., None] * (blocks(members) @ mixing),
-        fixed=square * fixed,
-        kernels=square * kernels,
+        fixed=both * fixed,
+        kernels=both * kernels,
         information=information,
         roots=tuple(np.eye(part.shape[1]) for family in families for part in family.parts),
-        doubt=_doubt(observed),
+        doubt=_doubt(clean),
+        excess=mixing.T @ excess @ mixing,
+        about=state.deviates,
     )
-    return _Linear(problem, blocks, unit, reach)
+    return problem, smooth
 
 
-def _by_cells(observed: Observation, families: Sequence[Family], phi: np.ndarray) -> np.ndarray:
-    """Differentiate what compliances change by the readings of the cells, which give the loads, (m, k, 8).
+def _by_cells(observed: Observation, families: Sequence[Family]) -> np.ndarray:
+    """Differentiate what a unit of each member changes by the readings of the cells, (m, k, 8, q).
 
-    Without it the noise of the cells, in the loads and in the columns of the compliances alike, would draw
-    the compliances towards zero.
+    Only compliances depend on the cells, which give their loads. The loads are linear in the cells.
     """
-    yielding = [
-        instance
-        for family, values in _split(families, phi)
-        if family.name in OF_LOADS
-        for instance in family.instances(values)
-    ]
-    if not any(any(instance.values) for instance in yielding):
-        return np.zeros((len(observed), fields(observed.nominal)["lift"].stop, 8))
-
-    def change(seen: Observation) -> np.ndarray:
-        changes = [difference(seen, i.effect.predict(seen, i.target, i.values)) for i in yielding]
-        return np.sum(changes, axis=0)
-
-    # The loads are linear in the cells.
+    width = fields(observed.nominal)["lift"].stop
+    out = np.zeros((len(observed), width, 8, sum(map(len, families))))
     steps = [observed.changed(cell_forces=observed.cell_forces + step) for step in np.eye(8)]
-    start = change(observed)
-    return np.stack([change(one) - start for one in steps], axis=-1)
+    for family, where in _split(families, np.arange(out.shape[3])):
+        if family.name in OF_LOADS:
+            unit = family.instances(np.full(len(family), family.tolerance))
+            for k, one in zip(where, unit, strict=True):
+                predict = partial(one.effect.predict, target=one.target, values=one.values)
+                plain = difference(observed, predict(observed))
+                for cell, step in enumerate(steps):
+                    change = difference(step, predict(step)) - plain
+                    out[:, :, cell, k] = change / family.tolerance
+    return out
+
+
+def _excess(by_cells: np.ndarray, reach: np.ndarray, sd: float, precision: np.ndarray) -> np.ndarray:
+    """Compute what the noise of the cells adds to the information about the members, (q, q).
+
+    The columns of the compliances are taken at loads without the noise as far as the residuals show it. What
+    they do not show remains: without a correction it would pass for information.
+
+    Args:
+        by_cells: derivative of the columns by the cells, (m, 11, 8, q).
+        reach: derivative of the residuals by the cells, (m, 11, 8).
+        sd: of a cell [N].
+        precision: inverse covariance of each posture's residuals given the others, (m, 11, 11).
+    """
+    left = sd**2 * (np.eye(8) - sd**2 * reach.mT @ precision @ reach)
+    weighted = np.einsum("mrs,mscq->mrcq", precision, by_cells, optimize=True)
+    spread = np.einsum("mcd,mrdq->mrcq", left, by_cells, optimize=True)
+    return np.tensordot(weighted, spread, axes=((0, 1, 2), (0, 1, 2)))
 
 
 def _kernels(reach: np.ndarray, pushed: np.ndarray, noise: Noise, blocks: PlacementBlocks) -> np.ndarray:

@@ -9,6 +9,7 @@ from scipy.optimize import approx_fprime, minimize
 from scipy.stats import multivariate_normal
 
 from tulip_testbed.calibration.reml import Problem, fit, objective
+from tulip_testbed.calibration.reml import given as fit_with
 
 
 def problem(seed: int, blocks: int = 6, rows: int = 8, sizes: tuple[int, ...] = (5, 3, 1)) -> Problem:
@@ -43,6 +44,8 @@ def problem(seed: int, blocks: int = 6, rows: int = 8, sizes: tuple[int, ...] = 
         information=np.diag([0.0, 0.0, 0.0, 3.0]),
         roots=roots,
         doubt=np.array([0.7, np.log(4.0)]),
+        excess=np.zeros((q, q)),
+        about=np.zeros(q),
     )
 
 
@@ -78,9 +81,8 @@ def dense_objective(given: Problem, log_scale: np.ndarray, log_spread: np.ndarra
     n, y = dense_columns(given)
     inner = n.T @ np.linalg.solve(v, n)
     rest = y - n @ np.linalg.solve(inner, n.T @ np.linalg.solve(v, y))
-    prior = (
-        0.5 * ((log_scale / given.doubt) ** 2).sum() + (np.log1p(np.exp(2 * log_spread)) - log_spread).sum()
-    )
+    several = (np.log1p(np.exp(2 * log_spread)) - log_spread)[:2].sum()
+    prior = 0.5 * ((log_scale / given.doubt) ** 2).sum() + several + 0.5 * (log_spread[2] / np.log(2)) ** 2
     return (
         0.5 * (np.linalg.slogdet(v)[1] + np.linalg.slogdet(inner)[1] + rest @ np.linalg.solve(v, rest))
         + prior
@@ -179,6 +181,8 @@ def test_marginal_posterior_of_a_member_by_quadrature():
         information=np.zeros((1, 1)),
         roots=(np.eye(4),),
         doubt=np.zeros(0),
+        excess=np.zeros((4, 4)),
+        about=np.zeros(4),
     )
     found = fit(plain)
     grid = np.linspace(-6, 4, 400)
@@ -208,7 +212,7 @@ def test_evidence_of_two_members_by_quadrature():
 
     def given(x: float) -> float:
         one = Problem(y[None], n[None], g[None], np.eye(4)[None], np.zeros((0, 1, 4, 4)), np.zeros((1, 1)),
-                      (np.eye(1),), np.zeros(0))  # fmt: skip
+                      (np.eye(1),), np.zeros(0), np.zeros((1, 1)), np.zeros(1))  # fmt: skip
         prior = 0.5 * (x / np.log(2)) ** 2
         return -objective(one, np.zeros(0), np.array([x]))[0] + prior
 
@@ -223,3 +227,29 @@ def test_evidence_of_two_members_by_quadrature():
     assert given(np.log(2.0)) - given(np.log(0.3)) == pytest.approx(
         np.log(integral(2.0) / integral(0.3)), abs=1e-4
     )
+
+
+def test_noise_in_a_column_does_not_draw_its_member_to_zero():
+    """Many small experiments with a noisy column: the corrected information gives the member on average."""
+    rng = np.random.default_rng(1)
+    errors = {0.0: [], 1.0: []}
+    for _ in range(100):
+        true = rng.standard_normal((1, 200, 1))
+        noisy = true + 0.7 * rng.standard_normal(true.shape)
+        y = 3.0 * true[..., 0] + 0.3 * rng.standard_normal((1, 200))
+        for share in errors:
+            one = Problem(
+                output=y,
+                columns=np.ones((1, 200, 1)),
+                members=noisy,
+                fixed=np.eye(200)[None],
+                kernels=np.zeros((0, 1, 200, 200)),
+                information=np.zeros((1, 1)),
+                roots=(100.0 * np.eye(1),),
+                doubt=np.zeros(0),
+                excess=np.array([[share * 0.49 * 199]]),
+                about=np.zeros(1),
+            )
+            errors[share].append(fit_with(one, np.ones(0), np.ones(1)).estimate[1] - 3.0)
+    assert np.mean(errors[0.0]) < -0.9
+    assert abs(np.mean(errors[1.0])) < 0.1
