@@ -236,7 +236,7 @@ def determined_directions(found: SelfCalibration) -> np.ndarray:
     joint = both @ found.solved.covariance @ both.T
     b, c = joint[:p, p:], joint[p:, p:]
     due = b @ np.linalg.solve(c, b.T) if q > known.sum() else np.zeros((p, p))
-    share, ways = eigh(due, full)
+    share, ways = map(np.asarray, eigh(due, full))
     return ways[:, share < LEAST_DATA]
 
 

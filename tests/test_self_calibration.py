@@ -125,6 +125,7 @@ def test_the_blocks_hold_the_covariance_that_discovery_uses(ordinary, nominal):
     columns = blocks(np.concatenate([columns, np.eye(11)[None, :, 2:3].repeat(len(observed), 0)], axis=2))
     solved = np.linalg.solve(covariance, columns)
     inner = np.einsum("grp,grq->pq", columns, solved)
+    assert observed.measurements.weighed_mass
     mass_sd = observed.measurements.weighed_mass[1] * observed.measurements.gravity
     inner[-1, -1] += mass_sd**-2
     r = blocks(residuals(observed, model.theta))
