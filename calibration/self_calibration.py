@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from tulip_testbed.calibration.estimated_loads import with_estimated_loads
 from tulip_testbed.calibration.families import Family, families_of, tolerances_of
@@ -37,6 +37,7 @@ from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.identification.residual_noise import Noise, noise_of
 
 ROUNDS = 12
+HALF_95 = float(ndtri(0.975))  # half of a normal 95 % interval in s.d.
 STANDS = 0.05  # s.e. by which nothing moves any more
 PRIOR_ONLY = 0.5  # share of its prior's variance from which a member is known by its prior only
 
@@ -208,7 +209,7 @@ def _result(
         spread = float(np.sqrt(each.sum()) / family.tolerance)
         weight = each / each.sum()
         log_sd = np.sqrt(weight @ solved.scale_covariance[k + mine][:, k + mine] @ weight)
-        ends = spread * np.exp(norm.ppf([0.025, 0.975]) * log_sd)
+        ends = spread * np.exp(HALF_95 * np.array([-1.0, 1.0]) * log_sd)
         out.append(
             CalibratedFamily(
                 family=family,
@@ -242,9 +243,9 @@ def _intervals(value: np.ndarray, sd: np.ndarray, positive: bool) -> np.ndarray:
     density there is below that at the upper end.
     """
     if not positive:
-        return value[:, None] + sd[:, None] * norm.ppf([0.025, 0.975])
-    mass = norm.cdf(value / sd)
-    half = norm.ppf(0.5 + 0.475 * mass)
+        return value[:, None] + sd[:, None] * HALF_95 * np.array([-1.0, 1.0])
+    mass = ndtr(value / sd)
+    half = ndtri(0.5 + 0.475 * mass)
     low, high = value - half * sd, value + half * sd
-    upper = value + sd * norm.isf(0.05 * mass)
+    upper = value + sd * ndtri(1 - 0.05 * mass)
     return np.column_stack([np.maximum(low, 0.0), np.where(low < 0, upper, high)])

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.experiments.calibration_tables import calibration_document, calibration_report
 from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
 from tulip_testbed.experiments.estimate_report import model_report
+from tulip_testbed.experiments.family_tables import calibration_document, calibration_report
 from tulip_testbed.experiments.identify import ESTIMATORS, Identification
 from tulip_testbed.experiments.parameter_tables import (
     LEGEND,

@@ -11,9 +11,9 @@ from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING, SUMM
 from tulip_testbed.calibration.self_calibration import SelfCalibration
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
-from tulip_testbed.experiments.calibration_tables import calibration_report
 from tulip_testbed.experiments.correlations import Correlations, parameter_index
 from tulip_testbed.experiments.estimate_report import model_report
+from tulip_testbed.experiments.family_tables import calibration_report
 from tulip_testbed.experiments.parameter_tables import mass_line, parameter_table
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import block_diag, eigh
-from scipy.stats import t as t_distribution
 
 from studies.runner import Settings, header, row, shipped_plan
 from tulip_testbed.calibration.families import Family, families_of, tolerances_of
@@ -21,6 +20,7 @@ from tulip_testbed.calibration.self_calibration import SelfCalibration, self_cal
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.identification.distributions import t_ppf
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
@@ -245,4 +245,4 @@ def _errors(ways: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 
 def _covered(error: np.ndarray, se: np.ndarray, dof: np.ndarray) -> np.ndarray:
-    return np.abs(error) <= t_distribution.ppf(0.975, dof) * se
+    return np.abs(error) <= t_ppf(0.975, dof) * se

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.calibration.self_calibration import SelfCalibration
+from tulip_testbed.calibration.self_calibration import CalibratedFamily, SelfCalibration
 from tulip_testbed.sim.table import Column, Table
 
 LARGEST_PARTS = 4
@@ -41,12 +41,7 @@ def calibration_document(found: SelfCalibration, names: tuple[str, ...]) -> dict
 
 def calibration_report(found: SelfCalibration, names: tuple[str, ...]) -> list[Table | str]:
     """Return the tables of families, of members that the data know, and the budget."""
-    unseen = [
-        label
-        for one in found.families
-        for label, known in zip(one.family.labels, one.determined, strict=True)
-        if not known
-    ]
+    unseen = [text for one in found.families if (text := _unseen(one))]
     sentence = f"Known by their prior only: {', '.join(unseen)}." if unseen else ""
     return [
         family_table(found),
@@ -55,6 +50,14 @@ def calibration_report(found: SelfCalibration, names: tuple[str, ...]) -> list[T
         budget_table(found, names),
         f"Tolerances: {found.assumed}.",
     ]
+
+
+def _unseen(one: CalibratedFamily) -> str:
+    """Name the members that only their prior knows; the family's name alone if it is all of them."""
+    if not one.determined.any():
+        return one.family.name
+    labels = zip(one.family.labels, one.determined, strict=True)
+    return ", ".join(label for label, known in labels if not known)
 
 
 def family_table(found: SelfCalibration) -> Table:
