@@ -82,7 +82,7 @@ class Fit:
         conditional: their covariance if the scales were known, (p + q, p + q).
         covariance: their covariance, (p + q, p + q).
         shares: parts of the conditional covariance of nu by known information, fixed noise, each sigma_k
-            and each tau_f, (2 + k + f, p, p).
+            and each tau_f, (2 + k + f, p, p); without `excess` their sum is that covariance.
         weighted: V_0^-1 (y - N nu - G phi), (g, r).
         value: minus the logarithm of the restricted likelihood and of the priors.
     """
@@ -347,7 +347,8 @@ def _result(problem: Problem, noise: _Noise, spread: _Spread) -> Fit:
     of_nu = conditional[:p]
     information = np.zeros_like(conditional)
     information[:p, :p] = problem.information
-    fixed = noise.gram[:-1, :-1] - spreads.sum(axis=0)
+    flat = [part[..., :-1].reshape(-1, len(conditional)) for part in (noise.whole, noise.weighted)]
+    fixed = flat[0].T @ flat[1] - spreads.sum(axis=0)
     parts = [of_nu @ middle @ of_nu.T for middle in (information, fixed, *spreads)]
     for part, one, size in zip(problem.parts, problem.roots, np.exp(spread.log_spread), strict=True):
         half = np.linalg.solve(size * one, conditional[p:, :p][part])

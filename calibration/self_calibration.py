@@ -192,7 +192,9 @@ def _result(
     parts = np.diagonal(solved.shares, axis1=1, axis2=2)[:, :p]
     of_families = np.array([parts[2 + k :][owner == j].sum(axis=0) for j in range(len(families))])
     of_spreads = variance - np.diag(solved.conditional)[:p]
-    shares = np.concatenate([parts[: 2 + k], of_families.reshape(-1, p), of_spreads[None]]) / variance
+    shares = np.concatenate([parts[: 2 + k], of_families.reshape(-1, p)])
+    shares = np.concatenate([shares * ((variance - of_spreads) / shares.sum(axis=0)), of_spreads[None]])
+    shares = shares / variance
     # The derivative of a variance by the logarithm of a scale is twice that scale's part.
     slope = 2 * parts[2 : 2 + k]
     doubt = np.einsum("ki,kl,li->i", slope, solved.scale_covariance[:k, :k], slope)
