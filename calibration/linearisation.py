@@ -68,8 +68,9 @@ def linearised(
     slope = sensitivity(state.smooth, theta)
     reach = slope[..., : at["plates"].stop].copy()
     # Members at an estimate carry the noise of the cells, by their loads, into the residuals.
-    loaded = np.einsum("mrk,mkcq->mrcq", slope, _by_cells(state.smooth, families), optimize=True)
-    reach[..., at["cells"]] += loaded @ phi
+    compliances, by_cells = _by_cells(state.smooth, families)
+    loaded = np.einsum("mrk,mkcq->mrcq", slope, by_cells, optimize=True)
+    reach[..., at["cells"]] += loaded @ phi[compliances]
     # The mean square: with that of an estimate that is too small, the estimate would seem too certain.
     square = np.maximum(phi, 0.0) ** 2 + state.variance
     yielding = np.sqrt(joint_compliance(families, square, at["angles"].stop))
@@ -96,7 +97,10 @@ def linearised(
     information = np.zeros((p + 1, p + 1))
     information[-1, -1] = weighing(clean)[-1] ** 2
     sd = state.scales[SOURCES.index("cells")] * noise.cell
-    excess = _excess(loaded, reach[..., at["cells"]], sd, blocks.own(inverse))
+    excess = np.zeros((len(phi), len(phi)))
+    excess[np.ix_(compliances, compliances)] = _excess(
+        loaded, reach[..., at["cells"]], sd, blocks.own(inverse)
+    )
     problem = Problem(
         output=unit * blocks(output),
         columns=unit[..., None] * blocks(flat),
@@ -112,34 +116,41 @@ def linearised(
     return problem, smooth
 
 
-def _by_cells(observed: Observation, families: Sequence[Family]) -> np.ndarray:
-    """Differentiate what a unit of each member changes by the readings of the cells, (m, k, 8, q).
+def _by_cells(observed: Observation, families: Sequence[Family]) -> tuple[np.ndarray, np.ndarray]:
+    """Differentiate what a unit of each compliance changes by the readings of the cells.
 
-    Only compliances depend on the cells, which give their loads. The loads are linear in the cells.
+    The cells give the loads, which are linear in them.
+
+    Returns:
+        numbers of the compliances among the members, (c,), and derivatives, (m, k, 8, c).
     """
-    width = fields(observed.nominal)["lift"].stop
-    out = np.zeros((len(observed), width, 8, sum(map(len, families))))
+    q = sum(map(len, families))
+    yielding = [
+        (number, instance, family.tolerance)
+        for family, numbers in split_members(families, np.arange(q))
+        if family.name in OF_LOADS
+        for number, instance in zip(
+            numbers, family.instances(np.full(len(family), family.tolerance)), strict=True
+        )
+    ]
+    out = np.zeros((len(observed), fields(observed.nominal)["lift"].stop, 8, len(yielding)))
     steps = [observed.changed(cell_forces=observed.cell_forces + step) for step in np.eye(8)]
-    for family, where in split_members(families, np.arange(out.shape[3])):
-        if family.name in OF_LOADS:
-            unit = family.instances(np.full(len(family), family.tolerance))
-            for k, one in zip(where, unit, strict=True):
-                predict = partial(one.effect.predict, target=one.target, values=one.values)
-                plain = difference(observed, predict(observed))
-                for cell, step in enumerate(steps):
-                    change = difference(step, predict(step)) - plain
-                    out[:, :, cell, k] = change / family.tolerance
-    return out
+    for k, (_, one, size) in enumerate(yielding):
+        predict = partial(one.effect.predict, target=one.target, values=one.values)
+        plain = difference(observed, predict(observed))
+        for cell, step in enumerate(steps):
+            out[:, :, cell, k] = (difference(step, predict(step)) - plain) / size
+    return np.array([number for number, *_ in yielding], int), out
 
 
 def _excess(by_cells: np.ndarray, reach: np.ndarray, sd: float, precision: np.ndarray) -> np.ndarray:
-    """Compute what the noise of the cells adds to the information about the members, (q, q).
+    """Compute what the noise of the cells adds to the information about the compliances, (c, c).
 
     The columns of the compliances are taken at loads without the noise as far as the residuals show it. What
     they do not show remains: without a correction it would pass for information.
 
     Args:
-        by_cells: derivative of the columns by the cells, (m, 11, 8, q).
+        by_cells: derivative of the columns by the cells, (m, 11, 8, c).
         reach: derivative of the residuals by the cells, (m, 11, 8).
         sd: of a cell [N].
         precision: inverse covariance of each posture's residuals given the others, (m, 11, 11).

@@ -30,9 +30,10 @@ from tulip_testbed.identification.estimators.errors_in_variables import bounded_
 MOST_STEP = 1.5  # of the logarithm of a scale
 LIMIT = 7.0  # largest size of the logarithm of a scale
 MOST_STEPS = 60
+HALVINGS = 5  # of a step that does not gain
 ALONE = np.log(2.0)  # s.d. of ln tau of a family of one
-CONVERGED = 1e-5  # of the log-likelihood
-SETTLED = 1e-8  # of the log-likelihood, in the spreads alone
+CONVERGED = 1e-3  # of the log-likelihood: a step of less than a twentieth of a standard deviation
+SETTLED = 1e-6  # of the log-likelihood, in the spreads alone
 LEAST_CURVATURE = 0.25  # the s.d. of the logarithm of a scale is at most two
 
 
@@ -144,7 +145,7 @@ def fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None = None) ->
         step = _step(gradient, hessian)
         if abs(gradient @ step) < CONVERGED:
             break
-        for shrink in 0.5 ** np.arange(12):
+        for shrink in 0.5 ** np.arange(HALVINGS):
             trial = _noise(problem, np.clip(noise.log_scale + shrink * step[:k], -LIMIT, LIMIT))
             found = _spreads(problem, trial, np.clip(spread.log_spread + shrink * step[k:], -LIMIT, LIMIT))
             gained = noise.value + spread.value - trial.value - found.value
@@ -261,7 +262,7 @@ def _spreads(problem: Problem, noise: _Noise, start: np.ndarray) -> _Spread:
         step = _step(best.gradient, best.hessian)
         if abs(best.gradient @ step) < SETTLED:
             break
-        for shrink in 0.5 ** np.arange(12):
+        for shrink in 0.5 ** np.arange(HALVINGS):
             trial = _spread(problem, noise, np.clip(best.log_spread + shrink * step, -LIMIT, LIMIT))
             if trial.value <= best.value:
                 break

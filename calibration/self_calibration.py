@@ -38,7 +38,7 @@ from tulip_testbed.identification.residual_noise import Noise, noise_of
 
 ROUNDS = 12
 HALF_95 = float(ndtri(0.975))  # half of a normal 95 % interval in s.d.
-STANDS = 0.05  # s.e. by which nothing moves any more
+STANDS = 0.1  # s.e. by which nothing moves any more
 PRIOR_ONLY = 0.5  # share of its prior's variance from which a member is known by its prior only
 
 

@@ -113,11 +113,11 @@ def test_the_fit_is_the_minimum(seed):
     by_scipy = minimize(
         lambda x: objective(given, x[:2], x[2:]), np.zeros(5), jac=True, method="BFGS", options={"gtol": 1e-7}
     )
-    assert found.value <= by_scipy.fun + 1e-4
+    assert found.value <= by_scipy.fun + 2e-3
     at = np.log(np.concatenate([found.scales, found.spreads]))
-    assert np.abs(objective(given, at[:2], at[2:])[1]).max() < 2e-2
+    assert np.abs(objective(given, at[:2], at[2:])[1]).max() < 0.1
     again = fit(given, (found.scales, found.spreads))
-    assert again.estimate == pytest.approx(found.estimate, rel=1e-2, abs=1e-3)
+    assert again.estimate == pytest.approx(found.estimate, rel=2e-2, abs=1e-2)
 
 
 def test_the_estimate_is_generalised_least_squares_with_the_dense_covariance():
