@@ -47,8 +47,8 @@ class CalibratedFamily:
     """A family and the spread of its members.
 
     Attributes:
-        spread: estimated s.d. of the members, in tolerances. interval95: of the spread.
-        label: of every number of the family. value, standard_error: (n,) [SI].
+        spread: estimated s.d. of the members, in tolerances. spread95: its 95 % interval.
+        value, standard_error: of every number of the family, (n,) [SI].
         interval95: low and high end, (n, 2) [SI]. determined: whether the data know it, (n,) bool.
     """
 
