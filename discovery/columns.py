@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.calibration.linear_model import LinearModel
 from tulip_testbed.discovery.candidates import Candidate
-from tulip_testbed.discovery.linear_model import LinearModel
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import SIZE, difference, residuals
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from tulip_testbed.calibration.linear_model import LinearModel, linear_model, nuisances, weighing
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.joint_fit import (
     Data,
@@ -16,7 +17,6 @@ from tulip_testbed.discovery.joint_fit import (
     remove_terms,
     with_constant,
 )
-from tulip_testbed.discovery.linear_model import LinearModel, linear_model, nuisances, weighing
 from tulip_testbed.effects.targets import PLACEMENTS
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import ROWS, packed, residuals, unpacked

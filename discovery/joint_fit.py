@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+from tulip_testbed.calibration.linear_model import LinearModel, linear_model
 from tulip_testbed.discovery.candidates import Fitted, log_choices
 from tulip_testbed.discovery.columns import effect_columns
-from tulip_testbed.discovery.linear_model import LinearModel, linear_model
 from tulip_testbed.identification.distributions import normal_logcdf
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import difference, moved_by, packed, unpacked

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tulip_testbed.discovery.linear_model import LinearModel
+from tulip_testbed.calibration.linear_model import LinearModel
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.residual_channels import SIZE, fields
 from tulip_testbed.sim.robot import CELLS

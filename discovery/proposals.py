@@ -8,9 +8,9 @@ from itertools import permutations
 
 import numpy as np
 
+from tulip_testbed.calibration.linear_model import LinearModel
 from tulip_testbed.discovery.candidates import Candidate, Fitted
 from tulip_testbed.discovery.columns import effect_columns, presence_column
-from tulip_testbed.discovery.linear_model import LinearModel
 from tulip_testbed.effects.targets import CELL_NAMES
 from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES
 

@@ -8,11 +8,11 @@ from itertools import combinations
 
 import numpy as np
 
+from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import effective_tests, ranked, sidak
 from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
-from tulip_testbed.discovery.linear_model import linear_model
 from tulip_testbed.discovery.refit import refit
 from tulip_testbed.discovery.shortlist import best_addition, fit_in_addition, shortlist
 from tulip_testbed.effects.effect import Effect

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.calibration.linear_model import LinearModel, nuisances, weighing
 from tulip_testbed.discovery.candidates import Candidate
 from tulip_testbed.discovery.columns import effect_columns
-from tulip_testbed.discovery.linear_model import LinearModel, nuisances, weighing
 from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.errors import InputError

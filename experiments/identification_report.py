@@ -8,7 +8,8 @@ import numpy as np
 
 from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
 from tulip_testbed.experiments.estimate_report import model_report
-from tulip_testbed.experiments.identify import Identification
+from tulip_testbed.experiments.family_tables import calibration_document, calibration_report
+from tulip_testbed.experiments.identify import ESTIMATORS, Identification
 from tulip_testbed.experiments.parameter_tables import (
     LEGEND,
     mass_line,
@@ -17,7 +18,6 @@ from tulip_testbed.experiments.parameter_tables import (
     standard_table,
     weak_directions,
 )
-from tulip_testbed.identification.estimators import ESTIMATORS
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.table import Table
@@ -42,6 +42,8 @@ def identification_document(
     for model, estimate in (("full", found.full), ("simplified", found.simplified)):
         weak = weak_directions(estimate, found.parameters)
         document[model] = model_report(estimate, None).plain() | {"hardly_known": weak}
+    if found.calibration is not None:
+        document |= calibration_document(found.calibration, found.full.names)
     return document
 
 
@@ -61,5 +63,7 @@ def identification_report(
         ]
     if found.full.standard is not None:
         parts.append(standard_table("full", document["full"]["links"], found.full.standard.identifiable))
-    summary = ESTIMATORS[found.estimator].summary
+    if found.calibration is not None:
+        parts += calibration_report(found.calibration, found.full.names)
+    summary = ESTIMATORS[found.estimator]
     return [*parts, f"Estimator: {found.estimator}. {summary}", LEGEND, mass_line(*found.mass)]

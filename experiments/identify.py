@@ -7,10 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING, SUMMARY, calibrated_estimates
+from tulip_testbed.calibration.self_calibration import SelfCalibration
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.correlations import Correlations, parameter_index
 from tulip_testbed.experiments.estimate_report import model_report
+from tulip_testbed.experiments.family_tables import calibration_report
 from tulip_testbed.experiments.parameter_tables import mass_line, parameter_table
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,
@@ -21,7 +24,9 @@ from tulip_testbed.identification.base_parameters import (
 from tulip_testbed.identification.center_of_pressure import total_mass
 from tulip_testbed.identification.distributions import t_ppf
 from tulip_testbed.identification.estimators import DEFAULT, Estimate, estimate_by
+from tulip_testbed.identification.estimators import ESTIMATORS as OF_REGRESSION
 from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.regressor import check_robot, regression
 from tulip_testbed.identification.statistics import (
     correlations,
@@ -33,6 +38,10 @@ from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.table import Shown, Table
 
 MODELS = ("full", "simplified")
+# What each estimator does, by its name.
+ESTIMATORS: dict[str, str] = {name: one.summary for name, one in OF_REGRESSION.items()} | {
+    SELF_CALIBRATING: SUMMARY
+}
 
 
 @dataclass(frozen=True)
@@ -65,6 +74,7 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
     Attributes:
         mass: total mass and its standard error [kg].
         estimator: name of the estimator.
+        calibration: families and budget of the self-calibrating estimator; None for the others.
     """
 
     parameters: BaseParameters
@@ -72,6 +82,7 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
     simplified: Estimate
     mass: tuple[float, float]
     estimator: str = DEFAULT
+    calibration: SelfCalibration | None = None
 
     def __getitem__(self, name: str | int) -> IdentifiedParameter:
         """Return a parameter of the full model by its name or number.
@@ -114,8 +125,12 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
         return self.table(model).frame().set_index("parameter")
 
     def parts(self) -> list[Table | str]:
-        """Return the parameters of the full model, their high correlations and the total mass."""
-        return [self.table(), *self.correlations.above().parts(), mass_line(*self.mass)]
+        """Return the parameters of the full model, their high correlations and the total mass.
+
+        The self-calibrating estimator adds its families, members and budget.
+        """
+        added = [] if self.calibration is None else calibration_report(self.calibration, self.full.names)
+        return [self.table(), *self.correlations.above().parts(), *added, mass_line(*self.mass)]
 
 
 def identify(
@@ -129,22 +144,29 @@ def identify(
     """Full and simplified model.
 
     Args:
-        estimator: a name of `identification.estimators.ESTIMATORS`.
+        estimator: a name of `ESTIMATORS`.
         parameters: the robot's base parameters, if they are at hand: for many identifications of one robot.
         adopted: effects that are removed from the measurements before the regression.
 
     Raises:
         InputError: the measurements do not fit the robot or do not suffice, or an unknown estimator.
     """
+    look_up("estimator", estimator, ESTIMATORS, "estimator")
     parameters = parameters or base_parameters(
         robot, support=common_support(measurements.support, f"{source}: postures")
     )
+    observed = None
     if adopted:
         check_robot(parameters, measurements, robot, source)
         measurements, observed = without(measurements, nominal_robot(robot, parameters.support), adopted)
         parameters = dataclasses.replace(parameters, tree=observed.tree)
     data = regression(parameters, measurements, robot, source)
     kept = simplified_numbers(robot, parameters)
+    mass = total_mass(measurements)
+    if estimator == SELF_CALIBRATING:
+        observed = observed or observe(measurements, nominal_robot(robot, parameters.support))
+        full, simplified, found = calibrated_estimates(observed, data, kept)
+        return Identification(parameters, full, simplified, mass, estimator, found)
     full = estimate_by(data, estimator)
     simplified = full if len(kept) == len(data.numbers) else estimate_by(data.keep(kept), estimator)
-    return Identification(parameters, full, simplified, total_mass(measurements), estimator)
+    return Identification(parameters, full, simplified, mass, estimator)

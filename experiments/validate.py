@@ -24,12 +24,12 @@ from tulip_testbed.experiments.checks import (
     verdict,
 )
 from tulip_testbed.experiments.estimate_report import model_report
-from tulip_testbed.experiments.identify import Identification, identify
+from tulip_testbed.experiments.identify import ESTIMATORS, Identification, identify
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory, Run
 from tulip_testbed.experiments.parameter_tables import parameter_table
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.identification.base_parameters import BaseParameters, renumbered
-from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS, solve_least_squares
+from tulip_testbed.identification.estimators import DEFAULT, solve_least_squares
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.identification.statistics import correlations
 from tulip_testbed.sim.errors import look_up
@@ -92,7 +92,7 @@ def validate(
 
     Args:
         plan: postures to measure. seed: of everything random.
-        estimator: a name of `identification.estimators.ESTIMATORS`.
+        estimator: a name of `experiments.identify.ESTIMATORS`.
         engine, workers, progress: see `Laboratory.run`.
 
     Raises:

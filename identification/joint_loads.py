@@ -20,11 +20,13 @@ class Loads:
         torques: torque of the load on each joint about its axis, (m, n_joints) [Nm].
         internal_wrench: horizontal force and torsion of the ground on the swing foot, (m, 3) [N, N, Nm].
         stiffness: stiffness of the closed legs against a rotation of a single joint, (m, n_joints) [Nm/rad].
+        levers: torque on every joint per unit of the internal wrench, (m, n_joints, 3) [m, m, -].
     """
 
     torques: np.ndarray
     internal_wrench: np.ndarray
     stiffness: np.ndarray
+    levers: np.ndarray
 
 
 def joint_loads(
@@ -66,6 +68,7 @@ def joint_loads(
         torques=torque + (unknown @ push[..., None])[..., 0],
         internal_wrench=push,
         stiffness=shared / weigh**2 / Controller().error_at_full_torque,
+        levers=unknown * both[:, None, None],
     )
 
 

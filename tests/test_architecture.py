@@ -9,7 +9,14 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 NAME = "tulip_testbed"
-FLOW = ("sim", "identification", "effects", "discovery", "experiments")  # each may import those before it
+FLOW = (
+    "sim",
+    "identification",
+    "effects",
+    "calibration",
+    "discovery",
+    "experiments",
+)  # each may import those before it
 DOOR = ("cli", "pages", "viewer")
 
 

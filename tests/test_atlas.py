@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from studies.runner import shipped_plan
+from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.candidates import candidates
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import marginal_fits
-from tulip_testbed.discovery.linear_model import linear_model
 from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.experiments.atlases.bias import bias, weights

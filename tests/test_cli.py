@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from tulip_testbed.cli import main as command_line
 from tulip_testbed.cli import options
 from tulip_testbed.cli.main import COMMANDS, command_of, main, usage
-from tulip_testbed.experiments import laboratory
+from tulip_testbed.experiments import identify, laboratory
 from tulip_testbed.experiments.montecarlo import engine
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification import estimators
@@ -131,7 +131,7 @@ def test_help_and_version_load_no_simulator():
 
 
 def test_the_options_are_the_librarys():
-    assert list(options.ESTIMATORS) == list(estimators.ESTIMATORS)
+    assert list(options.ESTIMATORS) == list(identify.ESTIMATORS)
     assert options.DEFAULT_ESTIMATOR == estimators.DEFAULT
     assert set(get_args(options.Preset)) == set(sensors.PRESETS)
     assert set(get_args(options.Noisy)) == set(sensors.PRESETS) - {"ideal"}

@@ -10,12 +10,12 @@ import pytest
 from studies.runner import rows_of
 from tests.effect_changes import DISCOVERY_SEED as SEED
 from tests.effect_changes import measured
+from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.discovery.candidates import Fitted, candidates
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.discover import _verdict, discover
 from tulip_testbed.discovery.evidence import ranked
 from tulip_testbed.discovery.joint_fit import Data, joint_fit
-from tulip_testbed.discovery.linear_model import linear_model
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.catalogue import catalogue

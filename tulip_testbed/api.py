@@ -108,8 +108,8 @@ def identify(
     Args:
         measurements: or their folder, or a run.
         robot: the nominal robot; TULip if None.
-        estimator: "mixed-model", "least-squares", "placement", "errors-in-variables", "robust", "prior" or
-            "consistent".
+        estimator: "mixed-model", "least-squares", "placement", "errors-in-variables", "robust", "prior",
+            "consistent" or "self-calibrating".
         corrections: effects that the measurements are corrected for, e.g. `discover(...).adopted`; or texts
             as for `Laboratory.with_effects`.
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.calibration.linear_model import LinearModel, linear_model
 from tulip_testbed.discovery.candidates import Candidate
 from tulip_testbed.discovery.columns import effect_columns, presence_column
-from tulip_testbed.discovery.linear_model import LinearModel, linear_model
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.experiments.atlases.planned_experiment import Planned
 from tulip_testbed.identification.residual_channels import ROWS, SIZE

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.discovery.candidates import Candidate, candidates
 from tulip_testbed.discovery.columns import CandidateColumns, candidate_columns
 from tulip_testbed.discovery.evidence import DETECTABLE, effective_tests
-from tulip_testbed.discovery.linear_model import linear_model
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.effect import Parameter
 from tulip_testbed.effects.instance import MOST_PRIORS

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
+from tulip_testbed.calibration.linear_model import LinearModel, linear_model
 from tulip_testbed.discovery.candidates import Candidate, candidates
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import DETECTABLE, effective_tests
-from tulip_testbed.discovery.linear_model import LinearModel, linear_model
 from tulip_testbed.discovery.refit import exact_rig, measured_plan, simulated, without_noise
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.instance import split_label

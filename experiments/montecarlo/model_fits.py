@@ -56,7 +56,7 @@ def fit(
     estimator: str,
     adopted: Sequence[EffectInstance] = (),
 ) -> Fits:
-    """Identify a robot with an estimator of `identification.estimators.ESTIMATORS`.
+    """Identify a robot with an estimator of `experiments.identify.ESTIMATORS`.
 
     Args:
         adopted: effects that are removed from the measurements before.

@@ -8,8 +8,8 @@ from typing import Annotated
 from pydantic import Field
 
 from tulip_testbed.experiments.document import Count, Document, Seed
+from tulip_testbed.experiments.identify import ESTIMATORS
 from tulip_testbed.experiments.laboratory import ENGINES
-from tulip_testbed.identification.estimators import ESTIMATORS
 from tulip_testbed.sim.errors import InputError, at_least, look_up
 
 CHUNK = 25  # runs a file: some seconds of work

@@ -20,6 +20,7 @@ ESTIMATORS = (
     "robust",
     "prior",
     "consistent",
+    "self-calibrating",
 )
 DEFAULT_ESTIMATOR = ESTIMATORS[0]
 SOLVERS = ("slsqp", "ipopt")

@@ -153,11 +153,20 @@ def _pivoted_qr(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _smoothed(observed: Observation, white: Whitening, left: np.ndarray, noise: Noise) -> Observation:
-    """Subtract from the readings the mean of their noise given the residuals, S J' V^-1 r."""
-    pull = white.precision_weighted(left[:-1])
-    n, reach = observed.joint_angles.shape[1], white.reach
+    return without_noise(observed, white.precision_weighted(left[:-1]), white.reach, noise)
+
+
+def without_noise(observed: Observation, pull: np.ndarray, reach: np.ndarray, noise: Noise) -> Observation:
+    """Subtract from the readings the mean of their noise given the residuals, S J' V^-1 r.
+
+    Args:
+        pull: V^-1 r, (m, 11).
+        reach: J, derivative of the residuals by the readings, (m, 11, n_joints + 14).
+        noise: standard deviations in S.
+    """
+    n = observed.joint_angles.shape[1]
     variance = np.concatenate([np.full(n, noise.encoder**2), np.full(8, noise.cell**2), noise.plates**2])
-    errors = np.zeros((len(observed), white.sensitivity.shape[-1]))
+    errors = np.zeros((len(observed), packed(observed).shape[1]))
     readings, plates = slice(0, n + 14), slice(n + 8, n + 14)
     errors[:, readings] = variance * (reach.mT @ pull[..., None])[..., 0]
     for placement in np.unique(observed.measurements.placement):

@@ -1,0 +1,1 @@
+"""Families of ordinary imperfections, estimated together with the base parameters."""

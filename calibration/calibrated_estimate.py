@@ -1,0 +1,72 @@
+"""The self-calibrating estimator: base parameters of the full and the simplified model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tulip_testbed.calibration.self_calibration import SelfCalibration, self_calibrate
+from tulip_testbed.identification.estimators import Estimate
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.rank import labels, require_identifiable
+from tulip_testbed.identification.regressor import Regression
+from tulip_testbed.identification.residual_channels import residuals
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.threads import one_blas_thread
+
+SELF_CALIBRATING = "self-calibrating"
+SUMMARY = "Base parameters and ordinary imperfections in one estimate, with all channels of the data."
+
+
+@one_blas_thread
+def calibrated_estimates(
+    observed: Observation, data: Regression, kept: Sequence[int]
+) -> tuple[Estimate, Estimate, SelfCalibration]:
+    """Estimate the full and the simplified model with all families of ordinary imperfections.
+
+    Args:
+        observed: the experiment. data: its regression.
+        kept: numbers of the simplified model's parameters.
+
+    Raises:
+        InputError: the postures do not determine all parameters.
+    """
+    require_identifiable(data.matrix, labels(data.numbers, data.names), data.source, data.blur)
+    try:
+        found = self_calibrate(observed)
+        full = estimate_of(found, data)
+        if len(kept) == len(data.numbers):
+            return full, full, found
+        columns = [int(np.flatnonzero(data.numbers == number)[0]) for number in kept]
+        return full, estimate_of(found.keep(columns), data.keep(list(kept))), found
+    except np.linalg.LinAlgError:
+        raise InputError(
+            f"{data.source}: found {len(observed)} postures, too few or too much alike for estimator "
+            f"{SELF_CALIBRATING}; choose another estimator"
+        ) from None
+
+
+def estimate_of(found: SelfCalibration, data: Regression) -> Estimate:
+    """Return the estimate of the base parameters as the other estimators give it.
+
+    Residuals are those of the centre of pressure with the members removed.
+    """
+    theta = np.zeros(found.observed.geometry.regressor.shape[2])
+    theta[data.numbers - 1] = found.theta
+    residual = residuals(found.observed, theta)[:, :2].ravel()
+    dof = len(residual) - len(found.theta)
+    right, left = (float(np.sqrt((sd[:2] ** 2).mean())) for sd in found.noise.plates.reshape(2, 3))
+    return Estimate(
+        numbers=data.numbers,
+        names=data.names,
+        value=found.theta,
+        covariance=found.covariance,
+        clustered_covariance=found.covariance,
+        residual=residual,
+        sigma=float(np.sqrt(residual @ residual / dof)),
+        placement_sd=(right, left),
+        dof=dof,
+        interval_dof=found.interval_dof,
+        condition_number=float(np.linalg.cond(data.matrix)),
+    )

@@ -1,0 +1,164 @@
+"""Families of ordinary imperfections: what is a little wrong in every laboratory, and by how much.
+
+A family holds alike errors, such as the zeros of all encoders. Its tolerance is the size that is usual for
+the sensors; how large the errors of a laboratory really are, in tolerances, is estimated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.effect import Effect
+from tulip_testbed.effects.instance import EffectInstance, effect_label
+from tulip_testbed.sim.errors import InputError, look_up
+from tulip_testbed.sim.measurements import SensorSheet
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.sensors import PRESETS
+
+# Tolerance of every family [SI] by preset. Assumed: no data sheet states them.
+TOLERANCES: dict[str, tuple[float, float]] = {
+    # name: (wii, force-plate)
+    "encoder-offset": (np.radians(0.15), np.radians(0.15)),
+    "encoder-gain": (0.003, 0.003),
+    "link-length": (5e-4, 5e-4),
+    "joint-compliance": (np.radians(0.01), np.radians(0.01)),
+    "sole-compliance": (np.radians(0.01), np.radians(0.01)),
+    "cell-gain": (0.01, 0.003),
+    "cell-tare": (0.5, 0.05),
+    "cell-crosstalk": (0.003, 0.001),
+    "cell-position-scale": (0.003, 0.001),
+    "thermal-gain-drift": (0.003, 0.001),
+    "plate-translation": (2e-3, 3e-4),
+    "plate-yaw": (np.radians(0.5), np.radians(0.05)),
+    "tilt": (np.radians(0.2), np.radians(0.2)),
+}
+OF_PLATES = (
+    "plate-translation",
+    "plate-yaw",
+)  # scale with the s.d. of a placement, the others with the cells'
+# Squared mean of the absolute value of a standard normal deviate.
+COMMON = 2 / np.pi
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Tolerance of every family.
+
+    Attributes:
+        value: by the family's name [SI]; zero: the family is exact and is left out.
+        assumed: how the sensors' data sheet led to them.
+    """
+
+    value: Mapping[str, float]
+    assumed: str
+
+
+@dataclass(frozen=True)
+class Family:
+    """An effect on all of its targets.
+
+    Attributes:
+        tolerance: s.d. of each of its numbers at spread 1 [SI].
+        targets: (n,).
+    """
+
+    effect: Effect
+    tolerance: float
+    targets: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Return the name of the effect."""
+        return self.effect.name
+
+    @property
+    def positive(self) -> bool:
+        """Whether its numbers cannot be negative."""
+        return self.effect.parameters[0].positive
+
+    def __len__(self) -> int:
+        return len(self.targets) * len(self.effect.parameters)
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """Return the name of every number, `effect:target` or `effect:target, parameter`."""
+        several = len(self.effect.parameters) > 1
+        return tuple(
+            effect_label(self.name, target) + (f", {parameter.name}" if several else "")
+            for target in self.targets
+            for parameter in self.effect.parameters
+        )
+
+    @property
+    def parts(self) -> tuple[np.ndarray, ...]:
+        """Return how the numbers arise from independent deviates of s.d. 1 at spread 1, (n, k) each [SI].
+
+        Every part has a spread of its own. Numbers of either sign are independent. Numbers that cannot be
+        negative have a common mean and independent differences; the second moments at spread 1 are those of
+        absolute values of normal deviates.
+        """
+        n = len(self)
+        if not self.positive or n == 1:
+            return (self.tolerance * np.eye(n),)
+        return (
+            self.tolerance * np.sqrt(COMMON) * np.ones((n, 1)),
+            self.tolerance * np.sqrt(1 - COMMON) * np.eye(n),
+        )
+
+    def instances(self, values: np.ndarray) -> list[EffectInstance]:
+        """Return the family's effects with these values, (n,)."""
+        each = values.reshape(len(self.targets), -1).tolist()
+        return [EffectInstance(self.effect, t, tuple(v)) for t, v in zip(self.targets, each, strict=True)]
+
+
+def tolerances_of(sheet: SensorSheet, given: Mapping[str, float] | None = None) -> Tolerances:
+    """Return the tolerances that fit a data sheet.
+
+    Between the presets, and up to their figures, tolerances follow the s.d. of the cells or of a placement
+    by a power law.
+
+    Args:
+        given: tolerances that replace those of the table [SI].
+
+    Raises:
+        InputError: an unknown family, or a tolerance that is negative or not finite.
+    """
+    given = given or {}
+    for name, value in given.items():
+        look_up("family", name, TOLERANCES, "tolerances")
+        if not 0 <= value < np.inf:
+            raise InputError(f"tolerances: {name}: found {value}, expected a number, 0 or more (0: exact)")
+    of_cells = _place(sheet.cell_sd, "cell_repeatability")
+    of_plates = _place(sheet.placement_sd and sheet.placement_sd[0], "placement_sd")
+    found = {
+        name: float(coarse ** (1 - place) * fine**place)
+        for name, (coarse, fine) in TOLERANCES.items()
+        for place in [of_plates if name in OF_PLATES else of_cells]
+    }
+    text = {(0.0, 0.0): "those of preset wii", (1.0, 1.0): "those of preset force-plate"}.get(
+        (of_cells, of_plates), "assumed, between those of the presets wii and force-plate"
+    )
+    return Tolerances(found | dict(given), text if not given else f"{text}, and as stated")
+
+
+def _place(sd: float | None, name: str) -> float:
+    """Return where an s.d. lies between those of the presets wii, 0, and force-plate, 1; unknown: 0."""
+    if sd is None:
+        return 0.0
+    coarse, fine = (np.ravel(getattr(PRESETS[preset], name))[0] for preset in ("wii", "force-plate"))
+    place = np.log(coarse / max(sd, 1e-300)) / np.log(coarse / fine)
+    return float(np.clip(np.round(place, 1), 0.0, 1.0))
+
+
+def families_of(robot: Robot, tolerances: Tolerances) -> tuple[Family, ...]:
+    """List the families that are not exact, on all targets that a robot and its plates have."""
+    return tuple(
+        Family(effect, tolerances.value[name], targets)
+        for name, effect in catalogue().items()
+        if tolerances.value.get(name, 0.0) > 0 and (targets := effect.targets.of(robot, ()))
+    )

@@ -1,0 +1,255 @@
+"""The restricted likelihood against dense formulas, finite differences and marginalisation by quadrature."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.integrate import dblquad
+from scipy.optimize import approx_fprime, minimize
+from scipy.stats import multivariate_normal
+
+from tulip_testbed.calibration.reml import Problem, fit, objective
+from tulip_testbed.calibration.reml import given as fit_with
+
+
+def problem(seed: int, blocks: int = 6, rows: int = 8, sizes: tuple[int, ...] = (5, 3, 1)) -> Problem:
+    rng = np.random.default_rng(seed)
+    p, q = 4, sum(sizes)
+    kernels = np.array(
+        [
+            [a @ a.T for a in rng.standard_normal((blocks, rows, 3))],
+            np.tile(np.eye(rows), (blocks, 1, 1)),
+        ]
+    )
+    columns, members = rng.standard_normal((blocks, rows, p)), rng.standard_normal((blocks, rows, q))
+    roots = tuple(
+        (0.5 + k) * np.linalg.cholesky(0.4 * np.eye(n) + 0.6 * (k == 1) + 0.6 * (k != 1) * np.eye(n))
+        for k, n in enumerate(sizes)
+    )
+    noise = np.einsum(
+        "gij,gj->gi", np.linalg.cholesky(kernels.sum(axis=0)), rng.standard_normal((blocks, rows))
+    )
+    phi = np.concatenate(
+        [
+            size * root @ rng.standard_normal(len(root))
+            for size, root in zip((1, 0.05, 2), roots, strict=False)
+        ]
+    )
+    return Problem(
+        output=noise + columns @ rng.standard_normal(p) + members @ phi,
+        columns=columns,
+        members=members,
+        fixed=np.tile(0.01 * np.eye(rows), (blocks, 1, 1)),
+        kernels=kernels,
+        information=np.diag([0.0, 0.0, 0.0, 3.0]),
+        roots=roots,
+        doubt=np.array([0.7, np.log(4.0)]),
+        excess=np.zeros((q, q)),
+        about=np.zeros(q),
+    )
+
+
+def flat(values: np.ndarray) -> np.ndarray:
+    return values.reshape(-1, *values.shape[2:])
+
+
+def dense_covariance(given: Problem, log_scale: np.ndarray, log_spread: np.ndarray) -> np.ndarray:
+    """V of the rows, with a row for each known flat parameter at the end."""
+    g, r = given.output.shape
+    full = np.zeros((g, r, g, r))
+    for k in range(g):
+        full[k, :, k] = given.fixed[k] + np.tensordot(np.exp(2 * log_scale), given.kernels[:, k], axes=1)
+    v = full.reshape(g * r, g * r)
+    for part, root, size in zip(given.parts, given.roots, np.exp(log_spread), strict=True):
+        one = flat(given.members)[:, part] @ root * size
+        v = v + one @ one.T
+    known = np.flatnonzero(np.diag(given.information))
+    v = np.pad(v, ((0, len(known)), (0, len(known))))
+    for k, column in enumerate(known):
+        v[g * r + k, g * r + k] = 1 / given.information[column, column]
+    return v
+
+
+def dense_columns(given: Problem) -> tuple[np.ndarray, np.ndarray]:
+    known = np.flatnonzero(np.diag(given.information))
+    columns = np.concatenate([flat(given.columns), np.eye(given.columns.shape[2])[known]])
+    return columns, np.append(given.output.ravel(), np.zeros(len(known)))
+
+
+def dense_objective(given: Problem, log_scale: np.ndarray, log_spread: np.ndarray) -> float:
+    v = dense_covariance(given, log_scale, log_spread)
+    n, y = dense_columns(given)
+    inner = n.T @ np.linalg.solve(v, n)
+    rest = y - n @ np.linalg.solve(inner, n.T @ np.linalg.solve(v, y))
+    several = (np.log1p(np.exp(2 * log_spread)) - log_spread)[:2].sum()
+    prior = 0.5 * ((log_scale / given.doubt) ** 2).sum() + several + 0.5 * (log_spread[2] / np.log(2)) ** 2
+    return (
+        0.5 * (np.linalg.slogdet(v)[1] + np.linalg.slogdet(inner)[1] + rest @ np.linalg.solve(v, rest))
+        + prior
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_objective_is_that_of_the_dense_covariance(seed):
+    given = problem(seed)
+    rng = np.random.default_rng(seed)
+    points = [(0.3 * rng.standard_normal(2), rng.standard_normal(3) - 1) for _ in range(4)]
+    fast = [objective(given, *point)[0] for point in points]
+    dense = [dense_objective(given, *point) for point in points]
+    assert np.diff(fast) == pytest.approx(np.diff(dense), abs=1e-8)  # up to one constant
+
+
+def test_the_gradient_is_that_of_finite_differences():
+    given = problem(4)
+    for point in (np.array([0.2, -0.1, 0.3, -1.0, 0.1]), np.array([0.0, 0.0, -6.0, -6.0, 2.0])):
+        slope = approx_fprime(point, lambda x: objective(given, x[:2], x[2:])[0], 1e-6)
+        assert objective(given, point[:2], point[2:])[1] == pytest.approx(slope, abs=2e-4)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_fit_is_the_minimum(seed):
+    given = problem(10 + seed)
+    found = fit(given)
+    by_scipy = minimize(
+        lambda x: objective(given, x[:2], x[2:]), np.zeros(5), jac=True, method="BFGS", options={"gtol": 1e-7}
+    )
+    assert found.value <= by_scipy.fun + 2e-3
+    at = np.log(np.concatenate([found.scales, found.spreads]))
+    assert np.abs(objective(given, at[:2], at[2:])[1]).max() < 0.1
+    again = fit(given, (found.scales, found.spreads))
+    assert again.estimate == pytest.approx(found.estimate, rel=2e-2, abs=1e-2)
+
+
+def test_the_estimate_is_generalised_least_squares_with_the_dense_covariance():
+    given = problem(20)
+    found = fit(given)
+    v = dense_covariance(given, np.log(found.scales), np.log(found.spreads))
+    n, y = dense_columns(given)
+    inner = np.linalg.inv(n.T @ np.linalg.solve(v, n))
+    nu = inner @ n.T @ np.linalg.solve(v, y)
+    p = n.shape[1]
+    assert found.estimate[:p] == pytest.approx(nu)
+    assert found.conditional[:p, :p] == pytest.approx(inner)
+    assert found.shares.sum(axis=0) == pytest.approx(inner)
+    d = np.zeros((9, 9))
+    for part, root, size in zip(given.parts, given.roots, found.spreads, strict=True):
+        d[part, part] = size**2 * root @ root.T
+    known = len(y) - given.output.size
+    g = np.pad(flat(given.members), ((0, known), (0, 0)))
+    assert found.estimate[p:] == pytest.approx(d @ g.T @ np.linalg.solve(v, y - n @ nu))
+    by_scales = found.covariance - found.conditional
+    assert np.linalg.eigvalsh(by_scales).min() > -1e-10
+
+
+def test_the_derivative_of_the_estimate_by_the_scales():
+    """What the covariance adds for uncertain scales, by finite differences of the dense estimate."""
+    given = problem(21)
+    found = fit(given)
+    at = np.log(np.concatenate([found.scales, found.spreads]))
+    n, y = dense_columns(given)
+
+    def nu(x: np.ndarray) -> np.ndarray:
+        v = dense_covariance(given, x[:2], x[2:])
+        return np.linalg.solve(n.T @ np.linalg.solve(v, n), n.T @ np.linalg.solve(v, y))
+
+    slope = np.array([(nu(at + e) - nu(at - e)) / 2e-5 for e in 1e-5 * np.eye(5)]).T
+    p = n.shape[1]
+    added = (found.covariance - found.conditional)[:p, :p]
+    assert added == pytest.approx(slope @ found.scale_covariance @ slope.T, rel=1e-4, abs=1e-10)
+
+
+def test_a_family_that_nothing_shows_has_spread_one():
+    given = problem(5)
+    members = given.members.copy()
+    members[..., 5:8] = given.columns[..., :3]  # as flat parameters: nothing can tell them apart
+    found = fit(dataclasses.replace(given, members=members))
+    assert found.spreads[1] == pytest.approx(1.0, abs=1e-3)
+    covariance = given.roots[1] @ given.roots[1].T
+    assert found.conditional[9:12, 9:12] == pytest.approx(covariance, rel=1e-5)
+
+
+def test_marginal_posterior_of_a_member_by_quadrature():
+    """Mean and s.d. of a member against the integral over its family's spread, nothing else unknown."""
+    rng = np.random.default_rng(7)
+    members = rng.standard_normal((1, 12, 4))
+    plain = Problem(
+        output=(members @ np.array([0.5, -0.8, 0.4, 0.9]) + 0.5 * rng.standard_normal((1, 12))),
+        columns=np.ones((1, 12, 1)),
+        members=members,
+        fixed=0.25 * np.eye(12)[None],
+        kernels=np.zeros((0, 1, 12, 12)),
+        information=np.zeros((1, 1)),
+        roots=(np.eye(4),),
+        doubt=np.zeros(0),
+        excess=np.zeros((4, 4)),
+        about=np.zeros(4),
+    )
+    found = fit(plain)
+    grid = np.linspace(-6, 4, 400)
+    log_posterior, means, variances = [], [], []
+    for x in grid:
+        value = -objective(plain, np.zeros(0), np.array([x]))[0]
+        d = np.exp(2 * x)
+        g, n = members[0], np.ones((12, 1))
+        z = np.hstack([n, g])
+        omega = np.linalg.inv(z.T @ z / 0.25 + np.diag([0, *[1 / d] * 4]))
+        mean = omega @ z.T @ plain.output[0] / 0.25
+        log_posterior.append(value)
+        means.append(mean[1:])
+        variances.append(np.diag(omega)[1:])
+    weight = np.exp(np.array(log_posterior) - max(log_posterior))
+    weight /= weight.sum()
+    mean = weight @ np.array(means)
+    sd = np.sqrt(weight @ (np.array(variances) + np.array(means) ** 2) - mean**2)
+    assert found.estimate[1:] == pytest.approx(mean, abs=0.15 * sd.max())
+    assert np.sqrt(np.diag(found.covariance)[1:]) == pytest.approx(sd, rel=0.1)
+
+
+def test_evidence_of_two_members_by_quadrature():
+    """The likelihood of V is the integral over members and a flat parameter."""
+    rng = np.random.default_rng(3)
+    y, n, g = rng.standard_normal(4), rng.standard_normal((4, 1)), rng.standard_normal((4, 1))
+
+    def given(x: float) -> float:
+        one = Problem(y[None], n[None], g[None], np.eye(4)[None], np.zeros((0, 1, 4, 4)), np.zeros((1, 1)),
+                      (np.eye(1),), np.zeros(0), np.zeros((1, 1)), np.zeros(1))  # fmt: skip
+        prior = 0.5 * (x / np.log(2)) ** 2
+        return -objective(one, np.zeros(0), np.array([x]))[0] + prior
+
+    def integral(tau: float) -> float:
+        density = multivariate_normal(np.zeros(4))
+        return dblquad(
+            lambda nu, phi: density.pdf(y - n[:, 0] * nu - g[:, 0] * phi)
+            * np.exp(-0.5 * (phi / tau) ** 2) / tau,
+            -8 * tau, 8 * tau, -30, 30,
+        )[0]  # fmt: skip
+
+    assert given(np.log(2.0)) - given(np.log(0.3)) == pytest.approx(
+        np.log(integral(2.0) / integral(0.3)), abs=1e-4
+    )
+
+
+def test_noise_in_a_column_does_not_draw_its_member_to_zero():
+    """Many small experiments with a noisy column: the corrected information gives the member on average."""
+    rng = np.random.default_rng(1)
+    errors = {0.0: [], 1.0: []}
+    for _ in range(100):
+        true = rng.standard_normal((1, 200, 1))
+        noisy = true + 0.7 * rng.standard_normal(true.shape)
+        y = 3.0 * true[..., 0] + 0.3 * rng.standard_normal((1, 200))
+        for share in errors:
+            one = Problem(
+                output=y,
+                columns=np.ones((1, 200, 1)),
+                members=noisy,
+                fixed=np.eye(200)[None],
+                kernels=np.zeros((0, 1, 200, 200)),
+                information=np.zeros((1, 1)),
+                roots=(100.0 * np.eye(1),),
+                doubt=np.zeros(0),
+                excess=np.array([[share * 0.49 * 199]]),
+                about=np.zeros(1),
+            )
+            errors[share].append(fit_with(one, np.ones(0), np.ones(1)).estimate[1] - 3.0)
+    assert np.mean(errors[0.0]) < -0.9
+    assert abs(np.mean(errors[1.0])) < 0.1

@@ -1,0 +1,176 @@
+"""Self-calibration against known truths, injected into the static laboratory by the effects themselves."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from tulip_testbed.calibration.estimated_loads import with_estimated_loads
+from tulip_testbed.calibration.families import TOLERANCES, families_of, tolerances_of
+from tulip_testbed.calibration.linear_model import linear_model
+from tulip_testbed.calibration.member_columns import member_columns
+from tulip_testbed.calibration.placement_blocks import placement_blocks
+from tulip_testbed.calibration.self_calibration import self_calibrate
+from tulip_testbed.effects.instance import removed
+from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.residual_channels import residuals, sensitivity
+from tulip_testbed.identification.residual_noise import noise_of
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import SensorSheet
+from tulip_testbed.sim.random_robots import draw_robot
+
+FORCE_PLATE = SensorSheet(1e-4, None, 0.1, None, (4e-4, 4e-4, 1e-3))
+
+
+@pytest.fixture(scope="module")
+def ordinary(robot, plan, nominal):
+    """A laboratory in which all members of four families are off: run, true values by family."""
+    rng = np.random.default_rng(5)
+    chosen = ("encoder-offset", "cell-gain", "joint-compliance", "link-length")
+    true = {}
+    for family in families_of(robot, tolerances_of(FORCE_PLATE)):
+        if family.name in chosen:
+            size = 0.7 * family.tolerance * rng.standard_normal(len(family))
+            true[family.name] = family, np.abs(size) if family.positive else size
+    hidden = tuple(i for family, values in true.values() for i in family.instances(values))
+    run = Laboratory(robot, "force-plate", hidden=hidden).run(plan, 1001, "statics")
+    return run, {name: values for name, (_, values) in true.items()}
+
+
+@pytest.fixture(scope="module")
+def found(ordinary, nominal):
+    return self_calibrate(observe(ordinary[0].measurements, nominal))
+
+
+def test_members_and_base_parameters_are_recovered(ordinary, found, plan):
+    run, true = ordinary
+    for one in found.families:
+        z = (one.value - true.get(one.family.name, 0.0)) / one.standard_error
+        assert np.abs(z).max() < 4.5, one.family.name
+        inside = (one.interval95[:, 0] <= one.value) & (one.value <= one.interval95[:, 1])
+        assert inside.all() or one.family.positive
+    error = found.theta - run.laboratory.true_base_parameters(plan)
+    assert error @ np.linalg.solve(found.covariance, error) < 52.6  # 99.9 % of chi-square with 25
+    plain = identify(run.measurements, run.laboratory.robot).full
+    wrong = plain.value - run.laboratory.true_base_parameters(plan)
+    assert wrong @ np.linalg.solve(plain.covariance, wrong) > 500
+
+
+def test_spreads_tell_which_families_are_there(ordinary, found):
+    spread = {one.family.name: one.spread for one in found.families}
+    for name, values in ordinary[1].items():
+        tolerance = next(o.family.tolerance for o in found.families if o.family.name == name)
+        assert spread[name] == pytest.approx(np.sqrt((values**2).mean()) / tolerance, rel=0.7)
+    assert spread["encoder-gain"] < 0.2  # exact, and the data show it
+
+
+def test_what_the_regressor_absorbs_is_known_by_the_prior_only(found):
+    determined = {one.family.name: one.determined for one in found.families}
+    assert determined["encoder-offset"].all()
+    assert not determined["cell-position-scale"].any()
+    assert not determined["plate-translation"].all()
+
+
+def test_the_budget_is_the_whole_variance(found):
+    assert found.shares.sum(axis=0) == pytest.approx(np.ones(len(found.theta)))
+    assert (found.shares > -1e-9).all()
+    assert len(found.sources) == len(found.shares)
+
+
+def test_intervals_of_compliances_are_not_negative(found):
+    for one in found.families:
+        if one.family.positive:
+            assert (one.interval95 >= 0).all()
+
+
+def test_a_tolerance_of_zero_leaves_the_family_out(ordinary, nominal):
+    observed = observe(ordinary[0].measurements, nominal)
+    exact = dict.fromkeys(TOLERANCES, 0.0)
+    assert not self_calibrate(observed, exact).families
+    only = self_calibrate(observed, exact | {"encoder-offset": 0.01})
+    assert [one.family.name for one in only.families] == ["encoder-offset"]
+    with pytest.raises(InputError, match="expected a number, 0 or more"):
+        self_calibrate(observed, {"encoder-offset": -1.0})
+    with pytest.raises(InputError, match="unknown family 'magic'"):
+        self_calibrate(observed, {"magic": 1.0})
+
+
+def test_tolerances_follow_the_sensors():
+    wii = tolerances_of(SensorSheet(cell_sd=1.43, placement_sd=(0.0035, 0.0035, 0.01)))
+    assert wii.value["cell-gain"] == 0.01
+    assert wii.assumed == "those of preset wii"
+    fine = tolerances_of(FORCE_PLATE)
+    assert fine.value["plate-translation"] == pytest.approx(3e-4)
+    between = tolerances_of(SensorSheet(cell_sd=0.4, placement_sd=(0.0035, 0.0035, 0.01)))
+    assert 0.003 < between.value["cell-gain"] < 0.01
+    assert "assumed" in between.assumed
+    assert tolerances_of(SensorSheet()).value == wii.value  # unknown sensors are taken for coarse ones
+
+
+def test_the_blocks_hold_the_covariance_that_discovery_uses(ordinary, nominal):
+    """Chi-square without members, by contrasts here and with the feet's poses as nuisances there."""
+    observed = observe(ordinary[0].measurements, nominal)
+    model = linear_model(observed, noise_of(observed))
+    blocks = placement_blocks(observed)
+    white = model.whitening
+    covariance = blocks.covariance(white.own)
+    levers = blocks(white.levers)
+    covariance += levers @ levers.mT
+    each = np.arange(covariance.shape[1])
+    covariance[:, each, each] += blocks.padding
+    columns = np.concatenate([model.observed.geometry.regressor, np.zeros((len(observed), 9, 25))], axis=1)
+    columns = blocks(np.concatenate([columns, np.eye(11)[None, :, 2:3].repeat(len(observed), 0)], axis=2))
+    solved = np.linalg.solve(covariance, columns)
+    inner = np.einsum("grp,grq->pq", columns, solved)
+    assert observed.measurements.weighed_mass
+    mass_sd = observed.measurements.weighed_mass[1] * observed.measurements.gravity
+    inner[-1, -1] += mass_sd**-2
+    r = blocks(residuals(observed, model.theta))
+    moment = np.einsum("grp,gr->p", solved, r)
+    rest = np.einsum("gr,gr->", r, np.linalg.solve(covariance, r[..., None])[..., 0])
+    assert rest - moment @ np.linalg.solve(inner, moment) == pytest.approx(model.chi_square, rel=1e-3)
+
+
+def test_columns_are_the_change_by_removal(ordinary, nominal, robot):
+    """Removing small members of all kinds at once changes the residuals as their columns say."""
+    observed = observe(ordinary[0].measurements, nominal)
+    families = families_of(robot, tolerances_of(FORCE_PLATE))
+    theta = nominal.value
+    columns = member_columns(observed, theta, sensitivity(observed, theta), families)
+    rng = np.random.default_rng(0)
+    values = [1e-3 * family.tolerance * rng.standard_normal(len(family)) for family in families]
+    instances = [i for family, v in zip(families, values, strict=True) for i in family.instances(v)]
+    change = residuals(observed, theta) - residuals(removed(observed, instances), theta)
+    error = np.abs(columns @ np.concatenate(values) - change).max(axis=0)
+    assert (error < 0.03 * np.abs(change).max(axis=0)).all()
+
+
+def test_loads_are_those_of_the_estimated_robot(ordinary, nominal, robot):
+    """Exact base parameters of another robot give its loads, though its masses are unknown."""
+    observed = observe(ordinary[0].measurements, nominal)
+    other = draw_robot(robot.model, 0.2, np.random.default_rng(1))
+    other *= observed.weight / observed.measurements.gravity / other[:, 0].sum()
+    theta = nominal.parameters.values(other)
+    true = dataclasses.replace(observed, standard=other).torques
+    by_estimate = with_estimated_loads(observed, theta, 1e-14 * np.eye(25), np.zeros(12)).torques
+    assert by_estimate == pytest.approx(true, abs=2e-3 * np.abs(true).max())
+    assert np.abs(observed.torques - true).max() > 0.02 * np.abs(true).max()
+    unsure = with_estimated_loads(observed, theta, 1e6 * np.eye(25), np.zeros(12))
+    total = observed.weight / observed.measurements.gravity
+    model = standard_parameters(robot.model)
+    assert unsure.standard == pytest.approx(model * total / model[:, 0].sum(), abs=1e-6)
+
+
+def test_identify_reports_families_members_and_budget(ordinary):
+    run, _ = ordinary
+    fit = identify(run.measurements, run.laboratory.robot, estimator="self-calibrating")
+    text = repr(fit)
+    for heading in ("Ordinary imperfections", "Calibrated", "Budget of the standard errors"):
+        assert heading in text
+    assert len(fit.simplified.value) == 13
+    assert fit["torso.x"].standard_error > 0
+    assert fit.correlations.above(0.85) is not None
+    assert fit.full.residual.shape == (2 * len(run.measurements),)
