@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 ORACLE := .venv-oracle
 
 # Measured on two cores: 4 minutes with a process each, 7 with one. More than four repeat too much.
-SHARED := --numprocesses auto --maxprocesses 4 --dist loadgroup
+SHARED := --numprocesses auto --maxprocesses 4 --dist worksteal
 STUDIES := $(patsubst studies/study_%.py,study-%,$(wildcard studies/study_*.py))
 
 .PHONY: setup validate demo test test-all lint bench oracle studies $(STUDIES) study-plan pictures constraints clean

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import fcntl
 import os
+import pickle
+from collections.abc import Callable
+from typing import Any
 
 os.environ.setdefault("MUJOCO_GL", "disable")
 # Before numpy is loaded. Tests call functions below those that limit linear algebra to one thread
@@ -32,10 +36,21 @@ from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.scene import nominal_plates
 
 
-def pytest_itemcollected(item: pytest.Item) -> None:
-    """Keep the tests of the two full experiments in one process of pytest-xdist."""
-    if {"ideal", "wii"} & set(getattr(item, "fixturenames", ())):
-        item.add_marker(pytest.mark.xdist_group("full experiments"))
+@pytest.fixture(scope="session")
+def once(tmp_path_factory, worker_id) -> Callable[[str, Callable[[], Any]], Any]:
+    """Make something once for all processes of pytest-xdist: (name, function) -> its result."""
+
+    def made(name: str, make: Callable[[], Any]) -> Any:
+        if worker_id == "master":
+            return make()
+        path = tmp_path_factory.getbasetemp().parent / f"{name}.pickle"
+        with path.with_suffix(".lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not path.exists():
+                path.write_bytes(pickle.dumps(make()))
+        return pickle.loads(path.read_bytes())
+
+    return made
 
 
 @pytest.fixture(scope="session")
@@ -71,15 +86,15 @@ def foreign(tmp_path_factory) -> dict[str, Robot]:
 
 
 @pytest.fixture(scope="session")
-def ideal(robot, plan) -> Validation:
+def ideal(once, robot, plan) -> Validation:
     """The whole default plan without sensor noise, in the full dynamics."""
-    return validate(Laboratory(robot, "ideal"), plan, 101, workers=2)
+    return once("ideal", lambda: validate(Laboratory(robot, "ideal"), plan, 101, workers=2))
 
 
 @pytest.fixture(scope="session")
-def wii(robot, plan) -> Validation:
+def wii(once, robot, plan) -> Validation:
     """The whole default plan at preset wii, in the full dynamics."""
-    return validate(Laboratory(robot, "wii"), plan, 102, workers=2)
+    return once("wii", lambda: validate(Laboratory(robot, "wii"), plan, 102, workers=2))
 
 
 @pytest.fixture(scope="session")
