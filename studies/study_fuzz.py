@@ -6,6 +6,7 @@ on stderr.
 
 from __future__ import annotations
 
+import multiprocessing
 import tempfile
 import traceback
 from collections import Counter
@@ -25,6 +26,8 @@ OUTCOMES = ("accepted, right", "refused", "FAILED")
 @cache
 def judge_in(place: str) -> Judge:
     """Return the one judge of this process."""
+    # A process that spawns names its own way of starting to the other, which does not know joblib's.
+    multiprocessing.set_start_method("spawn", force=True)
     return Judge(Path(tempfile.mkdtemp(dir=place)), brief=False)
 
 
