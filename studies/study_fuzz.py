@@ -12,6 +12,7 @@ import traceback
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache, partial
+from multiprocessing.util import Finalize
 from pathlib import Path
 
 from studies.runner import Settings, header, row
@@ -28,7 +29,10 @@ def judge_in(place: str) -> Judge:
     """Return the one judge of this process."""
     # A process that spawns names its own way of starting to the other, which does not know joblib's.
     multiprocessing.set_start_method("spawn", force=True)
-    return Judge(Path(tempfile.mkdtemp(dir=place)), brief=False)
+    judge = Judge(Path(tempfile.mkdtemp(dir=place)), brief=False)
+    # joblib ends a process that has grown, and waits for those that it has started.
+    Finalize(None, lambda: judge.pool.shutdown(), exitpriority=1)
+    return judge
 
 
 def cases(place: str, target: str, kind: str, examples: int, stream: str) -> Counter[str]:
