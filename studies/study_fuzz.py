@@ -6,14 +6,15 @@ on stderr.
 
 from __future__ import annotations
 
-import multiprocessing
 import tempfile
 import traceback
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache, partial
-from multiprocessing.util import Finalize
 from pathlib import Path
+from threading import get_ident
+
+import joblib
 
 from studies.runner import Settings, header, row
 from tests.fuzz.changes import drawn
@@ -25,20 +26,15 @@ OUTCOMES = ("accepted, right", "refused", "FAILED")
 
 
 @cache
-def judge_in(place: str) -> Judge:
-    """Return the one judge of this process."""
-    # A process that spawns names its own way of starting to the other, which does not know joblib's.
-    multiprocessing.set_start_method("spawn", force=True)
-    judge = Judge(Path(tempfile.mkdtemp(dir=place)), brief=False)
-    # joblib ends a process that has grown, and waits for those that it has started.
-    Finalize(None, lambda: judge.pool.shutdown(), exitpriority=1)
-    return judge
+def judge_of(thread: int, place: str) -> Judge:
+    """Return the judge of a thread, whose commands run in a process of its own."""
+    return Judge(Path(tempfile.mkdtemp(dir=place)), brief=False)
 
 
 def cases(place: str, target: str, kind: str, examples: int, stream: str) -> Counter[str]:
     """Count the outcomes of one kind of change."""
     try:
-        messages = drawn(partial(judge_in(place).message, target, kind), examples, stream)
+        messages = drawn(partial(judge_of(get_ident(), place).message, target, kind), examples, stream)
     except AssertionError:
         traceback.print_exc()
         return Counter({"FAILED": 1})
@@ -50,7 +46,8 @@ def study(settings: Settings) -> Iterator[str]:
     kinds = [(target, kind) for target in settings.only for kind in KINDS[target]]
     with tempfile.TemporaryDirectory() as place:
         calls = [(place, t, k, settings.count(EXAMPLES[t]), f"{settings.seed} {t} {k}") for t, k in kinds]
-        tallies = settings.parallel("kinds of change", cases, calls)
+        with joblib.parallel_config(backend="threading"):  # a process of joblib's could not end the judge's
+            tallies = settings.parallel("kinds of change", cases, calls)
     yield header("input", "kinds of change", "cases", *OUTCOMES)
     for name in (*settings.only, "all"):
         found = [tally for (target, _), tally in zip(kinds, tallies, strict=True) if name in (target, "all")]
