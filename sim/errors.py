@@ -13,6 +13,8 @@ from types import FrameType
 PACKAGE = __name__.partition(".")[0]
 LIKELY = 0.7  # similarity from which on another name may have been meant
 
+MOST_LISTED = 40  # names in a message
+
 
 class InputError(ValueError):
     """Bad input; the message names what was found, where, and what was expected."""
@@ -42,8 +44,10 @@ class UnknownNameError(InputError, KeyError):
 
 
 def listed(names) -> str:
-    """Join names for an error message, in their own order."""
-    return ", ".join(str(name) for name in names)
+    """Join names for an error message, in their own order; of very many only the first."""
+    first = [str(name) for name in names]
+    more = f" and {len(first) - MOST_LISTED} more" if len(first) > MOST_LISTED else ""
+    return ", ".join(first[:MOST_LISTED]) + more
 
 
 def most_frequent(reasons: Counter[str], most: int = 4) -> str:

@@ -123,3 +123,10 @@ def test_another_robots_run_has_a_page(own, tmp_path):
         tt.report(tmp_path / "mc", tmp_path / "mc.html")
     tt.report(tmp_path / "mc", tmp_path / "mc.html", robot=robot)
     assert (tmp_path / "mc.html").exists()
+
+
+def test_a_message_lists_forty_names_at_most():
+    from tulip_testbed.sim.errors import listed
+
+    assert listed("abc") == "a, b, c"
+    assert listed(range(1000)).endswith("38, 39 and 960 more")

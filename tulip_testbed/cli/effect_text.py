@@ -7,7 +7,6 @@ from typing import Any
 from tulip_testbed.effects.catalogue import explanation
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.targets import PLACEMENTS
-from tulip_testbed.sim.errors import listed
 from tulip_testbed.sim.robot import Robot
 
 
@@ -43,7 +42,7 @@ def effect_lines(effect: Effect, robot: Robot) -> list[str]:
     """Explain an effect in full."""
     where = "static laboratory and full dynamics" if effect.statics else "full dynamics only"
     named = effect.targets is PLACEMENTS
-    targets = "the experiment's placements" if named else listed(target_names(effect, robot))
+    targets = "the experiment's placements" if named else ", ".join(target_names(effect, robot))
     return [
         f"{effect.name}: {effect.sentence}",
         "",
