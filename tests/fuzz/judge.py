@@ -109,7 +109,8 @@ class Judge:
             self.results[target] = json.loads(self.tulip(commands(target, folder, place)[0], place).out)
 
     def _start(self) -> None:
-        self.pool = ProcessPoolExecutor(1, get_context("spawn"), limit)
+        # Its memory is limited, so it does not live long enough to fill up.
+        self.pool = ProcessPoolExecutor(1, get_context("spawn"), limit, max_tasks_per_child=50)
 
     def tulip(self, arguments: list[str], where: Path, nobody: bool = False) -> Run:
         """Run a command in the other process.
