@@ -6,7 +6,7 @@ the sensors; how large the errors of a laboratory really are, in tolerances, is 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -110,10 +110,21 @@ class Family:
             self.tolerance * np.sqrt(1 - COMMON) * np.eye(n),
         )
 
+    @property
+    def steps(self) -> np.ndarray:
+        """Return a plausible size of every number, (n,) [SI]."""
+        return np.tile([parameter.prior for parameter in self.effect.parameters], len(self.targets))
+
     def instances(self, values: np.ndarray) -> list[EffectInstance]:
         """Return the family's effects with these values, (n,)."""
         each = values.reshape(len(self.targets), -1).tolist()
         return [EffectInstance(self.effect, t, tuple(v)) for t, v in zip(self.targets, each, strict=True)]
+
+    def one(self, number: int, value: float) -> EffectInstance:
+        """Return the effect in which one of the numbers has this value and the others are zero."""
+        values = np.zeros(len(self))
+        values[number] = value
+        return self.instances(values)[number // len(self.effect.parameters)]
 
 
 def tolerances_of(sheet: SensorSheet, given: Mapping[str, float] | None = None) -> Tolerances:
@@ -155,10 +166,18 @@ def _place(sd: float | None, name: str) -> float:
     return float(np.clip(np.round(place, 1), 0.0, 1.0))
 
 
-def families_of(robot: Robot, tolerances: Tolerances) -> tuple[Family, ...]:
-    """List the families that are not exact, on all targets that a robot and its plates have."""
+def families_of(
+    robot: Robot, tolerances: Tolerances, free: Sequence[EffectInstance] = ()
+) -> tuple[Family, ...]:
+    """List the families that are not exact, on all targets that a robot and its plates have.
+
+    Args:
+        free: effects that are no members of their families.
+    """
+    others = {(one.effect.name, one.target) for one in free}
     return tuple(
         Family(effect, tolerances.value[name], targets)
         for name, effect in catalogue().items()
-        if tolerances.value.get(name, 0.0) > 0 and (targets := effect.targets.of(robot, ()))
+        if tolerances.value.get(name, 0.0) > 0
+        and (targets := tuple(t for t in effect.targets.of(robot, ()) if (name, t) not in others))
     )

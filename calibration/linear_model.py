@@ -30,6 +30,27 @@ UNWEIGHED = 0.3  # of the nominal mass: s.d. of the mass of a robot that was not
 
 
 @dataclass(frozen=True)
+class Background:
+    """Ordinary imperfections that were estimated and removed: what is still uncertain about them.
+
+    Attributes:
+        columns: derivative of the residuals by independent deviates with prior s.d. 1, (m, 11, k).
+        removed: estimate of the deviates, (k,).
+        internal: change of the residuals by one s.d. of forces that no cell shows, (m, 11, j); they differ
+            from posture to posture.
+    """
+
+    columns: np.ndarray
+    removed: np.ndarray
+    internal: np.ndarray
+
+
+def exact(postures: int) -> Background:
+    """Return the background of a laboratory in which everything is exact."""
+    return Background(np.zeros((postures, SIZE, 0)), np.zeros(0), np.zeros((postures, SIZE, 0)))
+
+
+@dataclass(frozen=True)
 class LinearModel:
     """An experiment, linear about its readings.
 
@@ -39,8 +60,10 @@ class LinearModel:
             that they do not hold the noise that they are compared with.
         theta: base parameters, (p,) [m].
         noise, whitening: of the residuals.
-        basis: orthonormal basis of the whitened nuisance columns, (r + 1, k); the last row is the weighing.
-        residual: whitened and projected, (r + 1,).
+        basis: orthonormal basis of the whitened nuisance columns, (r + e, k). The last e rows hold what is
+            known beforehand: the weighing, and the prior of the ordinary imperfections.
+        known: residuals of those rows, (e,).
+        residual: whitened and projected, (r + e,).
         weighed: whether the weighing is among the data, which is so with channel F.
     """
 
@@ -50,6 +73,7 @@ class LinearModel:
     noise: Noise
     whitening: Whitening
     basis: np.ndarray
+    known: np.ndarray
     residual: np.ndarray
     weighed: bool
 
@@ -64,13 +88,20 @@ class LinearModel:
         return float(self.residual @ self.residual)
 
     def project(self, columns: np.ndarray) -> np.ndarray:
-        """Project the nuisance columns out of whitened columns (r, ...): (r + 1, ...)."""
-        full = np.concatenate([columns, np.zeros((1, *columns.shape[1:]))])
+        """Project the nuisance columns out of whitened columns (r, ...): (r + e, ...)."""
+        return self._project(columns, np.zeros((len(self.known), *columns.shape[1:])))
+
+    def project_residual(self, whitened: np.ndarray) -> np.ndarray:
+        """Project the nuisance columns out of whitened residuals, (r,), and what is known: (r + e,)."""
+        return self._project(whitened, self.known)
+
+    def _project(self, whitened: np.ndarray, known: np.ndarray) -> np.ndarray:
+        full = np.concatenate([whitened, known])
         return full - self.basis @ (self.basis.T @ full)
 
     def residual_of(self, observed: Observation) -> np.ndarray:
-        """Compute the whitened, projected residual of other readings, (r + 1,)."""
-        return self.project(self.whitening(residuals(observed, self.theta)))
+        """Compute the whitened, projected residual of other readings, (r + e,)."""
+        return self.project_residual(self.whitening(residuals(observed, self.theta)))
 
     @cached_property
     def raw_residual(self) -> np.ndarray:
@@ -79,8 +110,8 @@ class LinearModel:
 
     @cached_property
     def plain_residual(self) -> np.ndarray:
-        """Whiten and project them, (r + 1,): `residual` before terms or a model error were taken from it."""
-        return self.project(self.whitening(self.raw_residual))
+        """Whiten and project them, (r + e,): `residual` before terms or a model error were taken from it."""
+        return self.project_residual(self.whitening(self.raw_residual))
 
 
 def linear_model(
@@ -91,6 +122,7 @@ def linear_model(
     rounds: int = 2,
     propagation: np.ndarray | None = None,
     explained: np.ndarray | None = None,
+    background: Background | None = None,
 ) -> LinearModel:
     """Build the linear model of an experiment.
 
@@ -101,6 +133,7 @@ def linear_model(
             noisy readings are correlated with the noise, which `rounds` of smoothing reduce.
         propagation: see `whitening`.
         explained: residuals that are explained already, (m, 11); smoothing must not take them for noise.
+        background: ordinary imperfections that were removed; None: there are none.
 
     Raises:
         numpy.linalg.LinAlgError: readings that are not finite.
@@ -112,9 +145,10 @@ def linear_model(
         rcond=None,
     )[0]
     known = np.zeros((len(observed), SIZE)) if explained is None else explained
-    found = _round(observed, smoothed, theta, noise, channels, propagation, known)
+    rest = exact(len(observed)) if background is None else background
+    found = _round(observed, smoothed, theta, noise, channels, propagation, known, rest)
     for _ in range(rounds - 1):
-        found = _round(observed, found.smoothed, found.theta, noise, channels, propagation, known)
+        found = _round(observed, found.smoothed, found.theta, noise, channels, propagation, known, rest)
     return found
 
 
@@ -126,24 +160,33 @@ def _round(
     channels: str,
     propagation: np.ndarray | None,
     explained: np.ndarray,
+    background: Background,
 ) -> LinearModel:
     """Take columns and covariances at the smoothed readings, and residuals at the readings."""
-    white = whitening(smoothed, theta, noise, channels, propagation)
+    white = whitening(smoothed, theta, noise, channels, propagation, background.internal)
     nuisance = nuisances(smoothed, channels)
-    kept = np.abs(nuisance).max(axis=(0, 1)) > 0
-    whole = np.vstack([white(nuisance[..., kept]), weighing(observed)[None, kept]])
+    used = np.abs(nuisance).max(axis=(0, 1)) > 0
+    members = background.columns.shape[2]
+    kept = np.append(used, np.ones(members, bool))
+    prior = np.zeros((1 + members, len(kept)))
+    prior[0, : len(used)] = weighing(observed)
+    prior[1:, len(used) :] = np.eye(members)
+    # A deviate that is removed in addition takes its columns from the residuals.
+    whole = np.concatenate([nuisance, -background.columns], axis=2)
+    whole = np.vstack([white(whole[..., kept]), prior[:, kept]])
+    known = np.append(0.0, background.removed)
     basis, triangle, order = _pivoted_qr(whole)
     size = np.abs(np.diag(triangle))
     rank = int((size > RANK * size.max(initial=0.0)).sum())
     basis, triangle = basis[:, :rank], triangle[:rank, :rank]
-    start = np.append(white(residuals(observed, theta) - explained), 0.0)
+    start = np.concatenate([white(residuals(observed, theta) - explained), known])
     gain = basis.T @ start
     left = start - basis @ gain
-    solution = np.zeros(nuisance.shape[-1])
+    solution = np.zeros(len(kept))
     solution[np.flatnonzero(kept)[order[:rank]]] = -np.linalg.solve(triangle, gain)
     theta = theta + solution[: len(theta)]
-    smoothed = _smoothed(observed, white, left, noise)
-    return LinearModel(observed, smoothed, theta, noise, white, basis, left, "F" in channels)
+    smoothed = _smoothed(observed, white, left[: len(white.rows)], noise)
+    return LinearModel(observed, smoothed, theta, noise, white, basis, known, left, "F" in channels)
 
 
 def _pivoted_qr(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -153,7 +196,7 @@ def _pivoted_qr(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _smoothed(observed: Observation, white: Whitening, left: np.ndarray, noise: Noise) -> Observation:
-    return without_noise(observed, white.precision_weighted(left[:-1]), white.reach, noise)
+    return without_noise(observed, white.precision_weighted(left), white.reach, noise)
 
 
 def without_noise(observed: Observation, pull: np.ndarray, reach: np.ndarray, noise: Noise) -> Observation:

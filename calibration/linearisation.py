@@ -16,6 +16,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from tulip_testbed.calibration.families import Family
+from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import nuisances, weighing, without_noise
 from tulip_testbed.calibration.member_columns import member_columns
 from tulip_testbed.calibration.placement_blocks import PlacementBlocks
@@ -32,6 +33,7 @@ SOURCES = ("encoders", "cells", "right plate", "left plate", "internal forces")
 INTERNAL_SD = np.array([5.0, 5.0, 2.0])  # N, N, Nm
 INTERNAL_PRIOR = 0.01
 CHANNELS = "AFTC"
+Families = Sequence[Family | FreeEffect]
 OF_LOADS = ("joint-compliance", "sole-compliance")
 
 
@@ -53,17 +55,28 @@ class State:
     scales: np.ndarray
 
 
-def linearised(
-    state: State, families: Sequence[Family], noise: Noise, blocks: PlacementBlocks
-) -> tuple[Problem, Observation]:
-    """Linearise the residuals about an estimate, each row divided by its s.d. by the data sheets.
+@dataclass(frozen=True)
+class Linearised:
+    """Where the residuals were linearised, and how they change there.
 
-    Returns:
-        the problem, and the readings without members and noise, at which its columns are taken.
+    Attributes:
+        smooth: readings without members and noise, at which columns are taken.
+        members: derivative of the residuals by the members, (m, 11, q).
+        internal: change of the residuals by one s.d. of each component of the internal wrench, (m, 11, 3).
     """
+
+    smooth: Observation
+    members: np.ndarray
+    internal: np.ndarray
+
+
+def linearised(
+    state: State, families: Families, noise: Noise, blocks: PlacementBlocks
+) -> tuple[Problem, Linearised]:
+    """Linearise the residuals about an estimate, each row divided by its s.d. by the data sheets."""
     clean, theta = state.clean, state.nu[:-1]
     at, p = fields(clean.nominal), len(theta)
-    mixing, _ = mixing_of(families)
+    mixing, owner = mixing_of(families)
     phi = mixing @ state.deviates
     slope = sensitivity(state.smooth, theta)
     reach = slope[..., : at["plates"].stop].copy()
@@ -73,7 +86,7 @@ def linearised(
     reach[..., at["cells"]] += loaded @ phi[compliances]
     # The mean square: with that of an estimate that is too small, the estimate would seem too certain.
     square = np.maximum(phi, 0.0) ** 2 + state.variance
-    yielding = np.sqrt(joint_compliance(families, square, at["angles"].stop))
+    yielding = np.sqrt(joint_compliance(families, square, clean.tree.joints))
     pushed = slope[..., at["angles"]] @ (yielding[:, None] * state.smooth.loads.levers)
     kernels = _kernels(reach, pushed, noise, blocks)
     fixed = blocks.covariance(np.tile(np.diag(FLOOR**2), (len(clean), 1, 1)))
@@ -112,11 +125,13 @@ def linearised(
         doubt=_doubt(clean),
         excess=mixing.T @ excess @ mixing,
         about=state.deviates,
+        known=tuple(k for k, j in enumerate(owner) if isinstance(families[j], FreeEffect)),
+        volume=float(np.log(unit).sum()),
     )
-    return problem, smooth
+    return problem, Linearised(smooth, members, pushed * INTERNAL_SD)
 
 
-def _by_cells(observed: Observation, families: Sequence[Family]) -> tuple[np.ndarray, np.ndarray]:
+def _by_cells(observed: Observation, families: Families) -> tuple[np.ndarray, np.ndarray]:
     """Differentiate what a unit of each compliance changes by the readings of the cells.
 
     The cells give the loads, which are linear in them.
@@ -126,12 +141,10 @@ def _by_cells(observed: Observation, families: Sequence[Family]) -> tuple[np.nda
     """
     q = sum(map(len, families))
     yielding = [
-        (number, instance, family.tolerance)
+        (number, family.one(k, size), size)
         for family, numbers in split_members(families, np.arange(q))
         if family.name in OF_LOADS
-        for number, instance in zip(
-            numbers, family.instances(np.full(len(family), family.tolerance)), strict=True
-        )
+        for k, (number, size) in enumerate(zip(numbers, family.steps.tolist(), strict=True))
     ]
     out = np.zeros((len(observed), fields(observed.nominal)["lift"].stop, 8, len(yielding)))
     steps = [observed.changed(cell_forces=observed.cell_forces + step) for step in np.eye(8)]
@@ -195,22 +208,27 @@ def _doubt(observed: Observation) -> np.ndarray:
     )
 
 
-def split_members(families: Sequence[Family], phi: np.ndarray) -> list[tuple[Family, np.ndarray]]:
+def split_members(families: Families, phi: np.ndarray) -> list[tuple[Family | FreeEffect, np.ndarray]]:
     ends = np.cumsum([len(family) for family in families])
     return [(f, phi[end - len(f) : end]) for f, end in zip(families, ends.tolist(), strict=True)]
 
 
-def mixing_of(families: Sequence[Family]) -> tuple[np.ndarray, np.ndarray]:
+def mixing_of(families: Families) -> tuple[np.ndarray, np.ndarray]:
     """Return the members from the deviates of all parts, (q, k) [SI], and the family of each part."""
-    rows = [np.concatenate(family.parts, axis=1) for family in families]
+    rows = [np.concatenate(family.parts, axis=1) for family in families if family.parts]
     owner = [k for k, family in enumerate(families) for _ in family.parts]
     return block_diag(*rows) if rows else np.zeros((0, 0)), np.array(owner, int)
 
 
-def joint_compliance(families: Sequence[Family], values: np.ndarray, joints: int) -> np.ndarray:
-    """Select the compliances of the joints from all members, (n_joints,); zeros if they are exact."""
-    found = [part for family, part in split_members(families, values) if family.name == "joint-compliance"]
-    return found[0] if found else np.zeros(joints)
+def joint_compliance(families: Families, values: np.ndarray, joints: Sequence[str]) -> np.ndarray:
+    """Select the compliances of the joints from all members, (n_joints,); zero where they are exact."""
+    found = {
+        joint: value
+        for family, part in split_members(families, values)
+        if family.name == "joint-compliance"
+        for joint, value in zip(family.targets, part.tolist(), strict=True)
+    }
+    return np.array([found.get(joint, 0.0) for joint in joints])
 
 
 def scaled_noise(noise: Noise, scales: np.ndarray) -> Noise:

@@ -52,6 +52,8 @@ class Problem:
         doubt: s.d. of ln sigma about zero, (k,).
         excess: what the noise in the columns adds to G' V_0^-1 G on average, (q, q).
         about: members at which y was linearised, (q,); there the noise of the columns has no effect.
+        known: numbers of the families whose spread is known, tau = 1.
+        volume: ln of the factor by which the rows are scaled, in all; 0: not scaled.
     """
 
     output: np.ndarray
@@ -64,6 +66,8 @@ class Problem:
     doubt: np.ndarray
     excess: np.ndarray
     about: np.ndarray
+    known: tuple[int, ...] = ()
+    volume: float = 0.0
 
     @property
     def parts(self) -> list[slice]:
@@ -85,7 +89,10 @@ class Fit:
         shares: parts of the conditional covariance of nu by known information, fixed noise, each sigma_k
             and each tau_f, (2 + k + f, p, p); without `excess` their sum is that covariance.
         weighted: V_0^-1 (y - N nu - G phi), (g, r).
-        value: minus the logarithm of the restricted likelihood and of the priors.
+        value: minus the logarithm of the restricted likelihood and of the priors, up to a constant that
+            depends on the number of rows and columns N alone.
+        log_evidence: ln of the likelihood that is left when all unknowns and scales are integrated out, up
+            to the same constant (Laplace's approximation at the mode of the scales).
     """
 
     scales: np.ndarray
@@ -97,6 +104,7 @@ class Fit:
     shares: np.ndarray
     weighted: np.ndarray
     value: float
+    log_evidence: float
 
 
 @dataclass(frozen=True)
@@ -226,15 +234,20 @@ def _spread(problem: Problem, noise: _Noise, log_spread: np.ndarray) -> _Spread:
     sizes = np.array([deviate[a] @ deviate[a] for a in parts])
     count = np.array([len(one) for one in problem.roots])
     prior, slope, curvature = _log_prior(log_spread, count)
+    known = list(problem.known)
     hessian = np.diag(2 * (own + sizes) + curvature)
     for i, a in enumerate(parts):
         for j, b in enumerate(parts):
             block = shrinkage[a, b]
             hessian[i, j] -= 2 * (block**2).sum() + 4 * deviate[a] @ block @ deviate[b]
+    gradient = count - own - sizes + slope
+    gradient[known] = 0.0
+    hessian[known] = hessian[:, known] = 0.0
+    hessian[known, known] = 1.0
     return _Spread(
         log_spread=log_spread,
-        value=float(np.log(np.diag(lower)).sum() - 0.5 * pull @ deviate + prior),
-        gradient=count - own - sizes + slope,
+        value=float(np.log(np.diag(lower)).sum() - 0.5 * pull @ deviate + np.delete(prior, known).sum()),
+        gradient=gradient,
         hessian=hessian,
         root=root,
         shrinkage=shrinkage,
@@ -242,7 +255,7 @@ def _spread(problem: Problem, noise: _Noise, log_spread: np.ndarray) -> _Spread:
     )
 
 
-def _log_prior(log_spread: np.ndarray, count: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+def _log_prior(log_spread: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return minus the logarithm of the prior of ln tau, and its first and second derivatives.
 
     Args:
@@ -250,9 +263,13 @@ def _log_prior(log_spread: np.ndarray, count: np.ndarray) -> tuple[float, np.nda
     """
     alone = count == 1
     odds = np.exp(2 * log_spread) / (1 + np.exp(2 * log_spread))
-    value = np.where(alone, 0.5 * (log_spread / ALONE) ** 2, np.log1p(np.exp(2 * log_spread)) - log_spread)
+    value = np.where(
+        alone,
+        0.5 * (log_spread / ALONE) ** 2 + np.log(ALONE * np.sqrt(2 * np.pi)),
+        np.log1p(np.exp(2 * log_spread)) - log_spread + np.log(np.pi / 2),
+    )
     slope = np.where(alone, log_spread / ALONE**2, 2 * odds - 1)
-    return float(value.sum()), slope, np.where(alone, ALONE**-2.0, 4 * odds * (1 - odds))
+    return value, slope, np.where(alone, ALONE**-2.0, 4 * odds * (1 - odds))
 
 
 def _spreads(problem: Problem, noise: _Noise, start: np.ndarray) -> _Spread:
@@ -325,6 +342,8 @@ def _joint(
     on_columns = across.reshape(-1, width).T @ q
     hessian = 2 * (q.T @ solved - on_columns.T @ covariance @ on_columns)
     hessian[:k, :k] += np.diag(problem.doubt**-2.0)
+    known = [k + number for number in problem.known]
+    hessian[known] = hessian[:, known] = 0.0
     hessian[k:, k:] = spread.hessian
     slope = np.empty((width, k + each.shape[1]))
     slope[:, :k] = -2 * covariance @ on_columns[:, :k]
@@ -332,6 +351,7 @@ def _joint(
         u = np.zeros(len(phi))
         u[part] = spread.deviate[part]
         slope[p:, k + j] = 2 * spread.root @ (spread.shrinkage @ u)
+    slope[:, known] = 0.0
     slope[:p, k:] = -noise.flat @ noise.gram[:p, p:-1] @ slope[p:, k:]
     return (
         np.concatenate([score, spread.gradient]),
@@ -354,6 +374,10 @@ def _result(problem: Problem, noise: _Noise, spread: _Spread) -> Fit:
     for part, one, size in zip(problem.parts, problem.roots, np.exp(spread.log_spread), strict=True):
         half = np.linalg.solve(size * one, conditional[p:, :p][part])
         parts.append(half.T @ half)
+    value = noise.value + spread.value - problem.volume
+    # A known spread has the curvature 1 and is not integrated over.
+    volume = 0.5 * np.log(2 * np.pi / np.maximum(values, LEAST_CURVATURE)).sum()
+    volume -= 0.5 * np.log(2 * np.pi) * len(problem.known)
     return Fit(
         scales=np.exp(noise.log_scale),
         spreads=np.exp(spread.log_spread),
@@ -363,5 +387,6 @@ def _result(problem: Problem, noise: _Noise, spread: _Spread) -> Fit:
         covariance=conditional + slope @ doubt @ slope.T,
         shares=np.array(parts),
         weighted=weighted,
-        value=noise.value + spread.value,
+        value=value,
+        log_evidence=float(volume - value),
     )

@@ -20,8 +20,12 @@ from scipy.special import ndtr, ndtri
 
 from tulip_testbed.calibration.estimated_loads import with_estimated_loads
 from tulip_testbed.calibration.families import Family, families_of, tolerances_of
+from tulip_testbed.calibration.free_effect import FreeEffect
+from tulip_testbed.calibration.linear_model import Background
 from tulip_testbed.calibration.linearisation import (
     SOURCES,
+    Families,
+    Linearised,
     State,
     joint_compliance,
     linearised,
@@ -31,9 +35,9 @@ from tulip_testbed.calibration.linearisation import (
 )
 from tulip_testbed.calibration.placement_blocks import placement_blocks
 from tulip_testbed.calibration.reml import Fit, Problem, fit, given
-from tulip_testbed.effects.instance import EffectInstance, removed
+from tulip_testbed.effects.instance import EffectInstance, effect_label, removed
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import residuals
+from tulip_testbed.identification.residual_channels import moved_by, residuals
 from tulip_testbed.identification.residual_noise import Noise, noise_of
 
 ROUNDS = 12
@@ -76,13 +80,15 @@ class SelfCalibration:
     """Base parameters and members of an experiment.
 
     Attributes:
-        observed: the readings with all members removed at their estimate.
+        observed: the readings with all members and effects removed at their estimate.
         theta: base parameters, (p,) [m]. covariance: of theta, with everything that is uncertain, (p, p).
         sources: names of the parts of the variance. shares: parts of the variance of each parameter,
             (len(sources), p), with sum 1.
         interval_dof: degrees of freedom of each parameter's t interval, (p,).
-        families: with their members. noise: with estimated scales.
-        problem, solved: the linear model at the estimate.
+        families: with their members. effects: those that belong to no family, with 95 % intervals.
+        effect_errors: s.e. of their sizes, (n,) each [SI].
+        noise: with estimated scales.
+        problem, solved: the linear model at the estimate. linear: where its columns were taken.
         assumed: how the tolerances were found.
     """
 
@@ -93,15 +99,43 @@ class SelfCalibration:
     shares: np.ndarray
     interval_dof: np.ndarray
     families: tuple[CalibratedFamily, ...]
+    effects: tuple[EffectInstance, ...]
+    effect_errors: tuple[np.ndarray, ...]
     noise: Noise
     problem: Problem
     solved: Fit
+    linear: Linearised
     assumed: str
 
     @property
     def mixing(self) -> np.ndarray:
-        """Return the members from the estimated deviates, (q, k) [SI]."""
-        return mixing_of([c.family for c in self.families])[0]
+        """Return the members and sizes from the estimated deviates, (q, k) [SI]."""
+        return mixing_of(self.all)[0]
+
+    @property
+    def all(self) -> list[Family | FreeEffect]:
+        """Return the families, then the effects that belong to none."""
+        return [*(c.family for c in self.families), *map(FreeEffect, self.effects)]
+
+    def without_members(self, observed: Observation) -> Observation:
+        """Return the readings with the members of all families removed; the effects are left in them."""
+        families = [one.family for one in self.families]
+        phi = np.concatenate([np.zeros(0), *(one.value for one in self.families)])
+        return _without(observed, families, phi, self.theta, self.covariance)
+
+    def background(self, most: float = np.inf) -> Background:
+        """Return what is still uncertain about the members.
+
+        Args:
+            most: largest spread that is believed, in tolerances.
+        """
+        families = [one.family for one in self.families]
+        mixing, owner = mixing_of(families)
+        width = [part.shape[1] for family in families for part in family.parts]
+        spreads = np.repeat(np.minimum(self.solved.spreads[: len(owner)], most), width)
+        deviates = self.solved.estimate[len(self.theta) + 1 :][: len(spreads)]
+        members = self.linear.members[..., : len(mixing)]
+        return Background(members @ (mixing * spreads), deviates / spreads, self.linear.internal)
 
     def keep(self, columns: Sequence[int]) -> SelfCalibration:
         """Return the estimate of a model with some of the base parameters, the others being zero.
@@ -117,19 +151,23 @@ class SelfCalibration:
             information=self.problem.information[np.ix_(chosen, chosen)],
         )
         solved = fit(problem, (self.solved.scales, self.solved.spreads))
-        return _result(
-            self.observed, [c.family for c in self.families], self.noise, problem, solved, self.assumed
-        )
+        return _result(self.observed, self.all, self.noise, problem, solved, self.linear, self.assumed)
 
 
 def self_calibrate(
-    observed: Observation, tolerances: Mapping[str, float] | None = None, rounds: int = ROUNDS
+    observed: Observation,
+    tolerances: Mapping[str, float] | None = None,
+    effects: Sequence[EffectInstance] = (),
+    start: SelfCalibration | None = None,
+    rounds: int = ROUNDS,
 ) -> SelfCalibration:
     """Estimate base parameters and members.
 
     Args:
         observed: the experiment.
         tolerances: of families, in place of those that fit the sensors [SI]; zero: exact.
+        effects: that are no members of a family; their sizes are estimated, beginning where they are.
+        start: an estimate of the same experiment from which this one begins.
         rounds: largest number of linearisations.
 
     Raises:
@@ -137,41 +175,91 @@ def self_calibrate(
         numpy.linalg.LinAlgError: readings that are not finite, or postures that do not suffice.
     """
     used = tolerances_of(observed.measurements.sensors, tolerances)
-    families, noise = families_of(observed.nominal.robot, used), noise_of(observed)
-    blocks = placement_blocks(observed)
-    regressor = observed.geometry.regressor
-    p = regressor.shape[2]
-    start = residuals(observed, np.zeros(p))[:, :2]
-    theta = np.linalg.lstsq(regressor.reshape(-1, p), start.ravel(), rcond=None)[0]
+    families: Families = (
+        *families_of(observed.nominal.robot, used, effects),
+        *map(FreeEffect, effects),
+    )
+    noise, blocks = noise_of(observed), placement_blocks(observed)
+    p = observed.geometry.regressor.shape[2]
     mixing, owner = mixing_of(families)
-    nu, phi, deviates = np.append(theta, 0.0), np.zeros(len(mixing)), np.zeros(mixing.shape[1])
-    variance, scales = (mixing**2).sum(axis=1), np.ones(len(SOURCES))
-    clean, smooth = observed, observed
-    found: tuple[Problem, Fit] | None = None
+    both = block_diag(np.eye(p + 1), mixing)
+    scales, spreads = np.ones(len(SOURCES)), np.ones(len(owner))
+    phi, variance = _first_sizes(families, start), (mixing**2).sum(axis=1)
+    deviates = np.linalg.pinv(mixing) @ phi
+    if start is None:
+        clean = removed(observed, _instances(families, phi))
+        smooth, nu = clean, np.append(_least_squares(clean), 0.0)
+    else:
+        nu, scales, spreads = start.solved.estimate[: p + 1], start.solved.scales, _spreads(families, start)
+        clean = _without(observed, families, phi, nu[:p], start.covariance)
+        smooth = moved_by(clean, start.observed, start.linear.smooth)
+        smooth = smooth.changed(tree=clean.tree, cells=clean.cells)
+    found: tuple[Problem, Fit, Linearised] | None = None
     for _ in range(rounds):
         state = State(clean, smooth, nu, deviates, variance, scales)
-        problem, smooth = linearised(state, families, noise, blocks)
-        if found is None:
+        problem, linear = linearised(state, families, noise, blocks)
+        if found is None and start is None:
             # At first the columns hold the readings' noise: they could explain it with no noise at all.
-            solved = given(problem, scales, np.ones(len(owner)))
+            solved = given(problem, scales, spreads)
         else:
-            solved = fit(problem, (found[1].scales, found[1].spreads))
-        found = (problem, solved)
-        both = block_diag(np.eye(p + 1), mixing)
+            solved = fit(problem, (scales, spreads))
+        found, smooth = (problem, solved, linear), linear.smooth
         estimate, covariance = both @ solved.estimate, both @ solved.covariance @ both.T
         moved = np.abs(np.append(nu, phi) - estimate) / np.sqrt(np.diag(covariance))
         nu, phi, variance = estimate[: p + 1], estimate[p + 1 :], np.diag(covariance)[p + 1 :]
-        deviates, scales = solved.estimate[p + 1 :], solved.scales
-        compliance = joint_compliance(families, phi, observed.joint_angles.shape[1])
-        loaded = with_estimated_loads(observed, nu[:p], covariance[:p, :p], compliance)
-        clean = removed(loaded, _instances(families, phi))
+        deviates, scales, spreads = solved.estimate[p + 1 :], solved.scales, solved.spreads
+        clean = _without(observed, families, phi, nu[:p], covariance[:p, :p])
         if moved.max() < STANDS:
             break
     assert found is not None
     return _result(clean, families, noise, *found, used.assumed)
 
 
-def _instances(families: Sequence[Family], phi: np.ndarray) -> list[EffectInstance]:
+def _least_squares(observed: Observation) -> np.ndarray:
+    """Fit the base parameters to the centre of pressure, (p,) [m]."""
+    regressor = observed.geometry.regressor
+    p = regressor.shape[2]
+    start = residuals(observed, np.zeros(p))[:, :2]
+    return np.linalg.lstsq(regressor.reshape(-1, p), start.ravel(), rcond=None)[0]
+
+
+def _first_sizes(families: Families, start: SelfCalibration | None) -> np.ndarray:
+    """Return members and sizes as estimated before, (q,) [SI]; otherwise zero, and effects as they are."""
+    known = {i.label: i.values for f in start.families for i in f.instances} if start else {}
+    out = [np.zeros(0)]
+    for family in families:
+        if isinstance(family, FreeEffect):
+            out.append(family.sizes)
+        else:
+            width = len(family.effect.parameters)
+            each = [known.get(effect_label(family.name, t), (0.0,) * width) for t in family.targets]
+            out.append(np.ravel(each))
+    return np.concatenate(out)
+
+
+def _spreads(families: Families, start: SelfCalibration) -> np.ndarray:
+    """Return the spread of every part of the families as estimated before, or 1, (f,)."""
+    names = [family.name for family in start.all]
+    _, owner = mixing_of(start.all)
+    known = {names[j]: start.solved.spreads[owner == j] for j in set(owner.tolist())}
+    out = []
+    for family in families:
+        size, before = len(family.parts), known.get(family.name, np.ones(0))
+        free = isinstance(family, FreeEffect) or len(before) != size
+        out += [1.0] * size if free else before.tolist()
+    return np.array(out)
+
+
+def _without(
+    observed: Observation, families: Families, phi: np.ndarray, theta: np.ndarray, covariance: np.ndarray
+) -> Observation:
+    """Remove members and effects, with the loads of the estimated robot."""
+    compliance = joint_compliance(families, phi, observed.tree.joints)
+    loaded = with_estimated_loads(observed, theta, covariance, compliance)
+    return removed(loaded, _instances(families, phi))
+
+
+def _instances(families: Families, phi: np.ndarray) -> list[EffectInstance]:
     return [
         instance for family, values in split_members(families, phi) for instance in family.instances(values)
     ]
@@ -179,10 +267,11 @@ def _instances(families: Sequence[Family], phi: np.ndarray) -> list[EffectInstan
 
 def _result(
     clean: Observation,
-    families: Sequence[Family],
+    families: Families,
     noise: Noise,
     problem: Problem,
     solved: Fit,
+    linear: Linearised,
     assumed: str,
 ) -> SelfCalibration:
     p, k = problem.columns.shape[2] - 1, len(problem.kernels)
@@ -202,10 +291,14 @@ def _result(
     value = mixing @ solved.estimate[p + 1 :]
     known = np.diag(mixing @ solved.conditional[p + 1 :, p + 1 :] @ mixing.T)
     sd = np.sqrt(np.diag(mixing @ solved.covariance[p + 1 :, p + 1 :] @ mixing.T))
-    out, first = [], 0
+    out, effects, errors, first = [], [], [], 0
     for j, family in enumerate(families):
         where, mine = slice(first, first + len(family)), np.flatnonzero(owner == j)
         first = where.stop
+        if isinstance(family, FreeEffect):
+            effects.append(_with_intervals(family, value[where], sd[where]))
+            errors.append(sd[where])
+            continue
         moments = np.array([(part[0] ** 2).sum() for part in family.parts])
         each = moments * solved.spreads[mine] ** 2  # parts of the members' variance
         spread = float(np.sqrt(each.sum()) / family.tolerance)
@@ -227,15 +320,33 @@ def _result(
         observed=clean,
         theta=theta,
         covariance=covariance,
-        sources=("weighing", "contacts", *SOURCES, *(f.name for f in families), "spreads"),
+        sources=("weighing", "contacts", *SOURCES, *map(_source, families), "spreads"),
         shares=shares,
         interval_dof=np.minimum(dof, 2 * len(clean) - p),
         families=tuple(out),
+        effects=tuple(effects),
+        effect_errors=tuple(errors),
         noise=scaled_noise(noise, solved.scales),
         problem=problem,
         solved=solved,
+        linear=linear,
         assumed=assumed,
     )
+
+
+def _source(family: Family | FreeEffect) -> str:
+    return family.start.label if isinstance(family, FreeEffect) else family.name
+
+
+def _with_intervals(found: FreeEffect, sizes: np.ndarray, sd: np.ndarray) -> EffectInstance:
+    """Return an effect at its estimate with the 95 % intervals of its sizes."""
+    (instance,) = found.instances(sizes)
+    intervals: list[tuple[float, float] | None] = [None] * len(instance.values)
+    for k, number in enumerate(found.effect.sizes):
+        positive = found.effect.parameters[number].positive
+        low, high = _intervals(sizes[[k]], sd[[k]], positive)[0].tolist()
+        intervals[number] = (low, high)
+    return replace(instance, intervals=tuple(intervals))
 
 
 def _intervals(value: np.ndarray, sd: np.ndarray, positive: bool) -> np.ndarray:

@@ -95,7 +95,7 @@ def discover(
 
     def selected() -> tuple[Selection, PureError]:
         """Compare repeats with the effects removed: effects of the load differ between them as it does."""
-        out = select(data, np.random.default_rng(seed), effects, through_laboratory, progress)
+        out = select(data, np.random.default_rng(seed), effects, progress)
         return out, pure_error(out.fit.linear.observed, out.fit.linear.theta, stated)
 
     selection, repeats = selected()

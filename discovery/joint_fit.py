@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tulip_testbed.calibration.linear_model import LinearModel, linear_model
+from tulip_testbed.calibration.linear_model import Background, LinearModel, linear_model
 from tulip_testbed.discovery.candidates import Fitted, log_choices
 from tulip_testbed.discovery.columns import effect_columns
 from tulip_testbed.identification.distributions import normal_logcdf
@@ -25,15 +25,21 @@ CONVERGED = 1e-3  # posterior s.d.
 
 @dataclass(frozen=True, eq=False)
 class Data:
-    """An experiment and its noise, to which effects are fitted."""
+    """An experiment and its noise, to which effects are fitted.
+
+    Attributes:
+        observed: the readings with ordinary imperfections removed.
+        background: what is still uncertain about those; None: everything is taken as exact.
+    """
 
     observed: Observation
     noise: Noise
+    background: Background | None = None
 
     @cached_property
     def null(self) -> JointFit:
         """Return the fit without any effect."""
-        linear = linear_model(self.observed, self.noise)
+        linear = linear_model(self.observed, self.noise, background=self.background)
         empty = np.zeros((len(linear.residual), 0))
         return JointFit(self, (), np.zeros((0, 0)), linear, empty, linear.residual, 0.0)
 
@@ -157,6 +163,7 @@ def joint_fit(data: Data, terms: Sequence[Fitted], model_error: np.ndarray | Non
             rounds=2 if clean is None else 1,
             propagation=propagation(smoothed, terms),
             explained=_explained(model_error, terms),
+            background=data.background,
         )
         errors = packed(linear.observed) - packed(linear.smoothed)
         smoothed = unpacked(observed, packed(observed) - errors)
@@ -172,6 +179,7 @@ def joint_fit(data: Data, terms: Sequence[Fitted], model_error: np.ndarray | Non
         rounds=1,
         propagation=propagation(smoothed, terms),
         explained=_explained(model_error, terms),
+        background=data.background,
     )
     return replace(found, data=data, linear=final, residual=final.residual)
 
@@ -216,8 +224,7 @@ def gauss_newton(
     if positive.any():
         spread = np.sqrt(np.diag(covariance))
         log += float((normal_logcdf(sizes / spread) + np.log(2))[positive].sum())
-    data = Data(linear.observed, linear.noise)
-    return JointFit(data, terms, covariance, linear, matrix, residual, float(log))
+    return JointFit(Data(linear.observed, linear.noise), terms, covariance, linear, matrix, residual, float(log))
 
 
 def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:

@@ -1,26 +1,36 @@
-"""Select the effects that explain an experiment: forward selection with backward elimination."""
+"""Select the effects that explain an experiment beyond its ordinary imperfections.
+
+Forward selection with backward elimination. Candidates are ranked by linear columns; the best are judged by the
+evidence of a self-calibration in which the spreads of all families and the scales of the noise are estimated
+anew. A family whose spread grew because of one member thus competes with that member as an effect of its own.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 
 from tulip_testbed.calibration.linear_model import linear_model
-from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates
+from tulip_testbed.calibration.self_calibration import SelfCalibration, self_calibrate
+from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, log_choices
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import effective_tests, ranked, sidak
 from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
-from tulip_testbed.discovery.refit import refit
-from tulip_testbed.discovery.shortlist import best_addition, fit_in_addition, shortlist
+from tulip_testbed.discovery.shortlist import fit_in_addition, shortlist
 from tulip_testbed.effects.effect import Effect
-from tulip_testbed.identification.distributions import chi2_sf
+from tulip_testbed.identification.distributions import chi2_sf, normal_logcdf
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_noise import Noise, noise_of
 
 LEVEL = 0.005  # of the test of all effects, and of that of the four channels: 0.01 in all
 DECISIVE = 3.0  # ln of the Bayes factor, below which two explanations are equivalent
-MOST_TERMS = 4
+MOST_TERMS = 8
+JUDGED = 6  # candidates, at most, that are judged at each step
+NEAR = 10.0  # ln of the Bayes factor by linear columns, within which candidates are judged
+ROUNDS = 4  # linearisations of a judgement
+ORDINARY = 1.0  # tolerances: the largest spread of a family in the search
 
 
 @dataclass(frozen=True)
@@ -42,23 +52,27 @@ class Selection:
     """The effects that were selected.
 
     Attributes:
-        fit: of the selected effects. null: without any effect.
+        calibration: ordinary imperfections beside the selected effects.
+        fit: of the selected effects, with the ordinary imperfections as background. null: without either.
         alternatives: what else might explain each term, by predictions, the best first; itself among them.
-        lack_of_fit: of each channel without any effect.
+        lack_of_fit: of each channel if everything were exact.
         p: probability of as strong an effect among noise alone, over all candidates.
+        tests: effective number of independent tests among the candidates.
         undetectable: candidates that the experiment cannot show.
     """
 
+    calibration: SelfCalibration
     fit: JointFit
     null: JointFit
     alternatives: tuple[tuple[Fitted, ...], ...]
     lack_of_fit: tuple[LackOfFit, ...]
     p: float
+    tests: float
     undetectable: tuple[Candidate, ...]
 
     @property
     def lacks_fit(self) -> bool:
-        """Whether the nominal model does not explain the experiment, at 1 % in all."""
+        """Whether noise alone does not explain the experiment, at 1 % in all."""
         least = min(test.p for test in self.lack_of_fit)
         return self.p < LEVEL or least < LEVEL / len(self.lack_of_fit)
 
@@ -75,39 +89,55 @@ def lack_of_fit(data: Data) -> tuple[LackOfFit, ...]:
 
 
 def select(
-    data: Data,
+    observed: Observation,
     rng: np.random.Generator,
+    tolerances: Mapping[str, float] | None = None,
     effects: dict[str, Effect] | None = None,
-    through_laboratory: bool = True,
     progress: Callable[[int], None] = lambda count: None,
 ) -> Selection:
     """Select the effects of an experiment.
 
     Args:
         rng: for the number of independent tests.
+        tolerances: of families, in place of those that fit the sensors [SI]; zero: exact.
         effects: the catalogue by name; all of it if None.
-        through_laboratory: before a second effect is added, fit the first one through the laboratory, which
-            may explain by it what its prediction does not.
         progress: called with 1 after every step.
     """
-    null, among = data.null, candidates(data.observed, effects)
+    calibration = self_calibrate(observed, tolerances)
+    exact = Data(observed, _scattered(noise_of(observed), calibration.noise))
+    null, among = exact.null, candidates(observed, effects)
     columns = candidate_columns(null.linear, among)
-    search = _Search(null, among, ranked(columns, null.residual), effective_tests(columns, rng))
+    first = ranked(columns, null.residual)
+    tests = effective_tests(columns, rng)
     selection = Selection(
+        calibration=calibration,
         fit=null,
         null=null,
         alternatives=(),
-        lack_of_fit=lack_of_fit(data),
-        p=min((sidak(one.p, search.tests) for one in search.first), default=1.0),
-        undetectable=tuple(one.candidate for one in search.first if not one.detectable),
+        lack_of_fit=lack_of_fit(exact),
+        p=min((sidak(one.p, tests) for one in first), default=1.0),
+        tests=tests,
+        undetectable=tuple(one.candidate for one in first if not one.detectable),
     )
     progress(1)
     if selection.lacks_fit:
-        found = _forward(search, through_laboratory, progress)
-        alternatives = tuple(_alternatives(search, found, k) for k in range(len(found.terms)))
-        selection = replace(selection, fit=found, alternatives=alternatives)
+        search = _Search(observed, tolerances, among, tests)
+        calibration, terms = _forward(search, calibration, progress)
+        fit = joint_fit(calibrated_data(observed, calibration), terms)
+        alternatives = tuple(_alternatives(search, fit, k) for k in range(len(terms)))
+        selection = replace(selection, calibration=calibration, fit=fit, alternatives=alternatives)
     progress(1)
     return selection
+
+
+def calibrated_data(observed: Observation, calibration: SelfCalibration) -> Data:
+    """Return an experiment without its ordinary imperfections, and what is still uncertain about them."""
+    return Data(calibration.without_members(observed), calibration.noise, calibration.background())
+
+
+def _scattered(stated: Noise, found: Noise) -> Noise:
+    """Return the stated noise, with placements that scatter as much as they do."""
+    return replace(stated, plates=np.maximum(stated.plates, found.plates))
 
 
 @dataclass(frozen=True)
@@ -115,103 +145,131 @@ class _Search:
     """What a selection needs at every step.
 
     Attributes:
-        first: all candidates, ranked without any effect.
-        tests: effective number of independent tests among them.
+        tests: effective number of independent tests among the candidates.
     """
 
-    null: JointFit
+    observed: Observation
+    tolerances: Mapping[str, float] | None
     candidates: list[Candidate]
-    first: list[Fitted]
     tests: float
+
+    def calibrate(self, terms: Sequence[Fitted], start: SelfCalibration) -> SelfCalibration:
+        """Calibrate with some effects beside the families."""
+        instances = [term.instance for term in terms]
+        return self_calibrate(self.observed, self.tolerances, instances, start, ROUNDS)
 
     def ranked(self, adopted: JointFit) -> list[Fitted]:
         """Rank all other candidates in addition to the adopted terms."""
-        if not adopted.terms:
-            return self.first
         others = [candidate for candidate in self.candidates if candidate.label not in adopted.labels]
         linear = adopted.partialled_out
         return ranked(candidate_columns(linear, others), linear.residual)
 
-    def p(self, adopted: JointFit, best: Fitted, ranking: list[Fitted]) -> float:
-        """Compute the probability of as large a gain by chance, over all candidates.
+    def best(self, calibration: SelfCalibration, terms: Sequence[Fitted]) -> list[Fitted]:
+        """List the candidates that may explain most in addition to the terms, the best first.
 
-        The gain is that by linear columns or without linearising, whichever is larger, because the latter
-        shrinks sizes towards zero.
+        They are sought twice: with the spreads and the noise as estimated, which a missing effect may have
+        widened, and with none larger than usual.
         """
-        gain = fit_in_addition(adopted, best).gain
-        p = float(chi2_sf(max(gain, 0.0), max(len(best.sizes), 1)))
-        (linear,) = (one.p for one in ranking if one.label == best.label)
-        return sidak(min(p, linear), self.tests)
+        data = calibrated_data(self.observed, calibration)
+        stated, found = noise_of(self.observed), calibration.noise
+        usual = replace(
+            found,
+            encoder=min(stated.encoder, found.encoder),
+            cell=min(stated.cell, found.cell),
+            plates=np.minimum(stated.plates, found.plates),
+        )
+        out: dict[str, Fitted] = {}
+        for one in (data, replace(data, noise=usual, background=calibration.background(ORDINARY))):
+            adopted = joint_fit(one, terms)
+            short = shortlist(adopted, self.ranked(adopted))
+            least = max(short[0].log_bayes_factor - NEAR, 0.0) if short else 0.0
+            for found_one in [fitted for fitted in short if fitted.log_bayes_factor > least][: JUDGED // 2]:
+                out.setdefault(found_one.label, found_one)
+        return list(out.values())
 
 
-def _forward(search: _Search, through_laboratory: bool, progress: Callable[[int], None]) -> JointFit:
+def _evidence(found: SelfCalibration, terms: Sequence[Fitted], observed: Observation) -> float:
+    """Compute ln of the evidence for effects, whose positive sizes have half a normal as their prior."""
+    out = found.solved.log_evidence - sum(log_choices(term.candidate, observed) for term in terms)
+    for one, error in zip(found.effects, found.effect_errors, strict=True):
+        sizes = np.array([one.values[k] for k in one.effect.sizes])
+        positive = np.array([one.effect.parameters[k].positive for k in one.effect.sizes], bool)
+        out += float((normal_logcdf(sizes / error) + np.log(2))[positive].sum())
+    return out
+
+
+def _possible(found: SelfCalibration) -> bool:
+    """Whether no size is negative that cannot be."""
+    return all(
+        one.values[k] > 0 or not one.effect.parameters[k].positive
+        for one in found.effects
+        for k in one.effect.sizes
+    )
+
+
+def _at_estimate(terms: Sequence[Fitted], found: SelfCalibration) -> tuple[Fitted, ...]:
+    """Return the terms with the sizes that a calibration found."""
+    return tuple(
+        replace(term, sizes=np.array([one.values[k] for k in one.effect.sizes]))
+        for term, one in zip(terms, found.effects, strict=True)
+    )
+
+
+def _forward(
+    search: _Search, calibration: SelfCalibration, progress: Callable[[int], None]
+) -> tuple[SelfCalibration, tuple[Fitted, ...]]:
     """Add the best candidate while it is decisive; after each step eliminate terms that are not."""
-    found, ranking = search.null, search.first
-    exact, model_error, before = not through_laboratory, None, []
-    while len(found.terms) < MOST_TERMS:
-        best = best_addition(found, ranking, model_error)
-        if best is None or best[0].log_bayes_factor < DECISIVE or search.p(found, best[0], ranking) > LEVEL:
-            break
-        if found.terms and not exact:
-            refitted, exact = refit(found), True
-            if refitted[0] is not found:
-                found, model_error = refitted
-                ranking = search.ranked(found)
-                continue
-        tried = _backward(best[1] or joint_fit(found.data, (*found.terms, best[0])))
+    observed, terms = search.observed, ()
+    evidence, before = _evidence(calibration, (), observed), []
+    while len(terms) < MOST_TERMS:
+        judged = []
+        for one in search.best(calibration, terms):
+            tried = search.calibrate((*terms, one), calibration)
+            if _possible(tried):
+                judged.append((_evidence(tried, (*terms, one), observed), tried, one))
         progress(1)
-        before.append(set(found.labels))
-        if set(tried.labels) in before:
+        if not judged:
             break
-        found, exact, model_error = tried, not through_laboratory, None
-        ranking = search.ranked(found)
-    found = _pairs_merged(search, found)
-    return _one_effect_a_target(found) if through_laboratory else found
+        best = max(judged, key=lambda each: each[0])
+        if best[0] - evidence < DECISIVE or _chance(best[1], best[0] - evidence, search.tests) > LEVEL:
+            break
+        evidence, calibration = best[:2]
+        terms = _at_estimate((*terms, best[2]), calibration)
+        evidence, calibration, terms = _backward(search, evidence, calibration, terms)
+        if {term.label for term in terms} in before:
+            break
+        before.append({term.label for term in terms})
+    return calibration, terms
 
 
-def _backward(found: JointFit) -> JointFit:
-    """Eliminate the terms that are not decisive in addition to the others, the least decisive first."""
-    while len(found.terms) > 1:
-        factors = [
-            fit_in_addition(found.without(k), term).log_bayes_factor for k, term in enumerate(found.terms)
-        ]
-        least = int(np.argmin(factors))
-        if factors[least] >= DECISIVE:
-            return found
-        found = found.without(least)
-    return found
+def _chance(found: SelfCalibration, gain: float, tests: float) -> float:
+    """Compute the probability that noise alone would gain as much with the last effect, over all candidates.
 
-
-def _pairs_merged(search: _Search, found: JointFit) -> JointFit:
-    """Replace two terms by one that explains as much; forward selection may start with a look-alike."""
-    pairs = list(combinations(found.terms, 2))
-    enough = found.repeated.log_evidence - DECISIVE if pairs else 0.0
-    for pair in pairs:
-        others = joint_fit(found.data, [term for term in found.terms if term not in pair])
-        best = best_addition(others, search.ranked(others))
-        if best is None:
-            continue
-        single = best[1] or joint_fit(found.data, (*others.terms, best[0]))
-        if single.log_evidence > enough:
-            return _pairs_merged(search, single)
-    return found
-
-
-def _one_effect_a_target(found: JointFit) -> JointFit:
-    """Of several effects on one target, keep the one that in the laboratory explains as much as all.
-
-    A prediction that misses a part of its effect leaves something for a second effect on the same target.
+    Args:
+        gain: of ln of the evidence.
     """
-    targets = [term.candidate.target for term in found.terms]
-    for target in sorted({t for t in targets if t and targets.count(t) > 1}):
-        mine = [term for term in found.terms if term.candidate.target == target]
-        others = tuple(term for term in found.terms if term.candidate.target != target)
-        together, _ = refit(found)
-        singles = [refit(joint_fit(found.data, (*others, term)))[0] for term in mine]
-        best = max(singles, key=lambda single: single.log_evidence)
-        if best.log_evidence > together.log_evidence - DECISIVE:
-            found = best
-    return found
+    effect, error = found.effects[-1].effect, found.effect_errors[-1]
+    prior = np.array([effect.parameters[k].prior for k in effect.sizes])
+    likelihood = gain + float(np.log(np.maximum(prior / error, 1.0)).sum())
+    return sidak(float(chi2_sf(2 * max(likelihood, 0.0), max(len(prior), 1))), tests)
+
+
+def _backward(
+    search: _Search, evidence: float, calibration: SelfCalibration, terms: tuple[Fitted, ...]
+) -> tuple[float, SelfCalibration, tuple[Fitted, ...]]:
+    """Eliminate the terms that are not decisive in addition to the others, the least decisive first."""
+    while len(terms) > 1:
+        without = []
+        for k in range(len(terms) - 1):  # the last one has just been judged
+            others = terms[:k] + terms[k + 1 :]
+            tried = search.calibrate(others, calibration)
+            without.append((_evidence(tried, others, search.observed), tried, others))
+        best = max(without, key=lambda each: each[0])
+        if evidence - best[0] >= DECISIVE:
+            break
+        evidence, calibration = best[:2]
+        terms = _at_estimate(best[2], calibration)
+    return evidence, calibration, terms
 
 
 def _alternatives(search: _Search, found: JointFit, k: int) -> tuple[Fitted, ...]:

@@ -175,6 +175,7 @@ def whitening(
     noise: Noise,
     channels: str = "AFTC",
     propagation: np.ndarray | None = None,
+    internal: np.ndarray | None = None,
 ) -> Whitening:
     """Return the whitening coordinates of some channels of an experiment.
 
@@ -185,11 +186,15 @@ def whitening(
         channels: channels in use.
         propagation: derivative of all fields with respect to the readings, (m, k, n_joints + 14), if
             effects were removed from the experiment; None: the fields are the readings.
+        internal: change of the residuals by one s.d. of independent errors of every posture that no reading
+            shows, (m, 11, j); None: there are none.
     """
     slope, at = sensitivity(observed, theta), fields(observed.nominal)
     reach = slope[..., : at["plates"].stop] if propagation is None else slope @ propagation
     angles, cells = reach[..., at["angles"]], reach[..., at["cells"]]
     own = noise.encoder**2 * angles @ angles.mT + noise.cell**2 * cells @ cells.mT + np.diag(FLOOR**2)
+    if internal is not None and internal.shape[2]:
+        own = own + internal @ internal.mT
     levers = reach[..., at["plates"]] * noise.plates
     used = np.tile(_in_channels(channels), (len(observed), 1))
     contact = feet_in_contact(observed)

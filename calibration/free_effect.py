@@ -1,0 +1,67 @@
+"""An effect that is estimated with the families but belongs to none of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tulip_testbed.effects.effect import Effect
+from tulip_testbed.effects.instance import EffectInstance
+
+
+@dataclass(frozen=True)
+class FreeEffect:
+    """An effect whose sizes have the plausible sizes of the catalogue as their prior, not a family's.
+
+    Attributes:
+        start: the effect at the sizes where the estimate begins; times and choices stay as they are.
+    """
+
+    start: EffectInstance
+
+    @property
+    def effect(self) -> Effect:
+        """Return the kind."""
+        return self.start.effect
+
+    @property
+    def name(self) -> str:
+        """Return the name of the kind."""
+        return self.effect.name
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Return its one target."""
+        return (self.start.target,)
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """Return the sizes at the start, (n,) [SI]."""
+        return np.array([self.start.values[k] for k in self.effect.sizes])
+
+    @property
+    def steps(self) -> np.ndarray:
+        """Return the prior s.d. of every size, (n,) [SI]."""
+        return np.array([self.effect.parameters[k].prior for k in self.effect.sizes])
+
+    def __len__(self) -> int:
+        return len(self.effect.sizes)
+
+    @property
+    def parts(self) -> tuple[np.ndarray, ...]:
+        """Return how the sizes arise from independent deviates of s.d. 1, (n, n) [SI]."""
+        return (np.diag(self.steps),) if len(self) else ()
+
+    def instances(self, values: np.ndarray) -> list[EffectInstance]:
+        """Return the effect with these sizes, (n,)."""
+        filled = list(self.start.values)
+        for k, value in zip(self.effect.sizes, values.tolist(), strict=True):
+            filled[k] = value
+        return [replace(self.start, values=tuple(filled), intervals=())]
+
+    def one(self, number: int, value: float) -> EffectInstance:
+        """Return the effect in which one of the sizes has this value and the others are zero."""
+        values = np.zeros(len(self))
+        values[number] = value
+        return self.instances(values)[0]
