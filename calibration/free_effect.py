@@ -49,6 +49,15 @@ class FreeEffect:
         return len(self.effect.sizes)
 
     @property
+    def labels(self) -> tuple[str, ...]:
+        """Return the name of every size, as a family names its numbers."""
+        several = len(self.effect.parameters) > 1
+        return tuple(
+            self.start.label + (f", {self.effect.parameters[k].name}" if several else "")
+            for k in self.effect.sizes
+        )
+
+    @property
     def parts(self) -> tuple[np.ndarray, ...]:
         """Return how the sizes arise from independent deviates of s.d. 1, (n, n) [SI]."""
         return (np.diag(self.steps),) if len(self) else ()

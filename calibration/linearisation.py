@@ -45,6 +45,7 @@ class State:
         clean: readings without the members. smooth: the same without noise, by the last linearisation.
         nu: base parameters [m] and error of the weight [N], (p + 1,).
         deviates: of the members' parts, (k,). variance: of the members, (q,). scales: of SOURCES.
+        covariance: that of another linearisation, in place of the one at these members; None: at these.
     """
 
     clean: Observation
@@ -53,6 +54,23 @@ class State:
     deviates: np.ndarray
     variance: np.ndarray
     scales: np.ndarray
+    covariance: ResidualCovariance | None
+
+
+@dataclass(frozen=True)
+class ResidualCovariance:
+    """Covariance of the residuals by the data sheets.
+
+    Attributes:
+        reach: derivative of the residuals by the readings, through the compliances too, (m, 11, n + 14).
+        internal: change of the residuals by one s.d. of each component of the internal wrench, (m, 11, 3).
+        fixed: part that no scale changes, (g, r, r). kernels: part of each of SOURCES, (5, g, r, r).
+    """
+
+    reach: np.ndarray
+    internal: np.ndarray
+    fixed: np.ndarray
+    kernels: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -62,12 +80,11 @@ class Linearised:
     Attributes:
         smooth: readings without members and noise, at which columns are taken.
         members: derivative of the residuals by the members, (m, 11, q).
-        internal: change of the residuals by one s.d. of each component of the internal wrench, (m, 11, 3).
     """
 
     smooth: Observation
     members: np.ndarray
-    internal: np.ndarray
+    covariance: ResidualCovariance
 
 
 def linearised(
@@ -79,19 +96,19 @@ def linearised(
     mixing, owner = mixing_of(families)
     phi = mixing @ state.deviates
     slope = sensitivity(state.smooth, theta)
-    reach = slope[..., : at["plates"].stop].copy()
     # Members at an estimate carry the noise of the cells, by their loads, into the residuals.
     compliances, by_cells = _by_cells(state.smooth, families)
     loaded = np.einsum("mrk,mkcq->mrcq", slope, by_cells, optimize=True)
-    reach[..., at["cells"]] += loaded @ phi[compliances]
-    # The mean square: with that of an estimate that is too small, the estimate would seem too certain.
-    square = np.maximum(phi, 0.0) ** 2 + state.variance
-    yielding = np.sqrt(joint_compliance(families, square, clean.tree.joints))
-    pushed = slope[..., at["angles"]] @ (yielding[:, None] * state.smooth.loads.levers)
-    kernels = _kernels(reach, pushed, noise, blocks)
-    fixed = blocks.covariance(np.tile(np.diag(FLOOR**2), (len(clean), 1, 1)))
-    each = np.arange(fixed.shape[1])
-    fixed[:, each, each] += blocks.padding
+    found = state.covariance
+    if found is None:
+        reach = slope[..., : at["plates"].stop].copy()
+        reach[..., at["cells"]] += loaded @ phi[compliances]
+        # The mean square: with that of an estimate that is too small, the estimate would seem too certain.
+        square = np.maximum(phi, 0.0) ** 2 + state.variance
+        yielding = np.sqrt(joint_compliance(families, square, clean.tree.joints))
+        pushed = slope[..., at["angles"]] @ (yielding[:, None] * state.smooth.loads.levers)
+        found = _covariance(reach, pushed * INTERNAL_SD, noise, blocks)
+    fixed, kernels, reach = found.fixed, found.kernels, found.reach
     inverse = np.linalg.inv(fixed + np.tensordot(state.scales**2, kernels, axes=1))
 
     left = residuals(clean, theta)
@@ -128,7 +145,7 @@ def linearised(
         known=tuple(k for k, j in enumerate(owner) if isinstance(families[j], FreeEffect)),
         volume=float(np.log(unit).sum()),
     )
-    return problem, Linearised(smooth, members, pushed * INTERNAL_SD)
+    return problem, Linearised(smooth, members, found)
 
 
 def _by_cells(observed: Observation, families: Families) -> tuple[np.ndarray, np.ndarray]:
@@ -174,25 +191,23 @@ def _excess(by_cells: np.ndarray, reach: np.ndarray, sd: float, precision: np.nd
     return np.tensordot(weighted, spread, axes=((0, 1, 2), (0, 1, 2)))
 
 
-def _kernels(reach: np.ndarray, pushed: np.ndarray, noise: Noise, blocks: PlacementBlocks) -> np.ndarray:
-    """Return the covariance that each of SOURCES gives by the data sheets, (5, g, r, r).
-
-    Args:
-        pushed: derivative of the residuals by the internal wrench, (m, 11, 3).
-    """
-    pushed = pushed * INTERNAL_SD
+def _covariance(
+    reach: np.ndarray, internal: np.ndarray, noise: Noise, blocks: PlacementBlocks
+) -> ResidualCovariance:
     n = reach.shape[2] - 14
+    fixed = blocks.covariance(np.tile(np.diag(FLOOR**2), (len(reach), 1, 1)))
+    each = np.arange(fixed.shape[1])
+    fixed[:, each, each] += blocks.padding
     angles, cells = noise.encoder * reach[..., :n], noise.cell * reach[..., n : n + 8]
     plates = blocks(noise.plates * reach[..., n + 8 :])
-    return np.stack(
-        [
-            blocks.covariance(angles @ angles.mT),
-            blocks.covariance(cells @ cells.mT),
-            plates[..., :3] @ plates[..., :3].mT,
-            plates[..., 3:] @ plates[..., 3:].mT,
-            blocks.covariance(pushed @ pushed.mT),
-        ]
-    )
+    kernels = [
+        blocks.covariance(angles @ angles.mT),
+        blocks.covariance(cells @ cells.mT),
+        plates[..., :3] @ plates[..., :3].mT,
+        plates[..., 3:] @ plates[..., 3:].mT,
+        blocks.covariance(internal @ internal.mT),
+    ]
+    return ResidualCovariance(reach, internal, fixed, np.stack(kernels))
 
 
 def _doubt(observed: Observation) -> np.ndarray:

@@ -35,7 +35,7 @@ from tulip_testbed.calibration.linearisation import (
 )
 from tulip_testbed.calibration.placement_blocks import placement_blocks
 from tulip_testbed.calibration.reml import Fit, Problem, fit, given
-from tulip_testbed.effects.instance import EffectInstance, effect_label, removed
+from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import moved_by, residuals
 from tulip_testbed.identification.residual_noise import Noise, noise_of
@@ -135,7 +135,7 @@ class SelfCalibration:
         spreads = np.repeat(np.minimum(self.solved.spreads[: len(owner)], most), width)
         deviates = self.solved.estimate[len(self.theta) + 1 :][: len(spreads)]
         members = self.linear.members[..., : len(mixing)]
-        return Background(members @ (mixing * spreads), deviates / spreads, self.linear.internal)
+        return Background(members @ (mixing * spreads), deviates / spreads, self.linear.covariance.internal)
 
     def keep(self, columns: Sequence[int]) -> SelfCalibration:
         """Return the estimate of a model with some of the base parameters, the others being zero.
@@ -159,6 +159,7 @@ def self_calibrate(
     tolerances: Mapping[str, float] | None = None,
     effects: Sequence[EffectInstance] = (),
     start: SelfCalibration | None = None,
+    same_covariance: bool = False,
     rounds: int = ROUNDS,
 ) -> SelfCalibration:
     """Estimate base parameters and members.
@@ -168,6 +169,8 @@ def self_calibrate(
         tolerances: of families, in place of those that fit the sensors [SI]; zero: exact.
         effects: that are no members of a family; their sizes are estimated, beginning where they are.
         start: an estimate of the same experiment from which this one begins.
+        same_covariance: keep that of the residuals, but for its scales, so that the evidence of several
+            estimates with the same start can be compared: it depends on the compliances.
         rounds: largest number of linearisations.
 
     Raises:
@@ -184,7 +187,7 @@ def self_calibrate(
     mixing, owner = mixing_of(families)
     both = block_diag(np.eye(p + 1), mixing)
     scales, spreads = np.ones(len(SOURCES)), np.ones(len(owner))
-    phi, variance = _first_sizes(families, start), (mixing**2).sum(axis=1)
+    phi, variance = _first(families, start)
     deviates = np.linalg.pinv(mixing) @ phi
     if start is None:
         clean = removed(observed, _instances(families, phi))
@@ -194,9 +197,10 @@ def self_calibrate(
         clean = _without(observed, families, phi, nu[:p], start.covariance)
         smooth = moved_by(clean, start.observed, start.linear.smooth)
         smooth = smooth.changed(tree=clean.tree, cells=clean.cells)
+    residual_covariance = start.linear.covariance if start is not None and same_covariance else None
     found: tuple[Problem, Fit, Linearised] | None = None
     for _ in range(rounds):
-        state = State(clean, smooth, nu, deviates, variance, scales)
+        state = State(clean, smooth, nu, deviates, variance, scales, residual_covariance)
         problem, linear = linearised(state, families, noise, blocks)
         if found is None and start is None:
             # At first the columns hold the readings' noise: they could explain it with no noise at all.
@@ -223,18 +227,32 @@ def _least_squares(observed: Observation) -> np.ndarray:
     return np.linalg.lstsq(regressor.reshape(-1, p), start.ravel(), rcond=None)[0]
 
 
-def _first_sizes(families: Families, start: SelfCalibration | None) -> np.ndarray:
-    """Return members and sizes as estimated before, (q,) [SI]; otherwise zero, and effects as they are."""
-    known = {i.label: i.values for f in start.families for i in f.instances} if start else {}
-    out = [np.zeros(0)]
+def _estimated(start: SelfCalibration | None) -> dict[str, tuple[float, float]]:
+    """Return value and s.e. of every member and size as estimated before, by label [SI]."""
+    if start is None:
+        return {}
+    out = {}
+    for one in start.families:
+        each = zip(one.value.tolist(), one.standard_error.tolist(), strict=True)
+        out |= dict(zip(one.family.labels, each, strict=True))
+    for effect, error in zip(map(FreeEffect, start.effects), start.effect_errors, strict=True):
+        out |= dict(zip(effect.labels, zip(effect.sizes.tolist(), error.tolist(), strict=True), strict=True))
+    return out
+
+
+def _first(families: Families, start: SelfCalibration | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return members and sizes with which to begin, (q,) [SI], and their variance, (q,).
+
+    Members begin where they were estimated before, otherwise at zero; effects begin where they are.
+    """
+    known, sizes, variances = _estimated(start), [np.zeros(0)], [np.zeros(0)]
     for family in families:
-        if isinstance(family, FreeEffect):
-            out.append(family.sizes)
-        else:
-            width = len(family.effect.parameters)
-            each = [known.get(effect_label(family.name, t), (0.0,) * width) for t in family.targets]
-            out.append(np.ravel(each))
-    return np.concatenate(out)
+        before = [known.get(label, (0.0, np.nan)) for label in family.labels]
+        value, error = np.array(before).reshape(-1, 2).T
+        prior = sum(((part**2).sum(axis=1) for part in family.parts), np.zeros(len(family)))
+        sizes.append(family.sizes if isinstance(family, FreeEffect) else value)
+        variances.append(np.where(np.isfinite(error), error**2, prior))
+    return np.concatenate(sizes), np.concatenate(variances)
 
 
 def _spreads(families: Families, start: SelfCalibration) -> np.ndarray:

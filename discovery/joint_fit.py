@@ -224,7 +224,9 @@ def gauss_newton(
     if positive.any():
         spread = np.sqrt(np.diag(covariance))
         log += float((normal_logcdf(sizes / spread) + np.log(2))[positive].sum())
-    return JointFit(Data(linear.observed, linear.noise), terms, covariance, linear, matrix, residual, float(log))
+    return JointFit(
+        Data(linear.observed, linear.noise), terms, covariance, linear, matrix, residual, float(log)
+    )
 
 
 def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:

@@ -153,10 +153,16 @@ class _Search:
     candidates: list[Candidate]
     tests: float
 
-    def calibrate(self, terms: Sequence[Fitted], start: SelfCalibration) -> SelfCalibration:
-        """Calibrate with some effects beside the families."""
+    def judged(self, terms: Sequence[Fitted], start: SelfCalibration) -> Judged:
+        """Calibrate with some effects beside the families; comparable with others of the same start."""
         instances = [term.instance for term in terms]
-        return self_calibrate(self.observed, self.tolerances, instances, start, ROUNDS)
+        found = self_calibrate(self.observed, self.tolerances, instances, start, True, ROUNDS)
+        return Judged(_at_estimate(terms, found), found, _evidence(found, terms, self.observed))
+
+    def calibrated(self, judged: Judged) -> SelfCalibration:
+        """Calibrate anew with the covariance of the residuals that belongs to the result."""
+        instances = [term.instance for term in judged.terms]
+        return self_calibrate(self.observed, self.tolerances, instances, judged.calibration, rounds=ROUNDS)
 
     def ranked(self, adopted: JointFit) -> list[Fitted]:
         """Rank all other candidates in addition to the adopted terms."""
@@ -188,6 +194,24 @@ class _Search:
         return list(out.values())
 
 
+@dataclass(frozen=True)
+class Judged:
+    """Some effects, with ln of the evidence for them."""
+
+    terms: tuple[Fitted, ...]
+    calibration: SelfCalibration
+    evidence: float
+
+    @property
+    def possible(self) -> bool:
+        """Return whether no size is negative that cannot be."""
+        return all(
+            size > 0 or not positive
+            for term in self.terms
+            for size, positive in zip(term.sizes, term.candidate.positive, strict=True)
+        )
+
+
 def _evidence(found: SelfCalibration, terms: Sequence[Fitted], observed: Observation) -> float:
     """Compute ln of the evidence for effects, whose positive sizes have half a normal as their prior."""
     out = found.solved.log_evidence - sum(log_choices(term.candidate, observed) for term in terms)
@@ -196,15 +220,6 @@ def _evidence(found: SelfCalibration, terms: Sequence[Fitted], observed: Observa
         positive = np.array([one.effect.parameters[k].positive for k in one.effect.sizes], bool)
         out += float((normal_logcdf(sizes / error) + np.log(2))[positive].sum())
     return out
-
-
-def _possible(found: SelfCalibration) -> bool:
-    """Whether no size is negative that cannot be."""
-    return all(
-        one.values[k] > 0 or not one.effect.parameters[k].positive
-        for one in found.effects
-        for k in one.effect.sizes
-    )
 
 
 def _at_estimate(terms: Sequence[Fitted], found: SelfCalibration) -> tuple[Fitted, ...]:
@@ -219,26 +234,25 @@ def _forward(
     search: _Search, calibration: SelfCalibration, progress: Callable[[int], None]
 ) -> tuple[SelfCalibration, tuple[Fitted, ...]]:
     """Add the best candidate while it is decisive; after each step eliminate terms that are not."""
-    observed, terms = search.observed, ()
-    evidence, before = _evidence(calibration, (), observed), []
+    terms: tuple[Fitted, ...] = ()
+    before = []
     while len(terms) < MOST_TERMS:
-        judged = []
-        for one in search.best(calibration, terms):
-            tried = search.calibrate((*terms, one), calibration)
-            if _possible(tried):
-                judged.append((_evidence(tried, (*terms, one), observed), tried, one))
+        plain = search.judged(terms, calibration)
+        tried = [search.judged((*terms, one), calibration) for one in search.best(calibration, terms)]
         progress(1)
-        if not judged:
+        possible = [one for one in tried if one.possible]
+        if not possible:
             break
-        best = max(judged, key=lambda each: each[0])
-        if best[0] - evidence < DECISIVE or _chance(best[1], best[0] - evidence, search.tests) > LEVEL:
+        best = max(possible, key=lambda one: one.evidence)
+        gain = best.evidence - plain.evidence
+        if gain < DECISIVE or _chance(best.calibration, gain, search.tests) > LEVEL:
             break
-        evidence, calibration = best[:2]
-        terms = _at_estimate((*terms, best[2]), calibration)
-        evidence, calibration, terms = _backward(search, evidence, calibration, terms)
-        if {term.label for term in terms} in before:
+        best = _backward(search, best, calibration)
+        if {term.label for term in best.terms} in before:
             break
-        before.append({term.label for term in terms})
+        before.append({term.label for term in best.terms})
+        calibration = search.calibrated(best)
+        terms = _at_estimate(best.terms, calibration)
     return calibration, terms
 
 
@@ -254,22 +268,16 @@ def _chance(found: SelfCalibration, gain: float, tests: float) -> float:
     return sidak(float(chi2_sf(2 * max(likelihood, 0.0), max(len(prior), 1))), tests)
 
 
-def _backward(
-    search: _Search, evidence: float, calibration: SelfCalibration, terms: tuple[Fitted, ...]
-) -> tuple[float, SelfCalibration, tuple[Fitted, ...]]:
+def _backward(search: _Search, found: Judged, start: SelfCalibration) -> Judged:
     """Eliminate the terms that are not decisive in addition to the others, the least decisive first."""
-    while len(terms) > 1:
-        without = []
-        for k in range(len(terms) - 1):  # the last one has just been judged
-            others = terms[:k] + terms[k + 1 :]
-            tried = search.calibrate(others, calibration)
-            without.append((_evidence(tried, others, search.observed), tried, others))
-        best = max(without, key=lambda each: each[0])
-        if evidence - best[0] >= DECISIVE:
+    while len(found.terms) > 1:
+        newest = len(found.terms) - 1  # it has just been judged
+        fewer = [search.judged(found.terms[:k] + found.terms[k + 1 :], start) for k in range(newest)]
+        best = max(fewer, key=lambda one: one.evidence)
+        if found.evidence - best.evidence >= DECISIVE:
             break
-        evidence, calibration = best[:2]
-        terms = _at_estimate(best[2], calibration)
-    return evidence, calibration, terms
+        found = best
+    return found
 
 
 def _alternatives(search: _Search, found: JointFit, k: int) -> tuple[Fitted, ...]:
