@@ -29,6 +29,9 @@ from tulip_testbed.identification.estimators.errors_in_variables import bounded_
 
 MOST_STEP = 1.5  # of the logarithm of a scale
 LIMIT = 7.0  # largest size of the logarithm of a scale
+# Of a spread, in tolerances. Beyond, columns are no longer linear in the members: gains of -100 % leave no
+# reading, and so no noise.
+WIDEST = np.log(20.0)
 MOST_STEPS = 60
 HALVINGS = 5  # of a step that does not gain
 ALONE = np.log(2.0)  # s.d. of ln tau of a family of one
@@ -155,7 +158,7 @@ def fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None = None) ->
             break
         for shrink in 0.5 ** np.arange(HALVINGS):
             trial = _noise(problem, np.clip(noise.log_scale + shrink * step[:k], -LIMIT, LIMIT))
-            found = _spreads(problem, trial, np.clip(spread.log_spread + shrink * step[k:], -LIMIT, LIMIT))
+            found = _spreads(problem, trial, np.clip(spread.log_spread + shrink * step[k:], -LIMIT, WIDEST))
             gained = noise.value + spread.value - trial.value - found.value
             if gained >= 0:
                 break
@@ -280,7 +283,7 @@ def _spreads(problem: Problem, noise: _Noise, start: np.ndarray) -> _Spread:
         if abs(best.gradient @ step) < SETTLED:
             break
         for shrink in 0.5 ** np.arange(HALVINGS):
-            trial = _spread(problem, noise, np.clip(best.log_spread + shrink * step, -LIMIT, LIMIT))
+            trial = _spread(problem, noise, np.clip(best.log_spread + shrink * step, -LIMIT, WIDEST))
             if trial.value <= best.value:
                 break
         else:
