@@ -37,6 +37,7 @@ TOLERANCES: dict[str, tuple[float, float]] = {
     "plate-yaw": (np.radians(0.5), np.radians(0.05)),
     "tilt": (np.radians(0.2), np.radians(0.2)),
 }
+EXACT = dict.fromkeys(TOLERANCES, 0.0)  # tolerances of a laboratory without ordinary imperfections
 OF_PLATES = (
     "plate-translation",
     "plate-yaw",

@@ -80,10 +80,12 @@ class Linearised:
     Attributes:
         smooth: readings without members and noise, at which columns are taken.
         members: derivative of the residuals by the members, (m, 11, q).
+        unit: factor by which each row of the problem is scaled, (g, r) [1/SI].
     """
 
     smooth: Observation
     members: np.ndarray
+    unit: np.ndarray
     covariance: ResidualCovariance
 
 
@@ -145,7 +147,7 @@ def linearised(
         known=tuple(k for k, j in enumerate(owner) if isinstance(families[j], FreeEffect)),
         volume=float(np.log(unit).sum()),
     )
-    return problem, Linearised(smooth, members, found)
+    return problem, Linearised(smooth, members, unit, found)
 
 
 def _by_cells(observed: Observation, families: Families) -> tuple[np.ndarray, np.ndarray]:

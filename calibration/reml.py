@@ -25,7 +25,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from tulip_testbed.identification.estimators.errors_in_variables import bounded_excess
+from tulip_testbed.identification.estimators.errors_in_variables import MOST_CORRECTION
 
 MOST_STEP = 1.5  # of the logarithm of a scale
 LIMIT = 7.0  # largest size of the logarithm of a scale
@@ -202,7 +202,8 @@ def _noise(problem: Problem, log_scale: np.ndarray) -> _Noise:
     half = np.linalg.solve(root, size[:, None] * gram[:p, p:])
     rest = gram[p:, p:] - half.T @ half
     if problem.excess.any():
-        bounded = bounded_excess(problem.excess, rest[:-1, :-1] + np.eye(len(rest) - 1))
+        least = np.exp(-2 * WIDEST) * np.eye(len(rest) - 1)  # of the prior at the largest spread
+        bounded = _bounded(problem.excess, rest[:-1, :-1] + least)
         noisy = np.column_stack([np.eye(len(rest) - 1), problem.about])
         gram[p:, p:] -= noisy.T @ bounded @ noisy
         rest = rest - noisy.T @ bounded @ noisy
@@ -221,6 +222,15 @@ def _noise(problem: Problem, log_scale: np.ndarray) -> _Noise:
         moment=rest[:-1, -1],
         value=float(logs + 0.5 * rest[-1, -1] + prior),
     )
+
+
+def _bounded(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """Return the excess, in every direction at most half of the information (Fuller 1987, ch. 2.5)."""
+    lower = np.linalg.cholesky(information)
+    half = np.linalg.inv(lower)
+    share, turn = np.linalg.eigh(half @ excess @ half.T)
+    back = lower @ turn
+    return (back * np.minimum(share, MOST_CORRECTION)) @ back.T
 
 
 def _spread(problem: Problem, noise: _Noise, log_spread: np.ndarray) -> _Spread:

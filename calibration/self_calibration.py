@@ -117,6 +117,11 @@ class SelfCalibration:
         """Return the families, then the effects that belong to none."""
         return [*(c.family for c in self.families), *map(FreeEffect, self.effects)]
 
+    def cleaned(self, observed: Observation) -> Observation:
+        """Return other readings of the same laboratory with members and effects removed."""
+        phi = self.mixing @ self.solved.estimate[len(self.theta) + 1 :]
+        return _without(observed, self.all, phi, self.theta, self.covariance)
+
     def without_members(self, observed: Observation) -> Observation:
         """Return the readings with the members of all families removed; the effects are left in them."""
         families = [one.family for one in self.families]

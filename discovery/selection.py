@@ -121,7 +121,7 @@ def select(
     )
     progress(1)
     if selection.lacks_fit:
-        search = _Search(observed, tolerances, among, tests)
+        search = Search(observed, tolerances, among, tests)
         calibration, terms = _forward(search, calibration, progress)
         fit = joint_fit(calibrated_data(observed, calibration), terms)
         alternatives = tuple(_alternatives(search, fit, k) for k in range(len(terms)))
@@ -141,7 +141,7 @@ def _scattered(stated: Noise, found: Noise) -> Noise:
 
 
 @dataclass(frozen=True)
-class _Search:
+class Search:
     """What a selection needs at every step.
 
     Attributes:
@@ -231,7 +231,7 @@ def _at_estimate(terms: Sequence[Fitted], found: SelfCalibration) -> tuple[Fitte
 
 
 def _forward(
-    search: _Search, calibration: SelfCalibration, progress: Callable[[int], None]
+    search: Search, calibration: SelfCalibration, progress: Callable[[int], None]
 ) -> tuple[SelfCalibration, tuple[Fitted, ...]]:
     """Add the best candidate while it is decisive; after each step eliminate terms that are not."""
     terms: tuple[Fitted, ...] = ()
@@ -268,7 +268,22 @@ def _chance(found: SelfCalibration, gain: float, tests: float) -> float:
     return sidak(float(chi2_sf(2 * max(likelihood, 0.0), max(len(prior), 1))), tests)
 
 
-def _backward(search: _Search, found: Judged, start: SelfCalibration) -> Judged:
+def chosen_again(search: Search, calibration: SelfCalibration, terms: Sequence[Fitted]) -> Judged:
+    """Choose every one of some effects anew, the others being kept, and fit them all."""
+    out = tuple(terms)
+    for k in range(len(terms)):
+        others = out[:k] + out[k + 1 :]
+        adopted = joint_fit(
+            calibrated_data(search.observed, search.judged(others, calibration).calibration), others
+        )
+        short = shortlist(adopted, search.ranked(adopted))
+        if short:
+            out = (*out[:k], short[0], *out[k + 1 :])
+    found = search.judged(out, calibration)
+    return replace(found, calibration=search.calibrated(found))
+
+
+def _backward(search: Search, found: Judged, start: SelfCalibration) -> Judged:
     """Eliminate the terms that are not decisive in addition to the others, the least decisive first."""
     while len(found.terms) > 1:
         newest = len(found.terms) - 1  # it has just been judged
@@ -280,7 +295,7 @@ def _backward(search: _Search, found: Judged, start: SelfCalibration) -> Judged:
     return found
 
 
-def _alternatives(search: _Search, found: JointFit, k: int) -> tuple[Fitted, ...]:
+def _alternatives(search: Search, found: JointFit, k: int) -> tuple[Fitted, ...]:
     """List what else would explain what term k explains, with the other terms kept; the best first."""
     others, term = found.without(k), found.terms[k]
     out = shortlist(others, search.ranked(others))

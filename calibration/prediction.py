@@ -1,0 +1,88 @@
+"""How well a calibration predicts postures that took no part in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from tulip_testbed.calibration.linearisation import State, linearised
+from tulip_testbed.calibration.placement_blocks import placement_blocks
+from tulip_testbed.calibration.self_calibration import SelfCalibration
+from tulip_testbed.effects.instance import EffectInstance, removed
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_channels import ROWS, SIZE
+from tulip_testbed.identification.residual_noise import noise_of
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Residuals of other postures, less their prediction.
+
+    Attributes:
+        residual: (n,) [SI]. channel: letter of the channel of each residual, (n,).
+        covariance: of the residual, by the noise and the errors of all estimates, (n, n).
+    """
+
+    residual: np.ndarray
+    covariance: np.ndarray
+    channel: np.ndarray
+
+    def of(self, channels: str) -> Prediction:
+        """Return the part in some channels."""
+        rows = np.isin(self.channel, list(channels))
+        return Prediction(self.residual[rows], self.covariance[np.ix_(rows, rows)], self.channel[rows])
+
+    @cached_property
+    def chi_square(self) -> float:
+        """Return the sum of squares of the whitened residual."""
+        return float(self._whitened[0] @ self._whitened[0])
+
+    @property
+    def log_density(self) -> float:
+        """Return ln of the predictive density at the residual [SI]."""
+        white, volume = self._whitened
+        return -0.5 * self.chi_square - volume - 0.5 * len(white) * float(np.log(2 * np.pi))
+
+    @cached_property
+    def _whitened(self) -> tuple[np.ndarray, float]:
+        """Return the whitened residual and half the ln determinant of the covariance."""
+        unit = np.sqrt(np.diag(self.covariance))
+        lower = np.linalg.cholesky(self.covariance / unit / unit[:, None])
+        volume = float((np.log(np.diag(lower)) + np.log(unit)).sum())
+        return solve_triangular(lower, self.residual / unit, lower=True), volume
+
+
+def predicted(
+    found: SelfCalibration, others: Observation, known: Sequence[EffectInstance] = ()
+) -> Prediction:
+    """Predict the residuals of postures that took no part in a calibration.
+
+    Args:
+        found: the calibration.
+        others: postures of other placements.
+        known: effects that are removed from them first, as they are.
+    """
+    clean = found.cleaned(removed(others, known))
+    estimate, p = found.solved.estimate, len(found.theta)
+    variance = np.diag(found.mixing @ found.solved.covariance[p + 1 :, p + 1 :] @ found.mixing.T)
+    state = State(clean, clean, estimate[: p + 1], estimate[p + 1 :], variance, found.solved.scales, None)
+    blocks = placement_blocks(others)
+    problem, linear = linearised(state, found.all, noise_of(others), blocks)
+    columns = np.concatenate([problem.columns, problem.members], axis=2)
+    used = ~blocks.padding.ravel()
+    flat = columns.reshape(len(used), -1)[used]
+    residual = problem.output.ravel()[used] - flat @ estimate
+    own = problem.fixed + np.tensordot(found.solved.scales**2, problem.kernels, axes=1)
+    g, r = blocks.padding.shape
+    covariance = np.zeros((g, r, g, r))
+    covariance[np.arange(g), :, np.arange(g)] = own
+    covariance = covariance.reshape(g * r, g * r)[np.ix_(used, used)]
+    covariance += flat @ found.solved.covariance @ flat.T
+    letters = np.array([letter for letter, rows in ROWS.items() for _ in range(rows.start, rows.stop)])
+    row = np.abs(blocks.contrast).argmax(axis=2).ravel()[used] % SIZE
+    unit = linear.unit.ravel()[used]
+    return Prediction(residual / unit, covariance / unit / unit[:, None], letters[row])
