@@ -53,7 +53,7 @@ class Prediction:
         unit = np.sqrt(np.diag(self.covariance))
         lower = np.linalg.cholesky(self.covariance / unit / unit[:, None])
         volume = float((np.log(np.diag(lower)) + np.log(unit)).sum())
-        return solve_triangular(lower, self.residual / unit, lower=True), volume
+        return np.asarray(solve_triangular(lower, self.residual / unit, lower=True)), volume
 
 
 def predicted(

@@ -74,6 +74,12 @@ class CalibratedFamily:
             for k, found in enumerate(self.family.instances(self.value))
         ]
 
+    @property
+    def determined_instances(self) -> list[EffectInstance]:
+        """Return those of which the data determine a number."""
+        several = self.determined.reshape(len(self.family.targets), -1)
+        return [one for one, known in zip(self.instances, several, strict=True) if known.any()]
+
 
 @dataclass(frozen=True)
 class SelfCalibration:

@@ -1,33 +1,33 @@
-"""From measurements to a verdict: named, ambiguous, unknown, or none."""
+"""From measurements to a verdict: none, calibrated, named, ambiguous or unknown."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.calibration.families import tolerances_of
+from tulip_testbed.calibration.self_calibration import CalibratedFamily
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.effect_intervals import with_intervals
 from tulip_testbed.discovery.equivalence import equivalent, refit_with_alternatives
 from tulip_testbed.discovery.held_out import HeldOut, check_placements, held_out
-from tulip_testbed.discovery.joint_fit import Data, JointFit
+from tulip_testbed.discovery.joint_fit import JointFit
 from tulip_testbed.discovery.patterns import Pattern, in_channels, patterns
-from tulip_testbed.discovery.pure_error import PureError, pure_error, widened
-from tulip_testbed.discovery.selection import LEVEL, Selection, select
+from tulip_testbed.discovery.pure_error import PureError, pure_error
+from tulip_testbed.discovery.selection import LEVEL, STANDS_OUT, Search, Selection, select
 from tulip_testbed.discovery.undetectable import Undetectable, undetectable
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
-from tulip_testbed.identification.residual_noise import Noise, noise_of
+from tulip_testbed.identification.residual_noise import Noise
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
 
-NAMED, AMBIGUOUS, UNKNOWN, NONE = "named", "ambiguous", "unknown", "none"
-EXPLAINED = 0.95  # least part of the lack of fit that the effects of a verdict other than unknown explain
-PREDICTS = 1.1  # times the noise on held-out placements, beyond which an explanation is refused
+NAMED, AMBIGUOUS, UNKNOWN, CALIBRATED, NONE = "named", "ambiguous", "unknown", "calibrated", "none"
 REPORTED_PATTERNS = 5
 
 
@@ -36,15 +36,20 @@ class Discovery:
     """The effects that were found in an experiment.
 
     Attributes:
-        verdict: named, ambiguous, unknown or none.
+        verdict: none, calibrated, named, ambiguous or unknown.
         observed, noise: the experiment. repeats: what its repeated postures say about the noise.
         selection: how the effects were selected. fit: the final one, through the laboratory.
         model_error: of the effects' predictions there, (m, 11, s + 1).
+        effects: numbers of the terms of the fit that stand out of their families or belong to none.
         adopted: effects that are added to the model; empty unless named.
+        calibrated: ordinary imperfections that are added to the model, with intervals; empty unless named or
+            calibrated.
+        families: spreads and members of the families; empty if there is no gap.
         equivalents: the equivalent explanations of each term of the fit, the best first.
         undetectable: effects that the experiment cannot show.
         patterns: the least probable patterns in the residuals of the fit.
         where: the clearest pattern in the residuals without effects (of the fit, if the verdict is unknown).
+        reasons: why the verdict is unknown, in sentences.
         heldout: the residuals on held-out placements; None: not asked for.
         wall_s: duration [s].
     """
@@ -56,11 +61,15 @@ class Discovery:
     selection: Selection
     fit: JointFit
     model_error: np.ndarray
+    effects: tuple[int, ...]
     adopted: tuple[EffectInstance, ...]
+    calibrated: tuple[EffectInstance, ...]
+    families: tuple[CalibratedFamily, ...]
     equivalents: tuple[tuple[Fitted, ...], ...]
     undetectable: tuple[Undetectable, ...]
     patterns: tuple[Pattern, ...]
     where: str
+    reasons: tuple[str, ...]
     heldout: HeldOut | None
     wall_s: float
 
@@ -70,6 +79,7 @@ def discover(
     robot: Robot,
     seed: int = 0,
     effects: dict[str, Effect] | None = None,
+    tolerances: Mapping[str, float] | None = None,
     through_laboratory: bool = True,
     hold_out: bool = True,
     progress: Callable[[int], None] = lambda count: None,
@@ -79,31 +89,23 @@ def discover(
     Args:
         seed: of the bootstrap that calibrates the level.
         effects: the catalogue by name; all of it if None.
+        tolerances: of families of ordinary imperfections, in place of those that fit the sensors [SI]; zero:
+            exact.
         through_laboratory: fit the sizes through the static laboratory.
         hold_out: cross-validate over placements.
         progress: called with 1 after every stage.
 
     Raises:
-        InputError: measurements that do not fit the robot, or too few placements.
+        InputError: measurements that do not fit the robot, too few placements, or an unknown family.
     """
     began = time.perf_counter()
     observed = observe(measurements, nominal_robot(robot, _support(measurements)))
     if hold_out:
         check_placements(measurements)
-    stated = noise_of(observed)
-    data = Data(observed, stated)
-
-    def selected() -> tuple[Selection, PureError]:
-        """Compare repeats with the effects removed: effects of the load differ between them as it does."""
-        out = select(data, np.random.default_rng(seed), effects, progress)
-        return out, pure_error(out.fit.linear.observed, out.fit.linear.theta, stated)
-
-    selection, repeats = selected()
-    wider = widened(selection.fit.linear.observed, stated, repeats)
-    if wider is not stated:
-        data = replace(data, noise=wider)
-        selection, repeats = selected()
-    fit, model_error = selection.fit, data.no_model_error(selection.fit.terms)
+    search = Search.of(observed, tolerances, effects)
+    selection = select(search, np.random.default_rng(seed), progress)
+    fit = selection.fit
+    model_error = fit.data.no_model_error(fit.terms)
     equivalents: tuple[tuple[Fitted, ...], ...] = ()
     if fit.terms and through_laboratory:
         fit, model_error, equivalents = refit_with_alternatives(fit, selection.alternatives)
@@ -111,26 +113,37 @@ def discover(
         equivalents = tuple(equivalent(a, t) for a, t in zip(selection.alternatives, fit.terms, strict=True))
     progress(1)
     left = patterns(fit.linear, fit.residual, fit.columns)
-    validation = held_out(data, fit.terms, model_error) if hold_out else None
-    verdict = _verdict(selection, fit, equivalents, left[0], validation)
+    validation = None
+    if hold_out and selection.lacks_fit:
+        validation = held_out(search, selection.calibration, fit.terms)
+    reasons = _reasons(selection, left[0], validation)
+    outside = tuple(k for k, term in enumerate(fit.terms) if stands_out(selection, term))
+    verdict = _verdict(selection, reasons, [equivalents[k] for k in outside])
     adopted = tuple(with_intervals(fit, k) for k in range(len(fit.terms)))
     progress(1)
     null, clearest = selection.null, left[0]
-    if verdict in (NAMED, AMBIGUOUS):
+    if verdict in (NAMED, AMBIGUOUS, CALIBRATED):
         clearest = patterns(null.linear, null.residual, null.columns)[0]
+    families = selection.calibration.families if selection.lacks_fit else ()
+    ordinary = [a for k, a in enumerate(adopted) if k not in outside]
+    ordinary += [instance for family in families for instance in family.determined_instances]
     return Discovery(
         verdict=verdict,
         observed=observed,
-        noise=data.noise,
-        repeats=repeats,
+        noise=fit.data.noise,
+        repeats=pure_error(fit.linear.observed, fit.linear.theta, fit.data.noise),
         selection=selection,
         fit=fit,
         model_error=model_error,
-        adopted=adopted if verdict == NAMED else (),
+        effects=outside,
+        adopted=tuple(adopted[k] for k in outside) if verdict == NAMED else (),
+        calibrated=tuple(ordinary) if verdict in (NAMED, CALIBRATED) else (),
+        families=families,
         equivalents=equivalents,
         undetectable=undetectable(null.linear, selection.undetectable),
         patterns=tuple(left[:REPORTED_PATTERNS]),
         where=f"{clearest.words} ({in_channels(clearest)})" if verdict != NONE else "",
+        reasons=reasons,
         heldout=validation,
         wall_s=time.perf_counter() - began,
     )
@@ -140,25 +153,39 @@ def _support(measurements: Measurements) -> str:
     return "double" if (measurements.support == "double").all() else "right"
 
 
-def _verdict(
-    selection: Selection,
-    fit: JointFit,
-    equivalents: tuple[tuple[Fitted, ...], ...],
-    clearest: Pattern,
-    validation: HeldOut | None,
-) -> str:
-    if not fit.terms:
-        return UNKNOWN if selection.lacks_fit else NONE
-    explained = selection.null.chi_square - fit.chi_square
-    unexplained = clearest.gain if clearest.p < LEVEL else 0.0
-    if explained < EXPLAINED * (explained + unexplained) or shares_target(fit):
+def stands_out(selection: Selection, term: Fitted) -> bool:
+    """Whether an effect is no member of a family, or too large for one."""
+    name = term.candidate.effect.name
+    tolerances = tolerances_of(selection.null.data.observed.measurements.sensors, selection.tolerances)
+    tolerance = tolerances.value.get(name, 0.0)
+    spreads = [one.spread for one in selection.calibration.families if one.family.name == name]
+    most = STANDS_OUT * max(1.0, *spreads) * tolerance
+    return bool((np.abs(term.sizes) > most).any()) if len(term.sizes) else True
+
+
+def _reasons(selection: Selection, clearest: Pattern, validation: HeldOut | None) -> tuple[str, ...]:
+    """Say why what was found does not suffice; empty: it does."""
+    if not selection.lacks_fit:
+        return ()
+    out = []
+    if clearest.p < LEVEL:
+        out.append(f"A pattern remains: {clearest.words} ({in_channels(clearest)}).")
+    if not selection.complete:
+        out.append("Another effect would still be decisive.")
+    if validation is not None and not validation.holds:
+        bad = [key for key in validation.after if validation.after[key] > validation.floor[key]]
+        out.append(
+            "Placements that took no part in the fit are predicted worse than by chance "
+            f"(channel {', '.join(bad)})."
+        )
+    return tuple(out)
+
+
+def _verdict(selection: Selection, reasons: tuple[str, ...], equivalents: list[tuple[Fitted, ...]]) -> str:
+    if not selection.lacks_fit:
+        return NONE
+    if reasons:
         return UNKNOWN
-    if validation is not None and validation.after["AFTC"] > max(PREDICTS, validation.floor["AFTC"]):
-        return UNKNOWN
+    if not equivalents:
+        return CALIBRATED
     return AMBIGUOUS if any(len(several) > 1 for several in equivalents) else NAMED
-
-
-def shares_target(fit: JointFit) -> bool:
-    """Whether two effects act on one joint, cell or plate: rather one effect that the catalogue lacks."""
-    targets = [term.candidate.target for term in fit.terms if term.candidate.target]
-    return len(set(targets)) < len(targets)

@@ -1,8 +1,8 @@
 """Select the effects that explain an experiment beyond its ordinary imperfections.
 
-Forward selection with backward elimination. Candidates are ranked by linear columns; the best are judged by the
-evidence of a self-calibration in which the spreads of all families and the scales of the noise are estimated
-anew. A family whose spread grew because of one member thus competes with that member as an effect of its own.
+Forward selection with backward elimination. Candidates are ranked by linear columns; the best are judged by
+the evidence of a self-calibration in which the spreads of all families and the scales of the noise are
+estimated anew. A family whose spread grew because of one member thus competes with that member as an effect of its own.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ MOST_TERMS = 8
 JUDGED = 6  # candidates, at most, that are judged at each step
 NEAR = 10.0  # ln of the Bayes factor by linear columns, within which candidates are judged
 ROUNDS = 4  # linearisations of a judgement
+STANDS_OUT = 3.0  # largest of its family's spread and tolerance, beyond which a member is an effect
 ORDINARY = 1.0  # tolerances: the largest spread of a family in the search
 
 
@@ -52,7 +53,8 @@ class Selection:
     """The effects that were selected.
 
     Attributes:
-        calibration: ordinary imperfections beside the selected effects.
+        calibration: ordinary imperfections beside the selected effects. tolerances: as asked for.
+        complete: whether no further candidate is decisive.
         fit: of the selected effects, with the ordinary imperfections as background. null: without either.
         alternatives: what else might explain each term, by predictions, the best first; itself among them.
         lack_of_fit: of each channel if everything were exact.
@@ -62,6 +64,8 @@ class Selection:
     """
 
     calibration: SelfCalibration
+    tolerances: Mapping[str, float] | None
+    complete: bool
     fit: JointFit
     null: JointFit
     alternatives: tuple[tuple[Fitted, ...], ...]
@@ -89,28 +93,25 @@ def lack_of_fit(data: Data) -> tuple[LackOfFit, ...]:
 
 
 def select(
-    observed: Observation,
-    rng: np.random.Generator,
-    tolerances: Mapping[str, float] | None = None,
-    effects: dict[str, Effect] | None = None,
-    progress: Callable[[int], None] = lambda count: None,
+    search: Search, rng: np.random.Generator, progress: Callable[[int], None] = lambda count: None
 ) -> Selection:
     """Select the effects of an experiment.
 
     Args:
         rng: for the number of independent tests.
-        tolerances: of families, in place of those that fit the sensors [SI]; zero: exact.
-        effects: the catalogue by name; all of it if None.
         progress: called with 1 after every step.
     """
-    calibration = self_calibrate(observed, tolerances)
+    observed = search.observed
+    calibration = self_calibrate(observed, search.tolerances)
     exact = Data(observed, _scattered(noise_of(observed), calibration.noise))
-    null, among = exact.null, candidates(observed, effects)
-    columns = candidate_columns(null.linear, among)
+    null = exact.null
+    columns = candidate_columns(null.linear, search.candidates)
     first = ranked(columns, null.residual)
     tests = effective_tests(columns, rng)
     selection = Selection(
         calibration=calibration,
+        tolerances=search.tolerances,
+        complete=True,
         fit=null,
         null=null,
         alternatives=(),
@@ -121,11 +122,16 @@ def select(
     )
     progress(1)
     if selection.lacks_fit:
-        search = Search(observed, tolerances, among, tests)
-        calibration, terms = _forward(search, calibration, progress)
+        calibration, terms, complete = _forward(search, calibration, tests, progress)
+        calibration, terms = _with_lone_members(search, calibration, terms)
         fit = joint_fit(calibrated_data(observed, calibration), terms)
-        alternatives = tuple(_alternatives(search, fit, k) for k in range(len(terms)))
-        selection = replace(selection, calibration=calibration, fit=fit, alternatives=alternatives)
+        selection = replace(
+            selection,
+            calibration=calibration,
+            complete=complete,
+            fit=fit,
+            alternatives=tuple(_alternatives(search, fit, k) for k in range(len(terms))),
+        )
     progress(1)
     return selection
 
@@ -142,16 +148,25 @@ def _scattered(stated: Noise, found: Noise) -> Noise:
 
 @dataclass(frozen=True)
 class Search:
-    """What a selection needs at every step.
+    """What is searched, and for what.
 
     Attributes:
-        tests: effective number of independent tests among the candidates.
+        tolerances: of families, in place of those that fit the sensors [SI]; zero: exact.
+        candidates: effects that may be the cause.
     """
 
     observed: Observation
     tolerances: Mapping[str, float] | None
     candidates: list[Candidate]
-    tests: float
+
+    @staticmethod
+    def of(
+        observed: Observation,
+        tolerances: Mapping[str, float] | None = None,
+        effects: dict[str, Effect] | None = None,
+    ) -> Search:
+        """Return the search for all effects of a catalogue, or of the whole one if None."""
+        return Search(observed, tolerances, candidates(observed, effects))
 
     def judged(self, terms: Sequence[Fitted], start: SelfCalibration) -> Judged:
         """Calibrate with some effects beside the families; comparable with others of the same start."""
@@ -231,9 +246,13 @@ def _at_estimate(terms: Sequence[Fitted], found: SelfCalibration) -> tuple[Fitte
 
 
 def _forward(
-    search: Search, calibration: SelfCalibration, progress: Callable[[int], None]
-) -> tuple[SelfCalibration, tuple[Fitted, ...]]:
-    """Add the best candidate while it is decisive; after each step eliminate terms that are not."""
+    search: Search, calibration: SelfCalibration, tests: float, progress: Callable[[int], None]
+) -> tuple[SelfCalibration, tuple[Fitted, ...], bool]:
+    """Add the best candidate while it is decisive; after each step eliminate terms that are not.
+
+    Returns:
+        the calibration, the terms, and whether no further candidate is decisive.
+    """
     terms: tuple[Fitted, ...] = ()
     before = []
     while len(terms) < MOST_TERMS:
@@ -242,18 +261,18 @@ def _forward(
         progress(1)
         possible = [one for one in tried if one.possible]
         if not possible:
-            break
+            return calibration, terms, True
         best = max(possible, key=lambda one: one.evidence)
         gain = best.evidence - plain.evidence
-        if gain < DECISIVE or _chance(best.calibration, gain, search.tests) > LEVEL:
-            break
+        if gain < DECISIVE or _chance(best.calibration, gain, tests) > LEVEL:
+            return calibration, terms, True
         best = _backward(search, best, calibration)
         if {term.label for term in best.terms} in before:
             break
         before.append({term.label for term in best.terms})
         calibration = search.calibrated(best)
         terms = _at_estimate(best.terms, calibration)
-    return calibration, terms
+    return calibration, terms, False
 
 
 def _chance(found: SelfCalibration, gain: float, tests: float) -> float:
@@ -266,6 +285,26 @@ def _chance(found: SelfCalibration, gain: float, tests: float) -> float:
     prior = np.array([effect.parameters[k].prior for k in effect.sizes])
     likelihood = gain + float(np.log(np.maximum(prior / error, 1.0)).sum())
     return sidak(float(chi2_sf(2 * max(likelihood, 0.0), max(len(prior), 1))), tests)
+
+
+def _with_lone_members(
+    search: Search, calibration: SelfCalibration, terms: tuple[Fitted, ...]
+) -> tuple[SelfCalibration, tuple[Fitted, ...]]:
+    """Add the members that are too large for their family although they are all of it.
+
+    Nothing but the tolerance says what is ordinary for them.
+    """
+    lone = {
+        one.family.instances(one.value)[0].label: one.value
+        for one in calibration.families
+        if len(one.family.targets) == 1
+        and (one.determined & (np.abs(one.value) > STANDS_OUT * one.family.tolerance)).any()
+    }
+    if not lone:
+        return calibration, terms
+    more = [Fitted(c, 0, lone[c.label]) for c in search.candidates if c.label in lone]
+    calibration = search.calibrated(search.judged((*terms, *more), calibration))
+    return calibration, _at_estimate((*terms, *more), calibration)
 
 
 def chosen_again(search: Search, calibration: SelfCalibration, terms: Sequence[Fitted]) -> Judged:

@@ -7,15 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from tulip_testbed.discovery.candidates import Fitted
-from tulip_testbed.discovery.discover import AMBIGUOUS, NAMED, NONE, Discovery, shares_target
+from tulip_testbed.discovery.discover import AMBIGUOUS, CALIBRATED, NAMED, NONE, Discovery
 from tulip_testbed.discovery.effect_intervals import with_intervals
 from tulip_testbed.discovery.proposals import Proposal
-from tulip_testbed.discovery.selection import LEVEL
+from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.sim.numbers import number
 
 MANY = 2  # effects that often occur together
 LARGE = 5.0  # prior s.d., beyond which predictions were not tested
 SHOWN = 0.01  # p-value of a channel's lack of fit that is reported
+SHOWN_MEMBERS = 4  # ordinary imperfections
 PLACES = {
     "A": "the centre of pressure",
     "F": "the sum of the cells",
@@ -28,7 +29,7 @@ def story(found: Discovery, next_experiment: list[Proposal]) -> list[str]:
     """Tell a discovery in sentences, the verdict first."""
     lines = [_headline(found)]
     lines.append(_size_of_experiment(found) if found.verdict == NONE else _channels(found))
-    if found.heldout is not None and found.fit.terms and found.verdict != NONE:
+    if found.heldout is not None:
         before, after, floor = (
             number(by_channel["AFTC"], ".2f")
             for by_channel in (found.heldout.before, found.heldout.after, found.heldout.floor)
@@ -39,8 +40,8 @@ def story(found: Discovery, next_experiment: list[Proposal]) -> list[str]:
             f"{before} to {after} times the noise (by chance up to {floor}), that of the centre of pressure "
             f"from {before_mm} to {after_mm} mm (noise {noise_mm} mm)."
         )
-    if found.fit.terms and found.verdict in (NAMED, AMBIGUOUS) and found.patterns[0].p < LEVEL:
-        lines.append(f"A small pattern remains unexplained: {found.patterns[0].words}.")
+    if found.verdict in (NAMED, AMBIGUOUS):
+        lines.append("Ordinary imperfections of all families are estimated beside it.")
     if found.verdict == NAMED and len(found.adopted) > MANY:
         lines.append(
             f"{len(found.adopted)} effects at once are rare. A single fault that the catalogue lacks, such "
@@ -86,20 +87,47 @@ def _headline(found: Discovery) -> str:
         return " ".join(instance.finding for instance in found.adopted)
     if found.verdict == AMBIGUOUS:
         return " ".join(
-            f"This experiment cannot tell these explanations apart: {_listed(several)}."
+            f"This experiment cannot distinguish these explanations: {_listed(several)}."
             if len(several) > 1
             else with_intervals(found.fit, k).finding
             for k, several in enumerate(found.equivalents)
+            if k in found.effects
+        )
+    if found.verdict == CALIBRATED:
+        return (
+            "Ordinary imperfections explain the gap: every one of them is of a usual size. "
+            "The largest, in standard errors: " + "; ".join(_largest(found)) + "."
         )
     closest = ", ".join(found.fit.labels)
-    if shares_target(found.fit):
-        closest = (
-            f" The closest explanation has two effects on one target ({closest}), which rather shows one "
-            "effect that the catalogue lacks."
+    closest = f" The closest explanation is not sufficient: {closest}." if closest else ""
+    return (
+        f"There is a gap that neither ordinary imperfections nor an effect of the catalogue explain. "
+        f"{' '.join(found.reasons)}{closest}"
+    )
+
+
+def _largest(found: Discovery) -> list[str]:
+    """Describe the ordinary imperfections that differ most from zero."""
+    sized = []
+    for one in found.calibrated:
+        (value, interval), *_ = sorted(
+            zip(one.values, one.intervals, strict=True), key=lambda each: -_errors(*each)
         )
-    elif closest:
-        closest = f" The closest explanation is not sufficient: {closest}."
-    return f"There is a gap that no effect of the catalogue explains: {found.where}.{closest}"
+        sized.append((_errors(value, interval), str(one.label), one))
+    best = sorted(sized, key=lambda each: -each[0])[:SHOWN_MEMBERS]
+    return [f"{label} ({', '.join(_written(one))})" for _, label, one in best]
+
+
+def _errors(value: float, interval: tuple[float, float] | None) -> float:
+    """Return the size of a value in standard errors."""
+    return 0.0 if interval is None else abs(value) / max((interval[1] - interval[0]) / 3.92, 1e-300)
+
+
+def _written(one: EffectInstance) -> list[str]:
+    return [
+        p.text(value, interval)
+        for p, value, interval in zip(one.effect.parameters, one.values, one.intervals, strict=True)
+    ]
 
 
 def _listed(explanations: Sequence[Fitted]) -> str:
