@@ -69,8 +69,8 @@ class FreeEffect:
             filled[k] = value
         return [replace(self.start, values=tuple(filled), intervals=())]
 
-    def one(self, number: int, value: float) -> EffectInstance:
-        """Return the effect in which one of the sizes has this value and the others are zero."""
-        values = np.zeros(len(self))
-        values[number] = value
+    def one(self, number: int, more: float) -> EffectInstance:
+        """Return the effect at the sizes of the start, one of them larger by so much."""
+        values = self.sizes
+        values[number] += more
         return self.instances(values)[0]

@@ -21,6 +21,7 @@ from tulip_testbed.calibration.linear_model import nuisances, weighing, without_
 from tulip_testbed.calibration.member_columns import member_columns
 from tulip_testbed.calibration.placement_blocks import PlacementBlocks
 from tulip_testbed.calibration.reml import Problem
+from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import ROWS, difference, fields, residuals, sensitivity
 from tulip_testbed.identification.residual_noise import FLOOR, Noise
@@ -121,7 +122,11 @@ def linearised(
     slope = sensitivity(smooth, theta)
     flat = -nuisances(smooth, CHANNELS)
     flat = np.concatenate([flat[..., :p], flat[..., -1:]], axis=2)
-    members = member_columns(smooth, theta, slope, families)
+    members = np.concatenate(
+        [np.zeros((*left.shape, 0))]
+        + [member_columns(smooth, theta, slope, _at(f, part)) for f, part in split_members(families, phi)],
+        axis=2,
+    )
     output = left + flat[..., :p] @ theta + members @ phi
 
     unit = 1 / np.sqrt(np.diagonal(fixed + kernels.sum(axis=0), axis1=1, axis2=2))
@@ -160,7 +165,7 @@ def _by_cells(observed: Observation, families: Families) -> tuple[np.ndarray, np
     """
     q = sum(map(len, families))
     yielding = [
-        (number, family.one(k, size), size)
+        (number, _unit(family, k, size), size)
         for family, numbers in split_members(families, np.arange(q))
         if family.name in OF_LOADS
         for k, (number, size) in enumerate(zip(numbers, family.steps.tolist(), strict=True))
@@ -223,6 +228,18 @@ def _doubt(observed: Observation) -> np.ndarray:
             INTERNAL_PRIOR,
         ]
     )
+
+
+def _unit(family: Family | FreeEffect, number: int, size: float) -> EffectInstance:
+    """Return the effect in which one number has this value and the others are zero."""
+    if isinstance(family, FreeEffect):
+        family = FreeEffect(family.instances(np.zeros(len(family)))[0])
+    return family.one(number, size)
+
+
+def _at(family: Family | FreeEffect, sizes: np.ndarray) -> Family | FreeEffect:
+    """Return an effect at its present sizes; a family as it is."""
+    return FreeEffect(family.instances(sizes)[0]) if isinstance(family, FreeEffect) else family
 
 
 def split_members(families: Families, phi: np.ndarray) -> list[tuple[Family | FreeEffect, np.ndarray]]:

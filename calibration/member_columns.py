@@ -1,37 +1,52 @@
-"""How the residuals change with the members of the families."""
+"""How the residuals change with the members of the families and with the sizes of effects."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 
 from tulip_testbed.calibration.families import Family
 from tulip_testbed.calibration.free_effect import FreeEffect
+from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import SIZE, difference, residuals
+from tulip_testbed.identification.residual_channels import SIZE, difference, packed, residuals, unpacked
 
 STEP = 1e-2  # of an effect's plausible size, of the difference quotient
 
 
 def member_columns(
-    observed: Observation, theta: np.ndarray, sensitivity: np.ndarray, families: Sequence[Family | FreeEffect]
+    observed: Observation, theta: np.ndarray, sensitivity: np.ndarray, family: Family | FreeEffect
 ) -> np.ndarray:
-    """Differentiate the residuals by every number of the families, (m, 11, q) per SI unit.
+    """Differentiate the residuals by every number of a family, or size of an effect, (m, 11, n) per SI unit.
+
+    Members are small: the derivative is that at zero. That of an effect is taken at its size, because a play,
+    for example, changes the less the larger it is.
 
     Args:
-        observed: readings with little noise, from which the members are removed as far as they are known.
+        observed: readings with little noise, from which members and effects are removed as far as they are
+            known.
         theta: base parameters, (p,) [m].
         sensitivity: derivative of the residuals by the fields of `packed`, (m, 11, k).
     """
-    columns, before = [], residuals(observed, theta)
-    for family in families:
-        for number, size in enumerate(STEP * family.steps):
-            one = family.one(number, float(size))
-            after = one.effect.predict(observed, one.target, one.values)
-            if after.tree is observed.tree and after.cells is observed.cells:
-                change = difference(observed, after)
-                columns.append(-(sensitivity @ change[..., None])[..., 0] / size)
-            else:
-                columns.append((before - residuals(after, theta)) / size)
+    columns = []
+    if isinstance(family, FreeEffect):
+        without = _removed(observed, family.start)
+        observed = unpacked(observed, 2 * packed(observed) - packed(without)).changed(
+            tree=observed.tree, cells=observed.cells
+        )
+        before = _removed(observed, family.start)
+    else:
+        before = observed
+    plain: np.ndarray | None = None
+    for number, size in enumerate(STEP * family.steps):
+        after = _removed(observed, family.one(number, float(size)))
+        if after.tree is before.tree and after.cells is before.cells:
+            change = difference(before, after)
+            columns.append(-(sensitivity @ change[..., None])[..., 0] / size)
+        else:
+            plain = residuals(before, theta) if plain is None else plain
+            columns.append((plain - residuals(after, theta)) / size)
     return np.stack(columns, axis=-1) if columns else np.zeros((len(observed), SIZE, 0))
+
+
+def _removed(observed: Observation, one: EffectInstance) -> Observation:
+    return one.effect.predict(observed, one.target, one.values)

@@ -23,6 +23,7 @@ from tulip_testbed.calibration.families import Family, families_of, tolerances_o
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import Background
 from tulip_testbed.calibration.linearisation import (
+    OF_LOADS,
     SOURCES,
     Families,
     Linearised,
@@ -37,7 +38,7 @@ from tulip_testbed.calibration.placement_blocks import placement_blocks
 from tulip_testbed.calibration.reml import Fit, Problem, fit, given
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import moved_by, residuals
+from tulip_testbed.identification.residual_channels import moved_by, packed, residuals, unpacked
 from tulip_testbed.identification.residual_noise import Noise, noise_of
 
 ROUNDS = 12
@@ -66,12 +67,13 @@ class CalibratedFamily:
 
     @property
     def instances(self) -> list[EffectInstance]:
-        """Return the members as effects with their intervals."""
+        """Return the members as effects with their intervals; none is below zero that cannot be."""
         width = len(self.family.effect.parameters)
         intervals = [(low, high) for low, high in self.interval95.tolist()]
+        value = np.maximum(self.value, 0.0) if self.family.positive else self.value
         return [
             replace(found, intervals=tuple(intervals[width * k : width * (k + 1)]))
-            for k, found in enumerate(self.family.instances(self.value))
+            for k, found in enumerate(self.family.instances(value))
         ]
 
     @property
@@ -205,7 +207,8 @@ def self_calibrate(
         smooth, nu = clean, np.append(_least_squares(clean), 0.0)
     else:
         nu, scales, spreads = start.solved.estimate[: p + 1], start.solved.scales, _spreads(families, start)
-        clean = _without(observed, families, phi, nu[:p], start.covariance)
+        errors = packed(start.observed) - packed(start.linear.smooth)
+        clean = _without(observed, families, phi, nu[:p], start.covariance, errors)
         smooth = moved_by(clean, start.observed, start.linear.smooth)
         smooth = smooth.changed(tree=clean.tree, cells=clean.cells)
     residual_covariance = start.linear.covariance if start is not None and same_covariance else None
@@ -223,7 +226,8 @@ def self_calibrate(
         moved = np.abs(np.append(nu, phi) - estimate) / np.sqrt(np.diag(covariance))
         nu, phi, variance = estimate[: p + 1], estimate[p + 1 :], np.diag(covariance)[p + 1 :]
         deviates, scales, spreads = solved.estimate[p + 1 :], solved.scales, solved.spreads
-        clean = _without(observed, families, phi, nu[:p], covariance[:p, :p])
+        errors = packed(clean) - packed(smooth)
+        clean = _without(observed, families, phi, nu[:p], covariance[:p, :p], errors)
         if moved.max() < STANDS:
             break
     assert found is not None
@@ -280,12 +284,36 @@ def _spreads(families: Families, start: SelfCalibration) -> np.ndarray:
 
 
 def _without(
-    observed: Observation, families: Families, phi: np.ndarray, theta: np.ndarray, covariance: np.ndarray
+    observed: Observation,
+    families: Families,
+    phi: np.ndarray,
+    theta: np.ndarray,
+    covariance: np.ndarray,
+    errors: np.ndarray | None = None,
 ) -> Observation:
-    """Remove members and effects, with the loads of the estimated robot."""
+    """Remove members and effects, with the loads of the estimated robot.
+
+    How much an effect changes is computed from readings with little noise, because otherwise the noise would
+    follow the residuals, and a play would rest at the wrong end. Compliances are removed as the cells show
+    the loads; the covariance of the residuals contains what follows from their noise.
+
+    Args:
+        errors: noise of the readings as far as it is known, (m, k) as in `packed`.
+    """
     compliance = joint_compliance(families, phi, observed.tree.joints)
     loaded = with_estimated_loads(observed, theta, covariance, compliance)
-    return removed(loaded, _instances(families, phi))
+    free = [
+        instance
+        for family, values in split_members(families, phi)
+        if isinstance(family, FreeEffect) and family.name not in OF_LOADS
+        for instance in family.instances(values)
+    ]
+    every = _instances(families, phi)
+    if not free or errors is None:
+        return removed(loaded, every)
+    others = [instance for instance in every if instance not in free]
+    smooth = unpacked(loaded, packed(loaded) - errors)
+    return moved_by(removed(loaded, others), removed(smooth, others), removed(smooth, every))
 
 
 def _instances(families: Families, phi: np.ndarray) -> list[EffectInstance]:

@@ -159,7 +159,7 @@ def stands_out(selection: Selection, term: Fitted) -> bool:
     tolerances = tolerances_of(selection.null.data.observed.measurements.sensors, selection.tolerances)
     tolerance = tolerances.value.get(name, 0.0)
     spreads = [one.spread for one in selection.calibration.families if one.family.name == name]
-    most = STANDS_OUT * max(1.0, *spreads) * tolerance
+    most = STANDS_OUT * max([1.0, *spreads]) * tolerance
     return bool((np.abs(term.sizes) > most).any()) if len(term.sizes) else True
 
 
@@ -175,8 +175,8 @@ def _reasons(selection: Selection, clearest: Pattern, validation: HeldOut | None
     if validation is not None and not validation.holds:
         bad = [key for key in validation.after if validation.after[key] > validation.floor[key]]
         out.append(
-            "Placements that took no part in the fit are predicted worse than by chance "
-            f"(channel {', '.join(bad)})."
+            "Placements that took no part in the fit are predicted worse than chance allows "
+            f"({', '.join('all channels' if key == 'AFTC' else f'channel {key}' for key in bad)})."
         )
     return tuple(out)
 

@@ -2,7 +2,8 @@
 
 Forward selection with backward elimination. Candidates are ranked by linear columns; the best are judged by
 the evidence of a self-calibration in which the spreads of all families and the scales of the noise are
-estimated anew. A family whose spread grew because of one member thus competes with that member as an effect of its own.
+estimated anew. A family whose spread grew because of one member thus competes with that member as an effect
+of its own.
 """
 
 from __future__ import annotations

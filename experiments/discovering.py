@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from tulip_testbed.discovery.discover import AMBIGUOUS, Discovery, discover
+from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
+from tulip_testbed.discovery.discover import AMBIGUOUS, CALIBRATED, NAMED, Discovery, discover
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck, check_in_dynamics
 from tulip_testbed.discovery.proposals import Proposal, proposals
 from tulip_testbed.discovery.story import story
@@ -40,13 +41,18 @@ class Discovered(Shown):
 
     @property
     def verdict(self) -> str:
-        """ "named", "ambiguous", "unknown" or "none"."""
+        """ "none", "calibrated", "named", "ambiguous" or "unknown"."""
         return self.discovery.verdict
 
     @property
     def adopted(self) -> tuple[EffectInstance, ...]:
         """The effects that are added to the model; empty unless the verdict is "named"."""
         return self.discovery.adopted
+
+    @property
+    def calibrated(self) -> tuple[EffectInstance, ...]:
+        """The ordinary imperfections that are added to the model."""
+        return self.discovery.calibrated
 
     @cached_property
     def proposals(self) -> list[Proposal]:
@@ -97,7 +103,9 @@ def discover_effects(
         raise InputError(f"{source}: found {found.seen}; expected {found.expected} (the preflight says more)")
     before = identify(measurements, robot, source)  # says what does not fit, before the work
     discovery = discover(measurements, robot, seed, progress=progress("looking for what is missing", 4))
-    after = identify(measurements, robot, source, adopted=discovery.adopted) if discovery.adopted else None
+    after = None
+    if discovery.verdict in (NAMED, CALIBRATED):
+        after = identify(measurements, robot, source, SELF_CALIBRATING, adopted=discovery.adopted)
     checked = None
     if check and any(not one.effect.misreads for one in discovery.adopted):
         steps = progress("the adopted model in full dynamics", 80)
@@ -110,7 +118,7 @@ def next_experiments(found: Discovery) -> list[Proposal]:
     if found.verdict != AMBIGUOUS:
         return []
     out: list[Proposal] = []
-    for explanations in found.equivalents:
-        if len(explanations) > 1:
+    for k in found.effects:
+        if len(explanations := found.equivalents[k]) > 1:
             out += proposals(found.selection.null.linear, explanations)
     return sorted({p.words: p for p in out}.values(), key=lambda p: -p.separation)

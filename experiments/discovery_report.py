@@ -13,6 +13,7 @@ from tulip_testbed.discovery.effect_intervals import with_intervals
 from tulip_testbed.effects.instance import EffectDocument, ParameterDocument, effect_label
 from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.document import Document, Figure
+from tulip_testbed.experiments.family_tables import family_documents
 from tulip_testbed.experiments.identify import Identification
 from tulip_testbed.sim.measurements.measurement_folder import MOST_FORCE
 
@@ -40,6 +41,16 @@ class Explanation(Document):
     def label(self) -> str:
         """Return `name:target`."""
         return effect_label(self.name, self.target)
+
+
+class FamilySpread(Document):
+    """A family of ordinary imperfections and the spread of its members, in tolerances [SI]."""
+
+    name: str
+    tolerance: Annotated[float, Field(gt=0)]
+    spread: Annotated[float, Field(ge=0)]
+    low95: Annotated[float, Field(ge=0)]
+    high95: Annotated[float, Field(ge=0)]
 
 
 class Undetectable(Document):
@@ -121,8 +132,10 @@ class Check(Document):
 class DiscoveryReport(Document):
     """discovery.json."""
 
-    verdict: Literal["named", "ambiguous", "unknown", "none"]
+    verdict: Literal["none", "calibrated", "named", "ambiguous", "unknown"]
     effects: list[AdoptedEffect]
+    calibrated: list[EffectDocument] = Field(default_factory=list)
+    families: list[FamilySpread] = Field(default_factory=list)
     candidates: list[Explanation]
     undetectable: list[Undetectable]
     where: str
@@ -146,15 +159,17 @@ def discovery_report(result: Discovered, rig: str | None = None) -> DiscoveryRep
         rig: folder of the adopted model; None: there is none.
     """
     found = result.discovery
-    factors = [explanations[0].log_bayes_factor for explanations in found.equivalents]
+    factors = [found.equivalents[k][0].log_bayes_factor for k in found.effects]
     content: dict[str, Any] = {
         "verdict": found.verdict,
         "effects": [
             instance.document() | {"log_bayes_factor": factor}
             for instance, factor in zip(found.adopted, factors, strict=False)
         ],
+        "calibrated": [instance.document() for instance in found.calibrated],
+        "families": family_documents(found.families),
         "candidates": [
-            _explanation(found, k, one) for k, several in enumerate(found.equivalents) for one in several
+            _explanation(found, k, one) for k in found.effects for one in found.equivalents[k]
         ],
         "undetectable": [
             {
@@ -197,7 +212,7 @@ def _explanation(found: Discovery, k: int, explanation: Fitted) -> dict[str, Any
 
 
 def _gap(found: Discovery) -> dict[str, Any]:
-    """Return the whitened r.m.s. on held-out placements by channel, and its 97.5 % quantile by chance."""
+    """Return the whitened r.m.s. on held-out placements by channel, and what chance explains."""
     held = found.heldout
     if held is None:
         return {

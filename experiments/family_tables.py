@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -25,18 +26,23 @@ def calibration_document(found: SelfCalibration, names: tuple[str, ...]) -> dict
             for k, name in enumerate(names)
             for row, source in enumerate(found.sources)
         ],
-        "families": [
-            {
-                "name": one.family.name,
-                "tolerance": one.family.tolerance,
-                "spread": one.spread,
-                "low95": one.spread95[0],
-                "high95": one.spread95[1],
-            }
-            for one in found.families
-        ],
+        "families": family_documents(found.families),
         "calibrated": [i.document() for one in found.families for i in one.instances],
     }
+
+
+def family_documents(families: Sequence[CalibratedFamily]) -> list[dict[str, Any]]:
+    """Return the families with their spreads for JSON."""
+    return [
+        {
+            "name": one.family.name,
+            "tolerance": one.family.tolerance,
+            "spread": one.spread,
+            "low95": one.spread95[0],
+            "high95": one.spread95[1],
+        }
+        for one in families
+    ]
 
 
 def calibration_report(found: SelfCalibration, names: tuple[str, ...]) -> list[Table | str]:
