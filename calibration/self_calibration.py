@@ -27,6 +27,7 @@ from tulip_testbed.calibration.linearisation import (
     SOURCES,
     Families,
     Linearised,
+    ResidualCovariance,
     State,
     joint_compliance,
     linearised,
@@ -172,7 +173,7 @@ def self_calibrate(
     tolerances: Mapping[str, float] | None = None,
     effects: Sequence[EffectInstance] = (),
     start: SelfCalibration | None = None,
-    same_covariance: bool = False,
+    residual_covariance: ResidualCovariance | None = None,
     rounds: int = ROUNDS,
 ) -> SelfCalibration:
     """Estimate base parameters and members.
@@ -182,8 +183,8 @@ def self_calibrate(
         tolerances: of families, in place of those that fit the sensors [SI]; zero: exact.
         effects: that are no members of a family; their sizes are estimated, beginning where they are.
         start: an estimate of the same experiment from which this one begins.
-        same_covariance: keep that of the residuals, but for its scales, so that the evidence of several
-            estimates with the same start can be compared: it depends on the compliances.
+        residual_covariance: that of another estimate, but for its scales, so that the evidence of several
+            estimates can be compared: it depends on the compliances. None: that of the members found.
         rounds: largest number of linearisations.
 
     Raises:
@@ -211,7 +212,6 @@ def self_calibrate(
         clean = _without(observed, families, phi, nu[:p], start.covariance, errors)
         smooth = moved_by(clean, start.observed, start.linear.smooth)
         smooth = smooth.changed(tree=clean.tree, cells=clean.cells)
-    residual_covariance = start.linear.covariance if start is not None and same_covariance else None
     found: tuple[Problem, Fit, Linearised] | None = None
     for _ in range(rounds):
         state = State(clean, smooth, nu, deviates, variance, scales, residual_covariance)

@@ -28,7 +28,7 @@ from tulip_testbed.identification.residual_noise import Noise, noise_of
 LEVEL = 0.005  # of the test of all effects, and of that of the four channels: 0.01 in all
 DECISIVE = 3.0  # ln of the Bayes factor, below which two explanations are equivalent
 MOST_TERMS = 8
-JUDGED = 6  # candidates, at most, that are judged at each step
+JUDGED = 3  # candidates, at most, that are judged of each ranking
 NEAR = 10.0  # ln of the Bayes factor by linear columns, within which candidates are judged
 ROUNDS = 4  # linearisations of a judgement
 STANDS_OUT = 3.0  # largest of its family's spread and tolerance, beyond which a member is an effect
@@ -123,7 +123,7 @@ def select(
     )
     progress(1)
     if selection.lacks_fit:
-        calibration, terms, complete = _forward(search, calibration, tests, progress)
+        calibration, terms, complete = _forward(search, null, calibration, tests, progress)
         calibration, terms = _with_lone_members(search, calibration, terms)
         fit = joint_fit(calibrated_data(observed, calibration), terms)
         selection = replace(
@@ -169,10 +169,17 @@ class Search:
         """Return the search for all effects of a catalogue, or of the whole one if None."""
         return Search(observed, tolerances, candidates(observed, effects))
 
-    def judged(self, terms: Sequence[Fitted], start: SelfCalibration) -> Judged:
-        """Calibrate with some effects beside the families; comparable with others of the same start."""
+    def judged(self, terms: Sequence[Fitted], start: SelfCalibration, afresh: bool = False) -> Judged:
+        """Calibrate with some effects beside the families; comparable with others of the same start.
+
+        Args:
+            afresh: begin without the members of the start, which a missing effect may have distorted.
+        """
         instances = [term.instance for term in terms]
-        found = self_calibrate(self.observed, self.tolerances, instances, start, True, ROUNDS)
+        first = self_calibrate(self.observed, self.tolerances, instances) if afresh else start
+        found = self_calibrate(
+            self.observed, self.tolerances, instances, first, start.linear.covariance, ROUNDS
+        )
         return Judged(_at_estimate(terms, found), found, _evidence(found, terms, self.observed))
 
     def calibrated(self, judged: Judged) -> SelfCalibration:
@@ -202,12 +209,15 @@ class Search:
         )
         out: dict[str, Fitted] = {}
         for one in (data, replace(data, noise=usual, background=calibration.background(ORDINARY))):
-            adopted = joint_fit(one, terms)
-            short = shortlist(adopted, self.ranked(adopted))
-            least = max(short[0].log_bayes_factor - NEAR, 0.0) if short else 0.0
-            for found_one in [fitted for fitted in short if fitted.log_bayes_factor > least][: JUDGED // 2]:
-                out.setdefault(found_one.label, found_one)
+            for fitted in self.shortest(joint_fit(one, terms)):
+                out.setdefault(fitted.label, fitted)
         return list(out.values())
+
+    def shortest(self, adopted: JointFit) -> list[Fitted]:
+        """List the few candidates that explain most in addition to the adopted terms, the best first."""
+        short = shortlist(adopted, self.ranked(adopted))
+        least = max(short[0].log_bayes_factor - NEAR, 0.0) if short else 0.0
+        return [fitted for fitted in short if fitted.log_bayes_factor > least][:JUDGED]
 
 
 @dataclass(frozen=True)
@@ -247,7 +257,11 @@ def _at_estimate(terms: Sequence[Fitted], found: SelfCalibration) -> tuple[Fitte
 
 
 def _forward(
-    search: Search, calibration: SelfCalibration, tests: float, progress: Callable[[int], None]
+    search: Search,
+    null: JointFit,
+    calibration: SelfCalibration,
+    tests: float,
+    progress: Callable[[int], None],
 ) -> tuple[SelfCalibration, tuple[Fitted, ...], bool]:
     """Add the best candidate while it is decisive; after each step eliminate terms that are not.
 
@@ -259,6 +273,8 @@ def _forward(
     while len(terms) < MOST_TERMS:
         plain = search.judged(terms, calibration)
         tried = [search.judged((*terms, one), calibration) for one in search.best(calibration, terms)]
+        if not terms:  # a large effect distorts the members so far that it hides among them
+            tried += [search.judged((one,), calibration, afresh=True) for one in search.shortest(null)]
         progress(1)
         possible = [one for one in tried if one.possible]
         if not possible:

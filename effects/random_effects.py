@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.effects.effect import Parameter
+from tulip_testbed.effects.effect import Effect, Parameter
 from tulip_testbed.effects.instance import EffectInstance, check_laboratory, split_label
 from tulip_testbed.sim.errors import InputError, at_least, look_up, shortened
 from tulip_testbed.sim.robot import Robot
@@ -25,7 +25,17 @@ def draw_effect(
         statics: whether to draw only what the static laboratory can simulate.
     """
     effects = [effect for effect in catalogue().values() if effect.statics or not statics]
-    effect = effects[rng.integers(len(effects))]
+    return draw_of_kind(effects[rng.integers(len(effects))], robot, placements, rng)
+
+
+def draw_of_kind(
+    effect: Effect, robot: Robot, placements: Sequence[int], rng: np.random.Generator
+) -> EffectInstance:
+    """Draw an effect of a kind: target with equal chances, sizes from their priors, the rest from its grid.
+
+    Args:
+        placements: numbers of the experiment's placements.
+    """
     targets = effect.targets.of(robot, tuple(int(p) for p in placements))
     target = targets[rng.integers(len(targets))]
     while True:

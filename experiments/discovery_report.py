@@ -168,9 +168,7 @@ def discovery_report(result: Discovered, rig: str | None = None) -> DiscoveryRep
         ],
         "calibrated": [instance.document() for instance in found.calibrated],
         "families": family_documents(found.families),
-        "candidates": [
-            _explanation(found, k, one) for k in found.effects for one in found.equivalents[k]
-        ],
+        "candidates": [_explanation(found, k, one) for k in found.effects for one in found.equivalents[k]],
         "undetectable": [
             {
                 "name": u.candidate.effect.name,

@@ -139,7 +139,8 @@ def test_columns_are_the_change_by_removal(ordinary, nominal, robot):
     observed = observe(ordinary[0].measurements, nominal)
     families = families_of(robot, tolerances_of(FORCE_PLATE))
     theta = nominal.value
-    columns = member_columns(observed, theta, sensitivity(observed, theta), families)
+    slope = sensitivity(observed, theta)
+    columns = np.concatenate([member_columns(observed, theta, slope, f) for f in families], axis=2)
     rng = np.random.default_rng(0)
     values = [1e-3 * family.tolerance * rng.standard_normal(len(family)) for family in families]
     instances = [i for family, v in zip(families, values, strict=True) for i in family.instances(v)]
