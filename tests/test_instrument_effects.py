@@ -201,6 +201,22 @@ def test_a_logged_command_is_undone_by_the_servo_s_error(measured, nominal, robo
     assert_same(mechanism.undo(observed, target, values), measured(knee=[0.22, 0.36, -0.1]))
 
 
+def test_a_logged_command_is_undone_by_the_motor_s_encoder(measured, nominal, robot):
+    mechanism, target, values = misreading("logged-command:right_knee=command", robot)
+    true = dataclasses.replace(measured(), motor=measured().joint_angles)
+    read = mechanism.apply(true, target, values)
+    assert_same(read, measured(knee=COMMAND))
+    assert_same(mechanism.undo(observe(read, nominal), target, values), true)
+
+
+def test_a_reading_that_differs_from_its_command_is_no_command(measured, nominal, robot):
+    mechanism, target, values = misreading("logged-command:right_knee=command", robot)
+    almost = [0.21, 0.38, -0.10002]
+    assert_same(
+        mechanism.undo(observe(measured(knee=almost), nominal), target, values), measured(knee=almost)
+    )
+
+
 def test_without_commands_there_is_no_logged_command(measured, nominal, robot):
     mechanism, target, values = misreading("logged-command:right_knee=command", robot)
     without = dataclasses.replace(measured(), command=None)

@@ -1,4 +1,4 @@
-"""A joint's reading lags: it keeps a part of the posture before, as a sluggish filter or a sticking wire does.
+"""A joint's reading lags: it keeps a part of the posture before, as behind a sluggish filter.
 
 reading = angle + part (previous angle - angle). The previous angle is that of the preceding row in the order
 of time, even if a posture was tried in between and dropped. Where the robot was set down anew (another
