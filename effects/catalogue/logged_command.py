@@ -1,13 +1,14 @@
 """The log holds a joint's commanded angle in place of its encoder's reading.
 
-Such a log agrees with the command in all postures, up to rounding, and nothing else is taken for one: a servo
-holds its load with an error that encoders see. The prediction restores the angle where the motor's encoder
-says that the motor is. If motors were not recorded, it is where the nominal servo yields to the load of the
-nominal robot: torque = stiffness (command - angle), stiffness = torque limit over the error at full torque.
-That leaves out the torque of dry friction in the joint, which nobody knows, so that the explanation is often
-judged insufficient. In both cases the joint turns beyond its motor by the wind-up that the robot's
-description states. Without commands in the measurements nothing is removed.
+Such a log agrees with the command in all postures, up to rounding; a true reading does not, because a servo
+holds its load with an error. The prediction restores the angle where the motor's encoder says that the motor
+is. If motors were not recorded, it is where the nominal servo yields to the load of the nominal robot: torque =
+stiffness (command - angle), stiffness = torque limit over the error at full torque. That leaves out the torque
+of dry friction in the joint, which nobody knows, so that the explanation is often judged insufficient. In both
+cases the joint turns beyond its motor by the wind-up that the robot's description states.
 
+Where the log differs from the command the fault is absent. The prediction then adds it, which shows how much of
+it the experiment would see and explains nothing. Without commands in the measurements it changes nothing.
 There is no size to estimate; the one choice is what was logged.
 """
 
@@ -40,14 +41,14 @@ def _undo(observed: Observation, target: str, values: Values) -> Observation:
     m, at = observed.measurements, observed.tree.joints.index(target)
     if m.command is None or not values[0]:
         return observed
-    if not (np.abs(m.joint_angles[:, at] - m.command[:, at]) < ROUNDING).all():
-        return observed
+    command, angles = m.command[:, at], observed.joint_angles.copy()
     share = observed.torques[:, at] / observed.torque_limits[at]
     wind_up = observed.nominal.robot.settings.get("drives", {}).get("wind_up", 0.0)
-    sag = Controller().error_at_full_torque * share  # the load turns the motor its own way
-    motor = m.command[:, at] + sag if m.motor is None else m.motor[:, at]
-    angles = observed.joint_angles.copy()
-    angles[:, at] = motor + wind_up * share
+    # The load turns the joint its own way.
+    motor = command + Controller().error_at_full_torque * share if m.motor is None else m.motor[:, at]
+    turned = motor + wind_up * share
+    logged = (np.abs(m.joint_angles[:, at] - command) < ROUNDING).all()
+    angles[:, at] = turned if logged else angles[:, at] + command - turned
     return observed.changed(joint_angles=angles)
 
 
