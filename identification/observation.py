@@ -207,8 +207,8 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
 def _on_four_cells(forces: np.ndarray, margin: float, share: np.ndarray) -> np.ndarray:
     """Return whether all cells of each plate are loaded, (m, 2) bool.
 
-    A board that rocks was tared on two cells, so the one of the others that is in the air reads nothing. A single
-    posture may have such a reading by chance.
+    A board that rocks was tared on two cells, so the one of the others that is in the air reads nothing. That
+    counts only if it is so in all postures: a single one may have such a reading by chance.
 
     Args:
         forces: (m, 2, 4) [N].

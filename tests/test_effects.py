@@ -55,11 +55,14 @@ PHYSICS = {  # values and the least cosine
     "link-length:left_hip": ((0.001,), 0.95),
     "tether": ((1.0, -1.5), 0.95),
     "tether-spring": ((20.0,), 0.95),
+    "rocking:right.front_left": ((0.0003,), 0.95),
+    "rocking:left.rear_right": ((0.0003,), 0.95),
     "logged-command:right_knee": ((1,), 0.9),  # dry friction bears a part of the load unseen
     "logged-command:left_hip_roll": ((1,), 0.9),
 }
 DYNAMICS = {
     "lifted-corner:left_foot.front_left": ((0.0003,), 0.85),  # the loads do not show how far a foot rocked
+    "rocking:right.front_left": ((0.0003,), 0.95),
     "joint-compliance:right_knee": ((0.0005,), 0.95),
     "tether-spring": ((20.0,), 0.95),
     "payload-step:torso": ((0.5, 0.7), 0.95),
@@ -120,6 +123,7 @@ def test_the_catalogue_is_complete():
         "encoder-load",
         "lag",
         "logged-command",
+        "rocking",
     }
 
 

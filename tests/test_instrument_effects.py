@@ -218,6 +218,27 @@ def test_where_the_log_is_not_the_command_the_fault_is_added(measured, nominal, 
     assert_same(added, measured(knee=[0.31, 0.48, 0.0]))
 
 
+def test_a_board_rocks_towards_its_short_foot_by_hand(measured, nominal):
+    """Cells at (+-0.1, +-0.1) m, the front left foot short by sqrt(2) mm, sqrt(0.02) m from its diagonal.
+
+    The board falls 0.01 m/m towards front left: 0.01 / sqrt(2) = 0.00707 both forwards, a pitch, and to the
+    left, a negative roll. Its diagonal passes 0.05 m in front of the sole point, which so rises by 0.00707 x
+    0.05 = 0.354 mm; the swing foot is lower by that. Under a load at the rear right the board is level, on
+    the diagonal half way.
+    """
+    corners = [[0.1, 0.1], [0.1, -0.1], [-0.1, -0.1], [-0.1, 0.1]]
+    loads = [[40, 10, 0, 10], [0, 10, 40, 10], [0, 25, 0, 25]]
+    true = measured(right=loads, right_pose=[[0.05, 0.0, 0.0]] * 3)
+    observed = observe(dataclasses.replace(true, cells=np.array([corners, corners])), nominal)
+    assert not observed.on_four_cells[:, 0].any()
+    found = catalogue()["rocking"].predict(observed, "right.front_left", (0.00141421356,))
+    assert found.stance_tilt == pytest.approx(
+        np.array([[-0.00707107, 0.00707107], [0, 0], [-0.00353553, 0.00353553]]), abs=1e-8
+    )
+    assert found.swing_rise == pytest.approx([-0.000353553, 0, -0.000176777], abs=1e-9)
+    assert not found.swing_tilt.any()
+
+
 def test_without_commands_there_is_no_logged_command(measured, nominal, robot):
     mechanism, target, values = misreading("logged-command:right_knee=command", robot)
     without = dataclasses.replace(measured(), command=None)

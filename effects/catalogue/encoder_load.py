@@ -1,8 +1,9 @@
-"""A joint's encoder errs in proportion to the load on its leg, which shifts the shaft against the read head.
+"""A joint's encoder errs in proportion to the load on its leg, which shifts the shaft against the read
+head.
 
 reading = angle + rate times the vertical force on the foot below the joint. Any joint of a leg can have it,
-also one whose own torque is small. The size is assumed: a shift by 0.1 mm on a ring of 30 mm radius reads 0.2
-degrees, here under the full weight of a robot of 23 kg.
+also one whose own torque is small. The size is assumed: a shift by 0.1 mm on a ring of 30 mm radius reads
+0.2 degrees, here under the full weight of a robot of 23 kg.
 """
 
 from __future__ import annotations

@@ -1,15 +1,16 @@
 """The log holds a joint's commanded angle in place of its encoder's reading.
 
 Such a log agrees with the command in all postures, up to rounding; a true reading does not, because a servo
-holds its load with an error. The prediction restores the angle where the motor's encoder says that the motor
-is. If motors were not recorded, it is where the nominal servo yields to the load of the nominal robot: torque =
-stiffness (command - angle), stiffness = torque limit over the error at full torque. That leaves out the torque
-of dry friction in the joint, which nobody knows, so that the explanation is often judged insufficient. In both
-cases the joint turns beyond its motor by the wind-up that the robot's description states.
+holds its load with an error. The prediction restores the angle where the motor's encoder says that the
+motor is. If motors were not recorded, it is where the nominal servo yields to the load of the nominal
+robot: torque = stiffness (command - angle), stiffness = torque limit over the error at full torque. That
+leaves out the torque of dry friction in the joint, which nobody knows, so that the explanation is often
+judged insufficient. In both cases the joint turns beyond its motor by the wind-up that the robot's
+description states.
 
-Where the log differs from the command the fault is absent. The prediction then adds it, which shows how much of
-it the experiment would see and explains nothing. Without commands in the measurements it changes nothing.
-There is no size to estimate; the one choice is what was logged.
+Where the log differs from the command the fault is absent. The prediction then adds it, which shows how
+much of it the experiment would see and explains nothing. Without commands in the measurements it changes
+nothing. There is no size to estimate; the one choice is what was logged.
 """
 
 from __future__ import annotations

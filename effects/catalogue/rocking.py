@@ -1,12 +1,16 @@
 """A plate's board rocks on its diagonal: its foot at one cell is too short by a gap.
 
-A rigid board stands on three feet: the two beside the short one, and of the short one and its opposite that on
-the side of the diagonal where the load lies. With the load at the short foot it tips about the diagonal by the gap
-over the foot's distance from the diagonal, otherwise it is level. The robot's foot tilts with the board, and
-the cell that hangs in the air bears nothing. In closed legs the load may come to lie on the diagonal; then the
-board rests anywhere in between, the loads do not show where, and the prediction takes the middle.
+A rigid board stands on three feet: the two beside the short one, and of the short one and its opposite that
+on the side of the diagonal where the load lies. With the load at the short foot it tips about the diagonal
+by the gap over the foot's distance from the diagonal; otherwise it is level. The robot's foot tilts with
+the board, and the cell that hangs in the air bears nothing. The size, a few tenths of a millimetre as of
+feet that nobody adjusted, is assumed.
 
-`lifted-corner` is the other way round: there something lies under a sole, the board is level and the foot rocks.
+In closed legs the load may come to lie on the diagonal, the more often the wider the gap. Then the board
+rests anywhere in between; the loads do not show where, and the prediction takes the middle.
+
+`lifted-corner` is the other way round: there something lies under a sole, the board is level and the foot
+rocks.
 """
 
 from __future__ import annotations

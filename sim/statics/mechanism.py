@@ -119,18 +119,18 @@ class Mechanism:
     names: tuple[str, ...]
 
     def with_play(self, fraction: float) -> Mechanism:
-        """Return the mechanism with this fraction of the springs' free play, about its middle, and of gaps."""
+        """Return the mechanism with this fraction of the springs' free play, about its middle."""
         springs = [
             (k, ((low + high - fraction * (high - low)) / 2, (low + high + fraction * (high - low)) / 2), row)
             for k, (low, high), row in self.springs
         ]
-        right, left = (board and board.with_gap(fraction) for board in self.rocking)
-        return replace(self, springs=tuple(springs), rocking=(right, left))
+        return replace(self, springs=tuple(springs))
 
     @property
-    def plays(self) -> bool:
-        """Whether a spring has free play or a board rocks."""
-        return any(self.rocking) or any(low < high for _, (low, high), _ in self.springs)
+    def balanced(self) -> Mechanism:
+        """Return the mechanism with boards that rock balanced on their diagonals."""
+        right, left = (board and replace(board, balanced=True) for board in self.rocking)
+        return replace(self, rocking=(right, left))
 
     @property
     def tare(self) -> np.ndarray:

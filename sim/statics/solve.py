@@ -39,16 +39,18 @@ class Reference:
 def solve_by_newton(mechanism: Mechanism, start: State, load: Load) -> Reference:
     """Solve for equilibria by Newton's method from nearby states, each on its own.
 
-    Free play is opened in steps, since its torque has a kink at which the derivative jumps. So are the gaps
-    of boards that rock. So has a motor at
-    its torque limit; if a start exceeds a limit, it is first solved without torque limits.
+    Free play is opened in steps, since its torque has a kink at which the derivative jumps. So has a motor at
+    its torque limit; if a start exceeds a limit, it is first solved without torque limits. So has a board
+    that rocks; it is first solved balanced, beyond which it rests on the side where the load is then.
     """
     asked = np.abs(mechanism.gain * (load.command - start.angles[..., mechanism.motors]))
     if len(over := np.flatnonzero((asked > mechanism.limit).any(axis=-1))):
         start, unlimited = start.take(np.arange(len(asked))), np.full_like(mechanism.limit, np.inf)
         free = replace(mechanism, limit=unlimited)
         start.put(over, _newton(free, start.take(over), load.take(over)).state)
-    for part in FREE_PLAY if mechanism.plays else ():
+    if any(mechanism.rocking):
+        start = _newton(mechanism.balanced, start, load).state
+    for part in FREE_PLAY if any(low < high for _, (low, high), _ in mechanism.springs) else ():
         start = _newton(mechanism.with_play(part), start, load).state
     return _newton(mechanism, start, load)
 
