@@ -31,7 +31,8 @@ def test_an_effect_is_named_with_its_size(text, robot, plan):
     assert found.verdict == "named"
     (adopted,) = found.adopted
     assert adopted.label == hidden.label
-    assert adopted.values[0] == pytest.approx(hidden.values[0], rel=0.1)
+    # The size of a creep trades with its time constant.
+    assert adopted.values[0] == pytest.approx(hidden.values[0], rel=0.2)
 
 
 @pytest.mark.slow
