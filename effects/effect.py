@@ -13,6 +13,7 @@ from tulip_testbed.sim.errors import listed
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import Robot
 
 Values = tuple[float, ...]
 
@@ -21,6 +22,7 @@ DISPLAY = {
     "": (100.0, "%"),
     "rad": (180 / math.pi, "deg"),
     "rad/Nm": (180 / math.pi, "deg/Nm"),
+    "rad/N": (1e3 * 180 / math.pi, "deg/kN"),
     "m": (1e3, "mm"),
 }
 
@@ -108,18 +110,21 @@ class Misreading:
         apply: (measurements, target, values) -> the measurements that the faulty instruments give.
         undo: (observation, target, values) -> the observation with the readings corrected. It may share
             a formula with `apply`, because hand-worked readings in the tests hold sign and definition.
+        acts_on: (robot, target) -> what both get in place of the target, if it takes the robot to tell.
     """
 
     apply: Callable[[Measurements, str, Values], Measurements]
     undo: Callable[[Observation, str, Values], Observation]
+    acts_on: Callable[[Robot, str], str] = lambda robot, target: target
 
     def inject(self, rig: Rig, target: str, values: Values) -> Rig:
         """Return the laboratory with the faulty instruments."""
-        return misreading(rig, lambda measurements: self.apply(measurements, target, values))
+        instrument = self.acts_on(rig.robot, target)
+        return misreading(rig, lambda measurements: self.apply(measurements, instrument, values))
 
     def predict(self, observed: Observation, target: str, values: Values) -> Observation:
         """Return the observation with the readings corrected."""
-        return self.undo(observed, target, values)
+        return self.undo(observed, self.acts_on(observed.nominal.robot, target), values)
 
 
 @dataclass(frozen=True, repr=False)

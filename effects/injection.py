@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.procedure import new_set_up
 from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.robot import compile_spec
 from tulip_testbed.sim.scene import laboratory_scene
@@ -69,3 +70,14 @@ def check_built(rig: Rig) -> None:
 def indicator(names: tuple[str, ...], name: str) -> np.ndarray:
     """Return which of the names is `name`, (len(names),) bool."""
     return np.arange(len(names)) == names.index(name)
+
+
+def successive(m: Measurements) -> list[tuple[int, int]]:
+    """Return pairs of rows that follow each other in one set-up, in the order of time."""
+    order = np.argsort(m.time, kind="stable")
+    anew = new_set_up(m.placement[order], m.support[order])
+    return [
+        (int(previous), int(row))
+        for previous, row, apart in zip(order[:-1], order[1:], anew, strict=True)
+        if not apart
+    ]

@@ -62,8 +62,27 @@ def next_joint(tree: Tree, link: str) -> tuple[int, np.ndarray]:
     return number, edge.anchor[0] - own.anchor[1]
 
 
+def plate_of(robot: Robot, joint: str) -> str:
+    """Return the plate under the foot of a joint's leg, "" if not exactly one foot is beyond the joint."""
+    model = robot.model
+    moved = int(model.joint(joint).bodyid[0])
+    beyond = []
+    for plate, foot in zip(PLATES, robot.feet, strict=True):
+        body = model.body(foot).id
+        while body not in (0, moved):
+            body = int(model.body_parentid[body])
+        beyond += [plate] if body == moved else []
+    return beyond[0] if len(beyond) == 1 else ""
+
+
+def leg_joints(robot: Robot) -> tuple[str, ...]:
+    """Return the joints between the torso and one foot, in the order of the joints."""
+    return tuple(name for name in joint_names(robot.model) if plate_of(robot, name))
+
+
 WHOLE = Targets("", lambda robot, placements: ("",))
 JOINTS = Targets("JOINT", lambda robot, placements: joint_names(robot.model))
+LEG_JOINTS = Targets("JOINT", lambda robot, placements: leg_joints(robot))
 PLATE_NAMES = Targets("PLATE", lambda robot, placements: PLATES)
 CELL_NAMES = Targets("PLATE.CORNER", lambda robot, placements: CELLS)
 LINKS = Targets("LINK", lambda robot, placements: links(robot))

@@ -47,7 +47,7 @@ class Observation:
         time_fraction: time of every posture as a fraction of the experiment's time, 0 to 1, (m,).
         on_four_cells: whether all cells of the right and the left plate are loaded, (m, 2) bool. On three
             cells the twist of a board holds no information. A tared cell without load reads minus its share
-            of the board's weight.
+            of the board's weight; if the empty board rocked when it was tared, nothing.
     """
 
     nominal: Nominal
@@ -200,8 +200,26 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
         board_share=share,
         torque_limits=torque_limits(nominal.robot.model),
         time_fraction=fraction_of_time(measurements.time),
-        on_four_cells=forces.reshape(-1, 2, 4).min(axis=2) > margin - share,
+        on_four_cells=_on_four_cells(forces.reshape(-1, 2, 4), margin, share),
     )
+
+
+def _on_four_cells(forces: np.ndarray, margin: float, share: np.ndarray) -> np.ndarray:
+    """Return whether all cells of each plate are loaded, (m, 2) bool.
+
+    A board that rocks was tared on two cells, so the one of the others that is in the air reads nothing. That
+    counts only if it is so in all postures: a single one may have such a reading by chance.
+
+    Args:
+        forces: (m, 2, 4) [N].
+        margin: of a reading over that of no load [N].
+        share: of a board's weight on each of its cells, (2,) [N].
+    """
+    idle = np.abs(forces) < margin
+    loaded = forces.sum(axis=2) > 4 * margin
+    one_of_two = np.stack([idle[..., k] | idle[..., k + 2] for k in (0, 1)], axis=-1) | ~loaded[..., None]
+    rocks = loaded.any(axis=0) & one_of_two.all(axis=0).any(axis=-1)
+    return (forces.min(axis=2) > margin - share) & ~rocks
 
 
 def fraction_of_time(time: np.ndarray) -> np.ndarray:

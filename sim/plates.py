@@ -58,6 +58,18 @@ def cell_addresses(model: mujoco.MjModel) -> np.ndarray:
     return np.array([model.sensor(name).adr[0] for name in cell_names()])
 
 
+def short_feet(model: mujoco.MjModel) -> np.ndarray:
+    """Return by how much the foot at each cell is shorter than the longest of its plate, (2, 4) [m]."""
+    heights = []
+    for name in cell_names():
+        geom = model.geom(name)
+        body = int(geom.bodyid[0])
+        hung = model.body(body).name == f"{name}_cell"  # compliant cells are bodies of their own
+        heights.append(geom.pos[2] + (model.body_pos[body, 2] if hung else 0.0))
+    by_plate = np.reshape(heights, (len(PLATES), len(CORNERS)))
+    return by_plate - by_plate.min(axis=1, keepdims=True)
+
+
 def tare(model: mujoco.MjModel) -> np.ndarray:
     """Simulate the readings of the eight cells under the empty plates, (8,) [N].
 

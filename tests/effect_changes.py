@@ -40,17 +40,19 @@ def changes(nominal, base, with_it, effect, target, values, absorbed=True, physi
 
     Only postures in both experiments count. What the base parameters (if `absorbed`) and the constants of a
     stance absorb is projected out of both, as a discovery does. For an effect of the `physics`, postures in
-    which a board rests on three cells are left out, because small loads decide which these are.
+    which a board rests on three cells are left out, because small loads decide which these are. Of a board
+    that rocks, and so rests on three cells in all of them, only the twist is left out.
     """
     observed, before = observe(with_it, nominal), observe(base, nominal)
     rows = {key: k for k, key in enumerate(_keys(base))}
     here = np.array([k for k, key in enumerate(_keys(with_it)) if key in rows])
+    steady = np.where(observed.on_four_cells.any(axis=0), 1.0, 0.0)
     if physics:
         there = np.array([rows[_keys(with_it)[k]] for k in here])
         twisted = np.abs(residuals(before, nominal.value)[there]) + np.abs(
             residuals(observed, nominal.value)[here]
         )
-        here = here[twisted[:, ROWS["T"]].max(axis=1) < 1e-6]
+        here = here[(twisted[:, ROWS["T"]] * steady).max(axis=1) < 1e-6]
     there = np.array([rows[_keys(with_it)[k]] for k in here])
     found = residuals(observed, nominal.value)
     cleaned = residuals(effect.predict(observed, target, values), nominal.value)
@@ -61,6 +63,7 @@ def changes(nominal, base, with_it, effect, target, values, absorbed=True, physi
     projected = []
     for rows_of in differences:
         part = rows_of / UNIT
+        part[:, ROWS["T"]] *= steady
         center = part[:, ROWS["A"]].ravel()
         if absorbed:
             part[:, ROWS["A"]] = (center - basis @ (basis.T @ center)).reshape(-1, 2)

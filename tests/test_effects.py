@@ -33,6 +33,10 @@ SENSORS = {  # readings alone: the prediction removes the effect up to rounding
     "thermal-gain-drift": (0.01,),
     "cell-crosstalk": (0.02,),
     "cell-hysteresis": (0.01,),
+    "creep:left.rear_left": (0.02, 0.1),
+    "plate-drift:right": (1.0,),
+    "encoder-load:left_ankle_roll": (2e-5,),
+    "lag:right_knee": (0.01,),
     "swapped-cells:left": (1, 3),
 }
 PHYSICS = {  # values and the least cosine
@@ -51,9 +55,14 @@ PHYSICS = {  # values and the least cosine
     "link-length:left_hip": ((0.001,), 0.95),
     "tether": ((1.0, -1.5), 0.95),
     "tether-spring": ((20.0,), 0.95),
+    "rocking:right.front_left": ((0.0003,), 0.95),
+    "rocking:left.rear_right": ((0.0003,), 0.95),
+    "logged-command:right_knee": ((1,), 0.9),  # dry friction bears a part of the load unseen
+    "logged-command:left_hip_roll": ((1,), 0.9),
 }
 DYNAMICS = {
     "lifted-corner:left_foot.front_left": ((0.0003,), 0.85),  # the loads do not show how far a foot rocked
+    "rocking:right.front_left": ((0.0003,), 0.95),
     "joint-compliance:right_knee": ((0.0005,), 0.95),
     "tether-spring": ((20.0,), 0.95),
     "payload-step:torso": ((0.5, 0.7), 0.95),
@@ -109,6 +118,12 @@ def test_the_catalogue_is_complete():
         "tether-spring",
         "unsettled",
         "lifted-corner",
+        "creep",
+        "plate-drift",
+        "encoder-load",
+        "lag",
+        "logged-command",
+        "rocking",
     }
 
 
@@ -181,7 +196,7 @@ def test_predict_points_where_the_full_dynamics_goes(text, noiseless, two, moved
 def zero(effect):
     """Return values with which an effect does nothing."""
     values = tuple((parameter.grid or (0.0,))[-1] for parameter in effect.parameters)
-    return values if effect.sizes else (2, 2)
+    return values if effect.sizes else {"swapped-cells": (2, 2), "logged-command": (0,)}[effect.name]
 
 
 @pytest.mark.parametrize("name", catalogue())

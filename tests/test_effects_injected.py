@@ -69,6 +69,7 @@ def test_the_nominal_laboratory_asked_again_shows_what_was_measured(name, robot,
         ("tether", "", (1.0, 2.0)),
         ("sole-compliance", "", (0.0005,)),
         ("lifted-corner", "left_foot.front_left", (0.0003,)),
+        ("rocking", "right.front_left", (0.0003,)),
     ],
 )
 def test_what_an_effect_adds_is_no_part_of_the_true_robot(name, target, values, noiseless, few, nominal):
@@ -125,6 +126,31 @@ def test_a_laboratory_does_not_change_before_it_begins(noiseless):
     for parts in ((0.0,), (1.5,)):
         with pytest.raises(InputError, match="expected more than 0 and at most 1"):
             stages(catalogue()["payload-step"].inject(noiseless, "torso", (0.5, *parts)))
+
+
+def test_a_board_that_rocks_has_no_cell_under_load_on_either_side(noiseless, few, nominal):
+    """Which cell is idle changes with the load; the board is tilted only on the side of the short foot."""
+    rocking = catalogue()["rocking"]
+    found = statically(rocking.inject(noiseless, "right.front_left", (0.0003,)), few)
+    short, opposite = found.cell_forces[:, 0], found.cell_forces[:, 2]
+    # Tared on the diagonal, the two cells read zero if they bear nothing.
+    assert np.minimum(short, opposite) == pytest.approx(0.0, abs=1e-9)
+    assert (short > 1).any()
+    assert (opposite > 1).any()
+    observed = observe(found, nominal)
+    assert not observed.on_four_cells[:, 0].any()
+    assert observed.on_four_cells[:, 1].mean() > 0.9
+    tilt = rocking.predict(observed, "right.front_left", (0.0003,)).stance_tilt
+    assert not tilt[opposite > 5].any()
+    distance = 2 * 0.2165 * 0.119 / np.hypot(0.2165, 0.119)  # of a cell from the diagonal
+    assert np.linalg.norm(tilt[short > 5], axis=1) == pytest.approx(0.0003 / distance)
+
+
+def test_two_short_feet_of_one_board_are_refused_by_statics(noiseless, two):
+    rig = catalogue()["rocking"].inject(noiseless, "right.front_left", (0.0003,))
+    rig = catalogue()["rocking"].inject(rig, "right.rear_left", (0.0002,))
+    with pytest.raises(InputError, match="found a plate with 2 short feet, expected one at most"):
+        solve_plan(rig, two)
 
 
 @pytest.mark.parametrize("name", [name for name, effect in catalogue().items() if not effect.statics])

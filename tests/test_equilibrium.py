@@ -39,6 +39,7 @@ LABORATORIES = [
     "torso 1 kg heavier",
     "shank 1 mm longer",
     "pulled by ropes",
+    "board rocks",
     "flexible drives",
     "soft soles",
     "soft cells",

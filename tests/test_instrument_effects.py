@@ -10,6 +10,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from tulip_testbed.discovery.held_out import rows_of
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Misreading
 from tulip_testbed.effects.instance import EffectInstance
@@ -17,6 +18,7 @@ from tulip_testbed.identification.observation import observe
 from tulip_testbed.sim.measurements import Measurements, SensorSheet
 
 KNEE = [0.2, 0.4, -0.1]  # rad
+COMMAND = [0.21, 0.38, -0.1]  # rad, of the knee
 # N, at front left, front right, rear right and rear left.
 RIGHT = [[10, 20, 30, 40], [20, 20, 20, 20], [0, 10, 20, 30]]
 LEFT = [[50, 60, 70, 80], [40, 40, 40, 40], [100, 60, 20, 20]]
@@ -65,11 +67,24 @@ READINGS = {
         "right": [[9, 18, 27, 36], [19, 20, 21, 22], [0, 9, 18, 27]],
         "left": [[45, 54, 63, 72], [41, 42, 43, 44], [90, 54, 18, 18]],
     },
+    # A tenth of the creep is kept from one posture to the next. Loads 50, 40 and 100 N, means 45 and 70 N:
+    # creep 0, 0.9 x 0.2 x 45 = 8.1 and 0.1 x 8.1 + 0.9 x 0.2 x 70 = 13.41 N
+    "creep:left.front_left=0.2,0.21714724095162588": {
+        "left": [[50, 60, 70, 80], [48.1, 40, 40, 40], [113.41, 60, 20, 20]]
+    },
+    # reading = load + 0, 2 and 4 N in all four cells
+    "plate-drift:right=4": {"right": [[10, 20, 30, 40], [22, 22, 22, 22], [4, 14, 24, 34]]},
+    # reading = angle + 0.001 rad/N times 100, 80 and 60 N on the right plate
+    "encoder-load:right_knee=0.001": {"knee": [0.3, 0.48, -0.04]},
+    # reading = 0.9 angle + 0.1 previous angle; placement 2 begins afresh
+    "lag:right_knee=0.1": {"knee": [0.2, 0.38, -0.1]},
     # first and third column exchanged
     "swapped-cells:right=front_left,rear_right": {
         "right": [[30, 20, 10, 40], [20, 20, 20, 20], [20, 10, 0, 30]]
     },
 }
+
+UNDONE_BY_LOADS = "logged-command"  # its own test below
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +95,8 @@ def measured(nominal):
     def make(knee=KNEE, right=RIGHT, left=LEFT, right_pose=RIGHT_POSE, left_pose=LEFT_POSE) -> Measurements:
         angles = np.zeros((3, len(joints)))
         angles[:, joints.index("right_knee")] = knee
+        command = np.zeros_like(angles)
+        command[:, joints.index("right_knee")] = COMMAND
         forces = np.hstack([right, left]).astype(float)
         return Measurements(
             joints=joints,
@@ -91,7 +108,7 @@ def measured(nominal):
             samples=np.ones(3, int),
             joint_angles=angles,
             joint_angles_sd=np.zeros_like(angles),
-            command=None,
+            command=command,
             motor=None,
             cell_forces=forces,
             cell_forces_sd=np.zeros_like(forces),
@@ -110,7 +127,8 @@ def measured(nominal):
 def misreading(text, robot) -> tuple[Misreading, str, tuple[float, ...]]:
     found = EffectInstance.parse(text, robot, PLACEMENT)
     assert isinstance(found.effect.mechanism, Misreading)
-    return found.effect.mechanism, found.target, found.values
+    mechanism = found.effect.mechanism
+    return mechanism, mechanism.acts_on(robot, found.target), found.values
 
 
 def assert_same(found, expected):
@@ -119,12 +137,22 @@ def assert_same(found, expected):
 
 
 def rearranged(m: Measurements, rows) -> Measurements:
-    names = ("posture", "placement", "support", "time", "joint_angles", "cell_forces", "plate_poses")
+    names = (
+        "posture",
+        "placement",
+        "support",
+        "time",
+        "joint_angles",
+        "command",
+        "cell_forces",
+        "plate_poses",
+    )
     return dataclasses.replace(m, **{name: getattr(m, name)[rows] for name in names})
 
 
 def test_every_instrument_effect_has_a_reading_worked_out_by_hand(robot):
     names = [EffectInstance.parse(text, robot, PLACEMENT).effect.name for text in READINGS]
+    names.append(UNDONE_BY_LOADS)
     assert sorted(names) == [name for name, effect in catalogue().items() if effect.misreads]
 
 
@@ -159,3 +187,71 @@ def test_cells_forget_their_load_when_the_robot_is_set_down_on_one_foot(measured
     read = dataclasses.replace(true, cell_forces=forces)
     assert_same(mechanism.apply(true, target, values), read)
     assert_same(mechanism.undo(observe(read, nominal), target, values), true)
+
+
+def test_a_logged_command_is_undone_by_the_servo_s_error(measured, nominal, robot):
+    """A servo of 25.4 Nm at 0.02 rad has 1270 Nm/rad: it yields to 12.7, -25.4 and 0 Nm by these angles."""
+    mechanism, target, values = misreading("logged-command:right_knee=command", robot)
+    read = mechanism.apply(measured(), target, values)
+    assert_same(read, measured(knee=COMMAND))
+    observed, knee = observe(read, nominal), read.joints.index("right_knee")
+    torques = np.zeros((3, len(read.joints)))
+    torques[:, knee] = [12.7, -25.4, 0.0]
+    observed.__dict__["loads"] = dataclasses.replace(observed.loads, torques=torques)
+    assert_same(mechanism.undo(observed, target, values), measured(knee=[0.22, 0.36, -0.1]))
+
+
+def test_a_logged_command_is_undone_by_the_motor_s_encoder(measured, nominal, robot):
+    mechanism, target, values = misreading("logged-command:right_knee=command", robot)
+    true = dataclasses.replace(measured(), motor=measured().joint_angles)
+    read = mechanism.apply(true, target, values)
+    assert_same(read, measured(knee=COMMAND))
+    assert_same(mechanism.undo(observe(read, nominal), target, values), true)
+
+
+def test_where_the_log_is_not_the_command_the_fault_is_added(measured, nominal, robot):
+    """The motor is 0.01 rad below, 0.02 above and at the command: a log of commands would err by as much."""
+    mechanism, target, values = misreading("logged-command:right_knee=command", robot)
+    true = dataclasses.replace(measured(), motor=measured(knee=[0.2, 0.4, -0.1]).joint_angles)
+    read = dataclasses.replace(true, joint_angles=measured(knee=[0.3, 0.5, 0.0]).joint_angles)
+    added = mechanism.undo(observe(read, nominal), target, values)
+    assert_same(added, measured(knee=[0.31, 0.48, 0.0]))
+
+
+def test_a_board_rocks_towards_its_short_foot_by_hand(measured, nominal):
+    """Cells at (+-0.1, +-0.1) m, the front left foot short by sqrt(2) mm, sqrt(0.02) m from its diagonal.
+
+    The board falls 0.01 m/m towards front left: 0.01 / sqrt(2) = 0.00707 both forwards, a pitch, and to the
+    left, a negative roll. Its diagonal passes 0.05 m in front of the sole point, which so rises by 0.00707 x
+    0.05 = 0.354 mm; the swing foot is lower by that. Under a load at the rear right the board is level, on
+    the diagonal half way.
+    """
+    corners = [[0.1, 0.1], [0.1, -0.1], [-0.1, -0.1], [-0.1, 0.1]]
+    loads = [[40, 10, 0, 10], [0, 10, 40, 10], [0, 25, 0, 25]]
+    true = measured(right=loads, right_pose=[[0.05, 0.0, 0.0]] * 3)
+    observed = observe(dataclasses.replace(true, cells=np.array([corners, corners])), nominal)
+    assert not observed.on_four_cells[:, 0].any()
+    found = catalogue()["rocking"].predict(observed, "right.front_left", (0.00141421356,))
+    assert found.stance_tilt == pytest.approx(
+        np.array([[-0.00707107, 0.00707107], [0, 0], [-0.00353553, 0.00353553]]), abs=1e-8
+    )
+    assert found.swing_rise == pytest.approx([-0.000353553, 0, -0.000176777], abs=1e-9)
+    assert not found.swing_tilt.any()
+
+
+def test_without_commands_there_is_no_logged_command(measured, nominal, robot):
+    mechanism, target, values = misreading("logged-command:right_knee=command", robot)
+    without = dataclasses.replace(measured(), command=None)
+    assert_same(mechanism.apply(without, target, values), without)
+    assert_same(mechanism.undo(observe(without, nominal), target, values), without)
+    encoder = misreading("logged-command:right_knee=encoder", robot)[2]
+    assert_same(mechanism.apply(measured(), target, encoder), measured())
+    assert_same(mechanism.undo(observe(measured(), nominal), target, encoder), measured())
+
+
+def test_a_part_of_an_experiment_creeps_as_in_the_whole(measured, nominal, robot):
+    """Its first load was there before: 90 % of the creep under the 40 N of the second posture."""
+    mechanism, target, values = misreading("creep:left.front_left=0.2,0.21714724095162588", robot)
+    observed = rows_of(observe(measured(), nominal), np.array([1]))
+    loads = mechanism.undo(observed, target, values).cell_forces[:, 4]
+    assert loads == pytest.approx([40 / (1 + 0.9 * 0.2)])

@@ -12,14 +12,14 @@ from dataclasses import replace
 import numpy as np
 
 from tulip_testbed.effects.effect import Effect, Misreading, Parameter, Values
+from tulip_testbed.effects.injection import successive
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.procedure import new_set_up
 
 
 def _apply(m: Measurements, target: str, values: Values) -> Measurements:
     load, before = m.cell_forces, np.zeros_like(m.cell_forces)
-    for previous, row in _successive(m):
+    for previous, row in successive(m):
         before[row] = load[previous]
     return replace(m, cell_forces=load + values[0] * (before - load))
 
@@ -27,20 +27,9 @@ def _apply(m: Measurements, target: str, values: Values) -> Measurements:
 def _undo(observed: Observation, target: str, values: Values) -> Observation:
     fraction = values[0]
     load = observed.cell_forces / (1 - fraction)
-    for previous, row in _successive(observed.measurements):
+    for previous, row in successive(observed.measurements):
         load[row] -= fraction / (1 - fraction) * load[previous]
     return observed.changed(cell_forces=load)
-
-
-def _successive(m: Measurements) -> list[tuple[int, int]]:
-    """Return pairs of rows that follow each other in one set-up, in the order of time."""
-    order = np.argsort(m.time, kind="stable")
-    anew = new_set_up(m.placement[order], m.support[order])
-    return [
-        (int(previous), int(row))
-        for previous, row, apart in zip(order[:-1], order[1:], anew, strict=True)
-        if not apart
-    ]
 
 
 EFFECT = Effect(

@@ -9,7 +9,7 @@ from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.drives import motor_joint
 from tulip_testbed.sim.dynamics.stiction import Stiction
 from tulip_testbed.sim.path import ClosedChain, tipped
-from tulip_testbed.sim.plates import cell_addresses, cell_names, tare
+from tulip_testbed.sim.plates import cell_addresses, cell_names, short_feet, tare
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, compile_spec, joint_names, sole_point
 from tulip_testbed.sim.scene import laboratory_scene
@@ -51,6 +51,8 @@ class Stand:
         self.clamps = np.array([self.model.equality(f"{foot}_clamp").id for foot in rig.robot.feet])
         self.cells = cell_addresses(self.model)
         self.tare = tare(self.model)
+        # A board with a short foot rocks: its other cells rise by no more than that.
+        self.rise = np.repeat(short_feet(self.model).max(axis=1), len(CORNERS))
         self.sole_points = {foot: sole_point(nominal, foot) for foot in rig.robot.feet}
         self.sole_names = [f"{foot}_{corner}" for foot in rig.robot.feet for corner in CORNERS]
         self.soles = [self.model.body(name).id for name in soles]
@@ -166,9 +168,9 @@ class Stand:
         return np.array(gaps)
 
     def _cell_gaps(self) -> np.ndarray:
-        """Return the heights of the eight cells over the floor, (8,) [m]."""
+        """Return the heights of the eight cells over the floor beyond those of a rocking board, (8,) [m]."""
         floor = self.data.geom("floor").xpos[2]
-        return np.array([self.data.site(name).xpos[2] - floor for name in cell_names()])
+        return np.array([self.data.site(name).xpos[2] - floor for name in cell_names()]) - self.rise
 
 
 def hoist_damping(rig: Rig) -> np.ndarray:

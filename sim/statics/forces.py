@@ -275,6 +275,8 @@ def contact_deflection(
     """Return height, roll and pitch of a sole under load, at its point, (..., 3) [m, rad, rad]."""
     down, tip = board_wrench(m, wrench, foot, plate)
     board = np.concatenate([-down[..., None], tip], axis=-1) @ m.board_compliance[side].T
+    if (rocking := m.rocking[side]) is not None:
+        board = board + rocking.deflection(down, tip)
     ox, oy = foot[..., 0] - plate[..., 0], foot[..., 1] - plate[..., 1]
     tilt = _turned_about_z(board[..., 1:], plate[..., 2])
     height = board[..., 0] + tilt[..., 0] * oy - tilt[..., 1] * ox

@@ -10,7 +10,7 @@ import numpy as np
 from tulip_testbed.sim.drives import motor_joint
 from tulip_testbed.sim.dynamics.stiction import BREAKAWAY, sliding_friction
 from tulip_testbed.sim.errors import InputError, listed
-from tulip_testbed.sim.plates import plate_geometry
+from tulip_testbed.sim.plates import plate_geometry, short_feet
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import (
     CORNERS,
@@ -21,6 +21,7 @@ from tulip_testbed.sim.robot import (
     sole_point,
 )
 from tulip_testbed.sim.scene import laboratory_scene
+from tulip_testbed.sim.statics.rocking_board import RockingBoard, rocking_board
 from tulip_testbed.sim.statics.soft_constraints import Stops, board_compliance, contact_compliance, stops_of
 
 LEVEL = 1e-6  # m, largest difference in height of a sole's corners
@@ -87,6 +88,7 @@ class Mechanism:
         top_height: height of the boards' top over the floor [m].
         board_compliance, sole_compliance: compliance of each board on its cells and of each sole on its
             board in height, roll and pitch, about the plate's origin and the sole point, (2, 3, 3).
+        rocking: the board of each plate if it has a short foot, (2,).
         names: names of the coordinates.
     """
 
@@ -113,6 +115,7 @@ class Mechanism:
     top_height: float
     board_compliance: np.ndarray
     sole_compliance: np.ndarray
+    rocking: tuple[RockingBoard | None, RockingBoard | None]
     names: tuple[str, ...]
 
     def with_play(self, fraction: float) -> Mechanism:
@@ -122,6 +125,18 @@ class Mechanism:
             for k, (low, high), row in self.springs
         ]
         return replace(self, springs=tuple(springs))
+
+    @property
+    def balanced(self) -> Mechanism:
+        """Return the mechanism with boards that rock balanced on their diagonals."""
+        right, left = (board and replace(board, balanced=True) for board in self.rocking)
+        return replace(self, rocking=(right, left))
+
+    @property
+    def tare(self) -> np.ndarray:
+        """Return what the cells bear under the empty boards, (8,) [N]."""
+        shares = zip(self.rocking, self.plate_weight, strict=True)
+        return np.concatenate([board.tare(own) if board else np.full(4, own) for board, own in shares])
 
 
 def mechanism(rig: Rig) -> Mechanism:
@@ -164,6 +179,7 @@ def mechanism(rig: Rig) -> Mechanism:
     cells = np.array([[_on_plate(model, s, p) for s in row] for row, p in zip(sites, plates, strict=True)])
     corners = np.array([sole_corners(nominal, foot)[:, :2] for foot in rig.robot.feet])
     springs, ropes = _tendons(model, number, column, root)
+    rocking = [rocking_board(*plate) for plate in zip(cells, short_feet(model), strict=True)]
     return Mechanism(
         bodies=tuple(_body(model, body, number, column) for body in members),
         mass=model.body_mass[members].copy(),
@@ -210,6 +226,7 @@ def mechanism(rig: Rig) -> Mechanism:
                 for k, foot in enumerate(rig.robot.feet)
             ]
         ),
+        rocking=(rocking[0], rocking[1]),
         names=tuple(model.joint(j).name for j in turning),
     )
 

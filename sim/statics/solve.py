@@ -40,13 +40,16 @@ def solve_by_newton(mechanism: Mechanism, start: State, load: Load) -> Reference
     """Solve for equilibria by Newton's method from nearby states, each on its own.
 
     Free play is opened in steps, since its torque has a kink at which the derivative jumps. So has a motor at
-    its torque limit; if a start exceeds a limit, it is first solved without torque limits.
+    its torque limit; if a start exceeds a limit, it is first solved without torque limits. So has a board
+    that rocks; it is first solved balanced, beyond which it rests on the side where the load is then.
     """
     asked = np.abs(mechanism.gain * (load.command - start.angles[..., mechanism.motors]))
     if len(over := np.flatnonzero((asked > mechanism.limit).any(axis=-1))):
         start, unlimited = start.take(np.arange(len(asked))), np.full_like(mechanism.limit, np.inf)
         free = replace(mechanism, limit=unlimited)
         start.put(over, _newton(free, start.take(over), load.take(over)).state)
+    if any(mechanism.rocking):
+        start = _newton(mechanism.balanced, start, load).state
     for part in FREE_PLAY if any(low < high for _, (low, high), _ in mechanism.springs) else ():
         start = _newton(mechanism.with_play(part), start, load).state
     return _newton(mechanism, start, load)
@@ -132,7 +135,7 @@ def cell_forces(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
     """Return the tared forces of the eight cells, (..., 8) [N].
 
     A rigid board on four equal springs distributes its load bilinearly; a cell that would have to pull reads
-    zero and the other three carry the board.
+    zero and the other three carry the board. So do three cells of a board that rocks.
     """
     sides = []
     for side, own in enumerate(mechanism.plate_weight):
@@ -140,11 +143,14 @@ def cell_forces(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
         down, tip = board_wrench(mechanism, wrench, foot, load.plates[..., side, :])
         x, y = mechanism.cells[side].T
         forces = own + down[..., None] / 4 + tip[..., 1:] * x / (x @ x) - tip[..., :1] * y / (y @ y)
+        if (rocking := mechanism.rocking[side]) is not None:
+            sides.append(rocking.shared(forces))
+            continue
         lack = np.maximum(-forces, 0.0)
         worst = lack.argmax(axis=-1)[..., None]
         forces = forces + np.take_along_axis(lack, worst, -1) * TWIST[worst] * TWIST
-        sides.append(forces - own)
-    return np.concatenate(sides, axis=-1)
+        sides.append(forces)
+    return np.concatenate(sides, axis=-1) - mechanism.tare
 
 
 def faults(
@@ -180,6 +186,6 @@ def faults(
         along = (force[..., :2] ** 2).sum(axis=-1) / carried**2
         slides = load.foot_contact[..., side] & (along + (twist / (carried * arms.mean(axis=-1))) ** 2 > 1)
         reason = np.where(slides & (reason == ""), f"slipped {foot}", reason)
-    pulled = cells + np.repeat(m.plate_weight, 4) < -LEAST_LOAD
+    pulled = cells + m.tare < -LEAST_LOAD
     lifted = np.array([f"lifted cell {cell}" for cell in CELLS], dtype=object)[pulled.argmax(axis=-1)]
     return np.where(pulled.any(axis=-1) & (reason == ""), lifted, reason)

@@ -1,0 +1,43 @@
+"""Effects at several times their minimum detectable size, found by name and size."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from tests.effect_changes import measured
+from tulip_testbed.discovery.discover import discover
+from tulip_testbed.effects.instance import EffectInstance
+
+SEED = 7501  # no development seed
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "creep:left.front_right=0.02,0.1",
+        "plate-drift:right=-0.5",
+        "encoder-load:left_ankle_pitch=5e-6",
+        "lag:right_hip_pitch=0.002",
+        "logged-command:left_knee=command",
+        "rocking:right.front_left=0.0003",
+    ],
+)
+def test_an_effect_is_named_with_its_size(text, robot, plan):
+    hidden = EffectInstance.parse(text, robot, plan.placement.tolist())
+    data = measured(robot, plan, "force-plate", (hidden.effect.name, hidden.target, hidden.values), seed=SEED)
+    found = discover(data, robot)
+    assert found.verdict == "named"
+    (adopted,) = found.adopted
+    assert adopted.label == hidden.label
+    # The size of a creep trades with its time constant.
+    assert adopted.values[0] == pytest.approx(hidden.values[0], rel=0.2)
+
+
+@pytest.mark.slow
+def test_without_motors_a_logged_command_is_not_named_something_else(robot, plan):
+    """Dry friction bears a part of the load, which neither servo nor compliance explains."""
+    hidden = ("logged-command", "right_knee", (1.0,))
+    data = dataclasses.replace(measured(robot, plan, "force-plate", hidden, seed=SEED), motor=None)
+    assert discover(data, robot).verdict == "unknown"
