@@ -113,9 +113,7 @@ def discover(
         equivalents = tuple(equivalent(a, t) for a, t in zip(selection.alternatives, fit.terms, strict=True))
     progress(1)
     left = patterns(fit.linear, fit.residual, fit.columns)
-    validation = None
-    if hold_out and selection.lacks_fit:
-        validation = held_out(search, selection.calibration, fit.terms)
+    validation = held_out(search, selection.calibration, fit.terms) if hold_out else None
     reasons = _reasons(selection, left[0], validation)
     outside = tuple(k for k, term in enumerate(fit.terms) if stands_out(selection, term))
     verdict = _verdict(selection, reasons, [equivalents[k] for k in outside])

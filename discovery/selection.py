@@ -21,6 +21,7 @@ from tulip_testbed.discovery.evidence import effective_tests, ranked, sidak
 from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
 from tulip_testbed.discovery.shortlist import fit_in_addition, shortlist
 from tulip_testbed.effects.effect import Effect
+from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.identification.distributions import chi2_sf, normal_logcdf
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_noise import Noise, noise_of
@@ -124,7 +125,7 @@ def select(
     progress(1)
     if selection.lacks_fit:
         calibration, terms, complete = _forward(search, null, calibration, tests, progress)
-        calibration, terms = _with_lone_members(search, calibration, terms)
+        calibration, terms = _with_unusual_members(search, calibration, terms)
         fit = joint_fit(calibrated_data(observed, calibration), terms)
         selection = replace(
             selection,
@@ -304,24 +305,42 @@ def _chance(found: SelfCalibration, gain: float, tests: float) -> float:
     return sidak(float(chi2_sf(2 * max(likelihood, 0.0), max(len(prior), 1))), tests)
 
 
-def _with_lone_members(
+def _with_unusual_members(
     search: Search, calibration: SelfCalibration, terms: tuple[Fitted, ...]
 ) -> tuple[SelfCalibration, tuple[Fitted, ...]]:
-    """Add the members that are too large for their family although they are all of it.
+    """Add the members that are too large for the others of their family, the largest first.
 
-    Nothing but the tolerance says what is ordinary for them.
+    A few members say little about the spread of a family: it grows with one of them, and the evidence hardly
+    prefers an effect of its own. What is usual is said by the tolerance and the other members then.
     """
-    lone = {
-        one.family.instances(one.value)[0].label: one.value
-        for one in calibration.families
-        if len(one.family.targets) == 1
-        and (one.determined & (np.abs(one.value) > STANDS_OUT * one.family.tolerance)).any()
-    }
-    if not lone:
-        return calibration, terms
-    more = [Fitted(c, 0, lone[c.label]) for c in search.candidates if c.label in lone]
-    calibration = search.calibrated(search.judged((*terms, *more), calibration))
-    return calibration, _at_estimate((*terms, *more), calibration)
+    refused: set[str] = set()
+    while True:
+        found = [one for one in _unusual_members(search, calibration) if one.label not in refused]
+        if not found or len(terms) >= MOST_TERMS:
+            return calibration, terms
+        plain, tried = search.judged(terms, calibration), search.judged((*terms, found[0]), calibration)
+        if tried.possible and tried.evidence > plain.evidence - DECISIVE:
+            calibration = search.calibrated(tried)
+            terms = _at_estimate(tried.terms, calibration)
+        refused.add(found[0].label)
+
+
+def _unusual_members(search: Search, calibration: SelfCalibration) -> list[Fitted]:
+    """List the determined members that are too large for the others of their family, the largest first."""
+    out = []
+    for one in calibration.families:
+        targets = one.family.targets
+        sizes = one.value.reshape(len(targets), -1) / one.family.tolerance
+        known = one.determined.reshape(sizes.shape)
+        for k, target in enumerate(targets):
+            others = np.delete(sizes, k, axis=0)
+            usual = max(1.0, float(np.sqrt((others**2).mean()))) if others.size else 1.0
+            ratio = float((np.abs(sizes[k]) * known[k]).max()) / (STANDS_OUT * usual)
+            label = effect_label(one.family.name, target)
+            candidate = next((c for c in search.candidates if c.label == label), None)
+            if ratio > 1 and candidate is not None:
+                out.append((ratio, Fitted(candidate, 0, sizes[k] * one.family.tolerance)))
+    return [fitted for _, fitted in sorted(out, key=lambda each: -each[0])]
 
 
 def chosen_again(search: Search, calibration: SelfCalibration, terms: Sequence[Fitted]) -> Judged:

@@ -94,9 +94,16 @@ def _headline(found: Discovery) -> str:
             if k in found.effects
         )
     if found.verdict == CALIBRATED:
+        wide = [
+            f"{one.family.name} ({number(one.spread, '.1f')} times its tolerance)"
+            for one in found.families
+            if one.spread95[0] > 1
+        ]
         return (
-            "Ordinary imperfections explain the gap: every one of them is of a usual size. "
-            "The largest, in standard errors: " + "; ".join(_largest(found)) + "."
+            "Ordinary imperfections explain the gap; no single cause stands out. The clearest of them: "
+            + "; ".join(_largest(found))
+            + "."
+            + (f" Larger than usual: {', '.join(wide)}." if wide else "")
         )
     closest = ", ".join(found.fit.labels)
     closest = f" The closest explanation is not sufficient: {closest}." if closest else ""

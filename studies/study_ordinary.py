@@ -1,8 +1,8 @@
 """Discovery where everything is a little wrong, and in some laboratories one thing badly (hours).
 
 Every robot is random (masses and centres of mass spread by 0.05 to 0.2) and every laboratory has members of
-all families with spreads of 0.1 to 1 tolerance, except for the nulls with scattered placements: they are exact,
-and their plates scatter 0.5 to 3 times as the data sheet says. One fault is an effect of the catalogue with
+all families with spreads of 0.1 to 1 tolerance. The nulls with scattered placements are the exception: exact,
+with plates that scatter 0.5 to 3 times as the data sheet says. A fault is an effect of the catalogue with
 sizes from its prior, or a fault that the catalogue lacks.
 """
 
