@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -21,20 +21,24 @@ SUMMARY = "Base parameters and ordinary imperfections in one estimate, with all 
 
 @one_blas_thread
 def calibrated_estimates(
-    observed: Observation, data: Regression, kept: Sequence[int]
+    observed: Observation,
+    data: Regression,
+    kept: Sequence[int],
+    tolerances: Mapping[str, float] | None = None,
 ) -> tuple[Estimate, Estimate, SelfCalibration]:
     """Estimate the full and the simplified model with all families of ordinary imperfections.
 
     Args:
         observed: the experiment. data: its regression.
         kept: numbers of the simplified model's parameters.
+        tolerances: see `self_calibrate`.
 
     Raises:
-        InputError: the postures do not determine all parameters.
+        InputError: the postures do not determine all parameters, or an impossible tolerance.
     """
     require_identifiable(data.matrix, labels(data.numbers, data.names), data.source, data.blur)
     try:
-        found = self_calibrate(observed)
+        found = self_calibrate(observed, tolerances)
         full = estimate_of(found, data)
         if len(kept) == len(data.numbers):
             return full, full, found

@@ -180,7 +180,8 @@ def self_calibrate(
 
     Args:
         observed: the experiment.
-        tolerances: of families, in place of those that fit the sensors [SI]; zero: exact.
+        tolerances: of families, in place of those of the measurements and those that fit the sensors [SI];
+            zero: exact.
         effects: that are no members of a family; their sizes are estimated, beginning where they are.
         start: an estimate of the same experiment from which this one begins.
         residual_covariance: that of another estimate, but for its scales, so that the evidence of several
@@ -191,7 +192,8 @@ def self_calibrate(
         InputError: an unknown family or an impossible tolerance.
         numpy.linalg.LinAlgError: readings that are not finite, or postures that do not suffice.
     """
-    used = tolerances_of(observed.measurements.sensors, tolerances)
+    measured = observed.measurements
+    used = tolerances_of(measured.sensors, {**measured.tolerances, **(tolerances or {})})
     families: Families = (
         *families_of(observed.nominal.robot, used, effects),
         *map(FreeEffect, effects),

@@ -6,6 +6,7 @@ Every function uses one thread for linear algebra, so that a notebook and the co
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -102,6 +103,7 @@ def identify(
     robot: Robot | None = None,
     estimator: str = DEFAULT,
     corrections: Effects = (),
+    tolerances: Mapping[str, float] | None = None,
 ) -> Identification:
     """Identify a robot from what was measured.
 
@@ -112,16 +114,22 @@ def identify(
             "consistent" or "self-calibrating".
         corrections: effects that the measurements are corrected for, e.g. `discover(...).adopted`; or texts
             as for `Laboratory.with_effects`.
+        tolerances: what is usual for the ordinary imperfections of this laboratory, by family [SI], e.g.
+            `{"encoder-offset": 0.001, "link-length": 0}` (0: exact); in place of those of the measurements
+            and those that fit the sensors. For the self-calibrating estimator.
 
     Returns:
         the full model and the simplified one; `fit["torso.x"].value` [m].
 
     Raises:
-        InputError: measurements that do not fit the robot or do not suffice, or an unknown estimator.
+        InputError: measurements that do not fit the robot or do not suffice, an unknown estimator, an unknown
+            family or an impossible tolerance.
     """
     robot = robot or load_robot()
     adopted = instances_of(corrections, robot, "corrections")
-    return _identify(_measurements(measurements), robot, estimator=estimator, adopted=adopted)
+    return _identify(
+        _measurements(measurements), robot, estimator=estimator, adopted=adopted, tolerances=tolerances
+    )
 
 
 @checked
