@@ -19,7 +19,7 @@ from scipy.linalg import block_diag
 from scipy.special import ndtr, ndtri
 
 from tulip_testbed.calibration.estimated_loads import with_estimated_loads
-from tulip_testbed.calibration.families import Family, families_of, tolerances_of
+from tulip_testbed.calibration.families import Family, Tolerances, families_of, tolerances_of
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import Background
 from tulip_testbed.calibration.linearisation import (
@@ -192,8 +192,7 @@ def self_calibrate(
         InputError: an unknown family or an impossible tolerance.
         numpy.linalg.LinAlgError: readings that are not finite, or postures that do not suffice.
     """
-    measured = observed.measurements
-    used = tolerances_of(measured.sensors, {**measured.tolerances, **(tolerances or {})})
+    used = _tolerances(observed, tolerances)
     families: Families = (
         *families_of(observed.nominal.robot, used, effects),
         *map(FreeEffect, effects),
@@ -234,6 +233,33 @@ def self_calibrate(
             break
     assert found is not None
     return _result(clean, families, noise, *found, used.assumed)
+
+
+def least_determined(observed: Observation, tolerances: Mapping[str, float] | None = None) -> list[str]:
+    """Name the families, those first whose members the data determine least at spread 1.
+
+    Args:
+        observed, tolerances: see `self_calibrate`.
+    """
+    families = families_of(observed.nominal.robot, _tolerances(observed, tolerances))
+    mixing, _ = mixing_of(families)
+    sizes = [sum(part.shape[1] for part in family.parts) for family in families]
+    nu = np.append(_least_squares(observed), 0.0)
+    left = np.ones(sum(sizes))  # variance of the deviates over that of their prior
+    variance, scales = (mixing**2).sum(axis=1), np.ones(len(SOURCES))
+    try:
+        state = State(observed, observed, nu, 0 * left, variance, scales, None)
+        problem, _ = linearised(state, families, noise_of(observed), placement_blocks(observed))
+        left = np.diag(given(problem, scales, np.ones(len(problem.roots))).conditional)[len(nu) :]
+    except np.linalg.LinAlgError:
+        pass  # then the order is the table's
+    share = [part.mean() for part in np.split(left, np.cumsum(sizes)[:-1])]
+    return [families[k].name for k in np.argsort(-np.array(share), kind="stable")]
+
+
+def _tolerances(observed: Observation, given: Mapping[str, float] | None) -> Tolerances:
+    measured = observed.measurements
+    return tolerances_of(measured.sensors, {**measured.tolerances, **(given or {})})
 
 
 def _least_squares(observed: Observation) -> np.ndarray:

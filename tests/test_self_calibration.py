@@ -11,7 +11,7 @@ from tulip_testbed.calibration.families import TOLERANCES, families_of, read_tol
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.member_columns import member_columns
 from tulip_testbed.calibration.placement_blocks import placement_blocks
-from tulip_testbed.calibration.self_calibration import self_calibrate
+from tulip_testbed.calibration.self_calibration import least_determined, self_calibrate
 from tulip_testbed.effects.instance import removed
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -212,3 +212,29 @@ def test_identify_reports_families_members_and_budget(ordinary):
     assert fit["torso.x"].standard_error > 0
     assert fit.correlations.above(0.85) is not None
     assert fit.full.residual.shape == (2 * len(run.measurements),)
+
+
+@pytest.mark.parametrize("most", [12, 11, 0])
+def test_too_few_postures_name_the_families_to_leave_out(ordinary, robot, nominal, monkeypatch, most):
+    """With more families than `most` nothing can be estimated; the least determined go first."""
+    observed = observe(ordinary[0].measurements, nominal)
+    order = least_determined(observed)
+    assert set(order) == set(TOLERANCES)
+    assert order.index("cell-position-scale") < order.index("encoder-offset")
+
+    def limited(observed, tolerances):
+        left_out = sum(value == 0 for value in (tolerances or {}).values())
+        if len(TOLERANCES) - left_out > most or most == 0:
+            raise np.linalg.LinAlgError
+        return self_calibrate(observed, tolerances, rounds=1)
+
+    monkeypatch.setattr("tulip_testbed.calibration.calibrated_estimate.self_calibrate", limited)
+    with pytest.raises(InputError) as refusal:
+        identify(ordinary[0].measurements, robot, estimator="self-calibrating")
+    named = {12: order[:1], 11: order[:2]}.get(most)
+    advice = f"; leave out {', '.join(named)} (tolerance 0), or choose" if named else "calibrating; choose"
+    assert advice in str(refusal.value)
+    assert "too few or too much alike for estimator self-calibrating" in str(refusal.value)
+    if named:
+        stated = dict.fromkeys(named, 0.0)
+        identify(ordinary[0].measurements, robot, estimator="self-calibrating", tolerances=stated)
