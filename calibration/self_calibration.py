@@ -151,6 +151,33 @@ class SelfCalibration:
         members = self.linear.members[..., : len(mixing)]
         return Background(members @ (mixing * spreads), deviates / spreads, self.linear.covariance.internal)
 
+    @property
+    def mass(self) -> tuple[float, float]:
+        """Return the robot's mass and its standard error, with everything that is uncertain [kg]."""
+        gravity, p = self.observed.measurements.gravity, len(self.theta)
+        error = float(np.sqrt(self.solved.covariance[p, p]))
+        return (self.observed.weight + float(self.solved.estimate[p])) / gravity, error / gravity
+
+    @property
+    def prior_covariance(self) -> np.ndarray:
+        """Return the part of `covariance` that is due to members known by their prior only, (p, p)."""
+        p = len(self.theta)
+        known = np.concatenate([np.zeros(0, bool), *(one.determined for one in self.families)])
+        if known.all():
+            return np.zeros((p, p))
+        chosen = np.append(np.arange(p), p + 1 + np.flatnonzero(~known))
+        both = block_diag(np.eye(p + 1), self.mixing)[chosen]
+        joint = both @ self.solved.covariance @ both.T
+        return joint[:p, p:] @ np.linalg.solve(joint[p:, p:], joint[p:, :p])
+
+    @property
+    def data_covariance(self) -> np.ndarray:
+        """Return the covariance of theta if the members known by their prior only were known, (p, p).
+
+        It says what the postures can distinguish; `covariance` says how far the estimate can be trusted.
+        """
+        return self.covariance - self.prior_covariance
+
     def keep(self, columns: Sequence[int]) -> SelfCalibration:
         """Return the estimate of a model with some of the base parameters, the others being zero.
 

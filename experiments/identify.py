@@ -178,7 +178,7 @@ def identify(
     if estimator == SELF_CALIBRATING:
         observed = observed or observe(measurements, nominal_robot(robot, parameters.support))
         full, simplified, found = calibrated_estimates(observed, data, kept, tolerances)
-        return Identification(parameters, full, simplified, mass, estimator, found)
+        return Identification(parameters, full, simplified, found.mass, estimator, found)
     full = estimate_by(data, estimator)
     simplified = full if len(kept) == len(data.numbers) else estimate_by(data.keep(kept), estimator)
     return Identification(parameters, full, simplified, mass, estimator)
