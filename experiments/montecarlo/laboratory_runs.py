@@ -174,7 +174,7 @@ def _number_of(stream: np.random.SeedSequence) -> int:
 def _split(streams: Sequence[np.random.SeedSequence], parts: int = 2) -> list[list[np.random.SeedSequence]]:
     """Streams of the robots, of the laboratories' noise and of their imperfections, by run.
 
-    The noise is the same with and without random robots or imperfections.
+    So the laboratory's stream is the same with and without random robots or imperfections.
     """
     children = [stream.spawn(parts) for stream in streams]
     return [[child[k] for child in children] for k in range(parts)]
