@@ -12,13 +12,13 @@ from tulip_testbed.calibration.families import families_of, tolerances_of
 from tulip_testbed.calibration.ordinary_laboratory import draw_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.experiments.checks import data_correlation_checks
+from tulip_testbed.experiments.imperfections import drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, source_of, stream_of
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import montecarlo_file, open_folder
 from tulip_testbed.experiments.montecarlo.montecarlo_record import read_montecarlo
 from tulip_testbed.experiments.montecarlo.montecarlo_run import Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
-from tulip_testbed.experiments.ordinary import drawn, single_stream
 from tulip_testbed.experiments.validate import validate
 from tulip_testbed.experiments.validation_record import (
     read_validation,

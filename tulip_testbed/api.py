@@ -20,10 +20,10 @@ from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
 from tulip_testbed.experiments.identify import Identification
 from tulip_testbed.experiments.identify import identify as _identify
+from tulip_testbed.experiments.imperfections import default_estimator
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory, Run
 from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo, Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
-from tulip_testbed.experiments.ordinary import default_estimator
 from tulip_testbed.experiments.planning_run import PlanSettings, optimal_plan
 from tulip_testbed.experiments.records import read_record, record_of
 from tulip_testbed.experiments.usable_plan import check_plan

@@ -11,8 +11,8 @@ import numpy as np
 
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
+from tulip_testbed.experiments.imperfections import drawn
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.ordinary import drawn
 from tulip_testbed.identification.base_parameters import common_support, standard_parameters
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.errors import InputError

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.experiments.imperfections import check_ordinary
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.calibration_report import CalibrationReport, report
 from tulip_testbed.experiments.montecarlo.calibration_tables import calibration_check_table, calibration_table
@@ -27,7 +28,6 @@ from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
 from tulip_testbed.experiments.montecarlo.run_columns import Job, layout_of
 from tulip_testbed.experiments.montecarlo.settings import Settings, check_settings
 from tulip_testbed.experiments.montecarlo.summary import errors_mm, summarise
-from tulip_testbed.experiments.ordinary import check_ordinary
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.sim.errors import InputError, at_least
 from tulip_testbed.sim.measurements import PosturePlan

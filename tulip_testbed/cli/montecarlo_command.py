@@ -72,11 +72,11 @@ def montecarlo_command(
 
     from tulip_testbed.cli.laboratory_options import laboratory_and_plan
     from tulip_testbed.cli.terminal import print_json, progress, say, show, show_verdict
+    from tulip_testbed.experiments.imperfections import default_estimator
     from tulip_testbed.experiments.montecarlo.calibration_tables import TOO_FEW, calibration_report
     from tulip_testbed.experiments.montecarlo.engine import check_engine
     from tulip_testbed.experiments.montecarlo.montecarlo_run import Interrupted, Place, montecarlo
     from tulip_testbed.experiments.montecarlo.settings import Settings
-    from tulip_testbed.experiments.ordinary import default_estimator
 
     began = time.perf_counter()
     where, chosen = "dynamics" if dynamics else "statics", default_estimator(estimator, ordinary)
