@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tulip_testbed.calibration.self_calibration import SelfCalibration, self_calibrate
+from tulip_testbed.calibration.self_calibration import SelfCalibration, least_determined, self_calibrate
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.rank import labels, require_identifiable
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.identification.residual_channels import residuals
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.threads import one_blas_thread
 
 SELF_CALIBRATING = "self-calibrating"
@@ -21,30 +21,61 @@ SUMMARY = "Base parameters and ordinary imperfections in one estimate, with all 
 
 @one_blas_thread
 def calibrated_estimates(
-    observed: Observation, data: Regression, kept: Sequence[int]
+    observed: Observation,
+    data: Regression,
+    kept: Sequence[int],
+    tolerances: Mapping[str, float] | None = None,
 ) -> tuple[Estimate, Estimate, SelfCalibration]:
     """Estimate the full and the simplified model with all families of ordinary imperfections.
 
     Args:
         observed: the experiment. data: its regression.
         kept: numbers of the simplified model's parameters.
+        tolerances: see `self_calibrate`.
 
     Raises:
-        InputError: the postures do not determine all parameters.
+        InputError: the postures do not determine all parameters, or an impossible tolerance.
     """
     require_identifiable(data.matrix, labels(data.numbers, data.names), data.source, data.blur)
     try:
-        found = self_calibrate(observed)
-        full = estimate_of(found, data)
-        if len(kept) == len(data.numbers):
-            return full, full, found
-        columns = [int(np.flatnonzero(data.numbers == number)[0]) for number in kept]
-        return full, estimate_of(found.keep(columns), data.keep(list(kept))), found
+        return _estimates(observed, data, kept, tolerances)
     except np.linalg.LinAlgError:
+        excess = _in_excess(observed, data, kept, tolerances)
+        families = "" if not excess else f" with all families; leave out {listed(excess)} (tolerance 0), or"
         raise InputError(
             f"{data.source}: found {len(observed)} postures, too few or too much alike for estimator "
-            f"{SELF_CALIBRATING}; choose another estimator"
+            f"{SELF_CALIBRATING}{families or ';'} choose another estimator"
         ) from None
+
+
+def _estimates(
+    observed: Observation, data: Regression, kept: Sequence[int], tolerances: Mapping[str, float] | None
+) -> tuple[Estimate, Estimate, SelfCalibration]:
+    found = self_calibrate(observed, tolerances)
+    full = estimate_of(found, data)
+    if len(kept) == len(data.numbers):
+        return full, full, found
+    columns = [int(np.flatnonzero(data.numbers == number)[0]) for number in kept]
+    return full, estimate_of(found.keep(columns), data.keep(list(kept))), found
+
+
+def _in_excess(
+    observed: Observation, data: Regression, kept: Sequence[int], tolerances: Mapping[str, float] | None
+) -> tuple[str, ...]:
+    """Find families without which the estimate succeeds: one if that suffices, the least determined first.
+
+    Returns:
+        their names; empty if not even a laboratory without any imperfection can be estimated.
+    """
+    names = least_determined(observed, tolerances)
+    several = [tuple(names[: k + 1]) for k in range(1, len(names))]
+    for chosen in [*((name,) for name in names), *several]:
+        try:
+            _estimates(observed, data, kept, {**(tolerances or {}), **dict.fromkeys(chosen, 0.0)})
+        except np.linalg.LinAlgError:
+            continue
+        return chosen
+    return ()
 
 
 def estimate_of(found: SelfCalibration, data: Regression) -> Estimate:

@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Real
 
 import numpy as np
 
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect
-from tulip_testbed.effects.instance import EffectInstance, effect_label
-from tulip_testbed.sim.errors import InputError, look_up
+from tulip_testbed.effects.instance import MOST_PRIORS, EffectInstance, effect_label
+from tulip_testbed.sim.errors import InputError, look_up, shortened
 from tulip_testbed.sim.measurements import SensorSheet
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.sensors import PRESETS
@@ -141,10 +142,7 @@ def tolerances_of(sheet: SensorSheet, given: Mapping[str, float] | None = None) 
         InputError: an unknown family, or a tolerance that is negative or not finite.
     """
     given = given or {}
-    for name, value in given.items():
-        look_up("family", name, TOLERANCES, "tolerances")
-        if not 0 <= value < np.inf:
-            raise InputError(f"tolerances: {name}: found {value}, expected a number, 0 or more (0: exact)")
+    check_tolerances(given)
     of_cells = _place(sheet.cell_sd, "cell_repeatability")
     of_plates = _place(sheet.placement_sd and sheet.placement_sd[0], "placement_sd")
     found = {
@@ -156,6 +154,50 @@ def tolerances_of(sheet: SensorSheet, given: Mapping[str, float] | None = None) 
         (of_cells, of_plates), "assumed, between those of the presets wii and force-plate"
     )
     return Tolerances(found | dict(given), text if not given else f"{text}, and as stated")
+
+
+def check_tolerances(given: Mapping[str, float], where: str = "tolerance") -> None:
+    """Refuse tolerances that no family can have.
+
+    Args:
+        where: place of the tolerances, for messages.
+
+    Raises:
+        InputError: an unknown family, with those that are close and those that are valid; a tolerance that is
+            no number, negative, not finite, or beyond any laboratory.
+    """
+    for name, value in given.items():
+        look_up("family", name, TOLERANCES, where)
+        parameter = catalogue()[name].parameters[0]
+        most = MOST_PRIORS * parameter.prior
+        if not isinstance(value, Real) or isinstance(value, bool) or not 0 <= value <= most:
+            unit = f" {parameter.unit}" if parameter.unit else ""
+            raise InputError(
+                f"{where}: {name}: found {shortened(repr(value))}, expected a number, 0 or more (0: exact) "
+                f"and at most {most:.3g}{unit} (SI units)"
+            )
+
+
+def read_tolerances(texts: Sequence[str]) -> dict[str, float]:
+    """Read tolerances that are written NAME=VALUE, in SI units.
+
+    Raises:
+        InputError: with what was found and what is valid.
+    """
+    found: dict[str, float] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        look_up("family", name, TOLERANCES, "tolerance")
+        if name in found:
+            raise InputError(f"tolerance: {name}: found two values, expected one")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise InputError(
+                f"tolerance: {name}: found {shortened(repr(text))}, expected {name}=VALUE (SI units)"
+            ) from None
+    check_tolerances(found)
+    return found
 
 
 def _place(sd: float | None, name: str) -> float:

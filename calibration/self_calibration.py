@@ -19,7 +19,7 @@ from scipy.linalg import block_diag
 from scipy.special import ndtr, ndtri
 
 from tulip_testbed.calibration.estimated_loads import with_estimated_loads
-from tulip_testbed.calibration.families import Family, families_of, tolerances_of
+from tulip_testbed.calibration.families import Family, Tolerances, families_of, tolerances_of
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import Background
 from tulip_testbed.calibration.linearisation import (
@@ -151,6 +151,33 @@ class SelfCalibration:
         members = self.linear.members[..., : len(mixing)]
         return Background(members @ (mixing * spreads), deviates / spreads, self.linear.covariance.internal)
 
+    @property
+    def mass(self) -> tuple[float, float]:
+        """Return the robot's mass and its standard error, with everything that is uncertain [kg]."""
+        gravity, p = self.observed.measurements.gravity, len(self.theta)
+        error = float(np.sqrt(self.solved.covariance[p, p]))
+        return (self.observed.weight + float(self.solved.estimate[p])) / gravity, error / gravity
+
+    @property
+    def prior_covariance(self) -> np.ndarray:
+        """Return the part of `covariance` that is due to members known by their prior only, (p, p)."""
+        p = len(self.theta)
+        known = np.concatenate([np.zeros(0, bool), *(one.determined for one in self.families)])
+        if known.all():
+            return np.zeros((p, p))
+        chosen = np.append(np.arange(p), p + 1 + np.flatnonzero(~known))
+        both = block_diag(np.eye(p + 1), self.mixing)[chosen]
+        joint = both @ self.solved.covariance @ both.T
+        return joint[:p, p:] @ np.linalg.solve(joint[p:, p:], joint[p:, :p])
+
+    @property
+    def data_covariance(self) -> np.ndarray:
+        """Return the covariance of theta if the members known by their prior only were known, (p, p).
+
+        It says what the postures can distinguish; `covariance` says how far the estimate can be trusted.
+        """
+        return self.covariance - self.prior_covariance
+
     def keep(self, columns: Sequence[int]) -> SelfCalibration:
         """Return the estimate of a model with some of the base parameters, the others being zero.
 
@@ -180,7 +207,8 @@ def self_calibrate(
 
     Args:
         observed: the experiment.
-        tolerances: of families, in place of those that fit the sensors [SI]; zero: exact.
+        tolerances: of families, in place of those of the measurements and those that fit the sensors [SI];
+            zero: exact.
         effects: that are no members of a family; their sizes are estimated, beginning where they are.
         start: an estimate of the same experiment from which this one begins.
         residual_covariance: that of another estimate, but for its scales, so that the evidence of several
@@ -191,7 +219,7 @@ def self_calibrate(
         InputError: an unknown family or an impossible tolerance.
         numpy.linalg.LinAlgError: readings that are not finite, or postures that do not suffice.
     """
-    used = tolerances_of(observed.measurements.sensors, tolerances)
+    used = _tolerances(observed, tolerances)
     families: Families = (
         *families_of(observed.nominal.robot, used, effects),
         *map(FreeEffect, effects),
@@ -232,6 +260,33 @@ def self_calibrate(
             break
     assert found is not None
     return _result(clean, families, noise, *found, used.assumed)
+
+
+def least_determined(observed: Observation, tolerances: Mapping[str, float] | None = None) -> list[str]:
+    """Name the families, those first whose members the data determine least at spread 1.
+
+    Args:
+        observed, tolerances: see `self_calibrate`.
+    """
+    families = families_of(observed.nominal.robot, _tolerances(observed, tolerances))
+    mixing, _ = mixing_of(families)
+    sizes = [sum(part.shape[1] for part in family.parts) for family in families]
+    nu = np.append(_least_squares(observed), 0.0)
+    left = np.ones(sum(sizes))  # variance of the deviates over that of their prior
+    variance, scales = (mixing**2).sum(axis=1), np.ones(len(SOURCES))
+    try:
+        state = State(observed, observed, nu, 0 * left, variance, scales, None)
+        problem, _ = linearised(state, families, noise_of(observed), placement_blocks(observed))
+        left = np.diag(given(problem, scales, np.ones(len(problem.roots))).conditional)[len(nu) :]
+    except np.linalg.LinAlgError:
+        pass  # then the order is the table's
+    share = [part.mean() for part in np.split(left, np.cumsum(sizes)[:-1])]
+    return [families[k].name for k in np.argsort(-np.array(share), kind="stable")]
+
+
+def _tolerances(observed: Observation, given: Mapping[str, float] | None) -> Tolerances:
+    measured = observed.measurements
+    return tolerances_of(measured.sensors, {**measured.tolerances, **(given or {})})
 
 
 def _least_squares(observed: Observation) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.calibration.families import check_tolerances
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.example import example_manifest, example_row
@@ -18,7 +19,7 @@ from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight import RESULTS, Finding, preflight, worst_of
 from tulip_testbed.identification.preflight.plate_checks import plate_poses
 from tulip_testbed.identification.regressor import check_robot
-from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.sim.errors import MOST_LISTED, InputError, shortened
 from tulip_testbed.sim.measurements import Measurements, Series, read_measurements, read_series
 from tulip_testbed.sim.measurements.folder_kind import check_kind
 from tulip_testbed.sim.measurements.measurement_folder import read_manifest
@@ -64,6 +65,7 @@ def check_folder(folder: Path, robot: Robot, corrections: Sequence[EffectInstanc
     nominal = nominal_robot(robot)
     _refuse_other_robot(folder, nominal)
     wrong = complaints(folder, nominal.parameters.tree.joints)
+    wrong["manifest"] += _wrong_tolerances(folder)
     if any(wrong.values()):
         return Preflight(
             {
@@ -91,8 +93,9 @@ def check_measurements(
         source: of the measurements, for messages.
 
     Raises:
-        InputError: corrections for measurements that do not fit the robot.
+        InputError: corrections for measurements that do not fit the robot; tolerances of unknown families.
     """
+    check_tolerances(measurements.tolerances, f"{source}: key 'tolerances'")
     nominal = nominal_robot(robot)
     if not corrections:
         return Preflight(findings_document(measurements, nominal, preflight(measurements, nominal, series)))
@@ -108,6 +111,21 @@ def check_measurements(
             [recorded if finding.name == recorded.name else finding for finding in findings],
         )
     )
+
+
+def _wrong_tolerances(folder: Path) -> list[str]:
+    """List the tolerances of the manifest that no family can have."""
+    try:
+        tolerances = read_manifest(folder).tolerances or {}
+    except InputError:
+        return []  # the other complaints come first
+    found = []
+    for name, value in tolerances.items():
+        try:
+            check_tolerances({name: value}, f"{folder / 'manifest.json'}: key 'tolerances'")
+        except InputError as error:
+            found.append(str(error))
+    return found[:MOST_LISTED]
 
 
 def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:

@@ -163,6 +163,30 @@ def correlation_checks(
     return checks
 
 
+def data_correlation_checks(
+    numbers: np.ndarray, data: np.ndarray, planned: np.ndarray, pairs: list[list[int]]
+) -> list[Check]:
+    """The nearly collinear pairs in an estimate that calibrates its laboratory.
+
+    Members that only their prior knows have errors of their own, which hide the correlation.
+
+    Args:
+        numbers: of the parameters.
+        data: correlations of the estimate without those members, (p, p).
+        planned: see `correlation_checks`; a plan that weakens the correlation itself is not judged.
+    """
+    index = {number: k for k, number in enumerate(numbers.tolist())}
+    checks = []
+    for a, b in pairs:
+        name, place = f"correlation ({a}, {b}), estimate", (index[a], index[b])
+        if planned[place] < CORRELATION_LIMIT:
+            source = f"below {CORRELATION_LIMIT}, without members known by their prior only"
+            checks.append(within(name, data[place], -1.0, CORRELATION_LIMIT, source))
+        else:
+            checks.append(skipped(name, f"plan predicts {planned[place]:.4f}"))
+    return checks
+
+
 def mass_check(value: float, standard_error: float, truth: float, count: int, noisy: bool) -> Check:
     if not noisy:
         return below("total mass", abs(value - truth), IDEAL_MASS_ERROR, "noise-free data: within 1 g (kg)")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING, SUMMARY, calibrated_estimates
+from tulip_testbed.calibration.families import check_tolerances
 from tulip_testbed.calibration.self_calibration import SelfCalibration
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
@@ -32,7 +33,7 @@ from tulip_testbed.identification.statistics import (
     correlations,
     standard_errors,
 )
-from tulip_testbed.sim.errors import look_up
+from tulip_testbed.sim.errors import InputError, look_up
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.table import Shown, Table
@@ -140,6 +141,7 @@ def identify(
     estimator: str = DEFAULT,
     parameters: BaseParameters | None = None,
     adopted: Sequence[EffectInstance] = (),
+    tolerances: Mapping[str, float] | None = None,
 ) -> Identification:
     """Full and simplified model.
 
@@ -147,11 +149,21 @@ def identify(
         estimator: a name of `ESTIMATORS`.
         parameters: the robot's base parameters, if they are at hand: for many identifications of one robot.
         adopted: effects that are removed from the measurements before the regression.
+        tolerances: of families of ordinary imperfections, for the self-calibrating estimator, in place of
+            those of the measurements and those that fit the sensors [SI]; zero: exact.
 
     Raises:
-        InputError: the measurements do not fit the robot or do not suffice, or an unknown estimator.
+        InputError: the measurements do not fit the robot or do not suffice, an unknown estimator, an unknown
+            family or an impossible tolerance.
     """
     look_up("estimator", estimator, ESTIMATORS, "estimator")
+    check_tolerances(measurements.tolerances, f"{source}: key 'tolerances'")
+    check_tolerances(tolerances or {})
+    if tolerances and estimator != SELF_CALIBRATING:
+        raise InputError(
+            f"tolerance: {next(iter(tolerances))}: found with estimator {estimator}, expected "
+            f"`estimator={SELF_CALIBRATING}`"
+        )
     parameters = parameters or base_parameters(
         robot, support=common_support(measurements.support, f"{source}: postures")
     )
@@ -165,8 +177,8 @@ def identify(
     mass = total_mass(measurements)
     if estimator == SELF_CALIBRATING:
         observed = observed or observe(measurements, nominal_robot(robot, parameters.support))
-        full, simplified, found = calibrated_estimates(observed, data, kept)
-        return Identification(parameters, full, simplified, mass, estimator, found)
+        full, simplified, found = calibrated_estimates(observed, data, kept, tolerances)
+        return Identification(parameters, full, simplified, found.mass, estimator, found)
     full = estimate_by(data, estimator)
     simplified = full if len(kept) == len(data.numbers) else estimate_by(data.keep(kept), estimator)
     return Identification(parameters, full, simplified, mass, estimator)

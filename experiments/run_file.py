@@ -52,8 +52,15 @@ class RunFile(Head, Generic[Made]):
     outputs: dict[str, str] = Field(default_factory=dict)
 
 
-def configuration_of(laboratory: Laboratory, plan: PosturePlan, seed: int, engine: str) -> Configuration:
-    """List everything that was set, for run folders and truth files."""
+def configuration_of(
+    laboratory: Laboratory, plan: PosturePlan, seed: int, engine: str, ordinary: float | None = None
+) -> Configuration:
+    """List everything that was set, for run folders and truth files.
+
+    Args:
+        seed, engine: see `Laboratory.run`.
+        ordinary: scale of the imperfections that were drawn for the laboratory; None: there were none.
+    """
     rig = laboratory.rig
     content = {
         "preset": laboratory.sensors,
@@ -68,7 +75,7 @@ def configuration_of(laboratory: Laboratory, plan: PosturePlan, seed: int, engin
         "adopted": [found.document() for found in laboratory.known],
         "statics": engine == "statics",
         "plan": {"robot": plan.robot, "made": plan.made, "postures": len(plan)},
-    }
+    } | ({} if ordinary is None else {"ordinary": ordinary})
     return Configuration.model_validate(finite(content))  # with lists for tuples, as it will be read again
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.calibration.ordinary_laboratory import SPREADS
 from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.outcome import Truth
@@ -33,6 +34,17 @@ def usable_postures(run: Run, paper: dict[str, Any], reasons: bool = True) -> li
             for reason, count in sorted(tally.items(), key=lambda item: -item[1])
         ),
     ]
+
+
+def ordinary_line(scale: float, several: bool = False) -> str:
+    """Describe the imperfections that were drawn.
+
+    Args:
+        several: whether every run drew its own.
+    """
+    low, high = (number(scale * spread, "g") for spread in SPREADS)
+    whose = "laboratories, drawn anew in every run" if several else "laboratory"
+    return f"Ordinary {whose}: imperfections of all families, with spreads of {low} to {high} tolerances."
 
 
 def sag_line(truth: Truth) -> str:

@@ -15,6 +15,7 @@ from tulip_testbed.experiments.checks import (
     below,
     check_table,
     correlation_checks,
+    data_correlation_checks,
     ideal_error_check,
     joint_check,
     largest_z_check,
@@ -25,6 +26,7 @@ from tulip_testbed.experiments.checks import (
 )
 from tulip_testbed.experiments.estimate_report import model_report
 from tulip_testbed.experiments.identify import ESTIMATORS, Identification, identify
+from tulip_testbed.experiments.imperfections import check_ordinary, default_estimator, drawn, single_stream
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory, Run
 from tulip_testbed.experiments.parameter_tables import parameter_table
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
@@ -32,7 +34,7 @@ from tulip_testbed.identification.base_parameters import BaseParameters, renumbe
 from tulip_testbed.identification.estimators import DEFAULT, solve_least_squares
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.identification.statistics import correlations
-from tulip_testbed.sim.errors import look_up
+from tulip_testbed.sim.errors import at_least, look_up
 from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.sensors import Sensors
 from tulip_testbed.sim.table import Shown, Table
@@ -48,6 +50,7 @@ class Validation(Shown):
         run: the experiment. identification: the estimates from its measurements.
         truth: base parameters of the robot that stood there, (p,) [m].
         checks: what was judged. wall_s: what it took [s].
+        ordinary: scale of the imperfections that were drawn for the laboratory; None: there were none.
     """
 
     run: Run
@@ -55,6 +58,7 @@ class Validation(Shown):
     truth: np.ndarray
     checks: tuple[Check, ...]
     wall_s: float
+    ordinary: float | None = None
 
     @property
     def verdict(self) -> str:
@@ -83,28 +87,33 @@ def validate(
     laboratory: Laboratory,
     plan: PosturePlan,
     seed: int = DEFAULT_SEED,
-    estimator: str = DEFAULT,
+    estimator: str | None = None,
     engine: str = "dynamics",
     workers: int | None = None,
     progress: Callable[[int], None] = lambda count: None,
+    ordinary: float | None = None,
 ) -> Validation:
     """Run an experiment and hold the estimates against its truth.
 
     Args:
         plan: postures to measure. seed: of everything random.
-        estimator: a name of `experiments.identify.ESTIMATORS`.
+        estimator: a name of `experiments.identify.ESTIMATORS`; None: see `default_estimator`.
         engine, workers, progress: see `Laboratory.run`.
+        ordinary: scale of ordinary imperfections that are drawn and hidden in the laboratory; None: none.
 
     Raises:
         InputError: a plan whose postures would not identify the robot; nothing could be measured, or too
-            little to identify.
+            little to identify; imperfections that cannot be drawn or simulated.
     """
     began = time.perf_counter()
-    look_up("estimator", estimator, ESTIMATORS, "estimator")
+    estimator = look_up("estimator", default_estimator(estimator, ordinary), ESTIMATORS, "estimator")
+    check_ordinary(laboratory, ordinary)
+    at_least("seed", seed, 0)
     laboratory.check(plan, engine)
     identifiable_regressor("plan", laboratory.robot, plan)
+    laboratory = drawn(laboratory, ordinary, single_stream(seed))
     result = judge(laboratory.run(plan, seed, engine, workers, progress), estimator)
-    return dataclasses.replace(result, wall_s=time.perf_counter() - began)
+    return dataclasses.replace(result, wall_s=time.perf_counter() - began, ordinary=ordinary)
 
 
 def judge(run: Run, estimator: str = DEFAULT) -> Validation:
@@ -143,7 +152,11 @@ def evaluate(run: Run, found: Identification, truth: np.ndarray) -> list[Check]:
     if not noisy:
         checks.append(skipped("joint chi-square and |z|", "noise-free data have no standard errors to test"))
     measured = correlations_at(found.parameters, run.measurements.joint_angles)
-    checks += correlation_checks(full.numbers, measured, planned_correlations(run, found.parameters), pairs)
+    planned = planned_correlations(run, found.parameters)
+    checks += correlation_checks(full.numbers, measured, planned, pairs)
+    if found.calibration is not None and noisy:
+        data = correlations(found.calibration.data_covariance)
+        checks += data_correlation_checks(full.numbers, data, planned, pairs)
     placements = len(np.unique(run.measurements.placement))
     known = settings.get("residual_sigma_mm", {})
     checks.append(sigma_check(run.laboratory.sensors, full.sigma, placements, known))

@@ -73,7 +73,10 @@ class TotalMass(Document):
 
 
 class Report(Document):
-    """report.json; books: the largest imbalance of any hold, null in statics."""
+    """report.json; books: the largest imbalance of any hold, null in statics.
+
+    ordinary: scale of the imperfections that were drawn for the laboratory; absent: there were none.
+    """
 
     verdict: Literal["pass", "fail"]
     estimator: str
@@ -88,6 +91,7 @@ class Report(Document):
     simplified: ModelReport
     books: dict[str, float] | None
     wall_s: float
+    ordinary: float | None = None
 
     @property
     def models(self) -> dict[str, ModelReport]:
@@ -140,6 +144,7 @@ def report_of(result: Validation) -> Report:
             "books": worst_balance(run),
             "wall_s": result.wall_s,
         }
+        | ({} if result.ordinary is None else {"ordinary": result.ordinary})
     )
 
 
@@ -151,7 +156,7 @@ def validation_record(result: Validation) -> ValidationRecord:
             format="tulip-run",
             version=VERSION,
             command="validate",
-            configuration=configuration_of(run.laboratory, run.plan, run.seed, run.engine),
+            configuration=configuration_of(run.laboratory, run.plan, run.seed, run.engine, result.ordinary),
             software=software(),
             inputs=run.laboratory.robot.hashes,
         ),

@@ -12,7 +12,7 @@ from tulip_testbed.experiments.parameter_tables import (
     parameter_table,
     read_reported,
 )
-from tulip_testbed.experiments.run_summary import balance_line, sag_line, usable_postures
+from tulip_testbed.experiments.run_summary import balance_line, ordinary_line, sag_line, usable_postures
 from tulip_testbed.experiments.validate import Validation
 from tulip_testbed.sim.table import Table
 
@@ -33,6 +33,8 @@ def validation_report(result: Validation, document: dict[str, Any]) -> list[Tabl
             correlation_table(model, pairs, parameters, angles) if pairs else NO_CORRELATION,
             "",
         ]
+    if result.ordinary is not None:
+        parts.append(ordinary_line(result.ordinary))
     mass = document["total_mass"]
     parts += [LEGEND, *usable_postures(run, robot.settings.get("paper", {}))]
     parts.append(mass_line(mass["estimate"], mass["standard_error"], mass["truth"]))

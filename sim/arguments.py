@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache, wraps
 from inspect import Parameter, signature
 from numbers import Integral, Real
@@ -24,6 +24,7 @@ WORDS = {
     str: "a text",
     Path: "a path",
     Sequence: "a list of them",
+    Mapping: "a dictionary",
     NoneType: "None",
 }
 NUMBERS: dict[Any, type] = {int: Integral, float: Real}  # NumPy's too

@@ -12,6 +12,9 @@ from tulip_testbed.sim.robot import CORNERS, PLATES, Robot
 # Springs are critically damped at this rate by an armature inertia of their own, which has no weight. The
 # rate is slow enough for the time step and fast compared with the settling of the robot.
 RATE = 50.0  # 1/s; at 150, together with flexible drives, the contacts gained energy
+# Stiffer springs are rigid: 100 N m would turn them by 1e-7 rad, and at 1e-11 rad/(N m) their rounding errors
+# tip the robot in statics.
+RIGID = 1e-9  # rad/(N m)
 SHAPE = ("type", "size", "quat", "group", "rgba")
 CONTACT = ("contype", "conaffinity", "condim", "priority", "friction", "solref", "solimp", "margin")
 

@@ -11,10 +11,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag, eigh
+from scipy.linalg import eigh
 
 from studies.runner import Settings, header, row, shipped_plan
-from tulip_testbed.calibration.families import Family, families_of, tolerances_of
+from tulip_testbed.calibration.families import families_of, tolerances_of
+from tulip_testbed.calibration.ordinary_laboratory import draw_members
 from tulip_testbed.calibration.reml import given
 from tulip_testbed.calibration.self_calibration import SelfCalibration, self_calibrate
 from tulip_testbed.effects.injection import edited
@@ -34,7 +35,6 @@ from tulip_testbed.sim.threads import one_blas_thread
 
 SETTINGS = Settings(seed=1, only=("wii", "force-plate"))
 LABORATORIES = 100
-SPREADS = (0.1, 1.0)  # tolerances
 ROBOTS = (0.05, 0.2)  # of random robots
 LEAST_DATA = 0.5  # share of a direction's variance that is not from members known by their prior alone
 BOOTSTRAPS = 1000
@@ -148,15 +148,6 @@ def _text(parts: list[np.ndarray], figure: Callable[[np.ndarray], float]) -> tup
     return f"{figure(np.concatenate(parts)):.3f}", f"{low:.3f} to {high:.3f}"
 
 
-def draw_members(
-    families: tuple[Family, ...], rng: np.random.Generator
-) -> tuple[list[np.ndarray], np.ndarray]:
-    """Draw a spread and then the members of every family: values by family, and spreads, (f,)."""
-    spreads = rng.uniform(*SPREADS, len(families))
-    values = [s * f.tolerance * rng.standard_normal(len(f)) for s, f in zip(spreads, families, strict=True)]
-    return [np.abs(v) if f.positive else v for v, f in zip(values, families, strict=True)], spreads
-
-
 @one_blas_thread
 def score(preset: str, seed: int, ordinary: bool) -> Score:
     """Simulate one laboratory and hold the estimates against its truth."""
@@ -226,17 +217,7 @@ def determined_directions(found: SelfCalibration) -> np.ndarray:
 
     Of the variance in such a direction, less than half is due to members that only their prior knows.
     """
-    p = len(found.theta)
-    known = np.concatenate([m.determined for m in found.families])
-    q = len(known)
-    # The covariance without those members' uncertainty: as if they were known.
-    full = found.covariance
-    chosen = np.append(np.arange(p), p + 1 + np.flatnonzero(~known))
-    both = block_diag(np.eye(p + 1), found.mixing)[chosen]
-    joint = both @ found.solved.covariance @ both.T
-    b, c = joint[:p, p:], joint[p:, p:]
-    due = b @ np.linalg.solve(c, b.T) if q > known.sum() else np.zeros((p, p))
-    share, ways = map(np.asarray, eigh(due, full))
+    share, ways = map(np.asarray, eigh(found.prior_covariance, found.covariance))
     return ways[:, share < LEAST_DATA]
 
 

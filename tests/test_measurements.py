@@ -9,6 +9,7 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
+from tulip_testbed.experiments.check_folder import check_folder
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import read_measurements, read_plan, write_measurements, write_plan
@@ -259,3 +260,43 @@ def test_measurements_print_as_a_line_and_have_a_frame_with_the_folders_columns(
         frame["q.right_knee"].tolist()
         == measured.joint_angles[:, measured.joints.index("right_knee")].tolist()
     )
+
+
+def test_tolerances_are_read_and_written_back(wii, folder, tmp_path):
+    assert "tolerances" not in json.loads((folder / "manifest.json").read_text())
+    edit_manifest(folder, lambda m: m.update(tolerances={"encoder-offset": 0.001, "link-length": 0}))
+    measured = read_measurements(folder)
+    assert measured.tolerances == {"encoder-offset": 0.001, "link-length": 0.0}
+    write_measurements(tmp_path / "again", measured)
+    same(measured, read_measurements(tmp_path / "again"))
+    edit_manifest(folder, lambda m: m.update(tolerances=None))
+    assert read_measurements(folder).tolerances == {}
+    broken = dataclasses.replace(measured, tolerances={"tilt": float("nan")})
+    with pytest.raises(InputError, match=r"measurements: key 'tolerances.tilt': found nan"):
+        write_measurements(tmp_path / "broken", broken)
+
+
+@pytest.mark.parametrize(
+    ("tolerances", "message"),
+    [
+        ([1], r"manifest.json: key 'tolerances': found \[1\]; expected an object"),
+        ({"tilt": -1.0}, r"key 'tolerances.tilt': found -1.0; expected 0 or more"),
+        ({"tilt": "small"}, r"key 'tolerances.tilt': found 'small'; expected a number"),
+        ({"tilt": float("inf")}, r"found the number Infinity, expected a finite one"),
+    ],
+)
+def test_impossible_tolerances_are_named(folder, tolerances, message):
+    edit_manifest(folder, lambda m: m.update(tolerances=tolerances))
+    with pytest.raises(InputError, match=message):
+        read_measurements(folder)
+
+
+def test_tolerances_of_unknown_families_are_refused(folder, robot):
+    unknown = {"encoder-ofset": 0.001, "tilt": 50.0, "magic": 1.0}
+    edit_manifest(folder, lambda m: m.update(tolerances=unknown))
+    message = r"measurements: key 'tolerances': unknown family 'encoder-ofset'; did you mean 'encoder-offset'"
+    with pytest.raises(InputError, match=message):
+        identify(read_measurements(folder), robot)
+    told = " ".join(check_folder(folder, robot).document["complaints"]["manifest"])
+    for part in ("unknown family 'encoder-ofset'", "unknown family 'magic'", "tilt: found 50.0, expected"):
+        assert part in told

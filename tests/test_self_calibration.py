@@ -5,12 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
+import tulip_testbed as tt
 from tulip_testbed.calibration.estimated_loads import with_estimated_loads
-from tulip_testbed.calibration.families import TOLERANCES, families_of, tolerances_of
+from tulip_testbed.calibration.families import TOLERANCES, families_of, read_tolerances, tolerances_of
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.member_columns import member_columns
 from tulip_testbed.calibration.placement_blocks import placement_blocks
-from tulip_testbed.calibration.self_calibration import self_calibrate
+from tulip_testbed.calibration.self_calibration import least_determined, self_calibrate
 from tulip_testbed.effects.instance import removed
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -96,6 +97,42 @@ def test_a_tolerance_of_zero_leaves_the_family_out(ordinary, nominal):
         self_calibrate(observed, {"encoder-offset": -1.0})
     with pytest.raises(InputError, match="unknown family 'magic'"):
         self_calibrate(observed, {"magic": 1.0})
+    measured = dataclasses.replace(ordinary[0].measurements, tolerances=exact)
+    assert not self_calibrate(observe(measured, nominal)).families
+    stated = self_calibrate(observe(measured, nominal), {"encoder-offset": 0.01})
+    assert [one.family.tolerance for one in stated.families] == [0.01]
+
+
+def test_identify_takes_tolerances(ordinary, robot):
+    measurements = ordinary[0].measurements
+    found = tt.identify(measurements, robot, "self-calibrating", tolerances=dict.fromkeys(TOLERANCES, 0.0))
+    assert found.calibration is not None
+    assert not found.calibration.families
+    stated = {"encoder-offset": 0.01}
+    with pytest.raises(InputError, match="tolerance: encoder-offset: found with estimator mixed-model"):
+        tt.identify(measurements, robot, tolerances=stated)
+    with pytest.raises(InputError, match=r"tolerances: found list, expected a dictionary or None"):
+        tt.identify(measurements, robot, tolerances=["tilt=0"])  # pyrefly: ignore
+    with pytest.raises(InputError, match=r"tolerance: tilt: found 'small', expected a number"):
+        tt.identify(measurements, robot, tolerances={"tilt": "small"})  # pyrefly: ignore
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("encoder-ofset=1", "tolerance: unknown family 'encoder-ofset'; did you mean 'encoder-offset'"),
+        ("tilt", "tolerance: tilt: found 'tilt', expected tilt=VALUE"),
+        ("tilt=nan", "tolerance: tilt: found nan, expected a number, 0 or more"),
+        ("tilt=-1", "tolerance: tilt: found -1.0, expected"),
+        ("cell-tare=1000", "at most 100 N"),
+    ],
+)
+def test_tolerances_that_cannot_be_read_are_named(text, message):
+    assert read_tolerances(["tilt=0", "cell-tare=0.1"]) == {"tilt": 0.0, "cell-tare": 0.1}
+    with pytest.raises(InputError, match=message):
+        read_tolerances([text])
+    with pytest.raises(InputError, match="tolerance: tilt: found two values, expected one"):
+        read_tolerances(["tilt=0", "tilt=1"])
 
 
 def test_tolerances_follow_the_sensors():
@@ -175,3 +212,29 @@ def test_identify_reports_families_members_and_budget(ordinary):
     assert fit["torso.x"].standard_error > 0
     assert fit.correlations.above(0.85) is not None
     assert fit.full.residual.shape == (2 * len(run.measurements),)
+
+
+@pytest.mark.parametrize("most", [12, 11, 0])
+def test_too_few_postures_name_the_families_to_leave_out(ordinary, robot, nominal, monkeypatch, most):
+    """With more families than `most` nothing can be estimated; the least determined go first."""
+    observed = observe(ordinary[0].measurements, nominal)
+    order = least_determined(observed)
+    assert set(order) == set(TOLERANCES)
+    assert order.index("cell-position-scale") < order.index("encoder-offset")
+
+    def limited(observed, tolerances):
+        left_out = sum(value == 0 for value in (tolerances or {}).values())
+        if len(TOLERANCES) - left_out > most or most == 0:
+            raise np.linalg.LinAlgError
+        return self_calibrate(observed, tolerances, rounds=1)
+
+    monkeypatch.setattr("tulip_testbed.calibration.calibrated_estimate.self_calibrate", limited)
+    with pytest.raises(InputError) as refusal:
+        identify(ordinary[0].measurements, robot, estimator="self-calibrating")
+    named = {12: order[:1], 11: order[:2]}.get(most)
+    advice = f"; leave out {', '.join(named)} (tolerance 0), or choose" if named else "calibrating; choose"
+    assert advice in str(refusal.value)
+    assert "too few or too much alike for estimator self-calibrating" in str(refusal.value)
+    if named:
+        stated = dict.fromkeys(named, 0.0)
+        identify(ordinary[0].measurements, robot, estimator="self-calibrating", tolerances=stated)

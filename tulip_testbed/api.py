@@ -6,6 +6,7 @@ Every function uses one thread for linear algebra, so that a notebook and the co
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
 from tulip_testbed.experiments.identify import Identification
 from tulip_testbed.experiments.identify import identify as _identify
+from tulip_testbed.experiments.imperfections import default_estimator
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory, Run
 from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo, Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
@@ -102,6 +104,7 @@ def identify(
     robot: Robot | None = None,
     estimator: str = DEFAULT,
     corrections: Effects = (),
+    tolerances: Mapping[str, float] | None = None,
 ) -> Identification:
     """Identify a robot from what was measured.
 
@@ -112,16 +115,22 @@ def identify(
             "consistent" or "self-calibrating".
         corrections: effects that the measurements are corrected for, e.g. `discover(...).adopted`; or texts
             as for `Laboratory.with_effects`.
+        tolerances: what is usual for the ordinary imperfections of this laboratory, by family [SI], e.g.
+            `{"encoder-offset": 0.001, "link-length": 0}` (0: exact); in place of those of the measurements
+            and those that fit the sensors. For the self-calibrating estimator.
 
     Returns:
         the full model and the simplified one; `fit["torso.x"].value` [m].
 
     Raises:
-        InputError: measurements that do not fit the robot or do not suffice, or an unknown estimator.
+        InputError: measurements that do not fit the robot or do not suffice, an unknown estimator, an unknown
+            family or an impossible tolerance.
     """
     robot = robot or load_robot()
     adopted = instances_of(corrections, robot, "corrections")
-    return _identify(_measurements(measurements), robot, estimator=estimator, adopted=adopted)
+    return _identify(
+        _measurements(measurements), robot, estimator=estimator, adopted=adopted, tolerances=tolerances
+    )
 
 
 @checked
@@ -160,23 +169,26 @@ def validate(
     laboratory: Laboratory,
     plan: PosturePlan,
     seed: int = DEFAULT_SEED,
-    estimator: str = DEFAULT,
+    estimator: str | None = None,
     engine: str = "dynamics",
     workers: int | None = None,
+    ordinary: float | None = None,
 ) -> Validation:
     """Simulate a plan, identify the robot, compare with the truth and give a verdict.
 
     Args:
         plan: postures to measure, e.g. `plans.random`.
         seed: of everything random.
-        estimator: see `identify`.
+        estimator: see `identify`; None: "mixed-model", or "self-calibrating" in an ordinary laboratory.
         engine: "dynamics", half a minute, or "statics", a second.
         workers: processes; None: one a core. Results do not depend on it.
+        ordinary: scale of ordinary imperfections of all families that are drawn and hidden in the laboratory,
+            1: spreads of 0.1 to 1 tolerance; None: there are none.
 
     Raises:
         InputError: a plan that does not fit the robot or would not identify it.
     """
-    return _validate(laboratory, plan, seed, estimator, engine, workers)
+    return _validate(laboratory, plan, seed, estimator, engine, workers, ordinary=ordinary)
 
 
 @checked
@@ -186,29 +198,32 @@ def monte_carlo(
     plan: PosturePlan,
     runs: int,
     seed: int = DEFAULT_SEED,
-    estimator: str = DEFAULT,
+    estimator: str | None = None,
     random_robots: float | None = None,
     engine: str = "statics",
     workers: int | None = None,
     folder: str | Path | None = None,
     scheduler: str | None = None,
+    ordinary: float | None = None,
 ) -> MonteCarlo:
     """Repeat an experiment with known truth and ask whether the estimator is right about its own errors.
 
     Args:
         runs: how many.
-        estimator: see `identify`.
+        estimator: see `validate`.
         random_robots: s.d. of the logarithm of each link's mass, and of its centre of mass in half edges of
             its inertia box: a random true robot in every run; None: the nominal one.
         engine: "statics", or "dynamics": about a minute a run.
         workers: processes; None: one a core. Results do not depend on it.
         folder: keeps the runs; the same call resumes what was stopped. None: a temporary one.
         scheduler: address of a Dask scheduler, "tcp://HOST:PORT"; None: processes of this machine.
+        ordinary: see `validate`; every run draws a laboratory of its own.
 
     Raises:
         InputError: what cannot be run; a folder that holds another Monte Carlo.
     """
-    settings = Settings(runs, seed, estimator, random_robots, engine)
+    chosen = default_estimator(estimator, ordinary)
+    settings = Settings(runs, seed, chosen, random_robots, engine, ordinary)
     with tempfile.TemporaryDirectory() as scratch:
         kept = Path(scratch) / "runs" if folder is None else Path(folder)
         return montecarlo(laboratory, plan, settings, Place(kept, processes(workers), scheduler))

@@ -9,26 +9,29 @@ from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.injection import edited, indicator
 from tulip_testbed.effects.targets import JOINTS
 from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.compliance import RATE, RIGID
 from tulip_testbed.sim.rig import Rig
 
 SUFFIX = "_yield"
-LOSS_TIME = 0.005  # s, damping over stiffness of the spring, assumed; at rest it makes no difference
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:
     def edit(spec: mujoco.MjSpec) -> None:
         joint, stiffness = spec.joint(target), 1.0 / values[0]
+        # Critically damped by an inertia of its own, which has no weight: at rest it makes no difference.
+        # With less, stiff springs in both ankles never came to rest at the simulation's time step.
+        inertia = stiffness / RATE**2
         joint.parent.add_joint(
             name=f"{target}{SUFFIX}",
             type=mujoco.mjtJoint.mjJNT_HINGE,
             axis=joint.axis,
             pos=joint.pos,
             stiffness=[stiffness, 0.0, 0.0],
-            damping=[LOSS_TIME * stiffness, 0.0, 0.0],
-            armature=joint.armature,
+            damping=[2.0 * inertia * RATE, 0.0, 0.0],
+            armature=inertia,
         )
 
-    return rig if values[0] == 0 else edited(rig, edit)
+    return rig if values[0] < RIGID else edited(rig, edit)
 
 
 def _predict(observed: Observation, target: str, values: Values) -> Observation:

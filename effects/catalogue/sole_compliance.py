@@ -13,6 +13,7 @@ import numpy as np
 from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.injection import always
 from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.compliance import RIGID
 from tulip_testbed.sim.rig import Rig
 
 
@@ -21,7 +22,7 @@ def _inject(rig: Rig, target: str, values: Values) -> Rig:
         soft = one.compliance
         return replace(one, compliance=replace(soft, sole_tilt=soft.sole_tilt + values[0]))
 
-    return always(rig, softer)
+    return rig if values[0] < RIGID else always(rig, softer)
 
 
 def _predict(observed: Observation, target: str, values: Values) -> Observation:

@@ -94,10 +94,14 @@ class CalibrationCheckRow(Document):
 class _Runs(Document):
     runs: int
     estimator: str
+    ordinary: float | None = None
 
 
 class CalibrationReport(ModelCalibration, _Runs):  # the keys come in the reverse order of the bases
-    """report.json of a Monte Carlo; the full model's keys are the report's own."""
+    """report.json of a Monte Carlo; the full model's keys are the report's own.
+
+    ordinary: scale of the imperfections of every run's laboratory; absent: there were none.
+    """
 
     correlations: dict[str, Distribution]
     simplified: ModelCalibration
@@ -121,8 +125,14 @@ class CalibrationReport(ModelCalibration, _Runs):  # the keys come in the revers
         return {"full": self} | ({"simplified": self.simplified} if self.simplified.parameters else {})
 
 
-def report(summary: Summary, layout: Layout, estimator: str) -> CalibrationReport:
-    """Report what the runs say; the same bits for the same runs."""
+def report(
+    summary: Summary, layout: Layout, estimator: str, ordinary: float | None = None
+) -> CalibrationReport:
+    """Report what the runs say; the same bits for the same runs.
+
+    Args:
+        estimator, ordinary: see `Settings`.
+    """
     found = checks(summary)
     models = {
         model: {
@@ -139,6 +149,7 @@ def report(summary: Summary, layout: Layout, estimator: str) -> CalibrationRepor
     content = {
         "runs": summary.runs,
         "estimator": estimator,
+        **({} if ordinary is None else {"ordinary": float(ordinary)}),
         **models["full"],
         "correlations": correlations,
         "simplified": models.get("simplified", {"parameters": []}),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from tulip_testbed.experiments.montecarlo.calibration_verdict import BIAS, COVERAGE, LEVEL, RATIO
+from tulip_testbed.experiments.run_summary import ordinary_line
 from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.table import Cell, Table
@@ -126,7 +127,7 @@ def calibration_check_table(checks: list[dict[str, Any]]) -> Table:
 
 def calibration_lines(report: dict[str, Any]) -> list[str]:
     """Describe the total mass, the errors of all parameters together, and the runs that failed."""
-    lines = []
+    lines = [] if report.get("ordinary") is None else [ordinary_line(report["ordinary"], several=True)]
     for model, found in (("full", report), ("simplified", report["simplified"])):
         if beyond := found.get("beyond_95"):
             low, high = (100 * end for end in beyond["interval"])

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import mujoco
 import numpy as np
 
 from tulip_testbed.effects.injection import edited
-from tulip_testbed.effects.true_robot import true_model
+from tulip_testbed.effects.true_robot import true_base_parameters, true_model
+from tulip_testbed.experiments.imperfections import drawn
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.identification.base_parameters import common_support, standard_parameters
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PosturePlan
@@ -31,18 +32,38 @@ def stream_of(seed: int, run: int) -> np.random.SeedSequence:
     return np.random.SeedSequence(seed, spawn_key=(run,))
 
 
-def source_of(laboratory: Laboratory, plan: PosturePlan, spread: float | None, engine: str) -> Source:
+@dataclass(frozen=True, eq=False)
+class OrdinaryOutcome(Outcome):
+    """Outcome of an experiment in an ordinary laboratory.
+
+    Attributes:
+        base: base parameters of the robot that stood there, with its own lengths, (p,) [m].
+    """
+
+    base: np.ndarray
+
+
+def source_of(
+    laboratory: Laboratory,
+    plan: PosturePlan,
+    spread: float | None,
+    engine: str,
+    ordinary: float | None = None,
+) -> Source:
     """Make what gives the runs, so that it can travel to the workers.
 
     Args:
         spread: of random true robots, see `sim.random_robots`; None: the nominal robot.
         engine: see `Laboratory.run`.
+        ordinary: scale of the ordinary imperfections of every run's laboratory; None: there are none.
 
     Raises:
         InputError: a plan or a scene that this laboratory cannot stand on.
     """
     rig = laboratory.rig
     model = true_model(rig) if laboratory.known else rig.robot.model
+    if ordinary is not None:
+        return partial(_ordinary, laboratory, plan, model, spread, engine, ordinary)
     if engine == "dynamics":
         return partial(_hold, rig, plan, model, spread)
     return partial(_solve, solve_plan(rig, plan), model, spread)
@@ -72,9 +93,8 @@ def _hold(
 def _hold_one(
     rig: Rig, plan: PosturePlan, model: mujoco.MjModel, standard: np.ndarray, stream: np.random.SeedSequence
 ) -> Outcome | str:
-    seed = int.from_bytes(stream.generate_state(4, np.uint32).tobytes(), "little")
     try:
-        held = run_dynamics(edited(rig, edit_of(model, standard)), plan, seed)
+        held = run_dynamics(edited(rig, edit_of(model, standard)), plan, _number_of(stream))
     except InputError as error:
         return str(error)
     return replace(held, truth=replace(held.truth, standard=standard))
@@ -104,9 +124,57 @@ def _solve_all(
     return list(done)
 
 
-def _split(
+def _ordinary(
+    laboratory: Laboratory,
+    plan: PosturePlan,
+    model: mujoco.MjModel,
+    spread: float | None,
+    engine: str,
+    scale: float,
     streams: Sequence[np.random.SeedSequence],
-) -> tuple[list[np.random.SeedSequence], list[np.random.SeedSequence]]:
-    """Streams of the robots and of the laboratories: the same noise with and without random robots."""
-    pairs = [stream.spawn(2) for stream in streams]
-    return [robot for robot, _ in pairs], [laboratory for _, laboratory in pairs]
+) -> list[Outcome | str]:
+    of_robot, of_laboratory, of_members = _split(streams, 3)
+    runs = zip(_robots(model, spread, of_robot), of_laboratory, of_members, strict=True)
+    found: list[Outcome | str] = []
+    for standard, stream, members in runs:
+        try:
+            edit = None if spread is None else edit_of(model, standard)
+            found.append(_ordinary_one(drawn(laboratory, scale, members), plan, edit, engine, stream))
+        except InputError as error:
+            found.append(str(error))
+    return found
+
+
+def _ordinary_one(
+    laboratory: Laboratory,
+    plan: PosturePlan,
+    edit: Callable[[mujoco.MjSpec], None] | None,
+    engine: str,
+    stream: np.random.SeedSequence,
+) -> OrdinaryOutcome:
+    """Carry out one experiment in a laboratory of its own.
+
+    Raises:
+        InputError: a laboratory in which nothing can be measured.
+    """
+    laboratory.check(plan, engine)
+    rig = laboratory.rig if edit is None else edited(laboratory.rig, edit)
+    if engine == "dynamics":
+        outcome = run_dynamics(rig, plan, _number_of(stream))
+    else:
+        (outcome,) = run_statics(solve_plan(rig, plan), [stream])
+    base = true_base_parameters(rig, common_support(plan.support, "plan"))
+    return OrdinaryOutcome(outcome.measurements, outcome.truth, base)
+
+
+def _number_of(stream: np.random.SeedSequence) -> int:
+    return int.from_bytes(stream.generate_state(4, np.uint32).tobytes(), "little")
+
+
+def _split(streams: Sequence[np.random.SeedSequence], parts: int = 2) -> list[list[np.random.SeedSequence]]:
+    """Streams of the robots, of the laboratories' noise and of their imperfections, by run.
+
+    So the laboratory's stream is the same with and without random robots or imperfections.
+    """
+    children = [stream.spawn(parts) for stream in streams]
+    return [[child[k] for child in children] for k in range(parts)]

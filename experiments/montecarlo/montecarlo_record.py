@@ -70,5 +70,5 @@ def read_montecarlo(folder: Path, robot: Robot) -> MonteCarloRecord:
             f"{folder}: holds {settings.runs - missing} of {settings.runs} runs; the command that made it "
             "does the rest"
         )
-    found = report(summarise(chunks, layout), layout, settings.estimator)
+    found = report(summarise(chunks, layout), layout, settings.estimator, settings.ordinary)
     return MonteCarloRecord(document, found, plan, errors_mm(chunks, layout), robot, folder)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.experiments.imperfections import check_ordinary
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.calibration_report import CalibrationReport, report
 from tulip_testbed.experiments.montecarlo.calibration_tables import calibration_check_table, calibration_table
@@ -119,6 +120,7 @@ def montecarlo(
         Interrupted: by Ctrl-C, after the folder was begun.
     """
     check_settings(settings)
+    check_ordinary(laboratory, settings.ordinary)
     at_least("workers", place.workers, 1)
     laboratory.check(plan, settings.engine)
     if laboratory.sensors == "ideal":
@@ -133,7 +135,7 @@ def montecarlo(
     if not check_folder(place.folder, document) or chunks.missing():
         with engine(place.workers, place.address):
             job = Job(
-                source_of(laboratory, plan, settings.spread, settings.engine),
+                source_of(laboratory, plan, settings.spread, settings.engine, settings.ordinary),
                 laboratory.robot,
                 parameters,
                 layout,
@@ -143,7 +145,7 @@ def montecarlo(
             )
             with open_folder(place.folder, document, plan):
                 collect_missing(chunks, job, place.folder, progress)
-    found = report(summarise(chunks, layout), layout, settings.estimator)
+    found = report(summarise(chunks, layout), layout, settings.estimator, settings.ordinary)
     found.write(place.folder / REPORT_FILE)
     return MonteCarlo(laboratory, plan, settings, found, errors_mm(chunks, layout), place.folder)
 

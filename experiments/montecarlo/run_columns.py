@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.experiments.montecarlo.laboratory_runs import Source, stream_of
+from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, Source, stream_of
 from tulip_testbed.experiments.montecarlo.model_fits import Fit, Fits, fit
 from tulip_testbed.identification.base_parameters import BaseParameters, renumbered, simplified_numbers
 from tulip_testbed.identification.statistics import correlations, residual_norms, standard_errors
@@ -102,7 +102,10 @@ class Job:
             fits = fit(outcome.measurements, self.robot, self.parameters, self.estimator, self.adopted)
         except InputError as error:
             return record, str(error)
-        truth = self.parameters.values(outcome.truth.standard)
+        if isinstance(outcome, OrdinaryOutcome):
+            truth = outcome.base
+        else:
+            truth = self.parameters.values(outcome.truth.standard)
         return record | numbers_of(self.layout, fits, truth, outcome.truth.mass), ""
 
 

@@ -25,12 +25,13 @@ class MonteCarloSettings(Document):
     random_robots: Annotated[float, Field(gt=0, le=1)] | None
     dynamics: bool
     chunk: Annotated[int, Field(ge=1, le=CHUNK)]
+    ordinary: Annotated[float, Field(gt=0)] | None = None
 
     @property
     def asked(self) -> Settings:
         """The settings that were asked for."""
         engine = "dynamics" if self.dynamics else "statics"
-        return Settings(self.runs, self.seed, self.estimator, self.random_robots, engine)
+        return Settings(self.runs, self.seed, self.estimator, self.random_robots, engine, self.ordinary)
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,7 @@ class Settings:
     Attributes:
         spread: of random true robots (`sim.random_robots`); None: the nominal robot.
         engine: "statics", or "dynamics": every run is held in the full dynamics.
+        ordinary: scale of the ordinary imperfections of every run's laboratory; None: there are none.
     """
 
     runs: int
@@ -47,6 +49,7 @@ class Settings:
     estimator: str
     spread: float | None
     engine: str = "statics"
+    ordinary: float | None = None
 
     @property
     def chunk(self) -> int:
@@ -61,6 +64,7 @@ class Settings:
             random_robots=self.spread,
             dynamics=self.engine == "dynamics",
             chunk=self.chunk,
+            **({} if self.ordinary is None else {"ordinary": float(self.ordinary)}),
         )
 
 

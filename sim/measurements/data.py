@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -93,6 +94,8 @@ class Measurements:
         gravity: acceleration of gravity [m/s2].
         sensors: data-sheet figures.
         robot: {"model", "sha256", "stance_foot", "swing_foot"} of the nominal robot; sha256 may be None.
+        tolerances: of families of ordinary imperfections by name, where they are known better than by the
+            sensors [SI]; zero: exact.
     """
 
     joints: tuple[str, ...]
@@ -115,6 +118,7 @@ class Measurements:
     gravity: float
     sensors: SensorSheet
     robot: dict[str, str | None]
+    tolerances: Mapping[str, float] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.posture)

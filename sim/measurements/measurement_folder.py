@@ -111,6 +111,7 @@ class Manifest(_Strict):
     weighed_mass: MassEntry | None
     gravity: Gravity
     sensors: SensorsEntry
+    tolerances: dict[str, Deviation] | None = None
     created: str | None = None
     software: dict[str, str] | None = None
     tables: dict[str, str | None] | None = None
@@ -126,12 +127,13 @@ def write_measurements(folder: Path, measurements: Measurements) -> None:
     """Write a measurement folder, which appears whole or not at all.
 
     Raises:
-        InputError: the folder exists or cannot be written.
+        InputError: the folder exists or cannot be written, or measurements that no folder may hold.
     """
     with new_folder(folder) as working:
         paths = write_table(working, "postures", measurements.columns())
         tables = {path.name: sha256(path) for path in paths.values()}
-        write_json(working / "manifest.json", _manifest(measurements, tables).model_dump())
+        unset = None if measurements.tolerances else {"tolerances"}
+        write_json(working / "manifest.json", _manifest(measurements, tables).model_dump(exclude=unset))
 
 
 def read_measurements(folder: Path, likely: bool = True) -> Measurements:
@@ -220,21 +222,24 @@ def _manifest(measurements: Measurements, tables: dict[str, str]) -> Manifest:
         for p, plate in enumerate(PLATES)
     }
     mass = None if m.weighed_mass is None else {"value": m.weighed_mass[0], "sd": m.weighed_mass[1]}
-    return Manifest.model_validate(
-        {
-            "format": "tulip-measurements",
-            "version": 1,
-            "robot": m.robot,
-            "joints": list(m.joints),
-            "plates": plates,
-            "weighed_mass": mass,
-            "gravity": m.gravity,
-            "sensors": dataclasses.asdict(m.sensors),
-            "created": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
-            "software": software(),
-            "tables": tables,
-        }
-    )
+    content = {
+        "format": "tulip-measurements",
+        "version": 1,
+        "robot": m.robot,
+        "joints": list(m.joints),
+        "plates": plates,
+        "weighed_mass": mass,
+        "gravity": m.gravity,
+        "sensors": dataclasses.asdict(m.sensors),
+        "tolerances": dict(m.tolerances),
+        "created": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "software": software(),
+        "tables": tables,
+    }
+    try:
+        return Manifest.model_validate(content)
+    except ValidationError as error:
+        raise InputError(f"measurements: {validation_message(error)}") from None
 
 
 def _measurements(manifest: Manifest, table: Table) -> Measurements:
@@ -277,4 +282,5 @@ def _measurements(manifest: Manifest, table: Table) -> Measurements:
         gravity=manifest.gravity,
         sensors=SensorSheet(**{f.name: getattr(sheet, f.name) for f in dataclasses.fields(SensorSheet)}),
         robot={key: getattr(manifest.robot, key) for key in ("model", "sha256", "stance_foot", "swing_foot")},
+        tolerances=manifest.tolerances or {},
     )

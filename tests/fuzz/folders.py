@@ -188,7 +188,7 @@ def put(trail: str, *values: Any, make: Callable[[Any], Any] = lambda old: ()) -
         *above, key = trail.split(".")
         for name in above:
             document = document[name]
-        document[key] = one(draw, [*values, *make(document[key])])
+        document[key] = one(draw, [*values, *make(document.get(key))])
 
     return edited(edit)
 
@@ -228,6 +228,17 @@ JOINTS = ("q.right_ankle_roll", "q.left_ankle_roll", "q.right_knee", "q.left_hip
 NO_TEXTS = (1, None, b"double", ["double"], True, {"a": "double", "b": 1})
 GRAVITIES = (-9.81, 0, 1e-300, 1e300, "9.81", None, True, [9.81])
 MASSES = (None, {"value": 1e-3, "sd": 0.0}, {"value": 1e5, "sd": 1e-12})
+TOLERANCES = (None, {}, {"tilt": 0}, {"encoder-offset": 1e-3, "link-length": 1e-12})
+WRONG_TOLERANCES = (
+    {"tilt": -1.0},
+    {"tilt": 1e6},
+    {"tilt": None},
+    {"magic": 0.0},
+    {"": 1e-3},
+    [0.0],
+    0.1,
+    "0",
+)
 SHEET = (None, 0.0, 0, 1e-12, 1e5, 1)  # of the same sensors, so that the estimates stay
 IN_TABLE, ANYWHERE = Expected("either", ("/postures.",)), Expected("either", (WHOLE,))
 EDITS: dict[str, tuple] = {  # of tables: what has to come of it, in which format if not in either
@@ -307,6 +318,8 @@ MEASURED_CONTENTS: dict[str, tuple] = {
     "cell spread": (put("sensors.cell_sd", *SHEET), SAME, JSON[0]),
     "cell resolution": (put("sensors.cell_resolution", *SHEET), SAME, JSON[0]),
     "encoder resolution": (put("sensors.encoder_resolution", *SHEET), SAME, JSON[0]),
+    "tolerances": (put("tolerances", *TOLERANCES), SAME, JSON[0]),
+    "wrong tolerances": (put("tolerances", *WRONG_TOLERANCES), refused(WHOLE, "key 'tolerances"), JSON[0]),
     "placement spread": (put("sensors.placement_sd", None, *([x] * 3 for x in SHEET[1:])), SAME, JSON[0]),
 }
 PLAN_KINDS: dict[str, Change] = {

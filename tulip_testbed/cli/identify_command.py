@@ -10,6 +10,16 @@ import tyro
 from tulip_testbed.cli.options import DEFAULT_ESTIMATOR, EstimatorName, Json, RigFolder, RobotFile
 from tulip_testbed.sim.shipped import TULIP
 
+TolerancesOf = Annotated[
+    tuple[str, ...],
+    tyro.conf.UseAppendAction,
+    tyro.conf.arg(
+        metavar="FAMILY=VALUE",
+        help="what is usual for a family of ordinary imperfections of this laboratory (SI units; 0: exact), "
+        "for --estimator self-calibrating; repeatable",
+    ),
+]
+
 
 def identify_command(
     folder: Annotated[Path, tyro.conf.Positional],
@@ -17,6 +27,7 @@ def identify_command(
     *,
     estimator: EstimatorName = DEFAULT_ESTIMATOR,
     rig: RigFolder = None,
+    tolerance: TolerancesOf = (),
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
@@ -24,7 +35,9 @@ def identify_command(
 
     With --rig RIG the measurements are corrected for the rig's effects.
     Example: tulip identify data/first
+    Example: tulip identify data/first --estimator self-calibrating --tolerance encoder-offset=0.001
     """
+    from tulip_testbed.calibration.families import read_tolerances
     from tulip_testbed.cli.terminal import print_json, show
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.identification_report import (
@@ -38,7 +51,8 @@ def identify_command(
     described = described_robot(robot)
     measurements = read_measurements(folder)
     adopted = () if rig is None else read_rig(rig, described)
-    found = identify(measurements, described, str(folder), estimator, adopted=adopted)
+    stated = read_tolerances(tolerance)
+    found = identify(measurements, described, str(folder), estimator, adopted=adopted, tolerances=stated)
     document = identification_document(found, measurements, None if rig is None else str(rig))
     if as_json:
         print_json(document)

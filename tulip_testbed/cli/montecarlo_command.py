@@ -9,11 +9,11 @@ import tyro
 
 from tulip_testbed.cli.options import (
     CORES,
-    DEFAULT_ESTIMATOR,
     DEFAULT_SEED,
     ENGINES,
-    EstimatorName,
+    EstimatorChoice,
     Json,
+    Ordinary,
     Plan,
     Preset,
     RigFolder,
@@ -47,7 +47,8 @@ def montecarlo_command(
     out: Path,
     runs: int,
     preset: Preset = "wii",
-    estimator: EstimatorName = DEFAULT_ESTIMATOR,
+    estimator: EstimatorChoice = None,
+    ordinary: Ordinary = None,
     rig: RigFolder = None,
     engine: EngineName = "loky",
     address: Address = None,
@@ -61,21 +62,25 @@ def montecarlo_command(
     """Repeat a simulated experiment and test the stated standard errors.
 
     With --rig RIG the laboratory has the rig's effects, and the measurements are corrected for them.
+    With --ordinary every run draws a laboratory that is a little wrong in every ordinary way.
     The same command resumes a run that was stopped, and reports again on a finished one.
     Exit code 0: every check passed; 1: a check failed; 2: could not run; 130: interrupted.
     Example: tulip montecarlo --out runs/calibration --runs 1000
+    Example: tulip montecarlo --out runs/ordinary --runs 200 --ordinary
     """
     import time
 
     from tulip_testbed.cli.laboratory_options import laboratory_and_plan
     from tulip_testbed.cli.terminal import print_json, progress, say, show, show_verdict
+    from tulip_testbed.experiments.imperfections import default_estimator
     from tulip_testbed.experiments.montecarlo.calibration_tables import TOO_FEW, calibration_report
     from tulip_testbed.experiments.montecarlo.engine import check_engine
     from tulip_testbed.experiments.montecarlo.montecarlo_run import Interrupted, Place, montecarlo
     from tulip_testbed.experiments.montecarlo.settings import Settings
 
     began = time.perf_counter()
-    settings = Settings(runs, seed, estimator, random_robots, "dynamics" if dynamics else "statics")
+    where, chosen = "dynamics" if dynamics else "statics", default_estimator(estimator, ordinary)
+    settings = Settings(runs, seed, chosen, random_robots, where, ordinary)
     check_engine(engine, address)
     laboratory, made = laboratory_and_plan(robot, preset, plan, rig)
     try:

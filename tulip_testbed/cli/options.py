@@ -22,10 +22,18 @@ ESTIMATORS = (
     "consistent",
     "self-calibrating",
 )
-DEFAULT_ESTIMATOR = ESTIMATORS[0]
+DEFAULT_ESTIMATOR, ORDINARY_ESTIMATOR = ESTIMATORS[0], ESTIMATORS[-1]
 SOLVERS = ("slsqp", "ipopt")
 HOPS = 60
 ENGINES = ("loky", "dask")
+
+
+def _scale(texts: list[str]) -> float:
+    """Read what stands behind `--ordinary`."""
+    if len(texts) > 1:
+        raise ValueError(f"found {len(texts)} numbers, expected one at most")
+    return float(texts[0]) if texts else 1.0
+
 
 Preset = Literal["wii", "force-plate", "ideal"]
 Noisy = Literal["wii", "force-plate"]
@@ -42,6 +50,28 @@ Json = Annotated[bool, tyro.conf.arg(name="json", help="print one JSON document 
 Seed = Annotated[int, tyro.conf.arg(help="seed of everything random")]
 Workers = Annotated[int, tyro.conf.arg(help="processes; results do not depend on it")]
 EstimatorName = Annotated[str, tyro.conf.arg(help=f"one of {', '.join(ESTIMATORS)}")]
+EstimatorChoice = Annotated[
+    str | None,
+    tyro.conf.arg(
+        metavar="STR",
+        help=f"one of {', '.join(ESTIMATORS)}; if left out {DEFAULT_ESTIMATOR}, with --ordinary "
+        f"{ORDINARY_ESTIMATOR}",
+    ),
+]
+Ordinary = Annotated[
+    float | None,
+    tyro.conf.arg(
+        help="draw ordinary imperfections of all families and hide them in the laboratory; SCALE 1, if left "
+        "out: spreads of 0.1 to 1 tolerance",
+    ),
+    tyro.constructors.PrimitiveConstructorSpec(
+        nargs="*",
+        metavar="[SCALE]",
+        instance_from_str=_scale,
+        is_instance=lambda value: value is None or isinstance(value, float),
+        str_from_instance=lambda value: [str(value)],
+    ),
+]
 RigFolder = Annotated[
     Path | None,
     tyro.conf.arg(name="rig", metavar="RIG", help="rig folder: effects that the laboratory is known to have"),

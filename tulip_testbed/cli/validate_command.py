@@ -6,10 +6,10 @@ from pathlib import Path
 
 from tulip_testbed.cli.options import (
     CORES,
-    DEFAULT_ESTIMATOR,
     DEFAULT_SEED,
-    EstimatorName,
+    EstimatorChoice,
     Json,
+    Ordinary,
     Plan,
     Preset,
     RigFolder,
@@ -28,7 +28,8 @@ def validate_command(
     preset: Preset = "wii",
     seed: Seed = DEFAULT_SEED,
     workers: Workers = CORES,
-    estimator: EstimatorName = DEFAULT_ESTIMATOR,
+    estimator: EstimatorChoice = None,
+    ordinary: Ordinary = None,
     rig: RigFolder = None,
     robot: RobotFile = TULIP,
     as_json: Json = False,
@@ -36,8 +37,10 @@ def validate_command(
     """Simulate a plan, identify the robot and compare with the truth.
 
     With --rig RIG the laboratory has the rig's effects, and the measurements are corrected for them.
+    With --ordinary it is a little wrong in every ordinary way.
     Exit code 0: every check passed; 1: a check failed; 2: could not run.
     Example: tulip validate --out runs/first
+    Example: tulip validate --out runs/ordinary --ordinary
     """
     from tulip_testbed.cli.laboratory_options import laboratory_and_plan
     from tulip_testbed.cli.terminal import print_json, progress, say, show, show_verdict
@@ -50,7 +53,9 @@ def validate_command(
     check_new(out)
     laboratory, made = laboratory_and_plan(robot, preset, plan, rig)
     with progress("holding postures", tries(laboratory, made)) as advance:
-        result = validate(laboratory, made, seed, estimator, workers=workers, progress=advance)
+        result = validate(
+            laboratory, made, seed, estimator, workers=workers, progress=advance, ordinary=ordinary
+        )
     record = write_validation(out, validation_record(result))
     document = record.report.plain()
     if as_json:

@@ -160,6 +160,7 @@ def validation_page(run: ValidationRecord) -> Page:
         ("sensors", run.document.configuration.preset),
         ("seed", str(run.document.configuration.seed)),
         ("estimator", report.estimator),
+        *_ordinary_fact(report.ordinary),
         ("postures used", f"{report.postures_used} of {report.postures_planned}"),
         ("total mass, kg", f"{mass.estimate:.3f} ± {mass.standard_error:.3f} (truth {mass.truth:.3f})"),
     )
@@ -195,12 +196,17 @@ def montecarlo_page(run: MonteCarloRecord) -> Page:
         ("sensors", run.document.configuration.preset),
         ("seed", str(run.document.settings.seed)),
         ("estimator", report.estimator),
+        *_ordinary_fact(report.ordinary),
         ("runs identified", f"{report.identified} of {report.runs}"),
         ("postures planned", str(size)),
     )
     return Page(
         title_of(run), report.verdict, words.montecarlo_sentence(report), facts, sections, tuple(missing)
     )
+
+
+def _ordinary_fact(scale: float | None) -> tuple[tuple[str, str], ...]:
+    return () if scale is None else (("ordinary imperfections, scale", f"{scale:g}"),)
 
 
 def _calibration_figures(rows: dict[str, list[CalibrationRow]]) -> tuple[Figure, ...]:

@@ -1,0 +1,198 @@
+"""Experiments in ordinary laboratories: drawn by a stream of their own, judged against their own truth."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import tulip_testbed as tt
+from tests.test_cli import refused
+from tulip_testbed.calibration.families import families_of, tolerances_of
+from tulip_testbed.calibration.ordinary_laboratory import draw_members
+from tulip_testbed.calibration.self_calibration import self_calibrate
+from tulip_testbed.experiments.checks import data_correlation_checks
+from tulip_testbed.experiments.imperfections import drawn, single_stream
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, source_of, stream_of
+from tulip_testbed.experiments.montecarlo.montecarlo_folder import montecarlo_file, open_folder
+from tulip_testbed.experiments.montecarlo.montecarlo_record import read_montecarlo
+from tulip_testbed.experiments.montecarlo.montecarlo_run import Place, montecarlo
+from tulip_testbed.experiments.montecarlo.settings import Settings
+from tulip_testbed.experiments.validate import validate
+from tulip_testbed.experiments.validation_record import (
+    read_validation,
+    validation_record,
+    write_validation,
+)
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import SensorSheet
+from tulip_testbed.sim.outcome import Outcome
+
+SEED = 140
+
+
+@pytest.fixture(scope="module")
+def validated(robot, plan):
+    return validate(Laboratory(robot, "wii"), plan, SEED, engine="statics", ordinary=1.0)
+
+
+def test_members_are_drawn_for_all_families(robot):
+    families = families_of(robot, tolerances_of(SensorSheet()))
+    values, spreads = draw_members(families, np.random.default_rng(1))
+    assert (spreads >= 0.1).all()
+    assert (spreads <= 1).all()
+    many = [draw_members(families, np.random.default_rng(k)) for k in range(400)]
+    for j, family in enumerate(families):
+        size = np.sqrt(np.mean([(v[j] / s[j]) ** 2 for v, s in many]))
+        assert size == pytest.approx(family.tolerance, rel=0.15)
+        assert (values[j] >= 0).all() == family.positive or len(family) == 1
+    twice, doubled = draw_members(families, np.random.default_rng(1), 2.0)
+    assert doubled == pytest.approx(2 * spreads)
+    assert np.concatenate(twice) == pytest.approx(2 * np.concatenate(values))
+
+
+def test_imperfections_have_a_stream_of_their_own(robot, plan):
+    """The runs are the same with tiny ones and without, each run has its own, company does not matter."""
+    laboratory, part = Laboratory(robot, "wii"), plan.take(plan.placement <= 4)
+    streams = [stream_of(SEED, run) for run in range(3)]
+    ordinary = source_of(laboratory, part, None, "statics", 1e-7)(streams)
+    exact = source_of(laboratory, part, None, "statics")([stream_of(SEED, run) for run in range(3)])
+    for one, other in zip(ordinary, exact, strict=True):
+        assert isinstance(one, Outcome)
+        assert isinstance(other, Outcome)
+        assert one.measurements.cell_forces == pytest.approx(other.measurements.cell_forces, abs=1e-3)
+        assert one.truth.mass == pytest.approx(other.truth.mass)
+    source = source_of(laboratory, part, 0.1, "statics", 1.0)
+    together = source([stream_of(SEED, run) for run in range(2)])
+    (alone,) = source([stream_of(SEED, 1)])
+    assert isinstance(alone, OrdinaryOutcome)
+    assert isinstance(together[0], OrdinaryOutcome)
+    assert isinstance(together[1], OrdinaryOutcome)
+    np.testing.assert_array_equal(alone.measurements.cell_forces, together[1].measurements.cell_forces)
+    np.testing.assert_array_equal(alone.base, together[1].base)
+    assert np.abs(together[0].base - together[1].base).max() > 1e-3
+
+
+def test_the_truth_follows_the_lengths_of_the_links(robot, plan):
+    part = plan.take(plan.placement <= 3)
+    laboratory = Laboratory(robot, "wii")
+    (outcome,) = source_of(laboratory, part, None, "statics", 1.0)([stream_of(SEED, 0)])
+    assert isinstance(outcome, OrdinaryOutcome)
+    _, _, members = stream_of(SEED, 0).spawn(3)
+    its_own = drawn(laboratory, 1.0, members)
+    assert outcome.base == pytest.approx(its_own.true_base_parameters(part))
+    lengths = [i for i in its_own.hidden if i.effect.name == "link-length"]
+    changed = outcome.base - laboratory.true_base_parameters(part)
+    assert changed == pytest.approx(
+        dataclasses.replace(laboratory, hidden=tuple(lengths)).true_base_parameters(part)
+        - laboratory.true_base_parameters(part)
+    )
+    assert np.abs(changed).max() > 1e-5
+
+
+def test_a_laboratory_that_cannot_be_built_fails_its_run_alone(robot, plan):
+    part = plan.take(plan.placement <= 3)
+    outcomes = source_of(Laboratory(robot, "wii"), part, None, "statics", 1e6)([stream_of(SEED, 0)])
+    assert isinstance(outcomes[0], str)
+
+
+def test_a_validation_in_an_ordinary_laboratory(validated, plan, robot, tmp_path):
+    assert validated.identification.estimator == "self-calibrating"
+    assert validated.verdict == "pass", [c for c in validated.checks if c.result == "fail"]
+    hidden = validated.run.laboratory.hidden
+    assert {i.effect.name for i in hidden} >= {"encoder-offset", "link-length", "cell-gain", "tilt"}
+    names = [check.name for check in validated.checks]
+    assert "correlation (12, 13)" in names
+    assert "correlation (12, 13), estimate" in names
+    write_validation(tmp_path / "run", validation_record(validated))
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["configuration"]["ordinary"] == 1.0
+    assert json.loads((tmp_path / "run" / "report.json").read_text())["ordinary"] == 1.0
+    effects = json.loads((tmp_path / "run" / "truth.json").read_text())["effects"]
+    assert len(effects) == len(hidden)
+    assert read_validation(tmp_path / "run", robot).report.ordinary == 1.0
+    again = drawn(Laboratory(robot, "wii"), 1.0, single_stream(SEED))
+    assert [str(i) for i in again.hidden] == [str(i) for i in hidden]
+    plain = validate(Laboratory(robot, "wii"), plan, SEED, engine="statics")
+    assert plain.identification.estimator == "mixed-model"
+    assert "ordinary" not in validation_record(plain).report.plain()
+
+
+def test_the_mass_comes_from_the_calibration(validated):
+    """The cells weigh with gains of their own; the scale does not."""
+    mass, error = validated.identification.mass
+    assert error == pytest.approx(0.02, rel=0.1)
+    assert abs(mass - validated.run.truth.mass) < 4 * error
+
+
+def test_the_data_distinguish_more_than_the_estimate_is_sure_of(validated, nominal):
+    found = validated.identification.calibration
+    assert found is not None
+    extra = found.prior_covariance
+    assert extra == pytest.approx(extra.T)
+    assert np.linalg.eigvalsh(extra).min() > -1e-12 * np.linalg.eigvalsh(extra).max()
+    assert np.linalg.eigvalsh(found.data_covariance).min() > 0
+    assert (np.diag(extra) > 0.01 * np.diag(found.covariance)).any()
+    exact = self_calibrate(
+        observe(validated.run.measurements, nominal),
+        dict.fromkeys([f.family.name for f in found.families], 0),
+    )
+    assert (exact.prior_covariance == 0).all()
+    assert (exact.data_covariance == exact.covariance).all()
+
+
+def test_a_plan_that_weakens_a_correlation_is_not_judged():
+    numbers, data = np.array([12, 13]), np.array([[1.0, -0.9], [-0.9, 1.0]])
+    (judged,) = data_correlation_checks(numbers, data, np.array([[1, -0.99], [-0.99, 1]]), [[12, 13]])
+    assert judged.result == "fail"
+    (skipped,) = data_correlation_checks(numbers, data, np.array([[1, -0.93], [-0.93, 1]]), [[12, 13]])
+    assert skipped.result == "not evaluated"
+
+
+def test_a_monte_carlo_does_not_depend_on_workers_and_records_its_setting(robot, plan, tmp_path):
+    laboratory, part = Laboratory(robot, "wii"), plan.take(plan.placement <= 5)
+    settings = Settings(3, SEED, "self-calibrating", None, "statics", 0.5)
+    for workers in (1, 2):
+        found = montecarlo(laboratory, part, settings, Place(tmp_path / f"{workers}", workers, None))
+        assert found.report.plain()["ordinary"] == 0.5
+    one, two = (
+        {p.name: p.read_bytes() for p in (tmp_path / name).rglob("*") if p.is_file()} for name in "12"
+    )
+    assert one == two
+    assert json.loads(one["run.json"])["settings"]["ordinary"] == 0.5
+    assert read_montecarlo(tmp_path / "1", robot).report.ordinary == 0.5
+    assert read_montecarlo(tmp_path / "1", robot).document.settings.asked == settings
+    for other, there, here in ((None, 0.5, None), (1.0, 0.5, 1.0)):
+        document = montecarlo_file(laboratory, part, dataclasses.replace(settings, ordinary=other))
+        with (
+            pytest.raises(InputError, match=f"settings.ordinary is {there} there and {here} here"),
+            open_folder(tmp_path / "1", document, part),
+        ):
+            pass
+
+
+def test_impossible_scales_are_refused(robot, plan, tmp_path, capsys):
+    asked = ("montecarlo", "--out", tmp_path / "run", "--runs", 1)
+    assert "--ordinary: found 0.0, expected a finite number above 0" in refused(
+        capsys, *asked, "--ordinary", 0
+    )
+    assert "--ordinary: found nan" in refused(capsys, *asked, "--ordinary", "nan")
+    asked = ("validate", "--out", tmp_path / "run", "--ordinary")
+    assert "--ordinary: found sensors ideal" in refused(capsys, *asked, "--preset", "ideal")
+    assert list(tmp_path.iterdir()) == []
+    for scale in (-1.0, np.inf):
+        with pytest.raises(InputError, match=r"ordinary: found .*, expected a finite number above 0"):
+            tt.monte_carlo(tt.Laboratory(robot), plan, 1, ordinary=scale)
+        with pytest.raises(InputError, match=r"ordinary: found .*, expected a finite number above 0"):
+            tt.validate(tt.Laboratory(robot), plan, ordinary=scale)
+
+
+@pytest.mark.slow
+def test_an_ordinary_laboratory_in_the_full_dynamics(robot, plan):
+    """Springs in all joints come to rest, with the readings of statics."""
+    part = plan.take(plan.placement <= 2)
+    laboratory = drawn(Laboratory(robot, "force-plate"), 1.0, single_stream(SEED))
+    moving, static = (laboratory.run(part, 1, engine).measurements for engine in ("dynamics", "statics"))
+    assert len(moving) > 0.8 * len(static)
+    assert np.abs(moving.cell_forces.sum(axis=1).mean() - static.cell_forces.sum(axis=1).mean()) < 0.5
