@@ -357,18 +357,21 @@ def _without(
     """
     compliance = joint_compliance(families, phi, observed.tree.joints)
     loaded = with_estimated_loads(observed, theta, covariance, compliance)
+    every = _instances(families, phi)
+    sized = [one for one in every if one.effect.sizes]
+    # Exchanged readings are undone as they are, and first: they are the last to act.
+    loaded = removed(loaded, [one for one in every if not one.effect.sizes])
     free = [
         instance
         for family, values in split_members(families, phi)
-        if isinstance(family, FreeEffect) and family.name not in OF_LOADS
+        if isinstance(family, FreeEffect) and len(family) and family.name not in OF_LOADS
         for instance in family.instances(values)
     ]
-    every = _instances(families, phi)
     if not free or errors is None:
-        return removed(loaded, every)
-    others = [instance for instance in every if instance not in free]
+        return removed(loaded, sized)
+    others = [instance for instance in sized if instance not in free]
     smooth = unpacked(loaded, packed(loaded) - errors)
-    return moved_by(removed(loaded, others), removed(smooth, others), removed(smooth, every))
+    return moved_by(removed(loaded, others), removed(smooth, others), removed(smooth, sized))
 
 
 def _instances(families: Families, phi: np.ndarray) -> list[EffectInstance]:
