@@ -219,7 +219,7 @@ def self_calibrate(
         InputError: an unknown family or an impossible tolerance.
         numpy.linalg.LinAlgError: readings that are not finite, or postures that do not suffice.
     """
-    used = _tolerances(observed, tolerances)
+    used = usual_tolerances(observed, tolerances)
     families: Families = (
         *families_of(observed.nominal.robot, used, effects),
         *map(FreeEffect, effects),
@@ -284,7 +284,7 @@ def least_determined(observed: Observation, tolerances: Mapping[str, float] | No
     return [families[k].name for k in np.argsort(-np.array(share), kind="stable")]
 
 
-def _tolerances(observed: Observation, given: Mapping[str, float] | None) -> Tolerances:
+def usual_tolerances(observed: Observation, given: Mapping[str, float] | None) -> Tolerances:
     measured = observed.measurements
     return tolerances_of(measured.sensors, {**measured.tolerances, **(given or {})})
 

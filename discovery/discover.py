@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.calibration.families import tolerances_of
-from tulip_testbed.calibration.self_calibration import CalibratedFamily
+from tulip_testbed.calibration.self_calibration import CalibratedFamily, usual_tolerances
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.effect_intervals import with_intervals
 from tulip_testbed.discovery.equivalence import equivalent, refit_with_alternatives
@@ -154,7 +153,7 @@ def _support(measurements: Measurements) -> str:
 def stands_out(selection: Selection, term: Fitted) -> bool:
     """Whether an effect is no member of a family, or too large for one."""
     name = term.candidate.effect.name
-    tolerances = tolerances_of(selection.null.data.observed.measurements.sensors, selection.tolerances)
+    tolerances = usual_tolerances(selection.null.data.observed, selection.tolerances)
     tolerance = tolerances.value.get(name, 0.0)
     spreads = [one.spread for one in selection.calibration.families if one.family.name == name]
     most = STANDS_OUT * max([1.0, *spreads]) * tolerance

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
+from tulip_testbed.calibration.families import check_tolerances
 from tulip_testbed.discovery.discover import AMBIGUOUS, CALIBRATED, NAMED, Discovery, discover
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck, check_in_dynamics
 from tulip_testbed.discovery.proposals import Proposal, proposals
@@ -82,6 +83,7 @@ def discover_effects(
     check: bool = True,
     workers: int = 1,
     source: str = "measurements",
+    tolerances: Mapping[str, float] | None = None,
     progress: Callable[[str, int], Callable[[int], None]] = lambda what, total: lambda count: None,
 ) -> Discovered:
     """Find what the nominal model lacks, adopt it if it has a name, identify the robot before and after.
@@ -91,6 +93,8 @@ def discover_effects(
         check: simulate adopted physics in the full dynamics; saves up to two minutes if not.
         workers: processes of that simulation. Results do not depend on it.
         source: of the measurements, for messages.
+        tolerances: of families of ordinary imperfections, in place of those of the measurements and those
+            that fit the sensors [SI]; zero: exact.
         progress: called with a stage's name and its number of steps; gives what is called with each step.
 
     Raises:
@@ -101,11 +105,20 @@ def discover_effects(
     found = units(measurements, nominal_robot(robot))
     if found.result == "fail":
         raise InputError(f"{source}: found {found.seen}; expected {found.expected} (the preflight says more)")
+    check_tolerances(tolerances or {})
     before = identify(measurements, robot, source)  # says what does not fit, before the work
-    discovery = discover(measurements, robot, seed, progress=progress("looking for what is missing", 4))
+    steps = progress("looking for what is missing", 4)
+    discovery = discover(measurements, robot, seed, tolerances=tolerances, progress=steps)
     after = None
     if discovery.verdict in (NAMED, CALIBRATED):
-        after = identify(measurements, robot, source, SELF_CALIBRATING, adopted=discovery.adopted)
+        after = identify(
+            measurements,
+            robot,
+            source,
+            SELF_CALIBRATING,
+            adopted=discovery.adopted,
+            tolerances=tolerances,
+        )
     checked = None
     if check and any(not one.effect.misreads for one in discovery.adopted):
         steps = progress("the adopted model in full dynamics", 80)

@@ -61,6 +61,37 @@ def candidate_table(candidates: list[dict[str, Any]]) -> Table:
     return Table("Explanations", columns, rows, "±: half of the 95 % interval.")
 
 
+def spread_table(families: list[dict[str, Any]]) -> Table:
+    """Return the families of ordinary imperfections with their spreads."""
+    columns = (
+        Column("family"),
+        Column("tolerance"),
+        Column("spread", "tolerances", ".2f"),
+        Column("low", "", ".2f"),
+        Column("high", "", ".2f"),
+    )
+    rows = []
+    for k, family in enumerate(families):
+        parameter = catalogue()[family["name"]].parameters[0]
+        figures = (Cell(family[key], f"families.{k}.{key}") for key in ("spread", "low95", "high95"))
+        rows.append([family["name"], parameter.text(family["tolerance"]), *figures])
+    note = "Spread: estimated s.d. of the members, with its 95 % interval; 1 is usual."
+    return Table("Families of ordinary imperfections", columns, rows, note)
+
+
+def calibrated_table(members: list[dict[str, Any]]) -> Table:
+    """Return the ordinary imperfections that were added to the model."""
+    rows = [
+        [
+            effect_label(member["name"], member["target"]),
+            "; ".join(f"{p['name']} {_size(member['name'], p)}" for p in member["parameters"]),
+        ]
+        for member in members
+    ]
+    columns = (Column("imperfection"), Column("size"))
+    return Table("Calibrated", columns, rows, "±: half of the 95 % interval.")
+
+
 def behind(candidates: list[dict[str, Any]]) -> list[float]:
     """Return by how much ln of the Bayes factor of each falls short of the best of its gap."""
     best: dict[int, float] = {}
@@ -195,6 +226,8 @@ def discovery_summary(document: dict[str, Any], story: Sequence[str]) -> list[Ta
         parts.append(gap_table(document["gap"]))
     if document["candidates"]:
         parts.append(candidate_table(document["candidates"]))
+    if document["families"]:
+        parts.append(spread_table(document["families"]))
     if (moved := moved_table(document["parameters"], MOVED)).rows:
         parts.append(moved)
     if document["check"]:

@@ -15,8 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from studies.runner import Settings, header, row, shipped_plan
-from studies.study_self_calibration import ROBOTS, draw_members
-from tulip_testbed.calibration.families import families_of, tolerances_of
+from studies.study_self_calibration import ROBOTS
+from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
+from tulip_testbed.calibration.self_calibration import usual_tolerances
 from tulip_testbed.discovery.discover import Discovery, discover
 from tulip_testbed.discovery.effect_intervals import with_intervals
 from tulip_testbed.effects.catalogue import catalogue
@@ -27,7 +28,7 @@ from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
 from tulip_testbed.experiments.benchmark.score import rate
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import PosturePlan, SensorSheet
+from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
@@ -165,10 +166,7 @@ def _drawn(
         return Laboratory(robot, preset, nominal=rig), ""
     spread = float(rng.uniform(*ROBOTS))
     rig = edited(rig, edit_of(robot.model, draw_robot(robot.model, spread, rng)))
-    sheet = SensorSheet(cell_sd=sensors.cell_repeatability, placement_sd=sensors.placement_sd)
-    families = families_of(robot, tolerances_of(sheet))
-    values, _ = draw_members(families, rng)
-    members = [i for f, v in zip(families, values, strict=True) for i in f.instances(v)]
+    members = ordinary_members(rig, rng)
     fault: tuple[EffectInstance, ...] = ()
     text = ""
     if arm in (FAULT, DYNAMICS):
@@ -204,7 +202,7 @@ def _case(found: Discovery, laboratory: Laboratory, fault: str, preset: str, sec
         if one.label == _label(fault):
             each = zip(one.effect.parameters, true[one.label], one.intervals, strict=True)
             sizes += [i[0] <= v <= i[1] for parameter, v, i in each if i and not parameter.grid]
-    tolerances = tolerances_of(found.observed.measurements.sensors).value
+    tolerances = usual_tolerances(found.observed, None).value
     name = _label(fault).split(":")[0]
     tolerance = tolerances.get(name, 0.0)
     values = true.get(_label(fault), ())

@@ -141,6 +141,7 @@ def discover(
     seed: int = 0,
     check: bool = True,
     workers: int | None = None,
+    tolerances: Mapping[str, float] | None = None,
 ) -> Discovered:
     """Find what the nominal model lacks: where it disagrees with measurements, and which effect explains it.
 
@@ -150,16 +151,23 @@ def discover(
         seed: of the bootstrap that calibrates the level.
         check: simulate adopted physics in the full dynamics, which may take two minutes.
         workers: processes of that simulation; None: one a core. Results do not depend on it.
+        tolerances: what is usual for the ordinary imperfections of this laboratory, as in `identify`.
 
     Returns:
-        the verdict "named", "ambiguous", "unknown" or "none"; what was adopted; the robot identified before
-        and after.
+        the verdict "none", "calibrated", "named", "ambiguous" or "unknown"; what was adopted; the robot
+        identified before and after.
 
     Raises:
-        InputError: measurements that do not fit the robot, in wrong units, or too few placements.
+        InputError: measurements that do not fit the robot, in wrong units, or too few placements; an unknown
+            family or an impossible tolerance.
     """
     return discover_effects(
-        _measurements(measurements), robot or load_robot(), seed, check, processes(workers)
+        _measurements(measurements),
+        robot or load_robot(),
+        seed,
+        check,
+        processes(workers),
+        tolerances=tolerances,
     )
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import tyro
 
+from tulip_testbed.cli.identify_command import TolerancesOf
 from tulip_testbed.cli.options import CORES, Json, RobotFile, Workers
 from tulip_testbed.sim.shipped import TULIP
 
@@ -27,6 +28,7 @@ def discover_command(
     out: NEW = None,
     no_check: NoCheck = False,
     seed: Annotated[int, tyro.conf.arg(help="seed of the bootstrap that calibrates the level")] = 0,
+    tolerance: TolerancesOf = (),
     workers: Workers = CORES,
     robot: RobotFile = TULIP,
     as_json: Json = False,
@@ -34,13 +36,15 @@ def discover_command(
     """Find physical effects that the model lacks.
 
     Tells where the model disagrees with the measurements and which effect explains it. The verdict is
-    `named`, `ambiguous`, `unknown` or `none`. A named effect is added to the model: the rig in the run folder
-    can be given to `tulip simulate --rig` and `tulip identify --rig`.
+    `none`, `calibrated` (ordinary imperfections explain it), `named`, `ambiguous` or `unknown`. What was
+    found is added to the model: the rig in the run folder can be given to `tulip simulate --rig` and
+    `tulip identify --rig`.
     Example: tulip discover data/first --out runs/found
     """
     from contextlib import ExitStack
     from datetime import datetime
 
+    from tulip_testbed.calibration.families import read_tolerances
     from tulip_testbed.cli.terminal import print_json, progress, say, show, show_verdict
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.discovering import discover_effects
@@ -61,6 +65,7 @@ def discover_command(
             not no_check,
             workers,
             str(folder),
+            read_tolerances(tolerance),
             lambda what, total: bars.enter_context(progress(what, total)),
         )
     record = write_discovery(out, discovery_record(found, str(folder), seed, no_check))

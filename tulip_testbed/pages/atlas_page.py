@@ -52,7 +52,7 @@ def separation(found: Atlas, preset: str) -> str:
     chosen = [kept[k] for k in order(found.angle[np.ix_(kept, kept)])]
     degrees = np.degrees(found.angle[np.ix_(chosen, chosen)])
     bound = float(np.degrees(ISOLABLE))
-    title = f"Angle between effects, preset {preset}: below {bound:.0f} deg (brown) they cannot be told apart"
+    title = f"Angle between effects, preset {preset}: below {bound:.0f} deg (brown) they look alike"
     return heat_map(degrees, [found.shown[k].label for k in chosen], title, "deg", 90.0, bound)
 
 

@@ -18,7 +18,9 @@ from tulip_testbed.experiments.discovery_tables import (
     moved_table,
     pattern_table,
     proposal_table,
+    calibrated_table,
     repeat_table,
+    spread_table,
     undetectable_table,
 )
 from tulip_testbed.experiments.residual_curves import Curve, residual_curves, time_order
@@ -27,14 +29,14 @@ from tulip_testbed.experiments.settings_table import settings_table
 from tulip_testbed.pages import discovery_figures as drawn
 from tulip_testbed.pages.figures import Figure
 from tulip_testbed.pages.page import Page, Section, title_of
-from tulip_testbed.pages.words import EVIDENCE_WORDS, GAP_WORDS, VERDICTS
+from tulip_testbed.pages.words import EVIDENCE_WORDS, GAP_WORDS, ORDINARY_WORDS, VERDICTS
 
 
 def discovery_page(run: DiscoveryRecord) -> Page:
     """Make the page of a discovery."""
     report, content = run.report, run.report.plain()
     curves = residual_curves(run)
-    changed = bool(report.candidates)
+    changed = bool(report.candidates or report.calibrated)
     sections = [
         Section(
             "The gap",
@@ -43,6 +45,7 @@ def discovery_page(run: DiscoveryRecord) -> Page:
             (*_gap_figures(content["gap"]), *_planes(curves, changed)),
         ),
         *_evidence(content),
+        *_ordinary(content),
         Section(
             "Residuals over the experiment",
             (
@@ -108,6 +111,13 @@ def _evidence(report: dict[str, Any]) -> tuple[Section, ...]:
     words = (EVIDENCE_WORDS[report["verdict"] == "unknown"],)
     labels = [effect_label(candidate["name"], candidate["target"]) for candidate in found]
     return (Section("Evidence", words, (candidate_table(found),), (drawn.evidence_figure(found, labels),)),)
+
+
+def _ordinary(report: dict[str, Any]) -> tuple[Section, ...]:
+    """The families of ordinary imperfections and the members that were added to the model."""
+    tables = [spread_table(report["families"]), calibrated_table(report["calibrated"])]
+    shown = tuple(table for table in tables if table.rows)
+    return (Section("Ordinary imperfections", (ORDINARY_WORDS,), shown),) if shown else ()
 
 
 def _parameters(report: dict[str, Any]) -> tuple[Section, ...]:

@@ -118,7 +118,7 @@ def correlation_map(matrix: np.ndarray, pairs: list[tuple[list[int], str]]) -> F
     """Eq. 15 as a map, with marked pairs.
 
     Args:
-        matrix: (p, p). pairs: numbers of two parameters and the joint that tells them apart.
+        matrix: (p, p). pairs: numbers of two parameters and the joint that distinguishes them.
     """
     numbers = list(range(1, len(matrix) + 1))
     drawn = go.Figure(
@@ -160,7 +160,7 @@ def correlation_map(matrix: np.ndarray, pairs: list[tuple[list[int], str]]) -> F
         "whatever the estimator."
     )
     if pairs:
-        caption += " Framed: the pairs that only one joint tells apart."
+        caption += " Framed: the pairs that only one joint distinguishes."
     return figure("correlations", caption, f"Map of correlations. {marked}.", drawn, 520)
 
 

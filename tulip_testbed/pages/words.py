@@ -22,8 +22,8 @@ CALIBRATION_WORDS = (
 NO_TRUE_COM = "The true centre of mass of each posture is not shown: the statics engine does not record it."
 
 EVIDENCE_WORDS = (
-    "Explanations of one gap whose ln of the Bayes factor is within 3 of the best cannot be told apart by "
-    "this experiment; all of them are listed. Others of the catalogue explain it less well.",
+    "Explanations of one gap whose ln of the Bayes factor is within 3 of the best cannot be distinguished "
+    "by this experiment; all of them are listed. Others of the catalogue explain it less well.",
     "What was tried, and is not enough: it leaves more than noise.",
 )
 GAP_WORDS = (
@@ -31,7 +31,12 @@ GAP_WORDS = (
     "Before and after, the base parameters are fitted to all four channels at once. A fit to the centre of "
     "pressure alone (tulip identify) leaves less in it before, because the parameters bend to the effect.",
 )
+ORDINARY_WORDS = (
+    "Every encoder, cell, link, joint and plate is a little off. All of these errors are estimated together "
+    "with the robot; those that the measurements determine are added to the model."
+)
 VERDICTS = {
+    "calibrated": "Ordinary imperfections explain the measurements.",
     "named": "One explanation is left.",
     "ambiguous": "Several explanations are left.",
     "unknown": "No explanation is good enough.",
