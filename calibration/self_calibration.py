@@ -268,7 +268,7 @@ def least_determined(observed: Observation, tolerances: Mapping[str, float] | No
     Args:
         observed, tolerances: see `self_calibrate`.
     """
-    families = families_of(observed.nominal.robot, _tolerances(observed, tolerances))
+    families = families_of(observed.nominal.robot, usual_tolerances(observed, tolerances))
     mixing, _ = mixing_of(families)
     sizes = [sum(part.shape[1] for part in family.parts) for family in families]
     nu = np.append(_least_squares(observed), 0.0)
