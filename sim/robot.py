@@ -18,7 +18,7 @@ import numpy as np
 from tulip_testbed.sim.errors import InputError, choices, listed, look_up, shortened
 from tulip_testbed.sim.files import present, read_bytes, read_text
 from tulip_testbed.sim.mjcf_files import mjcf_files
-from tulip_testbed.sim.model_check import check_joint_ranges, check_model
+from tulip_testbed.sim.model_check import check_before_compiling, check_model
 from tulip_testbed.sim.sandbox import try_to_compile
 from tulip_testbed.sim.shipped import PLATE, TULIP
 
@@ -155,7 +155,7 @@ def _load(
         files[scene_file or plate_file] = _files(scene_file or plate_file, folder)
     compile_safely(model_file, files)
     spec = _read_spec(model_file)
-    check_joint_ranges(spec, str(model_file))
+    check_before_compiling(spec, str(model_file))
     spec = spec if meshes else without_meshes(spec, str(model_file))
     model = compile_spec(spec.copy(), str(model_file))
     check_model(model, str(model_file))
