@@ -38,6 +38,7 @@ from tulip_testbed.sim.files import check_new
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.measurements import read_measurements as _read_measurements
 from tulip_testbed.sim.measurements import write_measurements as _write_measurements
+from tulip_testbed.sim.measurements.contract import check_contract
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.shipped import TULIP
 from tulip_testbed.sim.threads import one_blas_thread, processes
@@ -92,7 +93,7 @@ def write_measurements(folder: str | Path, measurements: Measurements) -> None:
     """Write a measurement folder, which appears whole or not at all.
 
     Raises:
-        InputError: the folder exists or cannot be written.
+        InputError: measurements that no folder can hold; the folder exists or cannot be written.
     """
     _write_measurements(Path(folder), measurements)
 
@@ -260,6 +261,8 @@ def plan(
         InputError: a setting out of range, or too few postures to identify the robot.
     """
     size = (placements, postures_per_placement, hops)
+    if after is not None:
+        check_contract(after)
     wanted = PlanSettings(seed, objective, *size, single_support, repeats, solver)
     return optimal_plan(robot or load_robot(), wanted, after)
 
@@ -285,14 +288,16 @@ def check(
     known = instances_of(corrections, robot, "corrections")
     if isinstance(measurements, str | Path):
         return check_folder(Path(measurements), robot, known)
-    return check_measurements(_measurements(measurements), robot, known)
+    return check_measurements(_measurements(measurements, likely=False), robot, known)
 
 
-def _measurements(measured: Measured) -> Measurements:
-    """Return measurements, those of a run, or those in a folder."""
+def _measurements(measured: Measured, likely: bool = True) -> Measurements:
+    """Return measurements, those of a run, or those in a folder, held against the contract once."""
     if isinstance(measured, str | Path):
         return read_measurements(measured)
-    return measured.measurements if isinstance(measured, Run) else measured
+    found = measured.measurements if isinstance(measured, Run) else measured
+    check_contract(found, likely=likely)
+    return found
 
 
 @checked
@@ -339,7 +344,7 @@ def view(shown: Viewed, robot: Robot | None = None, save: str | Path | None = No
     elif isinstance(shown, PosturePlan):
         made = plan_view(shown, robot)
     elif isinstance(shown, Measurements):
-        made = measurements_view(shown, robot)
+        made = measurements_view(_measurements(shown), robot)
     else:
         made = record_view(_record(shown))
     if save is None:

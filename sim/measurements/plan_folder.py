@@ -11,9 +11,10 @@ from pydantic import BaseModel, ValidationError
 
 from tulip_testbed.sim.errors import InputError, listed, shortened
 from tulip_testbed.sim.files import new_folder
+from tulip_testbed.sim.measurements.contract import SUPPORTS
 from tulip_testbed.sim.measurements.data import PosturePlan
 from tulip_testbed.sim.measurements.folder_kind import check_kind
-from tulip_testbed.sim.measurements.measurement_folder import MOST_ANGLE, MOST_LENGTH, SUPPORTS, Version
+from tulip_testbed.sim.measurements.manifest import MOST_ANGLE, MOST_LENGTH, Version
 from tulip_testbed.sim.measurements.table_files import (
     Table,
     checked_table,

@@ -239,7 +239,8 @@ WRONG_TOLERANCES = (
     0.1,
     "0",
 )
-SHEET = (None, 0.0, 0, 1e-12, 1e5, 1)  # of the same sensors, so that the estimates stay
+SHEET = (None, 0.0, 0, 1e-12, 0.1)  # of the same sensors, so that the estimates stay
+NO_SHEET = (1e5, -1, 1e-13, "0.1")
 IN_TABLE, ANYWHERE = Expected("either", ("/postures.",)), Expected("either", (WHOLE,))
 EDITS: dict[str, tuple] = {  # of tables: what has to come of it, in which format if not in either
     "drop a column": (lambda t, d: t.drop_columns([one(d, names(t, *NEEDED))]), REFUSED),
@@ -285,6 +286,7 @@ MEASURED_EDITS: dict[str, tuple] = {
     "a row without weight": (without_weight, refused("row ", "weight")),
     "forces that cancel": (whole(CANCELLING), refused("row 1", "weight")),
     "one placement": (whole({"placement": lambda v: 0 * v + 7}), SAME),
+    "numbers anew": (whole({"posture": lambda v: np.arange(len(v)) % 5}), refused("column 'posture', row ")),
     "a placement for each": (whole({"placement": lambda v: -np.arange(len(v)) * 10**9}), SAME),
 }
 CONTENTS: dict[str, tuple] = {  # of files: what has to come of it, of which file
@@ -316,6 +318,8 @@ MEASURED_CONTENTS: dict[str, tuple] = {
     "strange gravity": (put("gravity", *GRAVITIES), refused("key 'gravity'"), JSON[0]),
     "weighed mass": (put("weighed_mass", *MASSES), SAME, JSON[0]),
     "cell spread": (put("sensors.cell_sd", *SHEET), SAME, JSON[0]),
+    "no cell spread": (put("sensors.cell_sd", *NO_SHEET), refused("sensors.cell_sd"), JSON[0]),
+    "no encoder spread": (put("sensors.encoder_sd", *NO_SHEET), refused("sensors.encoder_sd"), JSON[0]),
     "cell resolution": (put("sensors.cell_resolution", *SHEET), SAME, JSON[0]),
     "encoder resolution": (put("sensors.encoder_resolution", *SHEET), SAME, JSON[0]),
     "tolerances": (put("tolerances", *TOLERANCES), SAME, JSON[0]),
