@@ -41,6 +41,7 @@ class Configuration(Document):
 
 
 Made = TypeVar("Made", bound=Document)
+Machine = dict[str, str]  # processor and kernel of linear algebra; older runs do not tell
 
 
 class RunFile(Head, Generic[Made]):
@@ -48,6 +49,7 @@ class RunFile(Head, Generic[Made]):
 
     configuration: Made
     software: dict[str, str]
+    machine: Machine = Field(default_factory=dict)
     inputs: dict[str, str]
     outputs: dict[str, str] = Field(default_factory=dict)
 

@@ -227,7 +227,9 @@ def monte_carlo(
     settings = Settings(runs, seed, chosen, random_robots, engine, ordinary)
     with tempfile.TemporaryDirectory() as scratch:
         kept = Path(scratch) / "runs" if folder is None else Path(folder)
-        return montecarlo(laboratory, plan, settings, Place(kept, processes(workers), scheduler))
+        return montecarlo(
+            laboratory, plan, settings, Place(kept, processes(workers), scheduler, folder is not None)
+        )
 
 
 @checked

@@ -188,10 +188,11 @@ def _check_sensors(m: Measurements, where: str) -> None:
 
 
 def _check_repeats(m: Measurements, where: str) -> None:
-    """Refuse rows that bear one number but are different postures, as if each placement counted anew."""
+    """Refuse one number for different postures of several placements, as if each counted anew."""
     _, first, number = np.unique(m.posture, return_index=True, return_inverse=True)
     off = np.abs(m.joint_angles - m.joint_angles[first[number]])
-    if (other := off.max(axis=1) > LIKELY_REPEAT).any():
+    elsewhere = m.placement != m.placement[first[number]]
+    if (other := elsewhere & (off.max(axis=1) > LIKELY_REPEAT)).any():
         row = int(other.argmax())
         joint = m.joints[int(off[row].argmax())]
         raise InputError(
