@@ -18,7 +18,7 @@ from tulip_testbed.effects.instance import EffectDocument, EffectInstance, injec
 from tulip_testbed.experiments.document import Document
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.sim.errors import InputError, listed, shortened
-from tulip_testbed.sim.files import new_folder, present, write_text
+from tulip_testbed.sim.files import is_folder, new_folder, present, write_text
 from tulip_testbed.sim.measurements.manifest import Version
 from tulip_testbed.sim.measurements.plan_folder import check_model
 from tulip_testbed.sim.measurements.table_files import json_text, software
@@ -113,7 +113,7 @@ def read_rig(folder: Path, robot: Robot) -> tuple[EffectInstance, ...]:
             changed.
     """
     folder = Path(folder)
-    if not folder.is_dir():
+    if not is_folder(folder):
         raise InputError(f"{folder}: no such rig folder")
     where = folder / RIG_FILE
     if not present(where):

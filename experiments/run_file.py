@@ -12,7 +12,7 @@ from pydantic import Field
 from tulip_testbed.experiments.document import Document, Seed
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.sim.errors import InputError, listed, shortened
-from tulip_testbed.sim.files import present
+from tulip_testbed.sim.files import is_folder, present
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.measurements.folder_kind import KINDS
 from tulip_testbed.sim.measurements.table_files import finite
@@ -165,7 +165,7 @@ def kind_of(folder: Path) -> RunKind | Literal["plan", "measurement"]:
         InputError: no folder, or none of ours, or one of another version.
     """
     folder = Path(folder)
-    if not folder.is_dir():
+    if not is_folder(folder):
         raise InputError(f"{folder}: no such folder")
     if present(folder / RUN_FILE):
         return _run_kind(folder / RUN_FILE)
