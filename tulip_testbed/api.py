@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tulip_testbed.effects.instance import Effects, instances_of
+from tulip_testbed.effects.instance import EffectInstance, Effects, check_different, instances_of
 from tulip_testbed.experiments.atlases.effect_atlas import Atlas
 from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
 from tulip_testbed.experiments.atlases.planned_experiment import planned
@@ -128,7 +128,7 @@ def identify(
             family or an impossible tolerance.
     """
     robot = robot or load_robot()
-    adopted = instances_of(corrections, robot, "corrections")
+    adopted = _corrections(corrections, robot)
     return _identify(
         _measurements(measurements), robot, estimator=estimator, adopted=adopted, tolerances=tolerances
     )
@@ -287,10 +287,16 @@ def check(
         InputError: no such folder, or another robot's.
     """
     robot = robot or load_robot()
-    known = instances_of(corrections, robot, "corrections")
+    known = _corrections(corrections, robot)
     if isinstance(measurements, str | Path):
         return check_folder(Path(measurements), robot, known)
     return check_measurements(_measurements(measurements, likely=False), robot, known)
+
+
+def _corrections(corrections: Effects, robot: Robot) -> tuple[EffectInstance, ...]:
+    found = instances_of(corrections, robot, "corrections")
+    check_different(found, "corrections")
+    return found
 
 
 def _measurements(measured: Measured, likely: bool = True) -> Measurements:

@@ -85,7 +85,8 @@ def check_contract(
     except ValidationError as error:
         raise InputError(f"{manifest}: {validation_message(error)}") from None
     _check_plates(m, str(manifest))
-    columns = {name: (values, _rule(name)) for name, values in m.columns().items() if _rule(name)}
+    ruled = ((name, values, _rule(name)) for name, values in m.columns().items())
+    columns = {name: (values, rule) for name, values, rule in ruled if rule is not None}
     for name, (values, rule) in columns.items():
         finite = np.isfinite(values) | (np.isnan(values) & rule.gaps)
         _refuse(str(table), name, ~finite, values, "a finite number")
