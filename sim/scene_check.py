@@ -9,7 +9,7 @@ import numpy as np
 
 from tulip_testbed.sim.drives import motor_joint
 from tulip_testbed.sim.errors import InputError, listed
-from tulip_testbed.sim.model_check import check_options
+from tulip_testbed.sim.model_check import check_before_compiling, check_options
 from tulip_testbed.sim.model_features import check_features
 from tulip_testbed.sim.plates import cell_names, plate_geometry
 from tulip_testbed.sim.rig import Rig
@@ -31,6 +31,7 @@ def check_scene(rig: Rig) -> None:
             plate_geometry(spec, plate)
     except InputError as error:
         raise InputError(str(error) if where in str(error) else f"{where}: {error}") from None
+    check_before_compiling(spec, where)
     model = compile_spec(spec, where)
     check_options(model, where)
     check_features(model, where)

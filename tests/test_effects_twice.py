@@ -31,7 +31,7 @@ def test_a_correction_counts_once(run, robot, tmp_path):
         lambda: tt.identify(run, robot, corrections=twice),
         lambda: tt.identify(run, robot, corrections=[KNEE, KNEE]),
         lambda: tt.check(run, robot, corrections=[KNEE, KNEE]),
-        lambda: tt.Laboratory(robot, known=(KNEE, KNEE)),
+        lambda: tt.Laboratory(robot, known=(twice[0], twice[2])),
         lambda: tt.Laboratory(robot).with_known(KNEE).with_known(KNEE),
         lambda: write_rig(tmp_path / "rig", robot, twice),
     ):

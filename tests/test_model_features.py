@@ -93,6 +93,14 @@ def test_a_scene_that_switches_physics_off_or_clips_a_cell_is_refused(own, tmp_p
     with pytest.raises(tt.InputError, match=r"scene_plates\.xml: found .*gravity disabled"):
         check_scene(preset_rig("ideal", odd))
     shutil.rmtree(tmp_path / "own")
+    other = own(
+        ('<include file="tulip.xml"/>', '<include file="odd.xml"/>'), file="scene_plates.xml", built=False
+    )
+    text = (other.folder / "tulip.xml").read_text()
+    (other.folder / "odd.xml").write_text(text.replace('range="0 120"', 'range="120 0"', 1))
+    with pytest.raises(tt.InputError, match=r"joint 'right_knee': found range \[120, 0\]"):
+        check_scene(preset_rig("ideal", tt.load_robot(other.path)))
+    shutil.rmtree(tmp_path / "own")
     touch = '<touch name="plate_front_left"'
     clipped = own((touch, f'{touch} cutoff="50"'), file="plate.xml")
     with pytest.raises(tt.InputError, match="plate_front_left': found a cutoff of 50 N, expected none"):

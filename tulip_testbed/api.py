@@ -15,7 +15,12 @@ from tulip_testbed.effects.instance import EffectInstance, Effects, check_differ
 from tulip_testbed.experiments.atlases.effect_atlas import Atlas
 from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
 from tulip_testbed.experiments.atlases.planned_experiment import planned
-from tulip_testbed.experiments.check_folder import Preflight, check_folder, check_measurements
+from tulip_testbed.experiments.check_folder import (
+    Preflight,
+    check_folder,
+    check_measurements,
+    warn_of_faults,
+)
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
 from tulip_testbed.experiments.identify import Identification
@@ -129,9 +134,12 @@ def identify(
     """
     robot = robot or load_robot()
     adopted = _corrections(corrections, robot)
-    return _identify(
-        _measurements(measurements), robot, estimator=estimator, adopted=adopted, tolerances=tolerances
-    )
+    given = _measurements(measurements)
+    found = _identify(given, robot, estimator=estimator, adopted=adopted, tolerances=tolerances)
+    if not isinstance(measurements, Run):  # a simulated one has the faults that were asked for
+        source = None if isinstance(measurements, Measurements) else str(measurements)
+        warn_of_faults(given, robot, adopted, source)
+    return found
 
 
 @checked

@@ -157,7 +157,7 @@ def _warnings_in_our_words() -> Iterator[None]:
 
         def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
             if issubclass(category, InputWarning):
-                say(f"tulip: warning: {message}")
+                say(f"tulip: warning: {_as_commands(str(message))}")
             else:
                 others(message, category, *where, **more)
 
@@ -174,13 +174,17 @@ def _with_flags(message: str, command: Command) -> str:
     """
     parameters = signature(command).parameters.values()
     flags = {p.name for p in parameters if p.kind is Parameter.KEYWORD_ONLY}
-    message = CALL.sub(lambda m: f"`tulip {m[1]} {shlex.quote(m[2])}`", message)
+    message = _as_commands(message)
     message = SETTING.sub(lambda m: f"`{_flag(m[1])} {m[2]}`" if m[1] in flags else m[0], message)
     place, colon, rest = message.partition(": ")
     words = place.split(", ")
     if not colon or any(word.split(" ")[0] not in flags for word in words):
         return message
     return ", ".join(map(_flag, words)) + colon + rest
+
+
+def _as_commands(message: str) -> str:
+    return CALL.sub(lambda m: f"`tulip {m[1]} {shlex.quote(m[2])}`", message)
 
 
 def _flag(name: str) -> str:
