@@ -326,8 +326,15 @@ MEASURED_CONTENTS: dict[str, tuple] = {
     "wrong tolerances": (put("tolerances", *WRONG_TOLERANCES), refused(WHOLE, "key 'tolerances"), JSON[0]),
     "placement spread": (put("sensors.placement_sd", None, *([x] * 3 for x in SHEET[1:])), SAME, JSON[0]),
 }
+ELSEWHERE = refused("columns 'swing.*', row ")  # the angles that are left put the swing foot elsewhere
+PLAN_EDITS: dict[str, tuple] = {
+    "tiny angles": (EDITS["tiny angles"][0], Expected("either", ("row ",))),
+    "all postures the same": (EDITS["all postures the same"][0], ELSEWHERE),
+    "a joint that never moved": (EDITS["a joint that never moved"][0], ELSEWHERE),
+    "a swing foot elsewhere": (whole({"swing.x": lambda v: v + 5}), ELSEWHERE),
+}
 PLAN_KINDS: dict[str, Change] = {
-    **{name: changes.table(*how) for name, how in EDITS.items()},
+    **{name: changes.table(*how) for name, how in (EDITS | PLAN_EDITS).items()},
     **{name: changes.content(*how) for name, how in CONTENTS.items()},
     **{f"{kind} for a file": changes.stands(kind, *JSON, CSV, PARQUET) for kind in (*changes.PLACES, "link")},
     "rows that take no space": changes.table(
@@ -344,7 +351,8 @@ PLAN_KINDS: dict[str, Change] = {
     ),
 }
 MEASUREMENT_KINDS: dict[str, Change] = {
-    **PLAN_KINDS,
+    **{name: kind for name, kind in PLAN_KINDS.items() if name not in PLAN_EDITS},
+    **{name: changes.table(*EDITS[name]) for name in PLAN_EDITS if name in EDITS},
     **{name: changes.table(*how) for name, how in MEASURED_EDITS.items()},
     **{name: changes.content(*how) for name, how in MEASURED_CONTENTS.items()},
 }
