@@ -13,8 +13,9 @@ import numpy as np
 from tulip_testbed.sim.errors import InputError, listed
 
 # Flags without an effect on a robot at rest; all others switch physics off or replace it.
-HARMLESS_OFF = ("warmstart", "filterparent", "eulerdamp", "autoreset", "nativeccd", "multiccd", "island")
-HARMLESS_OFF += ("midphase",)
+HARMLESS_OFF = (
+    *("warmstart", "filterparent", "eulerdamp", "autoreset", "nativeccd", "multiccd", "island", "midphase"),
+)
 HARMLESS_ON = ("energy", "fwdinv", "invdiscrete")
 
 
