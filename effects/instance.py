@@ -176,13 +176,18 @@ class EffectInstance:
         intervals = tuple(
             None if p.low95 is None or p.high95 is None else (p.low95, p.high95) for p in document.parameters
         )
-        for parameter, interval in zip(effect.parameters, intervals, strict=True):
+        values = tuple(parameter.value for parameter in document.parameters)
+        for parameter, value, interval in zip(effect.parameters, values, intervals, strict=True):
             if interval is not None and interval[0] > interval[1]:
                 raise InputError(
                     f"{where}: {effect.name}, {parameter.name}: found an interval from {interval[0]:g} to "
                     f"{interval[1]:g}, expected low95 up to high95"
                 )
-        values = tuple(parameter.value for parameter in document.parameters)
+            if interval is not None and not interval[0] <= value <= interval[1]:
+                raise InputError(
+                    f"{where}: {effect.name}, {parameter.name}: found {value:g} outside of its interval "
+                    f"[{interval[0]:g}, {interval[1]:g}], expected it inside"
+                )
         read = cls(effect, document.target or "", values, intervals if any(intervals) else ())
         check_instance(read, robot, placements, where)
         return read
@@ -213,9 +218,39 @@ def instances_of(effects: Effects, robot: Robot, where: str = "effects") -> tupl
     found = tuple(
         EffectInstance.parse(e, robot) if isinstance(e, str) else e for e in several(effects, where)
     )
+    check_instances(found, robot, where)
     for doubt in (text for instance in found for text in instance.doubts):
         warn(doubt)
     return found
+
+
+def check_instances(found: Sequence[EffectInstance], robot: Robot, where: str) -> None:
+    """Refuse effects that a robot does not have: made for another one, or of impossible values.
+
+    Raises:
+        InputError: with what was found and what is valid.
+    """
+    for instance in found:
+        check_instance(instance, robot, None, f"{where}: {instance.label}")
+
+
+def check_different(found: Sequence[EffectInstance], where: str) -> None:
+    """Refuse an effect that would be corrected for twice.
+
+    Raises:
+        InputError: names it.
+    """
+    seen: dict[tuple[object, ...], EffectInstance] = {}
+    for instance in found:
+        grid = [
+            v for p, v in zip(instance.effect.parameters, instance.values, strict=True) if p.grid or p.choices
+        ]
+        key = (instance.label, *grid)
+        if key in seen:
+            raise InputError(
+                f"{where}: found {instance.label} twice ({seen[key]} and {instance}), expected it once"
+            )
+        seen[key] = instance
 
 
 def _number(text: str, parameter: Parameter, where: str) -> float:
@@ -249,6 +284,11 @@ def check_instance(found: EffectInstance, robot: Robot, placements: Sequence[int
         InputError: with what was found and what is valid.
     """
     effect = found.effect
+    if len(found.values) != (count := len(effect.parameters)) or len(found.intervals) not in (0, count):
+        raise InputError(
+            f"{where}: found {len(found.values)} values and {len(found.intervals)} intervals, "
+            f"expected {count} values, and an interval for each or for none: {effect.usage}"
+        )
     check_target(effect.targets, found.target, robot, placements, where)
     for parameter, value in zip(effect.parameters, found.values, strict=True):
         here = f"{where}: {effect.name}, {parameter.heading}: found {value:g}"

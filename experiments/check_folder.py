@@ -16,10 +16,10 @@ from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.example import example_manifest, example_row
 from tulip_testbed.experiments.preflight_tables import advice_table, complaint_lines, finding_table
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
-from tulip_testbed.identification.preflight import RESULTS, Finding, preflight, worst_of
+from tulip_testbed.identification.preflight import RESULTS, Finding, preflight, quick_faults, worst_of
 from tulip_testbed.identification.preflight.plate_checks import plate_poses
 from tulip_testbed.identification.regressor import check_robot
-from tulip_testbed.sim.errors import MOST_LISTED, InputError, shortened
+from tulip_testbed.sim.errors import MOST_LISTED, InputError, listed, shortened, warn
 from tulip_testbed.sim.measurements import Measurements, Series, read_measurements, read_series
 from tulip_testbed.sim.measurements.folder_kind import check_kind
 from tulip_testbed.sim.measurements.measurement_folder import read_manifest
@@ -126,6 +126,32 @@ def _wrong_tolerances(folder: Path) -> list[str]:
         except InputError as error:
             found.append(str(error))
     return found[:MOST_LISTED]
+
+
+def warn_of_faults(
+    measurements: Measurements,
+    robot: Robot,
+    corrections: Sequence[EffectInstance] = (),
+    source: str | None = None,
+) -> None:
+    """Warn of measurements that fail a check which takes milliseconds.
+
+    Args:
+        corrections: see `check_folder`. source: folder of the measurements.
+
+    Raises:
+        InputError: measurements that do not fit the robot.
+    """
+    nominal = nominal_robot(robot)
+    check_robot(nominal.parameters, measurements, robot, source or "measurements")
+    if corrections:
+        measurements, _ = without(measurements, nominal, corrections)
+    if faults := quick_faults(measurements, nominal):
+        call = f"`tt.check({'measurements' if source is None else repr(source)})`"
+        warn(
+            f"{source or 'measurements'}: found faults in {listed(repr(f.name) for f in faults)}; "
+            f"{call} says more"
+        )
 
 
 def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:

@@ -21,6 +21,7 @@ from tulip_testbed.sim.errors import InputError, at_least
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.table import Shown, Table
+from tulip_testbed.sim.threads import processes
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,7 +102,7 @@ def discover_effects(
         InputError: measurements that do not fit the robot, in wrong units, or too few placements.
     """
     at_least("seed", seed, 0)
-    at_least("workers", workers, 1)
+    processes(workers)
     found = units(measurements, nominal_robot(robot))
     if found.result == "fail":
         raise InputError(f"{source}: found {found.seen}; expected {found.expected} (the preflight says more)")

@@ -27,6 +27,7 @@ from tulip_testbed.experiments.run_file import (
 from tulip_testbed.identification.base_parameters import base_parameters, common_support
 from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.sim.files import new_folder, read_bytes, read_text, write_text
+from tulip_testbed.sim.machine import machine
 from tulip_testbed.sim.measurements import Measurements, read_measurements, write_measurements
 from tulip_testbed.sim.measurements.table_files import Table, software
 from tulip_testbed.sim.robot import Robot
@@ -90,6 +91,7 @@ def discovery_record(
                 measurements=source, robot=robot.path.name, seed=seed, no_check=no_check
             ),
             software=software(),
+            machine=machine(),
             inputs=robot.hashes,
         ),
         report=discovery_report(result),

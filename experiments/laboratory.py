@@ -13,7 +13,9 @@ from tulip_testbed.effects.injection import check_built
 from tulip_testbed.effects.instance import (
     EffectInstance,
     Effects,
+    check_different,
     check_instance,
+    check_instances,
     check_laboratory,
     injected,
     instances_of,
@@ -69,7 +71,10 @@ class Laboratory:
         for name in ("known", "hidden"):
             given = several(getattr(self, name), name)
             texts = any(isinstance(effect, str) for effect in given)
+            if not texts:
+                check_instances(tuple(e for e in given if not isinstance(e, str)), self.robot, name)
             object.__setattr__(self, name, self._instances(given) if texts else given)
+        check_different(self.known, "known")
 
     def __reduce__(self) -> Any:
         """Leave the rig out, which holds functions that cannot be pickled."""

@@ -34,11 +34,11 @@ from tulip_testbed.identification.planning.sequential import (
     optimize_next_placements,
 )
 from tulip_testbed.identification.planning.single_support import single_support_plan
-from tulip_testbed.sim.errors import InputError, at_least, listed, look_up
+from tulip_testbed.sim.errors import InputError, at_least, at_most, listed, look_up
 from tulip_testbed.sim.files import check_new, present, read_text, write_text
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_measurements, write_plan
 from tulip_testbed.sim.measurements.plan_folder import check_model
-from tulip_testbed.sim.measurements.table_files import read_json
+from tulip_testbed.sim.measurements.table_files import MOST_ROWS, read_json
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, sha256
 from tulip_testbed.sim.scene import nominal_plates
@@ -134,6 +134,7 @@ def set_up_search(
     ):
         at_least(name, getattr(settings, name), least)
     placements, per, _ = settings.size
+    at_most("placements, postures_per_placement", placements * per, MOST_ROWS)
     if settings.repeats > (most := trials * placements * per):
         raise InputError(f"repeats: found {settings.repeats}, expected at most the plan's {most} postures")
     look_up("solver", settings.solver, SOLVERS, "solver")

@@ -14,12 +14,12 @@ import mujoco
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from tulip_testbed.effects.instance import EffectDocument, EffectInstance, injected
+from tulip_testbed.effects.instance import EffectDocument, EffectInstance, check_different, injected
 from tulip_testbed.experiments.document import Document
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.sim.errors import InputError, listed, shortened
-from tulip_testbed.sim.files import new_folder, present, write_text
-from tulip_testbed.sim.measurements.measurement_folder import Version
+from tulip_testbed.sim.files import is_folder, new_folder, present, write_text
+from tulip_testbed.sim.measurements.manifest import Version
 from tulip_testbed.sim.measurements.plan_folder import check_model
 from tulip_testbed.sim.measurements.table_files import json_text, software
 from tulip_testbed.sim.numbers import number
@@ -97,6 +97,7 @@ def write_rig(
     """
     if not instances:
         raise InputError(f"{folder}: found no effects, expected at least one")
+    check_different(instances, str(folder))
     files = rig_files(robot, instances, preset)
     with new_folder(folder) as working:
         for name, text in files.items():
@@ -113,7 +114,7 @@ def read_rig(folder: Path, robot: Robot) -> tuple[EffectInstance, ...]:
             changed.
     """
     folder = Path(folder)
-    if not folder.is_dir():
+    if not is_folder(folder):
         raise InputError(f"{folder}: no such rig folder")
     where = folder / RIG_FILE
     if not present(where):
@@ -131,7 +132,9 @@ def read_rig(folder: Path, robot: Robot) -> tuple[EffectInstance, ...]:
         if name not in (NOMINAL, CHANGED, DIFF) and not LATER.fullmatch(name):
             raise InputError(f"{where}: key 'files': found '{shortened(name)}', expected scenes and {DIFF}")
         _check_hash(folder / name, sha256(folder / name), expected, f"{where}: key 'files'")
-    return tuple(EffectInstance.from_document(entry, robot, str(where)) for entry in manifest.effects)
+    found = tuple(EffectInstance.from_document(entry, robot, str(where)) for entry in manifest.effects)
+    check_different(found, f"{where}: key 'effects'")
+    return found
 
 
 def _check_hash(path: Path, found: str | None, expected: str | None, where: str) -> None:

@@ -12,7 +12,7 @@ from pydantic import Field
 from tulip_testbed.experiments.document import Document, Seed
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.sim.errors import InputError, listed, shortened
-from tulip_testbed.sim.files import present
+from tulip_testbed.sim.files import is_folder, present
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.measurements.folder_kind import KINDS
 from tulip_testbed.sim.measurements.table_files import finite
@@ -41,6 +41,7 @@ class Configuration(Document):
 
 
 Made = TypeVar("Made", bound=Document)
+Machine = dict[str, str]  # processor and kernel of linear algebra; older runs do not tell
 
 
 class RunFile(Head, Generic[Made]):
@@ -48,6 +49,7 @@ class RunFile(Head, Generic[Made]):
 
     configuration: Made
     software: dict[str, str]
+    machine: Machine = Field(default_factory=dict)
     inputs: dict[str, str]
     outputs: dict[str, str] = Field(default_factory=dict)
 
@@ -163,7 +165,7 @@ def kind_of(folder: Path) -> RunKind | Literal["plan", "measurement"]:
         InputError: no folder, or none of ours, or one of another version.
     """
     folder = Path(folder)
-    if not folder.is_dir():
+    if not is_folder(folder):
         raise InputError(f"{folder}: no such folder")
     if present(folder / RUN_FILE):
         return _run_kind(folder / RUN_FILE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -20,7 +21,9 @@ from tulip_testbed.identification.base_parameters import (
     standard_parameters,
 )
 from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.files import check_new, write_text
 from tulip_testbed.sim.measurements import write_measurements
+from tulip_testbed.sim.measurements.table_files import json_text
 from tulip_testbed.sim.outcome import Attempt
 
 Standard = Annotated[list[float], Field(min_length=4, max_length=4)]
@@ -120,14 +123,32 @@ def _attempt(attempt: Attempt) -> TruthAttempt:
     )
 
 
+def check_places(out: Path, truth: Path | None) -> None:
+    """Refuse, before the work, places at which measurements and truth could not be written.
+
+    Raises:
+        InputError: one of them exists, cannot be written, or lies in a measurement folder.
+    """
+    check_new(out)
+    if truth is None:
+        return
+    check_new(truth)
+    folder, file = (Path(os.path.realpath(path)) for path in (out, truth))
+    if file.is_relative_to(folder):
+        raise InputError(f"{truth}: lies inside the measurement folder, which must not hold the truth")
+    if folder.is_relative_to(file):
+        raise InputError(f"{out}: lies inside {truth}, which is to be a file")
+
+
 def write_experiment(out: Path, truth: Path | None, run: Run) -> None:
     """Write the truth and the measurement folder; if the folder exists afterwards, so does its truth.
 
     Raises:
         InputError: one of them exists or cannot be written.
     """
+    check_places(out, truth)
     if truth is not None:
-        truth_of(run).write(truth)
+        write_text(truth, json_text(truth_of(run).plain()), new=True)  # else another process's would be lost
     try:
         write_measurements(out, run.measurements)
     except InputError:

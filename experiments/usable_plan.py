@@ -11,9 +11,10 @@ from tulip_testbed.identification.base_parameters import BaseParameters, base_pa
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.rank import labels, require_identifiable
 from tulip_testbed.identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
-from tulip_testbed.sim.errors import InputError, at_least
+from tulip_testbed.sim.errors import InputError, at_least, at_most
 from tulip_testbed.sim.measurements import PosturePlan, read_plan
 from tulip_testbed.sim.measurements.plan_folder import check_fits
+from tulip_testbed.sim.measurements.table_files import MOST_ROWS
 from tulip_testbed.sim.procedure import check_support
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
@@ -97,6 +98,7 @@ def random_plan(
     at_least("placements", placements, 1)
     at_least("per_placement", per_placement, 1)
     at_least("seed", seed, 0)
+    at_most("placements, per_placement", placements * per_placement, MOST_ROWS)
     enough("placements, per_placement", placements * per_placement, base_parameters(robot))
     check_scene(preset_rig("ideal", robot))
     plate = nominal_plates(robot)[0]

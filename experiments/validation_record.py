@@ -32,6 +32,7 @@ from tulip_testbed.experiments.validate import Validation, worst_balance
 from tulip_testbed.identification.base_parameters import base_parameters, common_support, simplified_numbers
 from tulip_testbed.sim.errors import InputError, shortened
 from tulip_testbed.sim.files import new_folder, read_bytes
+from tulip_testbed.sim.machine import machine
 from tulip_testbed.sim.measurements import (
     Measurements,
     PosturePlan,
@@ -158,6 +159,7 @@ def validation_record(result: Validation) -> ValidationRecord:
             command="validate",
             configuration=configuration_of(run.laboratory, run.plan, run.seed, run.engine, result.ordinary),
             software=software(),
+            machine=machine(),
             inputs=run.laboratory.robot.hashes,
         ),
         report=report_of(result),

@@ -13,6 +13,7 @@ from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_typ
 import numpy as np
 
 from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.sim.files import check_path
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -69,6 +70,8 @@ def expect(name: str, value: object, hint: Any) -> None:
         raise InputError(
             f"{name}: found {_found(value)}, expected {_either([_words(kind) for kind in kinds])}"
         )
+    if Path in kinds and isinstance(value, str | Path):
+        check_path(value)
     if get_args(fits[0]) and isinstance(value, Sequence):
         for k, one in enumerate(value):
             expect(f"{name}[{k}]", one, get_args(fits[0])[0])

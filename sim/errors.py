@@ -97,6 +97,16 @@ def look_up(kind: str, name: str, valid, where: str) -> str:
     return name
 
 
+def at_most(name: str, value: int, most: int) -> None:
+    """Refuse a number above `most`.
+
+    Raises:
+        InputError: the number is too large.
+    """
+    if value > most:
+        raise InputError(f"{name}: found {shortened(value)}, expected {most} or less")
+
+
 def at_least(name: str, value: int, least: int) -> None:
     """Refuse a number below `least`.
 

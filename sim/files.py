@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import glob
 import os
@@ -13,9 +14,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.errors import InputError, shortened
 
 MOST_BYTES = 64 * 2**20  # of any file that is read
+NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EXDEV)
+MOST_NAME = 255  # bytes of a part of a path, on every usual file system
+MEASURED = b'"tulip-measurements"'  # what the manifest of a measurement folder says of itself
 KINDS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a named pipe",
@@ -23,6 +27,24 @@ KINDS = {
     stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",
 }
+
+
+def check_path(path: str | Path) -> None:
+    """Refuse a path that cannot be given to every library, written down and read again.
+
+    Raises:
+        InputError: it holds a NUL, is not UTF-8, or has a part that is too long for a file's name.
+    """
+    text = os.fspath(path)
+    shown = shortened(text.encode("utf-8", "backslashreplace").decode().replace("\0", "\\0"))
+    if "\0" in text:
+        raise InputError(f"{shown}: found a NUL in the path, expected none")
+    try:
+        longest = max((len(part.encode()) for part in text.split("/")), default=0)
+    except UnicodeEncodeError:
+        raise InputError(f"{shown}: found a path that is not UTF-8, expected one that is") from None
+    if longest > MOST_NAME:
+        raise InputError(f"{shown}: found a name of {longest} bytes, expected at most {MOST_NAME}")
 
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
@@ -78,6 +100,36 @@ def present(path: Path) -> bool:
     return True
 
 
+def is_folder(path: Path) -> bool:
+    """Return whether the path leads to a folder.
+
+    Raises:
+        InputError: the way there cannot be searched.
+    """
+    try:
+        return stat.S_ISDIR(os.stat(path).st_mode)
+    except (FileNotFoundError, NotADirectoryError, ValueError):
+        return False
+    except OSError as error:
+        raise InputError(f"{path}: cannot read ({error_text(error)})") from None
+
+
+def _check_outside(path: Path) -> None:
+    """Refuse a place inside of a measurement folder, which holds what was measured and nothing else.
+
+    Raises:
+        InputError: names the measurement folder.
+    """
+    for folder in path.parents:
+        manifest = folder / "manifest.json"
+        try:
+            measured = present(manifest) and MEASURED in read_bytes(manifest)
+        except InputError:  # another program's
+            continue
+        if measured:
+            raise InputError(f"{path}: lies inside the measurement folder {folder}, expected a place outside")
+
+
 def check_new(path: Path, ending: str = "") -> None:
     """Refuse, before the work, a path at which its result could not be written.
 
@@ -87,17 +139,20 @@ def check_new(path: Path, ending: str = "") -> None:
     Raises:
         InputError: the path exists, lies in a folder that cannot be written, or has another ending.
     """
+    check_path(path)
     path = Path(path)
     if not path.name.lower().endswith(ending):
         raise InputError(f"{path}: found a name that ends in '{path.suffix}', expected {ending}")
     real = Path(os.path.realpath(path))
-    if present(path) or real.exists():
+    if present(path) or present(real):
         raise InputError(f"{path}: exists already; give a new name")
-    parent = next(folder for folder in real.parents if folder.exists())
+    if not ending:  # a view or a page may lie beside what it shows
+        _check_outside(real)
+    parent = next(folder for folder in real.parents if present(folder))
     try:
         os.rmdir(tempfile.mkdtemp(dir=parent, prefix=f".{path.name}.", suffix=".partial"))
     except OSError as error:
-        raise InputError(f"{path}: cannot write into {parent} ({error.strerror})") from None
+        raise InputError(f"{path}: cannot write into {parent} ({error_text(error)})") from None
 
 
 @contextmanager
@@ -105,11 +160,13 @@ def new_folder(path: Path) -> Iterator[Path]:
     """Yield a folder to fill; it gets its name if the block succeeds and is removed otherwise.
 
     Raises:
-        InputError: the name exists already or the folder cannot be written.
+        InputError: the name exists already, lies in a measurement folder, or the folder cannot be written.
     """
+    check_path(path)
     path = Path(path)
-    if os.path.lexists(path):
+    if present(path):
         raise InputError(f"{path}: exists already; give the name of a new folder")
+    _check_outside(Path(os.path.realpath(path)))
     with _partial(path) as working:
         yield working
         for inner in [*working.rglob("*"), working]:
@@ -118,28 +175,47 @@ def new_folder(path: Path) -> Iterator[Path]:
         _to_disk(path.parent)
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a UTF-8 file atomically and replace one of the same name.
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    write_bytes(path, text.encode())
+def write_text(path: Path, text: str, new: bool = False) -> None:
+    """Write a UTF-8 file, see `write_bytes`."""
+    write_bytes(path, text.encode(), new)
 
 
-def write_bytes(path: Path, content: bytes) -> None:
+def write_bytes(path: Path, content: bytes, new: bool = False) -> None:
     """Write a file atomically and replace one of the same name.
 
+    Args:
+        new: leave one of the same name alone, also one that another process writes at the same time.
+
     Raises:
-        InputError: it cannot be written.
+        InputError: it cannot be written, or exists although it shall be new.
     """
+    check_path(path)
     path = Path(path)
     with _partial(path) as working:
         file = working / path.name
         file.write_bytes(content)
         _to_disk(file)
+        if new:
+            _name_new(file, path)
         os.replace(file, path)
         _to_disk(path.parent)
+
+
+def _name_new(file: Path, path: Path) -> None:
+    """Give a file its name unless there is one; `os.rename` would replace it.
+
+    Raises:
+        InputError: there is one.
+    """
+    try:
+        try:
+            os.link(file, path)
+        except OSError as error:
+            if error.errno not in NO_LINKS:
+                raise
+            os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY))  # a file system without links
+    except FileExistsError:
+        raise InputError(f"{path}: exists already; give a new name") from None
 
 
 @contextmanager

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.sim.errors import InputError, listed
+from tulip_testbed.sim.model_features import check_compiler, check_features
 
 MOST_BODIES = 100
 MOST_LENGTH = 20.0  # m, from a body to the next or to its centre of mass
@@ -19,7 +20,8 @@ def check_model(model: mujoco.MjModel, where: str) -> None:
 
     Raises:
         InputError: too many bodies, an unnamed body or joint, other than one root body on a free joint,
-            no hinge, or a length, mass, gravity or time step out of range.
+            no hinge, a length, mass, gravity or time step out of range, or a feature that acts in the full
+            dynamics alone.
     """
     if model.nbody - 1 > MOST_BODIES:
         raise InputError(f"{where}: found {model.nbody - 1} bodies, expected at most {MOST_BODIES}")
@@ -48,6 +50,7 @@ def check_model(model: mujoco.MjModel, where: str) -> None:
     _within(where, bodies, "mass", mass, 0.0, MOST_MASS, "kg")
     _within(where, [bodies[0]], "mass of the whole robot", mass.sum()[None], LEAST_MASS, MOST_MASS, "kg")
     check_options(model, where)
+    check_features(model, where)
 
 
 def check_options(model: mujoco.MjModel, where: str) -> None:
@@ -61,12 +64,15 @@ def check_options(model: mujoco.MjModel, where: str) -> None:
     _within(where, ["<option>"], "timestep", np.array([model.opt.timestep]), LEAST_STEP, MOST_STEP, "s")
 
 
-def check_joint_ranges(spec: mujoco.MjSpec, where: str) -> None:
-    """Refuse a joint whose limits are not in order: MuJoCo would leave it without any.
+def check_before_compiling(spec: mujoco.MjSpec, where: str) -> None:
+    """Refuse what the compiled model no longer shows: limits out of order, a prescribed total mass.
+
+    MuJoCo would leave a joint whose limits are not in order without any.
 
     Raises:
-        InputError: names the joint and its range, in the units of the file.
+        InputError: names the joint and its range, in the units of the file, or the mass.
     """
+    check_compiler(spec, where)
     for joint in spec.joints:
         low, high = joint.range
         given = joint.limited != mujoco.mjtLimited.mjLIMITED_FALSE and (low, high) != (0.0, 0.0)

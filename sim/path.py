@@ -31,6 +31,12 @@ class ClosedChain:
         mujoco.mju_rotVecQuat(position, -sole, inverse)
         return np.concatenate([position, inverse])
 
+    def swing_pose(self, angles: np.ndarray) -> np.ndarray:
+        """Return the planar pose of the swing foot in the base frame, (3,) [m, m, rad]."""
+        (stance, first), (swing, second) = self._feet(angles, np.array([0.0, 0, 0, 1, 0, 0, 0]))
+        (x, y, _), turned = first.T @ (swing - stance), first.T @ second
+        return np.array([x, y, np.arctan2(turned[1, 0], turned[0, 0])])
+
     def path(self, start: np.ndarray, end: np.ndarray, steps: int) -> np.ndarray:
         """Compute the joint angles from `start` (excluded) to `end`, (steps, n) [rad].
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import tomllib
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -16,9 +17,9 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.sim.errors import InputError, choices, listed, look_up, shortened
-from tulip_testbed.sim.files import present, read_bytes, read_text
+from tulip_testbed.sim.files import check_path, present, read_bytes, read_text
 from tulip_testbed.sim.mjcf_files import mjcf_files
-from tulip_testbed.sim.model_check import check_joint_ranges, check_model
+from tulip_testbed.sim.model_check import check_before_compiling, check_model
 from tulip_testbed.sim.sandbox import try_to_compile
 from tulip_testbed.sim.shipped import PLATE, TULIP
 
@@ -145,7 +146,8 @@ def _load(
     path: Path, compile_safely: Callable[[Path, dict[Path, dict[Path, str]]], None], meshes: bool
 ) -> Robot:
     settings = _description(path)
-    path = path.resolve()
+    path = Path(os.path.realpath(path))
+    check_path(path)  # the folder's names too: MuJoCo reads UTF-8 alone
     folder = path.parent
     model_file, feet = folder / settings["model"], (settings["stance_foot"], settings["swing_foot"])
     scene_file = folder / settings["scene"] if "scene" in settings else None
@@ -155,7 +157,7 @@ def _load(
         files[scene_file or plate_file] = _files(scene_file or plate_file, folder)
     compile_safely(model_file, files)
     spec = _read_spec(model_file)
-    check_joint_ranges(spec, str(model_file))
+    check_before_compiling(spec, str(model_file))
     spec = spec if meshes else without_meshes(spec, str(model_file))
     model = compile_spec(spec.copy(), str(model_file))
     check_model(model, str(model_file))

@@ -99,6 +99,8 @@ def build_scene(robot: Robot) -> mujoco.MjSpec:
     soles = [f"{foot}_{corner}" for foot in robot.feet for corner in CORNERS]
     for geom in spec.geoms:
         geom.contype, geom.conaffinity = int(geom.name in soles), 0
+    for pair in list(spec.pairs):
+        spec.delete(pair)
     for plate in PLATES:
         frame = spec.worldbody.add_frame(name=f"{plate}_plate_place")
         frame.attach_body(_load_plate(robot), f"{plate}_", "")

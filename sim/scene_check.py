@@ -9,7 +9,8 @@ import numpy as np
 
 from tulip_testbed.sim.drives import motor_joint
 from tulip_testbed.sim.errors import InputError, listed
-from tulip_testbed.sim.model_check import check_options
+from tulip_testbed.sim.model_check import check_before_compiling, check_options
+from tulip_testbed.sim.model_features import check_features
 from tulip_testbed.sim.plates import cell_names, plate_geometry
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import CORNERS, PLATES, compile_spec, joint_names
@@ -30,8 +31,10 @@ def check_scene(rig: Rig) -> None:
             plate_geometry(spec, plate)
     except InputError as error:
         raise InputError(str(error) if where in str(error) else f"{where}: {error}") from None
+    check_before_compiling(spec, where)
     model = compile_spec(spec, where)
     check_options(model, where)
+    check_features(model, where)
     soles = [f"{foot}_{corner}" for foot in rig.robot.feet for corner in CORNERS]
     for kind, names in (
         ("body", [*rig.robot.feet, *(f"{plate}_plate" for plate in PLATES)]),
@@ -44,6 +47,8 @@ def check_scene(rig: Rig) -> None:
     for name in cell_names():
         if (found := mujoco.mjtSensor(int(model.sensor(name).type[0]))) != mujoco.mjtSensor.mjSENS_TOUCH:
             raise InputError(f"{where}: sensor '{name}': found {found.name}, expected a touch sensor")
+        if cutoff := float(model.sensor(name).cutoff[0]):
+            raise InputError(f"{where}: sensor '{name}': found a cutoff of {cutoff:g} N, expected none")
     _check_drives(where, model, joint_names(nominal))
 
 

@@ -13,10 +13,11 @@ import numpy.linalg  # noqa: F401  threadpoolctl limits the libraries that are l
 import scipy.linalg  # noqa: F401
 from threadpoolctl import threadpool_limits
 
-from tulip_testbed.sim.errors import at_least
+from tulip_testbed.sim.errors import at_least, at_most
 
 P = ParamSpec("P")
 R = TypeVar("R")
+MOST_WORKERS = 1000
 _lock = Lock()
 _inside: list[threadpool_limits] = []  # one entry for every call under way, of which the last restores
 
@@ -58,4 +59,5 @@ def processes(workers: int | None) -> int:
     if workers is None:
         return os.cpu_count() or 1
     at_least("workers", workers, 1)
+    at_most("workers", workers, MOST_WORKERS)
     return workers

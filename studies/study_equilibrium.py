@@ -95,6 +95,13 @@ def short_foot(spec: mujoco.MjSpec) -> None:
     cell.pos = cell.pos + np.array([0.0, 0.0, 3e-4])
 
 
+def stopped(spec: mujoco.MjSpec) -> None:
+    """Let the left knee lean on a soft stop of its own shape, which acts 0.01 rad before its end."""
+    knee = spec.joint("left_knee")
+    knee.range, knee.margin = [0.0, 60.0 if spec.compiler.degree else np.radians(60.0)], 0.01
+    knee.solref_limit, knee.solimp_limit = [0.0005, 3.0], [0.1, 0.6, 0.05, 0.3, 3.0]
+
+
 def laboratories(rig: Rig) -> dict[str, Rig]:
     """Return the laboratories in which statics and dynamics are compared, all without dry friction."""
     plain = dataclasses.replace(rig, edit=without_friction())
@@ -105,6 +112,7 @@ def laboratories(rig: Rig) -> dict[str, Rig]:
         ("shank 1 mm longer", longer),
         ("pulled by ropes", pulled),
         ("board rocks", short_foot),
+        ("a knee at its stop", stopped),
     ):
         rigs[name] = dataclasses.replace(rig, edit=without_friction(edit))
     rigs["flexible drives"] = dataclasses.replace(plain, drives=Drives(wind_up=0.01))

@@ -41,8 +41,9 @@ def instances(draw, name):
     chosen = [v for v, p in zip(values, effect.parameters, strict=True) if p.choices]
     if len(set(chosen)) < len(chosen):
         values = (0.0, 1.0)
-    ends = st.lists(st.floats(-1e9, 1e9), min_size=2, max_size=2).map(lambda pair: tuple(sorted(pair)))
-    intervals = tuple(draw(st.none() | ends) for _ in values)
+    intervals = tuple(
+        draw(st.none() | st.tuples(st.floats(-1e9, value), st.floats(value, 1e9))) for value in values
+    )
     return EffectInstance(effect, target, values, intervals if any(intervals) else ())
 
 

@@ -40,6 +40,7 @@ LABORATORIES = [
     "shank 1 mm longer",
     "pulled by ropes",
     "board rocks",
+    "a knee at its stop",
     "flexible drives",
     "soft soles",
     "soft cells",

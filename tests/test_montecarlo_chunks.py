@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 
+import tulip_testbed as tt
 from tests.montecarlo_work import Regressions, bytes_of, run_regressions
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.collect import collect
@@ -117,12 +118,45 @@ def test_a_full_disk_leaves_what_was_written(undisturbed, tmp_path, monkeypatch)
 
 
 def test_a_worker_that_dies_is_told(tmp_path):
-    with engine(2, None), pytest.raises(InputError, match="worker process was killed"):
+    killed = "a worker process ended by SIGKILL.*, as the system does when memory runs out"
+    with engine(2, None), pytest.raises(InputError, match=killed):
         collect(Chunks(tmp_path, 4, 1), _die, lambda count: None)
+    with engine(2, None), pytest.raises(InputError, match="process ended by SIGSEGV") as error:
+        collect(Chunks(tmp_path, 4, 1), _crash, lambda count: None)
+    assert "memory" not in str(error.value)
+    with engine(2, None), pytest.raises(InputError, match=r"a worker process failed .*serialize") as error:
+        collect(Chunks(tmp_path, 4, 1), _unreadable, lambda count: None)
+    assert "memory" not in str(error.value)
+
+
+def test_without_a_folder_nothing_is_said_to_stay(monkeypatch, robot, plan):
+    def fail(*given):
+        raise InputError("no space")
+
+    monkeypatch.setattr("tulip_testbed.experiments.montecarlo.montecarlo_run.collect", fail)
+    with pytest.raises(InputError, match=r"^no space; nothing was kept$"):
+        tt.monte_carlo(tt.Laboratory(robot), plan, runs=2, workers=1)
 
 
 def _die(runs):
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _crash(runs):
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def _unreadable(runs):
+    return _Unreadable()
+
+
+class _Unreadable:
+    def __reduce__(self):
+        return _refuse, ()
+
+
+def _refuse():
+    raise ValueError("not to be read")
 
 
 @pytest.mark.parametrize("damage", ["cut", "other runs", "other columns"])

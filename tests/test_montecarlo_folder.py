@@ -5,6 +5,7 @@ import json
 
 import pytest
 
+import tulip_testbed as tt
 from tulip_testbed.experiments.document import first_difference
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
@@ -13,7 +14,9 @@ from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
     open_folder,
 )
 from tulip_testbed.experiments.montecarlo.settings import Settings
+from tulip_testbed.experiments.usable_plan import random_plan
 from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.machine import machine
 
 SETTINGS = Settings(runs=100, seed=5, estimator="mixed-model", spread=None)
 
@@ -76,6 +79,39 @@ def test_another_plan_or_preset_or_version_is_refused(scenario, robot, plan, tmp
     (folder / "run.json").write_text(json.dumps(document))
     with pytest.raises(InputError, match=r"software\.numpy is '1\.0' there"):
         begin(folder, scenario)
+
+
+def test_a_plan_with_other_torques_is_another_plan(scenario, plan, tmp_path):
+    laboratory, pushed = scenario[0], dataclasses.replace(plan, torques=plan.joint_angles)
+    begin(tmp_path / "run", (laboratory, pushed))
+    begin(tmp_path / "run", (laboratory, pushed))
+    for other in (plan, dataclasses.replace(plan, torques=plan.joint_angles + 1e-3)):
+        with pytest.raises(InputError, match=r"inputs\.plan is"):
+            begin(tmp_path / "run", (laboratory, other))
+
+
+def test_the_processor_is_recorded_and_another_one_may_go_on(scenario, tmp_path):
+    folder = tmp_path / "run"
+    begin(folder, scenario)
+    document = json.loads((folder / "run.json").read_text())
+    assert document["machine"] == machine()
+    assert all(len(text) > 3 for text in document["machine"].values())
+    for other in ({"cpu": "abacus"}, None):
+        document["machine"] = other
+        (folder / "run.json").write_text(
+            json.dumps({name: value for name, value in document.items() if value is not None})
+        )
+        begin(folder, scenario)
+
+
+def test_more_runs_than_anybody_waits_for_are_refused(scenario, tmp_path):
+    with pytest.raises(InputError, match="runs: found 10000000000000, expected 1000000 or less"):
+        tt.monte_carlo(*scenario, runs=10**13, folder=tmp_path / "run")
+    with pytest.raises(InputError, match="workers: found 100000, expected 1000 or less"):
+        tt.monte_carlo(*scenario, runs=100, workers=10**5, folder=tmp_path / "run")
+    with pytest.raises(InputError, match=r"placements, per_placement: found 50000000, expected 10000"):
+        random_plan(scenario[0].robot, placements=10**7)
+    assert not (tmp_path / "run").exists()
 
 
 def test_what_is_no_monte_carlo_is_refused(scenario, tmp_path):

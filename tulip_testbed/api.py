@@ -11,11 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
-from tulip_testbed.effects.instance import Effects, instances_of
+from tulip_testbed.effects.instance import EffectInstance, Effects, check_different, instances_of
 from tulip_testbed.experiments.atlases.effect_atlas import Atlas
 from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
 from tulip_testbed.experiments.atlases.planned_experiment import planned
-from tulip_testbed.experiments.check_folder import Preflight, check_folder, check_measurements
+from tulip_testbed.experiments.check_folder import (
+    Preflight,
+    check_folder,
+    check_measurements,
+    warn_of_faults,
+)
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
 from tulip_testbed.experiments.identify import Identification
@@ -38,6 +43,7 @@ from tulip_testbed.sim.files import check_new
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.measurements import read_measurements as _read_measurements
 from tulip_testbed.sim.measurements import write_measurements as _write_measurements
+from tulip_testbed.sim.measurements.contract import check_contract
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.shipped import TULIP
 from tulip_testbed.sim.threads import one_blas_thread, processes
@@ -92,7 +98,7 @@ def write_measurements(folder: str | Path, measurements: Measurements) -> None:
     """Write a measurement folder, which appears whole or not at all.
 
     Raises:
-        InputError: the folder exists or cannot be written.
+        InputError: measurements that no folder can hold; the folder exists or cannot be written.
     """
     _write_measurements(Path(folder), measurements)
 
@@ -127,10 +133,13 @@ def identify(
             family or an impossible tolerance.
     """
     robot = robot or load_robot()
-    adopted = instances_of(corrections, robot, "corrections")
-    return _identify(
-        _measurements(measurements), robot, estimator=estimator, adopted=adopted, tolerances=tolerances
-    )
+    adopted = _corrections(corrections, robot)
+    given = _measurements(measurements)
+    found = _identify(given, robot, estimator=estimator, adopted=adopted, tolerances=tolerances)
+    if not isinstance(measurements, Run):  # a simulated one has the faults that were asked for
+        source = None if isinstance(measurements, Measurements) else str(measurements)
+        warn_of_faults(given, robot, adopted, source)
+    return found
 
 
 @checked
@@ -234,7 +243,9 @@ def monte_carlo(
     settings = Settings(runs, seed, chosen, random_robots, engine, ordinary)
     with tempfile.TemporaryDirectory() as scratch:
         kept = Path(scratch) / "runs" if folder is None else Path(folder)
-        return montecarlo(laboratory, plan, settings, Place(kept, processes(workers), scheduler))
+        return montecarlo(
+            laboratory, plan, settings, Place(kept, processes(workers), scheduler, folder is not None)
+        )
 
 
 @checked
@@ -268,6 +279,8 @@ def plan(
         InputError: a setting out of range, or too few postures to identify the robot.
     """
     size = (placements, postures_per_placement, hops)
+    if after is not None:
+        check_contract(after)
     wanted = PlanSettings(seed, objective, *size, single_support, repeats, solver)
     return optimal_plan(robot or load_robot(), wanted, after)
 
@@ -290,17 +303,25 @@ def check(
         InputError: no such folder, or another robot's.
     """
     robot = robot or load_robot()
-    known = instances_of(corrections, robot, "corrections")
+    known = _corrections(corrections, robot)
     if isinstance(measurements, str | Path):
         return check_folder(Path(measurements), robot, known)
-    return check_measurements(_measurements(measurements), robot, known)
+    return check_measurements(_measurements(measurements, likely=False), robot, known)
 
 
-def _measurements(measured: Measured) -> Measurements:
-    """Return measurements, those of a run, or those in a folder."""
+def _corrections(corrections: Effects, robot: Robot) -> tuple[EffectInstance, ...]:
+    found = instances_of(corrections, robot, "corrections")
+    check_different(found, "corrections")
+    return found
+
+
+def _measurements(measured: Measured, likely: bool = True) -> Measurements:
+    """Return measurements, those of a run, or those in a folder, held against the contract once."""
     if isinstance(measured, str | Path):
         return read_measurements(measured)
-    return measured.measurements if isinstance(measured, Run) else measured
+    found = measured.measurements if isinstance(measured, Run) else measured
+    check_contract(found, likely=likely)
+    return found
 
 
 @checked
@@ -347,7 +368,7 @@ def view(shown: Viewed, robot: Robot | None = None, save: str | Path | None = No
     elif isinstance(shown, PosturePlan):
         made = plan_view(shown, robot)
     elif isinstance(shown, Measurements):
-        made = measurements_view(shown, robot)
+        made = measurements_view(_measurements(shown), robot)
     else:
         made = record_view(_record(shown))
     if save is None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import copyreg
 import pkgutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields
 from functools import cache
 from importlib import import_module
 from inspect import cleandoc
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import Any
 
 from tulip_testbed.effects.effect import Effect
@@ -20,16 +20,28 @@ from tulip_testbed.sim.table import Table
 WIDTH = 150  # characters of the table in plain text: sentences of two lines at most
 
 
-class Catalogue(dict[str, Effect]):
-    """Effects by name; shown as a table."""
+class Catalogue(Mapping[str, Effect]):
+    """Effects by name; shown as a table. Nobody can change it: all share one."""
 
-    def __missing__(self, name: str) -> Effect:
-        """Refuse an unknown name.
+    def __init__(self, effects: Iterable[Effect]):
+        self._effects = MappingProxyType({effect.name: effect for effect in effects})
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._effects)
+
+    def __len__(self) -> int:
+        return len(self._effects)
+
+    def __reduce__(self) -> tuple[Callable[..., Catalogue], tuple[Any, ...]]:
+        return (catalogue, ()) if self is catalogue() else (Catalogue, (tuple(self.values()),))
+
+    def __getitem__(self, name: str) -> Effect:
+        """Return an effect.
 
         Raises:
             UnknownNameError: with the names that are close and those that are valid.
         """
-        return self[look_up("effect", name, self, "effects")]
+        return self._effects[look_up("effect", name, self._effects, "effects")]
 
     def table(self) -> Table:
         """Return the usage of every effect, its units, plausible sizes and what it is."""
@@ -56,7 +68,7 @@ class Catalogue(dict[str, Effect]):
 def catalogue() -> Catalogue:
     """Return all effects by name, in alphabetical order."""
     effects = [module.EFFECT for module in _modules() if hasattr(module, "EFFECT")]
-    return Catalogue({effect.name: effect for effect in sorted(effects, key=lambda effect: effect.name)})
+    return Catalogue(sorted(effects, key=lambda effect: effect.name))
 
 
 def explanation(name: str) -> str:
@@ -80,7 +92,7 @@ def _by_name(name: str) -> Effect:
 
 def _pickled(effect: Effect) -> tuple[Callable[..., Effect], tuple[Any, ...]]:
     """Pickle an effect of the catalogue by its name: its targets are functions without one."""
-    if dict.get(catalogue(), effect.name) is effect:
+    if catalogue().get(effect.name) is effect:
         return _by_name, (effect.name,)
     return Effect, tuple(getattr(effect, field.name) for field in fields(effect))
 

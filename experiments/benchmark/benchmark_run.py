@@ -29,6 +29,7 @@ from tulip_testbed.experiments.run_file import VERSION
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.sim.errors import InputError, at_least
 from tulip_testbed.sim.measurements.table_files import Columns
+from tulip_testbed.sim.threads import processes
 
 CHUNK = 1  # a case takes seconds
 
@@ -63,7 +64,7 @@ def benchmark(
         montecarlo.run.Interrupted: by Ctrl-C, after the folder was begun.
     """
     at_least("seed", settings.seed, 0)
-    at_least("workers", workers, 1)
+    processes(workers)
     if not 0 < settings.size <= 10:
         raise InputError(f"size: found {settings.size:g}, expected more than 0 and at most 10")
     made = board(settings.preset, plan)

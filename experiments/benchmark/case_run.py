@@ -80,7 +80,7 @@ def carry_out(case: Case, run: int, seed: int, board: Board) -> Outcome:
             return replace(known, failed=f"only {len(measured)} of {len(board.plan.posture)} postures stand")
     except InputError as error:
         return replace(known, failed=str(error))
-    effects = catalogue()
+    effects = dict(catalogue())
     if case.arm == arms.LEFT_OUT:
         effects = {k: v for k, v in effects.items() if k not in case.kinds}
     try:

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import present, write_bytes
+from tulip_testbed.sim.files import present, read_bytes, write_bytes
 from tulip_testbed.sim.measurements.table_files import Columns
 
 
@@ -69,7 +69,7 @@ class Chunks:
         """
         path = self.path(index)
         try:
-            with pa.parquet.ParquetFile(path) as file:
+            with pa.parquet.ParquetFile(pa.BufferReader(read_bytes(path))) as file:
                 table = file.read(columns=[*dict.fromkeys(["run", *names])])
             columns = {name: table.column(name).to_numpy() for name in table.column_names}
             whole = not set(names) - set(columns)

@@ -10,7 +10,7 @@ from typing import Any
 
 import joblib
 
-from tulip_testbed.sim.errors import InputError, look_up
+from tulip_testbed.sim.errors import InputError, look_up, shortened
 
 ENGINES = ("loky", "dask")
 PATIENCE = 10  # s, for a scheduler that does not answer and for its first worker
@@ -90,12 +90,21 @@ def compute(work: Work, chunks: Iterable[Sequence[int]]) -> Generator[Any]:
         # As an argument the work is sent to a cluster once, and need not be hashable: joblib's Dask backend
         # hashes functions, and waits forever where that fails.
         yield from parallel(joblib.delayed(_carry_out)(work, chunk) for chunk in chunks)
-    except BrokenProcessPool:
-        raise InputError("a worker process was killed (out of memory?)") from None
+    except BrokenProcessPool as error:
+        raise InputError(_what_ended(str(error))) from None
     except Exception as error:
         if type(error).__module__.split(".")[0] != "distributed":
             raise
         raise InputError(f"the cluster failed ({' '.join(str(error).split())[:200]})") from None
+
+
+def _what_ended(text: str) -> str:
+    """Say what is known of workers that are gone, by joblib's text."""
+    codes = re.search(r"exit codes of the workers are \{(.*?)\}", text)
+    if codes is None:
+        return f"a worker process failed ({shortened(text, 200)})"
+    memory = ", as the system does when memory runs out" if "SIGKILL" in codes[1] else ""
+    return f"a worker process ended by {codes[1]}{memory}"
 
 
 def _carry_out(work: Work, chunk: Sequence[int]) -> Any:

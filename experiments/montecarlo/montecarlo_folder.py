@@ -7,8 +7,12 @@ import hashlib
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Generic, TypeVar
+
+import numpy as np
+from pydantic import Field
 
 from tulip_testbed.experiments.document import first_difference
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -19,10 +23,12 @@ from tulip_testbed.experiments.run_file import (
     VERSION,
     Configuration,
     Head,
+    Machine,
     configuration_of,
 )
 from tulip_testbed.sim.errors import InputError, shortened
 from tulip_testbed.sim.files import check_new, new_folder, present
+from tulip_testbed.sim.machine import machine
 from tulip_testbed.sim.measurements import PosturePlan, write_plan
 from tulip_testbed.sim.measurements.table_files import read_json, software
 
@@ -37,6 +43,7 @@ class RunsFile(Head, Generic[Asked]):
     configuration: Configuration
     inputs: dict[str, str]
     software: dict[str, str]
+    machine: Machine = Field(default_factory=dict)
 
 
 def made_in(laboratory: Laboratory, plan: PosturePlan, seed: int, engine: str) -> dict[str, Any]:
@@ -49,6 +56,7 @@ def made_in(laboratory: Laboratory, plan: PosturePlan, seed: int, engine: str) -
         "configuration": configuration_of(laboratory, plan, seed, engine),
         "inputs": laboratory.robot.hashes | {"plan": plan_hash(plan)},
         "software": software(),
+        "machine": machine(),
     }
 
 
@@ -68,8 +76,10 @@ def montecarlo_file(
 def plan_hash(plan: PosturePlan) -> str:
     """Hash everything that a plan asks for, in hexadecimal."""
     digest = hashlib.sha256()
-    for name in ("joint_angles", "posture", "placement", "support", "swing_pose"):
-        array = getattr(plan, name)
+    arrays = {one.name: getattr(plan, one.name) for one in fields(plan)}
+    for name, array in arrays.items():
+        if not isinstance(array, np.ndarray):  # what a plan asks for is in its arrays, wherever it comes from
+            continue
         digest.update(f"{name} {array.dtype} {array.shape} ".encode() + array.tobytes())
     return digest.hexdigest()
 
@@ -85,8 +95,12 @@ def check_folder(folder: Path, document: RunsFile[Any]) -> bool:
         return False
     if not present(folder / RUN_FILE):
         raise InputError(f"{folder}: exists already and holds no Monte Carlo ({RUN_FILE}); give a new name")
-    found = read_json(folder / RUN_FILE)
-    if (other := first_difference(found, document.plain())) is not None:
+    # Another machine may go on: its last digits differ, its random numbers do not.
+    found, asked = (
+        {key: value for key, value in content.items() if key != "machine"}
+        for content in (read_json(folder / RUN_FILE), document.plain())
+    )
+    if (other := first_difference(found, asked)) is not None:
         name, there, here = other
         raise InputError(
             f"{folder}: holds runs of another configuration: {name} is {shortened(repr(there))} there and "

@@ -29,9 +29,10 @@ from tulip_testbed.experiments.montecarlo.run_columns import Job, layout_of
 from tulip_testbed.experiments.montecarlo.settings import Settings, check_settings
 from tulip_testbed.experiments.montecarlo.summary import errors_mm, summarise
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
-from tulip_testbed.sim.errors import InputError, at_least
+from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.table import Shown, Table
+from tulip_testbed.sim.threads import processes
 
 Progress = Callable[[str, int, int], AbstractContextManager[Callable[[int], None]]]
 
@@ -53,11 +54,13 @@ class Place:
         folder: of the results.
         workers: processes of this machine, if there is no address.
         address: of a Dask scheduler.
+        stays: whether the folder outlives the work; otherwise nobody can go on in it.
     """
 
     folder: Path
     workers: int
     address: str | None
+    stays: bool = True
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,7 +124,7 @@ def montecarlo(
     """
     check_settings(settings)
     check_ordinary(laboratory, settings.ordinary)
-    at_least("workers", place.workers, 1)
+    processes(place.workers)
     laboratory.check(plan, settings.engine)
     if laboratory.sensors == "ideal":
         raise InputError(
@@ -144,18 +147,19 @@ def montecarlo(
                 laboratory.known,
             )
             with open_folder(place.folder, document, plan):
-                collect_missing(chunks, job, place.folder, progress)
+                collect_missing(chunks, job, place.folder if place.stays else None, progress)
     found = report(summarise(chunks, layout), layout, settings.estimator, settings.ordinary)
     found.write(place.folder / REPORT_FILE)
     return MonteCarlo(laboratory, plan, settings, found, errors_mm(chunks, layout), place.folder)
 
 
 def collect_missing(
-    chunks: Chunks, job: Work, folder: Path, progress: Progress = no_progress, what: str = "runs"
+    chunks: Chunks, job: Work, folder: Path | None, progress: Progress = no_progress, what: str = "runs"
 ) -> None:
     """Compute the missing chunks.
 
     Args:
+        folder: what stays; None: nothing does.
         progress: called with what is counted, how many there are and how many were there before; gives a
             context that yields what is called with the number of each chunk's runs.
 
@@ -170,6 +174,8 @@ def collect_missing(
     except (InputError, KeyboardInterrupt) as error:
         left = sum(len(chunks.runs_of(index)) for index in chunks.missing())
         stays = f"{folder} holds {chunks.runs - left} of {chunks.runs} {what}; the same command resumes"
+        if folder is None:
+            stays = "nothing was kept"
         if isinstance(error, KeyboardInterrupt):
             raise Interrupted(f"interrupted; {stays}") from None
         raise InputError(f"{error}; {stays}") from None

@@ -10,9 +10,10 @@ from pydantic import Field
 from tulip_testbed.experiments.document import Count, Document, Seed
 from tulip_testbed.experiments.identify import ESTIMATORS
 from tulip_testbed.experiments.laboratory import ENGINES
-from tulip_testbed.sim.errors import InputError, at_least, look_up
+from tulip_testbed.sim.errors import InputError, at_least, at_most, look_up
 
 CHUNK = 25  # runs a file: some seconds of work
+MOST_RUNS = 1_000_000
 DYNAMIC_CHUNK = 1  # a run takes about a minute, and a kill should cost no more
 
 
@@ -75,6 +76,7 @@ def check_settings(settings: Settings) -> None:
         InputError: names what was found and what is valid.
     """
     at_least("runs", settings.runs, 1)
+    at_most("runs", settings.runs, MOST_RUNS)
     at_least("seed", settings.seed, 0)
     look_up("estimator", settings.estimator, ESTIMATORS, "estimator")
     look_up("engine", settings.engine, ENGINES, "engine")

@@ -15,10 +15,18 @@ import numpy as np
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.distributions import chi2_sf, f_sf
 from tulip_testbed.identification.nominal import Nominal
-from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
+from tulip_testbed.identification.preflight.finding import (
+    Finding,
+    bonferroni,
+    few,
+    result_of,
+    row_name,
+    skipped,
+)
 from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, placement_sd, usable_sd
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.measurements.contract import LIKELY_REPEAT
 from tulip_testbed.sim.robot import PLATES
 
 STANDS_OUT = 4.0  # standard errors, about those at which the smallest of a hundred p-values fails
@@ -36,6 +44,18 @@ def repeats(measurements: Measurements, nominal: Nominal, noise: ReadingNoise) -
     again = numbers[counts > 1]
     if not len(again):
         return skipped(name, "no posture was measured twice; repeat five or more")
+    spread = {number: float(np.ptp(m.joint_angles[m.posture == number], axis=0).max()) for number in again}
+    if (change := max(spread.values())) > LIKELY_REPEAT:
+        number = max(again, key=spread.__getitem__)
+        rows = np.flatnonzero(m.posture == number) + 1
+        return Finding(
+            name,
+            "fail",
+            f"posture {number} has {len(rows)} rows whose joints differ by up to {change:.2g} rad",
+            f"rows of one number within {LIKELY_REPEAT:g} rad of each other",
+            f"rows {', '.join(few(list(map(str, rows))))}",
+            "Give every posture a number of its own, also across placements; look for a swapped row.",
+        )
     if usable_sd(m.sensors.cell_sd) is None:
         return skipped(name, NO_CELL_SD)
     error = center_of_pressure(m) - nominal.center_of_mass(m.joint_angles)
@@ -55,7 +75,6 @@ def repeats(measurements: Measurements, nominal: Nominal, noise: ReadingNoise) -
             ]
         )
     )
-    change = max(float(np.ptp(m.joint_angles[r], axis=0).max()) for r in groups)
     return Finding(
         name,
         result_of(p_value),

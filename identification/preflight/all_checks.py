@@ -73,6 +73,18 @@ def preflight(measurements: Measurements, nominal: Nominal, series: Series | Non
     return [*findings, identifiable(m, nominal, noise)]
 
 
+def quick_faults(measurements: Measurements, nominal: Nominal) -> list[Finding]:
+    """Return what fails of the checks that take milliseconds, for measurements of the nominal robot."""
+    m = measurements
+    findings = [units(m, nominal)]
+    if findings[0].result != "fail":
+        findings += [joint_limits(m, nominal), stuck(m), cell_loads(m)]
+        findings += [weight_balance(m), constant_weight(m), drift(m, nominal)]
+        if (m.support == "double").all() and findings[3].result != "fail":
+            findings += [feet_on_plates(m, nominal), load_in_soles(m, nominal)]
+    return [finding for finding in findings if finding.result == "fail"]
+
+
 def _fits(m: Measurements, nominal: Nominal, noise: ReadingNoise) -> list[Finding]:
     """Run the checks that need a fitted model."""
     try:

@@ -17,6 +17,7 @@ LEAST_CELLS = 2e-3  # m: twice the r.m.s. distance of a plate's cells from one l
 MOST_YAW = np.pi / 2
 MOST_ENCODER_SD = 0.1  # rad
 MOST_PLACEMENT_SD = 0.2  # m
+MOST_CELL_SD = 0.2  # of the weight
 
 
 def same_robot(measurements: Measurements, nominal: Nominal) -> Finding:
@@ -142,6 +143,10 @@ def _masses(measurements: Measurements, nominal: Nominal) -> list[tuple[str, str
         else:
             mass = weighed
     total = float(np.median(measurements.cell_forces.sum(axis=1)))
+    stated = measurements.sensors.cell_sd
+    if stated is not None and stated > MOST_CELL_SD * mass * gravity:
+        text = f"sensors.cell_sd is {stated:g} where {number(mass, '.4g')} kg stand on eight cells: grams?"
+        complaints.append(("sensors.cell_sd", text))
     if not 0.5 < total / (mass * gravity) < 2:
         guess = _guess(total / (mass * gravity), {1 / gravity: "kilograms", 1000 / gravity: "grams"})
         text = f"the cells sum to {number(total, '.4g')} where {number(mass, '.4g')} kg "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import present
+from tulip_testbed.sim.files import is_folder, present
 
 KINDS = {"measurement": "manifest.json", "plan": "plan.json", "run": "run.json", "rig": "rig.json"}
 INSIDE = {"measurement": "measurements", "plan": "plan"}  # of a run folder
@@ -25,9 +25,10 @@ def check_kind(folder: Path, wanted: str) -> None:
     Raises:
         InputError: the folder is of another kind, which the message names.
     """
-    if not folder.is_dir():
-        found = "found a file, expected a" if folder.exists() else "no such"
-        table = wanted == "measurement" and folder.exists() and folder.suffix in (".csv", ".parquet")
+    if not is_folder(folder):
+        there = present(folder)
+        found = "found a file, expected a" if there else "no such"
+        table = wanted == "measurement" and there and folder.suffix in (".csv", ".parquet")
         advice = (
             f" with manifest.json and the table as postures{folder.suffix}; "
             f"`tt.check({str(folder.parent)!r})` lists what that one lacks"

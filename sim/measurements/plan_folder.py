@@ -11,9 +11,10 @@ from pydantic import BaseModel, ValidationError
 
 from tulip_testbed.sim.errors import InputError, listed, shortened
 from tulip_testbed.sim.files import new_folder
+from tulip_testbed.sim.measurements.contract import SUPPORTS
 from tulip_testbed.sim.measurements.data import PosturePlan
 from tulip_testbed.sim.measurements.folder_kind import check_kind
-from tulip_testbed.sim.measurements.measurement_folder import MOST_ANGLE, MOST_LENGTH, SUPPORTS, Version
+from tulip_testbed.sim.measurements.manifest import MOST_ANGLE, MOST_LENGTH, Version
 from tulip_testbed.sim.measurements.table_files import (
     Table,
     checked_table,
@@ -22,9 +23,11 @@ from tulip_testbed.sim.measurements.table_files import (
     write_json,
     write_table,
 )
+from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.robot import Robot, joint_names, sha256
 from tulip_testbed.sim.validation_message import validation_message
 
+MOST_SWING = 0.01  # m or rad, between the swing foot as planned and by the joint angles
 MOST_TORQUE = 1e5  # N m, of a drive
 
 
@@ -151,9 +154,29 @@ def check_fits(where: str, plan: PosturePlan, robot: Robot) -> None:
 
 
 def check_postures(path: Path | str, plan: PosturePlan, robot: Robot) -> None:
-    """Refuse postures outside of a joint's range, and rows that share a number but not the posture."""
+    """Refuse postures out of range or with the swing foot elsewhere, and numbers of different postures."""
     check_limits(path, plan, robot.model)
+    check_swing(path, plan, robot)
     check_repeats(path, plan)
+
+
+def check_swing(path: Path | str, plan: PosturePlan, robot: Robot) -> None:
+    """Refuse a swing foot that is not where the joint angles put it, in double support.
+
+    Raises:
+        InputError: the message names row, both poses and the most that they may differ.
+    """
+    chain = ClosedChain(robot.model, robot)
+    for row in np.flatnonzero(plan.support == SUPPORTS[0]):
+        there = chain.swing_pose(plan.joint_angles[row])
+        off = plan.swing_pose[row] - there
+        off[2] = np.arctan2(np.sin(off[2]), np.cos(off[2]))
+        if np.abs(off).max() > MOST_SWING:
+            found, expected = (listed(f"{x:.4g}" for x in pose) for pose in (plan.swing_pose[row], there))
+            raise InputError(
+                f"{path}: columns 'swing.*', row {row + 1}: found {found} (m, m, rad), expected {expected} "
+                f"within {MOST_SWING:g}, where the joint angles put the foot"
+            )
 
 
 def check_repeats(path: Path | str, plan: PosturePlan) -> None:

@@ -354,7 +354,10 @@ def checked_table(
 
 def tables_beside(folder: Path) -> str:
     """Name the tables in a folder for a message that something else is missing."""
-    names = sorted(path.name for path in folder.iterdir() if path.suffix in (".csv", ".parquet"))
+    try:
+        names = sorted(path.name for path in folder.iterdir() if path.suffix in (".csv", ".parquet"))
+    except OSError:  # a folder that may be searched but not listed
+        names = []
     return f"; found {shortened(listed(names), 200)}" if names else ""
 
 

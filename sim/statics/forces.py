@@ -185,6 +185,7 @@ def _kinematics(m: Mechanism, state: State) -> tuple[list, list, list]:
             rotation = rotation @ body.rotation
         for joint in body.joints:
             value = state.angles[..., joint.column]
+            value = value - joint.zero if joint.zero else value
             axis = rotation @ joint.axis
             if joint.kind == HINGE:
                 anchor = place + rotation @ joint.anchor if joint.anchor.any() else place

@@ -10,6 +10,7 @@ import numpy as np
 from tulip_testbed.sim.drives import motor_joint
 from tulip_testbed.sim.dynamics.stiction import BREAKAWAY, sliding_friction
 from tulip_testbed.sim.errors import InputError, listed
+from tulip_testbed.sim.model_features import check_features
 from tulip_testbed.sim.plates import plate_geometry, short_feet
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import (
@@ -30,12 +31,19 @@ HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE
 
 @dataclass(frozen=True)
 class Joint:
-    """A hinge or slide: its `column` of the coordinates, axis and anchor in its body's frame, (3,)."""
+    """A hinge or slide.
+
+    Attributes:
+        column: of the coordinates. kind: `HINGE` or `SLIDE`.
+        axis, anchor: in its body's frame, (3,).
+        zero: coordinate at which it is as the file draws it (`ref`) [rad, m].
+    """
 
     column: int
     kind: int
     axis: np.ndarray
     anchor: np.ndarray
+    zero: float
 
 
 @dataclass(frozen=True)
@@ -153,6 +161,7 @@ def mechanism(rig: Rig) -> Mechanism:
     nominal = rig.robot.model
     spec = laboratory_scene(rig, np.zeros((2, 3)))
     model = compile_spec(spec, str(rig.robot.path))
+    check_features(model, "static equilibrium")
     for foot in rig.robot.feet:
         heights = [model.geom(f"{foot}_{corner}").pos[2] for corner in CORNERS]
         if (gap := np.ptp(heights)) > LEVEL:
@@ -234,7 +243,13 @@ def mechanism(rig: Rig) -> Mechanism:
 def _body(model: mujoco.MjModel, body: int, number: dict[int, int], column: dict[int, int]) -> Body:
     first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
     joints = [
-        Joint(column[j], int(model.jnt_type[j]), model.jnt_axis[j].copy(), model.jnt_pos[j].copy())
+        Joint(
+            column[j],
+            int(model.jnt_type[j]),
+            model.jnt_axis[j].copy(),
+            model.jnt_pos[j].copy(),
+            float(model.qpos0[model.jnt_qposadr[j]]),
+        )
         for j in range(first, first + count)
         if j in column
     ]

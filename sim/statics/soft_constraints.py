@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 MOST_IMPEDANCE = 0.9999  # MuJoCo's upper bound
+LEAST_WIDTH = 1e-15  # rad or m
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,7 @@ class Stops:
         low, high: limits, infinite where there are none [rad].
         rate: reference acceleration over depth, 1 / (dmax timeconst dampratio)^2 [1/s2].
         least, most, width: impedance at the limit, and at a depth of `width` [rad] or more.
+        middle, power: where in `width` the impedance turns, and how steeply.
         mobility: inverse of the inertia that the solver assumes, `dof_invweight0`.
     """
 
@@ -31,6 +33,8 @@ class Stops:
     least: np.ndarray
     most: np.ndarray
     width: np.ndarray
+    middle: np.ndarray
+    power: np.ndarray
     mobility: np.ndarray
 
 
@@ -38,14 +42,17 @@ def stops_of(model: mujoco.MjModel, joints: list[int], dofs: np.ndarray) -> Stop
     """Read the limits of some joints, whose degrees of freedom are `dofs`."""
     limited = model.jnt_limited[joints].astype(bool)
     reference, impedance = model.jnt_solref[joints], model.jnt_solimp[joints]
-    least, most = (np.clip(impedance[:, k], 1e-4, MOST_IMPEDANCE) for k in (0, 1))
+    least, most, middle = (np.clip(impedance[:, k], 1e-4, MOST_IMPEDANCE) for k in (0, 1, 3))
+    margin = model.jnt_margin[joints]  # a limit acts from this distance on
     return Stops(
-        low=np.where(limited, model.jnt_range[joints, 0], -np.inf),
-        high=np.where(limited, model.jnt_range[joints, 1], np.inf),
-        rate=_rate(reference, most),
+        low=np.where(limited, model.jnt_range[joints, 0] + margin, -np.inf),
+        high=np.where(limited, model.jnt_range[joints, 1] - margin, np.inf),
+        rate=_rate(model, reference, most),
         least=least,
         most=most,
-        width=impedance[:, 2],
+        width=np.maximum(impedance[:, 2], LEAST_WIDTH),
+        middle=middle,
+        power=np.maximum(impedance[:, 4], 1.0),
         mobility=model.dof_invweight0[dofs],
     )
 
@@ -56,7 +63,12 @@ def stop_torques(stops: Stops, angles: np.ndarray) -> np.ndarray:
     if not over.any():
         return over
     part = np.minimum(np.abs(over) / stops.width, 1.0)
-    ramp = np.where(part < 0.5, 2 * part**2, 1 - 2 * (1 - part) ** 2)  # power 2 about the middle
+    middle, power = stops.middle, stops.power
+    ramp = np.where(
+        part < middle,
+        part**power / middle ** (power - 1),
+        1 - (1 - part) ** power / (1 - middle) ** (power - 1),
+    )
     d = stops.least + ramp * (stops.most - stops.least)
     return stops.rate * d**2 / ((1 - d) * stops.mobility) * over
 
@@ -85,12 +97,16 @@ def contact_compliance(model: mujoco.MjModel, geom: str, other: str | None) -> f
         )
         reference, impedance = model.pair_solref[pair], model.pair_solimp[pair]
     d = min(float(impedance[0]), MOST_IMPEDANCE)
-    rate = _rate(reference[None], min(float(impedance[1]), MOST_IMPEDANCE))[0]
+    rate = _rate(model, reference[None], min(float(impedance[1]), MOST_IMPEDANCE))[0]
     return float((1 - d) * mobility / (rate * d**2))
 
 
-def _rate(reference: np.ndarray, most: np.ndarray | float) -> np.ndarray:
-    """Return K of `solref` (k, 2): time constant and damping ratio, or negative stiffness and damping."""
+def _rate(model: mujoco.MjModel, reference: np.ndarray, most: np.ndarray | float) -> np.ndarray:
+    """Return K of `solref` (k, 2): time constant and damping ratio, or negative stiffness and damping.
+
+    MuJoCo keeps the time constant at two steps or more.
+    """
     standard = reference[:, 0] > 0
-    time = np.where(standard, reference[:, 0] * reference[:, 1], 1.0)
+    constant = np.maximum(reference[:, 0], 2 * model.opt.timestep)
+    time = np.where(standard, constant * reference[:, 1], 1.0)
     return np.where(standard, 1 / (most * time) ** 2, -reference[:, 0] / most**2)

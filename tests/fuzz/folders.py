@@ -239,7 +239,8 @@ WRONG_TOLERANCES = (
     0.1,
     "0",
 )
-SHEET = (None, 0.0, 0, 1e-12, 1e5, 1)  # of the same sensors, so that the estimates stay
+SHEET = (None, 0.0, 0, 1e-12, 0.1)  # of the same sensors, so that the estimates stay
+NO_SHEET = (1e5, -1, 1e-13, "0.1")
 IN_TABLE, ANYWHERE = Expected("either", ("/postures.",)), Expected("either", (WHOLE,))
 EDITS: dict[str, tuple] = {  # of tables: what has to come of it, in which format if not in either
     "drop a column": (lambda t, d: t.drop_columns([one(d, names(t, *NEEDED))]), REFUSED),
@@ -285,6 +286,7 @@ MEASURED_EDITS: dict[str, tuple] = {
     "a row without weight": (without_weight, refused("row ", "weight")),
     "forces that cancel": (whole(CANCELLING), refused("row 1", "weight")),
     "one placement": (whole({"placement": lambda v: 0 * v + 7}), SAME),
+    "numbers anew": (whole({"posture": lambda v: np.arange(len(v)) % 5}), refused("column 'posture', row ")),
     "a placement for each": (whole({"placement": lambda v: -np.arange(len(v)) * 10**9}), SAME),
 }
 CONTENTS: dict[str, tuple] = {  # of files: what has to come of it, of which file
@@ -316,14 +318,23 @@ MEASURED_CONTENTS: dict[str, tuple] = {
     "strange gravity": (put("gravity", *GRAVITIES), refused("key 'gravity'"), JSON[0]),
     "weighed mass": (put("weighed_mass", *MASSES), SAME, JSON[0]),
     "cell spread": (put("sensors.cell_sd", *SHEET), SAME, JSON[0]),
+    "no cell spread": (put("sensors.cell_sd", *NO_SHEET), refused("sensors.cell_sd"), JSON[0]),
+    "no encoder spread": (put("sensors.encoder_sd", *NO_SHEET), refused("sensors.encoder_sd"), JSON[0]),
     "cell resolution": (put("sensors.cell_resolution", *SHEET), SAME, JSON[0]),
     "encoder resolution": (put("sensors.encoder_resolution", *SHEET), SAME, JSON[0]),
     "tolerances": (put("tolerances", *TOLERANCES), SAME, JSON[0]),
     "wrong tolerances": (put("tolerances", *WRONG_TOLERANCES), refused(WHOLE, "key 'tolerances"), JSON[0]),
     "placement spread": (put("sensors.placement_sd", None, *([x] * 3 for x in SHEET[1:])), SAME, JSON[0]),
 }
+ELSEWHERE = refused("columns 'swing.*', row ")  # the angles that are left put the swing foot elsewhere
+PLAN_EDITS: dict[str, tuple] = {
+    "tiny angles": (EDITS["tiny angles"][0], Expected("either", ("row ",))),
+    "all postures the same": (EDITS["all postures the same"][0], ELSEWHERE),
+    "a joint that never moved": (EDITS["a joint that never moved"][0], ELSEWHERE),
+    "a swing foot elsewhere": (whole({"swing.x": lambda v: v + 5}), ELSEWHERE),
+}
 PLAN_KINDS: dict[str, Change] = {
-    **{name: changes.table(*how) for name, how in EDITS.items()},
+    **{name: changes.table(*how) for name, how in (EDITS | PLAN_EDITS).items()},
     **{name: changes.content(*how) for name, how in CONTENTS.items()},
     **{f"{kind} for a file": changes.stands(kind, *JSON, CSV, PARQUET) for kind in (*changes.PLACES, "link")},
     "rows that take no space": changes.table(
@@ -340,7 +351,8 @@ PLAN_KINDS: dict[str, Change] = {
     ),
 }
 MEASUREMENT_KINDS: dict[str, Change] = {
-    **PLAN_KINDS,
+    **{name: kind for name, kind in PLAN_KINDS.items() if name not in PLAN_EDITS},
+    **{name: changes.table(*EDITS[name]) for name in PLAN_EDITS if name in EDITS},
     **{name: changes.table(*how) for name, how in MEASURED_EDITS.items()},
     **{name: changes.content(*how) for name, how in MEASURED_CONTENTS.items()},
 }

@@ -66,11 +66,15 @@ NO_ROBOT = """
 mass="10.7" => mass="-10.7" | mass="0" | mass="1e9"
 diaginertia="0.25 0.23 0.075" => diaginertia="0 0 0"
 <freejoint name="torso"/> => | <joint name="torso" axis="0 0 1"/>
+<freejoint name="torso"/> => <joint type="free" name="torso" frictionloss="1"/>
+<body name="right_ankle" => <body gravcomp="1" name="right_ankle"
+<actuator> => <equality><joint joint1="left_knee"/></equality><actuator>
 <joint name="left_knee" => <joint type="slide" name="left_knee" | <joint type="ball" name="left_knee" | <joint
 <joint name="left_knee" => <joint name="right_knee"
 <body name="left_hip"> => <body name="right_hip"> | <body>
 timestep="0.001" => timestep="0" | timestep="-1" | timestep="1e-12"
 cone="elliptic"/> => gravity="0 0 9.81"/> | gravity="0 0 0"/> | gravity="1 0 -9.81"/> | gravity="0 0 -1e300"/>
+cone="elliptic"/> => cone="elliptic"><flag limit="disable"/></option>
 name="right_foot_front_left" => name="toe"
 pos="0.13 0.05 -0.058" => pos="0.13 0.05 -0.05" | pos="-0.13 0.05 -0.058"
 pos="0 0 0.6899" => pos="0 0 1e200"

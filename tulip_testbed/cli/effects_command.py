@@ -30,7 +30,7 @@ def effects_command(
     described = described_robot(robot)
     if name is not None:
         look_up("effect", name, catalogue(), "effects")
-    chosen = catalogue() if name is None else Catalogue({name: catalogue()[name]})
+    chosen = catalogue() if name is None else Catalogue([catalogue()[name]])
     if as_json:
         print_json({"effects": [effect_document(effect, described) for effect in chosen.values()]})
     elif name is None:

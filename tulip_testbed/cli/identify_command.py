@@ -39,6 +39,7 @@ def identify_command(
     """
     from tulip_testbed.calibration.families import read_tolerances
     from tulip_testbed.cli.terminal import print_json, show
+    from tulip_testbed.experiments.check_folder import warn_of_faults
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.identification_report import (
         identification_document,
@@ -53,6 +54,7 @@ def identify_command(
     adopted = () if rig is None else read_rig(rig, described)
     stated = read_tolerances(tolerance)
     found = identify(measurements, described, str(folder), estimator, adopted=adopted, tolerances=stated)
+    warn_of_faults(measurements, described, adopted, str(folder))
     document = identification_document(found, measurements, None if rig is None else str(rig))
     if as_json:
         print_json(document)

@@ -9,15 +9,16 @@ from __future__ import annotations
 import errno
 import functools
 import io
-import os
 import re
 import shlex
+import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from inspect import Parameter, signature
+from pathlib import Path
 from typing import Any
 
 from tulip_testbed.sim.errors import InputError, InputWarning, choices, listed, shortened
@@ -70,6 +71,13 @@ def main(arguments: list[str] | None = None, loaded: Callable[[], object] = lamb
 
         refuse(str(error) if command is None else _with_flags(str(error), command))
         return 2
+    except OSError as error:
+        if error.filename is None or not (error.strerror or ""):  # of stdout, see `run`
+            raise
+        from tulip_testbed.cli.terminal import refuse
+
+        refuse(f"{error.filename}: cannot be used ({error.strerror})")
+        return 2
     except KeyboardInterrupt:
         from tulip_testbed.cli.terminal import say
 
@@ -119,13 +127,24 @@ def _carry_out(name: str, command: Command, arguments: list[str], loaded: Callab
     @functools.wraps(command)
     def limited(*positional: object, **options: object) -> int:
         import tulip_testbed.api  # noqa: F401  all at once, while an interruption still ends quietly
+        from tulip_testbed.sim.files import check_path
         from tulip_testbed.sim.threads import one_blas_thread
 
+        for path in _paths([*positional, *options.values()]):
+            check_path(path)
         loaded()
         with _warnings_in_our_words():
             return one_blas_thread(command)(*positional, **options)
 
     return tyro.cli(limited, prog=f"tulip {name}", args=arguments)
+
+
+def _paths(values: Iterable[object]) -> Iterator[Path]:
+    for value in values:
+        if isinstance(value, Path):
+            yield value
+        elif isinstance(value, tuple | list):
+            yield from _paths(value)
 
 
 @contextmanager
@@ -138,7 +157,7 @@ def _warnings_in_our_words() -> Iterator[None]:
 
         def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
             if issubclass(category, InputWarning):
-                say(f"tulip: warning: {message}")
+                say(f"tulip: warning: {_as_commands(str(message))}")
             else:
                 others(message, category, *where, **more)
 
@@ -155,13 +174,17 @@ def _with_flags(message: str, command: Command) -> str:
     """
     parameters = signature(command).parameters.values()
     flags = {p.name for p in parameters if p.kind is Parameter.KEYWORD_ONLY}
-    message = CALL.sub(lambda m: f"`tulip {m[1]} {shlex.quote(m[2])}`", message)
+    message = _as_commands(message)
     message = SETTING.sub(lambda m: f"`{_flag(m[1])} {m[2]}`" if m[1] in flags else m[0], message)
     place, colon, rest = message.partition(": ")
     words = place.split(", ")
     if not colon or any(word.split(" ")[0] not in flags for word in words):
         return message
     return ", ".join(map(_flag, words)) + colon + rest
+
+
+def _as_commands(message: str) -> str:
+    return CALL.sub(lambda m: f"`tulip {m[1]} {shlex.quote(m[2])}`", message)
 
 
 def _flag(name: str) -> str:
@@ -177,16 +200,17 @@ def run(loaded: Callable[[], object]) -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # what cannot be encoded shows as its code
             stream.reconfigure(errors="backslashreplace")
+    code = 128 + signal.SIGPIPE
     try:
         code = main(loaded=loaded)
         sys.stdout.flush()
     except OSError as error:
         if error.errno not in (errno.EPIPE, errno.ENOSPC, errno.EIO):
             raise
-        if error.errno != errno.EPIPE:  # who closes a pipe early knows it
-            from tulip_testbed.cli.terminal import say
+        from tulip_testbed.cli.terminal import fall_silent, say
 
+        if error.errno != errno.EPIPE:  # who closes a pipe early has seen enough
             say(f"tulip: cannot write the results ({error.strerror})")
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left in the buffer
-        code = 2
+            code = 2
+        fall_silent()  # with what is left in the buffer
     sys.exit(code)

@@ -86,18 +86,20 @@ def postures_command(
     }
     if random and out is not None:
         write_plan(out, made)
+    missing = None
     if draw is not None:
         from tulip_testbed.drawings import write_pictures
 
         if missing := write_pictures(draw, described, made):
             say(f"tulip: no postures.png: {missing}")
         say(f"Pictures: {draw}")
+    code = 0 if missing is None else 2
     if as_json:
         print_json(document)
-        return 0
+        return code
     show(
         f"{document['postures']} postures on {document['placements']} placements, "
         f"condition number {document['condition_number']:.0f}.",
         *plan_report(document, parameters, whole),
     )
-    return 0
+    return code

@@ -61,17 +61,10 @@ def simulate_command(
     from tulip_testbed.effects.random_effects import RANDOM
     from tulip_testbed.experiments.laboratory import tries
     from tulip_testbed.experiments.run_summary import usable_postures
-    from tulip_testbed.experiments.truth_record import write_experiment
+    from tulip_testbed.experiments.truth_record import check_places, write_experiment
     from tulip_testbed.sim.errors import InputError
-    from tulip_testbed.sim.files import check_new
 
-    check_new(out)
-    if truth is not None:
-        check_new(truth)
-    if truth is not None and truth.resolve().is_relative_to(out.resolve()):
-        raise InputError(f"{truth}: lies inside the measurement folder, which must not hold the truth")
-    if truth is not None and out.resolve().is_relative_to(truth.resolve()):
-        raise InputError(f"{out}: lies inside {truth}, which is to be a file")
+    check_places(out, truth)
     secret = RANDOM in effect
     if secret and truth is None:
         raise InputError("--effect random: found no --truth FILE, expected one: nothing else would know it")

@@ -79,8 +79,26 @@ def working_on(text: str) -> Status:
 
 def print_json(document: dict[str, Any]) -> None:
     """Print one JSON document on stdout."""
-    json.dump(finite(document), sys.stdout, indent=1)
-    sys.stdout.write("\n")
+    try:
+        json.dump(finite(document), sys.stdout, indent=1)
+        sys.stdout.write("\n")
+        sys.stdout.flush()
+    except BrokenPipeError:
+        fall_silent()
+
+
+def fall_silent() -> None:
+    """Write nothing more on stdout, whose reader has gone: the command itself goes on and has its own end."""
+    devnull = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(devnull, sys.stdout.fileno())
+    os.close(devnull)
+
+
+class _Screen(Console):
+    """Stdout, which may be a pipe whose reader has seen enough."""
+
+    def on_broken_pipe(self) -> None:
+        fall_silent()
 
 
 class RateColumn(ProgressColumn):
@@ -129,4 +147,4 @@ def _console(least: int = 0) -> Console:
         least: width that a pipe or a file must have at least.
     """
     piped = not sys.stdout.isatty() and "COLUMNS" not in os.environ
-    return Console(width=max(PIPE_WIDTH, least) if piped else None)
+    return _Screen(width=max(PIPE_WIDTH, least) if piped else None)

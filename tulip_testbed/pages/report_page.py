@@ -31,5 +31,5 @@ def write_page(path: Path, run: Record) -> Page:
     """
     check_new(path, ENDING)
     page = page_of(run)
-    write_bytes(path, html(page).encode())
+    write_bytes(path, html(page).encode(), new=True)
     return page

@@ -17,11 +17,12 @@ from pathlib import Path
 import rerun as rr
 
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import check_new, write_bytes
+from tulip_testbed.sim.files import check_new, present, write_bytes
 from tulip_testbed.viewer import ENDING
 
 Log = Callable[[rr.RecordingStream], None]
 APPLICATION = "tulip"
+END = b"RRF2FOOT"  # of a whole recording
 LOCAL = ("--bind", "127.0.0.1")  # rerun's own default is every address of the machine
 OTHERWISE = "`save=FILE.rrd` writes the view without a window"
 # What the viewer's last words mean, and what helps on Debian.
@@ -44,7 +45,7 @@ def save(path: Path, title: str, log: Log) -> int:
     check_new(path, ENDING)
     with tempfile.TemporaryDirectory() as scratch:
         content = _record(Path(scratch), title, log).read_bytes()
-    write_bytes(path, content)
+    write_bytes(path, content, new=True)
     return len(content)
 
 
@@ -119,6 +120,9 @@ def _record(folder: Path, title: str, log: Log) -> Path:
     recording.send_recording_name(title)
     log(recording)
     recording.disconnect()
+    if not present(path) or END not in path.read_bytes()[-2 * len(END) :]:
+        # rerun tells on stderr at most what it could not write
+        raise InputError(f"view: found no end of the recording in {folder}; the disk there may be full")
     return path
 
 

@@ -1,0 +1,264 @@
+"""Where results may go and what a path may be: one message each, and nobody's files are lost."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import tulip_testbed as tt
+from tests.test_cli import refused
+from tulip_testbed.cli.main import main
+from tulip_testbed.experiments.truth_record import write_experiment
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.files import check_new, is_folder, new_folder, read_bytes, write_bytes
+from tulip_testbed.sim.shipped import TULIP
+
+TULIP_COMMAND = [sys.executable, "-c", "import tulip_testbed.cli.entry as entry; entry.run()"]
+
+
+@pytest.fixture(scope="module")
+def run(robot):
+    return tt.Laboratory(robot).run(tt.plans.random, engine="statics")
+
+
+@pytest.fixture
+def data(run, tmp_path):
+    tt.write_measurements(tmp_path / "data", run.measurements)
+    return tmp_path / "data"
+
+
+def test_of_two_processes_with_the_same_names_the_winner_keeps_its_truth(tmp_path):
+    """Both find the names free; the gate lets them write at once."""
+    code = """
+import os, sys, time
+from pathlib import Path
+import tulip_testbed as tt
+from tulip_testbed.experiments.truth_record import check_places, write_experiment
+seed = int(sys.argv[1])
+check_places(Path("data"), Path("truth.json"))
+run = tt.Laboratory().run(tt.plans.random, seed=seed, engine="statics")
+Path(f"ready{seed}").touch()
+while not Path("go").exists():
+    time.sleep(0.0005)
+try:
+    write_experiment(Path("data"), Path("truth.json"), run)
+except tt.InputError as error:
+    sys.exit(str(error))
+"""
+    processes = [
+        subprocess.Popen([sys.executable, "-c", code, str(seed)], cwd=tmp_path, stderr=subprocess.PIPE)
+        for seed in (1, 2)
+    ]
+    while not all((tmp_path / f"ready{seed}").exists() for seed in (1, 2)):
+        assert all(process.poll() is None for process in processes)
+    (tmp_path / "go").touch()
+    said = [process.communicate()[1].decode() for process in processes]
+    won = [process.returncode == 0 for process in processes]
+    assert sorted(won) == [False, True], said
+    assert "exists already; give a new name" in said[won.index(False)]
+    truth = json.loads((tmp_path / "truth.json").read_text())
+    assert truth["configuration"]["seed"] == 1 + won.index(True)
+    assert len(tt.read_measurements(tmp_path / "data")) > 100
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_the_truth_of_another_is_never_removed(run, tmp_path):
+    (tmp_path / "truth.json").write_text("another's")
+    with pytest.raises(InputError, match=r"truth\.json: exists already"):
+        write_experiment(tmp_path / "data", tmp_path / "truth.json", run)
+    with pytest.raises(InputError, match=r"truth\.json: exists already; give a new name"):
+        write_bytes(tmp_path / "truth.json", b"mine", new=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["truth.json"]
+    assert (tmp_path / "truth.json").read_text() == "another's"
+
+
+def test_a_file_system_without_links_has_new_files_too(tmp_path, monkeypatch):
+    def refuse(*names):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "link", refuse)
+    write_bytes(tmp_path / "a", b"first", new=True)
+    with pytest.raises(InputError, match="exists already"):
+        write_bytes(tmp_path / "a", b"second", new=True)
+    assert (tmp_path / "a").read_bytes() == b"first"
+
+
+def test_nothing_is_written_into_a_measurement_folder(data, run, tmp_path, capsys):
+    before = sorted(data.iterdir())
+    inside = "lies inside the measurement folder"
+    for place in (data / "more", data / "deep" / "more"):
+        assert inside in refused(capsys, "simulate", "--statics", "--out", place)
+        assert inside in refused(capsys, "validate", "--out", place)
+        assert inside in refused(capsys, "postures", "--random", "--out", place)
+        with pytest.raises(InputError, match=inside):
+            tt.write_measurements(place, run.measurements)
+    message = refused(
+        capsys, "simulate", "--statics", "--out", tmp_path / "b", "--truth", data / "truth.json"
+    )
+    assert inside in message
+    with pytest.raises(InputError, match=r"truth\.json: lies inside the measurement folder"):
+        write_experiment(tmp_path / "c", data / "truth.json", run)
+    link = tmp_path / "link"
+    link.symlink_to(data)
+    assert inside in refused(capsys, "simulate", "--statics", "--out", link / "more")
+    assert sorted(data.iterdir()) == before
+    (tmp_path / "manifest.json").write_text('{"name": "another program\'s"}')
+    check_new(tmp_path / "fine")
+
+
+WRONG_PATHS = {
+    "a\0b": "found a NUL in the path",
+    "caf\udce9": "found a path that is not UTF-8",
+    "x" * 256: "found a name of 2",
+    "ä" * 128 + "/y": "found a name of 2",
+}
+
+
+@pytest.mark.parametrize("name", WRONG_PATHS)
+def test_a_path_that_no_file_can_have_is_one_message(run, robot, tmp_path, monkeypatch, capsys, name):
+    message = WRONG_PATHS[name]
+    monkeypatch.chdir(tmp_path)
+    for command in (
+        *(("check", name), ("identify", name), ("discover", name), ("postures", name), ("view", name)),
+        *(("report", name, "--out", "a.html"), ("compare", name, name), ("identify", "data", "--rig", name)),
+        *(("simulate", "--out", name), ("simulate", "--out", "data", "--truth", name)),
+        *(("validate", "--out", name), ("montecarlo", "--runs", "10", "--out", name)),
+        *(
+            ("model", "--robot", name),
+            ("postures", "--draw", name),
+            ("view", name, "--save", "a.rrd"),
+        ),
+    ):
+        assert message in refused(capsys, *command), command
+    for call in (
+        lambda: tt.load_robot(name),
+        lambda: tt.read_measurements(name),
+        lambda: tt.write_measurements(name, run.measurements),
+        lambda: tt.identify(name),
+        lambda: tt.discover(Path(name)),
+        lambda: tt.check(name),
+        lambda: tt.plans.read(name),
+        lambda: tt.plans.write(name, run.plan),
+        lambda: tt.view(run, save=f"{name}.rrd"),
+        lambda: tt.report(run, f"{name}.html"),
+        lambda: tt.report(name, "a.html"),
+        lambda: tt.monte_carlo(run.laboratory, run.plan, 2, folder=name),
+    ):
+        with pytest.raises(InputError, match=message):
+            call()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_robot_below_a_folder_that_is_not_utf_8_is_one_message(tmp_path):
+    odd = os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9")
+    shutil.copytree(TULIP.parent, odd)
+    (tmp_path / "link").symlink_to(odd)
+    with pytest.raises(InputError, match="found a path that is not UTF-8"):
+        tt.load_robot(tmp_path / "link" / "tulip.toml")
+
+
+@contextlib.contextmanager
+def as_nobody():
+    """Without the rights of root, whom no folder keeps out."""
+    if os.geteuid():
+        yield
+        return
+    os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+
+
+def test_below_a_folder_that_may_not_be_searched_everything_is_one_message(data, run, tmp_path, robot):
+    new, said = tmp_path / "new", "Permission denied"
+    is_folder(data)
+    calls = [
+        lambda: tt.read_measurements(data),
+        lambda: tt.check(data, robot),
+        lambda: tt.plans.read(data, robot),
+        lambda: tt.report(data, "/tmp/a.html", robot),
+        lambda: tt.write_measurements(new, run.measurements),
+        lambda: tt.load_robot(data / "tulip.toml"),
+        lambda: tt.report(run, new.with_suffix(".html")),
+        lambda: tt.view(run, save=new.with_suffix(".rrd")),
+        lambda: tt.monte_carlo(run.laboratory, run.plan, 2, folder=new),
+        lambda: check_new(new),
+        lambda: write_bytes(new, b""),
+    ]
+    mode = tmp_path.stat().st_mode
+    tmp_path.chmod(0)
+    try:
+        for call in calls:
+            with as_nobody(), pytest.raises(InputError, match=said):
+                call()
+        with as_nobody(), pytest.raises(InputError, match=said), new_folder(new):
+            pass
+        with as_nobody():
+            codes = [
+                main(command)
+                for command in (
+                    ["check", str(data)],
+                    ["identify", str(data), "--rig", str(new)],
+                    ["postures", str(data)],
+                    ["simulate", "--statics", "--out", str(new)],
+                    ["model", "--robot", str(data / "tulip.toml")],
+                )
+            ]
+        assert codes == [2] * 5
+    finally:
+        tmp_path.chmod(mode)
+
+
+def test_a_full_disk_gives_no_stump_of_a_view(run, tmp_path):
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))
+    try:
+        with pytest.raises(InputError, match="found no end of the recording in"):
+            tt.view(run, save=tmp_path / "view.rrd")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, ignored)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("more", [(), ("--json",)])
+def test_a_reader_that_has_seen_enough_is_no_fault(data, more):
+    """The pipe's other end is closed before anything is written."""
+    for command in (("identify", str(data)), ("model",), ("check", str(data))):
+        reading, writing = os.pipe()
+        os.close(reading)
+        done = subprocess.run(
+            [*TULIP_COMMAND, *command, *more], stdout=writing, stderr=subprocess.PIPE, check=False
+        )
+        os.close(writing)
+        assert (done.returncode, done.stderr) == (0, b""), command
+
+
+def test_pipes_in_the_place_of_files_are_refused_at_once(data, tmp_path, robot):
+    for name in ("manifest.json", "postures.parquet", "series.csv"):
+        folder = shutil.copytree(data, tmp_path / name)
+        (folder / name).unlink(missing_ok=True)
+        os.mkfifo(folder / name)
+        with pytest.raises(InputError, match="found a named pipe, expected a file"):
+            (tt.check if name.startswith("series") else tt.read_measurements)(folder)
+    done = tmp_path / "mc"
+    tt.monte_carlo(tt.Laboratory(robot), tt.plans.random, runs=2, workers=1, folder=done)
+    for path in (done / "runs" / "chunk-000000.parquet", done / "run.json", done / "plan" / "plan.json"):
+        content = read_bytes(path)
+        path.unlink()
+        os.mkfifo(path)
+        with pytest.raises(InputError, match="found a named pipe, expected a file"):
+            tt.report(done, tmp_path / "mc.html", robot)
+        path.unlink()
+        path.write_bytes(content)
