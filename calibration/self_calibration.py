@@ -135,7 +135,13 @@ class SelfCalibration:
         """Return the readings with the members of all families removed; the effects are left in them."""
         families = [one.family for one in self.families]
         phi = np.concatenate([np.zeros(0), *(one.value for one in self.families)])
-        return _without(observed, families, phi, self.theta, self.covariance)
+        plain = _without(observed, families, phi, self.theta, self.covariance)
+        if not self.effects:
+            return plain
+        # Members are removed from readings that have no effects any more, and the effects are put back:
+        # a large effect and the removal of a member are not additive.
+        with_effects = moved_by(self.cleaned(observed), removed(observed, self.effects), observed)
+        return with_effects.changed(tree=plain.tree, cells=plain.cells)
 
     def background(self, most: float = np.inf) -> Background:
         """Return what is still uncertain about the members.

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.calibration.self_calibration import CalibratedFamily, usual_tolerances
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.effect_intervals import with_intervals
@@ -16,7 +17,7 @@ from tulip_testbed.discovery.held_out import HeldOut, check_placements, held_out
 from tulip_testbed.discovery.joint_fit import JointFit
 from tulip_testbed.discovery.patterns import Pattern, in_channels, patterns
 from tulip_testbed.discovery.pure_error import PureError, pure_error
-from tulip_testbed.discovery.selection import LEVEL, STANDS_OUT, Search, Selection, select
+from tulip_testbed.discovery.selection import DECISIVE, LEVEL, STANDS_OUT, Search, Selection, select
 from tulip_testbed.discovery.undetectable import Undetectable, undetectable
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
@@ -114,7 +115,11 @@ def discover(
     left = patterns(fit.linear, fit.residual, fit.columns)
     validation = held_out(search, selection.calibration, fit.terms) if hold_out else None
     reasons = _reasons(selection, left[0], validation)
-    outside = tuple(k for k, term in enumerate(fit.terms) if stands_out(selection, term))
+    outside = tuple(
+        k
+        for k, term in enumerate(fit.terms)
+        if stands_out(selection, term) and equivalents[k][0].log_bayes_factor > DECISIVE
+    )
     verdict = _verdict(selection, reasons, [equivalents[k] for k in outside])
     adopted = tuple(with_intervals(fit, k) for k in range(len(fit.terms)))
     progress(1)
@@ -122,7 +127,7 @@ def discover(
     if verdict in (NAMED, AMBIGUOUS, CALIBRATED):
         clearest = patterns(null.linear, null.residual, null.columns)[0]
     families = selection.calibration.families if selection.lacks_fit else ()
-    ordinary = [a for k, a in enumerate(adopted) if k not in outside]
+    ordinary = [a for k, a in enumerate(adopted) if k not in outside and a.effect.name in TOLERANCES]
     ordinary += [instance for family in families for instance in family.determined_instances]
     return Discovery(
         verdict=verdict,

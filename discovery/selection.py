@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.calibration.linear_model import linear_model
-from tulip_testbed.calibration.self_calibration import SelfCalibration, self_calibrate
+from tulip_testbed.calibration.self_calibration import HALF_95, SelfCalibration, self_calibrate
 from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, log_choices
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import effective_tests, ranked, sidak
@@ -28,7 +28,7 @@ from tulip_testbed.identification.residual_noise import Noise, noise_of
 
 LEVEL = 0.005  # of the test of all effects, and of that of the four channels: 0.01 in all
 DECISIVE = 3.0  # ln of the Bayes factor, below which two explanations are equivalent
-MOST_TERMS = 8
+MOST_TERMS = 5
 JUDGED = 3  # candidates, at most, that are judged of each ranking
 NEAR = 10.0  # ln of the Bayes factor by linear columns, within which candidates are judged
 ROUNDS = 4  # linearisations of a judgement
@@ -326,16 +326,21 @@ def _with_unusual_members(
 
 
 def _unusual_members(search: Search, calibration: SelfCalibration) -> list[Fitted]:
-    """List the determined members that are too large for the others of their family, the largest first."""
+    """List the members that are too large for the others of their family, the largest first.
+
+    The data determine them, and their 95 % intervals lie beyond what is usual.
+    """
     out = []
     for one in calibration.families:
         targets = one.family.targets
         sizes = one.value.reshape(len(targets), -1) / one.family.tolerance
+        errors = one.standard_error.reshape(sizes.shape) / one.family.tolerance
         known = one.determined.reshape(sizes.shape)
         for k, target in enumerate(targets):
             others = np.delete(sizes, k, axis=0)
             usual = max(1.0, float(np.sqrt((others**2).mean()))) if others.size else 1.0
-            ratio = float((np.abs(sizes[k]) * known[k]).max()) / (STANDS_OUT * usual)
+            least = np.where(known[k], np.abs(sizes[k]) - HALF_95 * errors[k], 0.0)
+            ratio = float((np.abs(sizes[k]) * (least > usual)).max()) / (STANDS_OUT * usual)
             label = effect_label(one.family.name, target)
             candidate = next((c for c in search.candidates if c.label == label), None)
             if ratio > 1 and candidate is not None:
@@ -344,7 +349,10 @@ def _unusual_members(search: Search, calibration: SelfCalibration) -> list[Fitte
 
 
 def chosen_again(search: Search, calibration: SelfCalibration, terms: Sequence[Fitted]) -> Judged:
-    """Choose every one of some effects anew, the others being kept, and fit them all."""
+    """Choose every one of some effects anew, the others being kept, and fit them all.
+
+    Another effect takes its place if the evidence for it is decisively better.
+    """
     out = tuple(terms)
     for k in range(len(terms)):
         others = out[:k] + out[k + 1 :]
@@ -352,7 +360,8 @@ def chosen_again(search: Search, calibration: SelfCalibration, terms: Sequence[F
             calibrated_data(search.observed, search.judged(others, calibration).calibration), others
         )
         short = shortlist(adopted, search.ranked(adopted))
-        if short:
+        own = fit_in_addition(adopted, out[k])
+        if short and short[0].log_bayes_factor > own.log_bayes_factor + DECISIVE:
             out = (*out[:k], short[0], *out[k + 1 :])
     found = search.judged(out, calibration)
     return replace(found, calibration=search.calibrated(found))

@@ -49,6 +49,7 @@ class Case:
 
     Attributes:
         hidden: the fault, or "". found: labels of the effects that stand out, the best first.
+        alike: labels of all explanations of them.
         calibrated: labels of the ordinary imperfections, that with the most standard errors first, and
             whether its sign is right.
         beyond: size of the fault over three tolerances of its family; infinite if it belongs to none.
@@ -59,6 +60,7 @@ class Case:
     hidden: str
     verdict: str
     found: tuple[str, ...]
+    alike: tuple[str, ...]
     calibrated: tuple[tuple[str, bool], ...]
     beyond: float
     covered: tuple[bool, ...]
@@ -114,7 +116,7 @@ def _wrong(case: Case) -> bool:
 
 
 def _said(case: Case) -> bool:
-    return case.verdict in ("named", "ambiguous") and _label(case.hidden) in case.found
+    return case.verdict in ("named", "ambiguous") and _label(case.hidden) in case.alike
 
 
 def _shows(case: Case) -> bool:
@@ -212,6 +214,7 @@ def _case(found: Discovery, laboratory: Laboratory, fault: str, preset: str, sec
         hidden=fault,
         verdict=found.verdict,
         found=tuple(found.fit.terms[k].label for k in found.effects),
+        alike=tuple(one.label for k in found.effects for one in found.equivalents[k]),
         calibrated=tuple((label, sign) for _, label, sign in sorted(ordinary, reverse=True)),
         beyond=float(beyond) if fault else 0.0,
         covered=tuple(covered),

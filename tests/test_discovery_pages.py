@@ -28,6 +28,7 @@ from tulip_testbed.viewer import window
 from tulip_testbed.viewer.discovery_view import discovery_text, log_discovery
 
 SEED = "104"
+ADOPTED = ("named", "calibrated")
 MOST_SECONDS, MOST_VIEW, MOST_PAGE = 20, 60e6, 12e6
 
 
@@ -105,7 +106,9 @@ def other(saved, verdict):
     """The same discovery with another verdict's document."""
     report = saved.report.plain() | {"verdict": verdict}
     if verdict == "none":
-        report |= {"candidates": [], "effects": [], "rig": None}
+        report |= {"candidates": [], "effects": [], "calibrated": [], "families": [], "rig": None}
+    if verdict == "calibrated":
+        report |= {"candidates": [], "effects": []}
     if verdict == "ambiguous":
         rival = copy.deepcopy(report["candidates"][0]) | {"name": "link-length"}
         rival["log_bayes_factor"] -= 1.5
@@ -116,18 +119,19 @@ def other(saved, verdict):
         report["left"] = [{"channel": "C", "pattern": "the foot's height", "p": 1e-9}]
         report["check"] = None
     report = DiscoveryReport.model_validate(report)
-    return dataclasses.replace(saved, report=report, rig=saved.rig if verdict == "named" else {})
+    return dataclasses.replace(saved, report=report, rig=saved.rig if verdict in ADOPTED else {})
 
 
-@pytest.mark.parametrize("verdict", ["named", "ambiguous", "unknown", "none"])
+@pytest.mark.parametrize("verdict", ["none", "calibrated", "named", "ambiguous", "unknown"])
 def test_every_verdict_has_its_page_and_its_view(saved, verdict, tmp_path):
     run = other(saved, verdict)
     page = discovery_page(run)
     titles = {section.title for section in page.sections}
     assert page.verdict == verdict
-    assert ("Evidence" in titles) == (verdict != "none")
+    assert ("Evidence" in titles) == (verdict not in ("none", "calibrated"))
+    assert ("Ordinary imperfections" in titles) == (verdict != "none")
     assert ("Next experiment" in titles) == (verdict == "ambiguous")
-    assert ("The adopted rig" in titles) == (verdict == "named")
+    assert ("The adopted rig" in titles) == (verdict in ADOPTED)
     names = {figure.name for section in page.sections for figure in section.figures}
     assert ("plane-after" in names) == (verdict != "none")
     text = html(page)
