@@ -1,6 +1,7 @@
-"""The whole story: a hidden effect, identification gone wrong, discovery, identification set right.
+"""The whole story: an ordinary laboratory in which one thing is badly wrong.
 
-Everything is done by `tulip`'s own commands, in the full dynamics; the truth is read here alone.
+Identified wrong; the cause found among a hundred small imperfections; identified right. Everything is done by
+`tulip`'s own commands, in the full dynamics; the truth is read here alone.
 """
 
 from __future__ import annotations
@@ -18,10 +19,12 @@ import numpy as np
 
 from tulip_testbed.cli.main import main as tulip
 
-SIZE = 0.01  # rad
+SIZE = 0.02  # rad
 EFFECT = f"encoder-offset:right_ankle_roll={SIZE}"
 SETTING = ("--preset", "force-plate", "--seed", "3")
+ROBUST = ("--estimator", "self-calibrating")
 ODD = 3.0  # standard errors that one parameter in 370 exceeds by chance
+SOURCES = 4  # parts of the budget that are shown
 
 
 def main(folder: Path) -> int:
@@ -29,31 +32,63 @@ def main(folder: Path) -> int:
     began = time.perf_counter()
     folder.mkdir(parents=True)
     data, truth, found = folder / "data", folder / "truth.json", folder / "found"
-    _say(
-        "1. An encoder sits half a degree wrong (0.573 deg), and nobody notices. 150 postures on two plates."
-    )
-    _run("simulate", "--out", data, "--truth", truth, *SETTING, "--effect", EFFECT)
-    _say("2. The robot is identified from what was measured. Its parameters have small standard errors ...")
+    _say("1. Every encoder, cell, link and plate is a little off, as everywhere. One encoder is off by")
+    _say("   1.15 deg, and nobody notices. 150 postures on two plates.")
+    _run("simulate", "--out", data, "--truth", truth, *SETTING, "--ordinary", "--effect", EFFECT)
+    _say("2. The robot is identified as if the laboratory were exact. Its standard errors are small ...")
     wrong = _errors(_run("identify", data, "--json"), truth)
-    _say(f"   ... and are wrong: {_judged(wrong)}.")
+    _say(f"   ... and its parameters are wrong: {_judged(wrong)}.")
+    before = _run("identify", data, *ROBUST, "--json")
+    _say(f"   With ordinary imperfections as unknowns: {_judged(_errors(before, truth))}.")
+    _say(f"   Most of the variance comes from {_budget(before)}.")
     _say("3. What does the model lack?")
     document = _run("discover", data, "--out", found, "--json")
     _say(f"   Verdict: {document['verdict']}.")
     for line in document["story"]:
         _say(f"   {line}")
-    _say("4. The effect is adopted: identified again with it.")
+    _say("4. What was found is added to the model, and the robot is identified again.")
     if not document["effects"]:
         return 1
-    right = _errors(_run("identify", data, "--rig", found / "rig", "--json"), truth)
+    after = _run("identify", data, "--rig", found / "rig", *ROBUST, "--json")
+    right = _errors(after, truth)
     _say(f"   Now {_judged(right)}.")
+    _say(f"   The standard errors are {_ratio(after, before):.2f} times as large as before.")
+    _say(f"   Most of the variance comes from {_budget(after)}.")
     value = document["effects"][0]["parameters"][0]
-    _say(f"   Hidden {SIZE} rad; found {value['value']:.5f} [{value['low95']:.5f}, {value['high95']:.5f}].")
+    _say(f"   Hidden {SIZE} rad on top of that encoder's own error, {_hidden(truth):.5f} rad in all; ")
+    _say(f"   found {value['value']:.5f} [{value['low95']:.5f}, {value['high95']:.5f}].")
     _say("5. For a colleague:")
     _run("report", found, "--out", folder / "found.html")
     _run("view", found, "--save", folder / "found.rrd")
     _say(f"   {folder}/found.html opens in any browser, `rerun {folder}/found.rrd` shows the postures.")
     _say(f"It took {time.perf_counter() - began:.0f} s.")
     return int(document["verdict"] != "named" or np.abs(right).max() > ODD)
+
+
+def _hidden(truth: Path) -> float:
+    """Return the sum of all errors of the encoder's zero [rad]."""
+    effects = json.loads(truth.read_text(encoding="utf-8"))["effects"]
+    name, target = EFFECT.partition("=")[0].split(":")
+    return sum(
+        one["parameters"][0]["value"] for one in effects if (one["name"], one["target"]) == (name, target)
+    )
+
+
+def _budget(document: dict[str, Any]) -> str:
+    """Name the largest sources of the parameters' variance, on average over the parameters."""
+    shares: dict[str, list[float]] = {}
+    for row in document["budget"]:
+        shares.setdefault(row["source"], []).append(row["share"])
+    mean = sorted(((float(np.mean(each)), source) for source, each in shares.items()), reverse=True)
+    return ", ".join(f"{source} ({100 * share:.0f} %)" for share, source in mean[:SOURCES])
+
+
+def _ratio(document: dict[str, Any], other: dict[str, Any]) -> float:
+    """Return the median ratio of two identifications' standard errors."""
+    one, two = (
+        np.array([row["standard_error"] for row in d["full"]["parameters"]]) for d in (document, other)
+    )
+    return float(np.median(one / two))
 
 
 def _errors(document: dict[str, Any], truth: Path) -> np.ndarray:

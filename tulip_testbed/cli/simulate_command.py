@@ -11,6 +11,7 @@ from tulip_testbed.cli.options import (
     CORES,
     DEFAULT_SEED,
     Json,
+    Ordinary,
     Plan,
     Preset,
     RigFolder,
@@ -44,6 +45,7 @@ def simulate_command(
     seed: Seed = DEFAULT_SEED,
     truth: Path | None = None,
     effect: Effects = (),
+    ordinary: Ordinary = None,
     rig: RigFolder = None,
     statics: Statics = False,
     workers: Workers = CORES,
@@ -53,12 +55,14 @@ def simulate_command(
     """Simulate an experiment and write a measurement folder.
 
     The folder does not contain the truth; --truth FILE writes it to another file. Only that file names the
-    effect that `--effect random` draws.
+    effect that `--effect random` draws, and the imperfections of --ordinary.
     Example: tulip simulate --out data/first --effect encoder-offset:right_knee=0.01 --truth first-truth.json
+    Example: tulip simulate --out data/real --ordinary --truth real-truth.json
     """
     from tulip_testbed.cli.laboratory_options import laboratory_and_plan
     from tulip_testbed.cli.terminal import print_json, progress, say, show
     from tulip_testbed.effects.random_effects import RANDOM
+    from tulip_testbed.experiments.imperfections import check_ordinary, drawn, single_stream
     from tulip_testbed.experiments.laboratory import tries
     from tulip_testbed.experiments.run_summary import usable_postures
     from tulip_testbed.experiments.truth_record import check_places, write_experiment
@@ -69,6 +73,8 @@ def simulate_command(
     if secret and truth is None:
         raise InputError("--effect random: found no --truth FILE, expected one: nothing else would know it")
     laboratory, made = laboratory_and_plan(robot, preset, plan, rig, effect, seed, statics)
+    check_ordinary(laboratory, ordinary)
+    laboratory = drawn(laboratory, ordinary, single_stream(seed))
     engine = "statics" if statics else "dynamics"
     try:
         with progress("holding postures", tries(laboratory, made)) as advance:
