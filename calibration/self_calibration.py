@@ -140,8 +140,10 @@ class SelfCalibration:
             return plain
         # Members are removed from readings that have no effects any more, and the effects are put back:
         # a large effect and the removal of a member are not additive.
-        with_effects = moved_by(self.cleaned(observed), removed(observed, self.effects), observed)
-        return with_effects.changed(tree=plain.tree, cells=plain.cells)
+        clean = self.cleaned(observed)
+        loaded = replace(observed, standard=clean.standard, torque_limits=clean.torque_limits)
+        with_effects = moved_by(clean, removed(loaded, self.effects), loaded)
+        return unpacked(plain, packed(with_effects))
 
     def background(self, most: float = np.inf) -> Background:
         """Return what is still uncertain about the members.
