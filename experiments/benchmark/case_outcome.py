@@ -49,7 +49,8 @@ class Outcome:
             of what is found.
         failed: why there was no data set, or "".
         rows: measured.
-        verdict: of the discovery, or "refused". found: its terms.
+        verdict: of the discovery, or "refused". found: its effects.
+        calibrated: its ordinary imperfections, that with the most standard errors first.
         unseen: labels of what it says it cannot see, where hidden; biased: the base parameter named.
         held: whitened r.m.s. on held-out placements before, after, and its floor; None: not asked.
         coverage, times: whether the 95 % interval of every size, of every time holds the truth, where the
@@ -72,6 +73,7 @@ class Outcome:
     rows: int = 0
     verdict: str = ""
     found: tuple[Found, ...] = ()
+    calibrated: tuple[Found, ...] = ()
     unseen: bool = False
     biased: int = 0
     held: tuple[float, float, float] | None = None
@@ -107,15 +109,15 @@ class Outcome:
 
 def outcome(document: dict[str, Any]) -> Outcome:
     """From JSON."""
-    terms = [
-        Found(t["label"], *(tuple(t[key]) for key in ("values", "low", "high", "alike")))
-        for t in document["found"]
-    ]
     listed = {"kinds", "hidden", "coverage", "times"}
     nested = {"values", "twins"}
     values: dict[str, Any] = {k: tuple(v) if k in listed else v for k, v in document.items()}
     values |= {k: tuple(tuple(x) for x in document[k]) for k in nested}
-    values["found"] = tuple(terms)
+    for key in ("found", "calibrated"):
+        values[key] = tuple(
+            Found(t["label"], *(tuple(t[part]) for part in ("values", "low", "high", "alike")))
+            for t in document.get(key, ())
+        )
     values["held"] = None if document["held"] is None else tuple(document["held"])
     values["bias"] = None if document["bias"] is None else Bias(**document["bias"])
     return Outcome(**values)

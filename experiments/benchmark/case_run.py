@@ -170,7 +170,8 @@ def _judged(
     biased = case.arm == arms.SINGLE and not case.dynamics and trial.multiple >= 1
     return {
         "verdict": found.verdict,
-        "found": tuple(_found(found, k) for k in range(len(found.fit.terms))),
+        "found": tuple(_found(found, k) for k in found.effects),
+        "calibrated": _calibrated(found),
         "unseen": bool(listed),
         "biased": listed[0].parameter if listed else 0,
         "held": held and (held.before["AFTC"], held.after["AFTC"], held.floor["AFTC"]),
@@ -188,14 +189,25 @@ def _found(found: Discovery, k: int) -> Found:
     return Found(term.label, term.values, low, high, alike)
 
 
+def _calibrated(found: Discovery) -> tuple[Found, ...]:
+    """Return the ordinary imperfections, that with the most standard errors first."""
+    out = []
+    for one in found.calibrated:
+        known = [(v, i) for v, i in zip(one.values, one.intervals, strict=True) if i is not None]
+        clearest = max((abs(v) / max(high - low, 1e-300) for v, (low, high) in known), default=0.0)
+        low, high = zip(*(interval or (None, None) for interval in one.intervals), strict=True)
+        out.append((clearest, Found(one.label, one.values, low, high, ())))
+    return tuple(one for _, one in sorted(out, key=lambda each: -each[0]))
+
+
 def _covered(found: Discovery, hidden: Hidden, of_time: bool) -> list[bool]:
     """Whether the interval of each size, or time, of a correctly named effect holds the truth."""
     effect, out = hidden.instance.effect, []
     if found.verdict not in (NAMED, AMBIGUOUS):
         return out
     wanted = [k for k in range(len(effect.parameters)) if (k not in effect.sizes) == of_time]
-    for k, term in enumerate(found.fit.terms):
-        if term.label == hidden.label:
+    for k in found.effects:
+        if found.fit.terms[k].label == hidden.label:
             intervals = with_intervals(found.fit, k).intervals
             pairs = [(intervals[at], hidden.instance.values[at]) for at in wanted]
             out += [interval[0] <= true <= interval[1] for interval, true in pairs if interval]

@@ -74,13 +74,22 @@ def median(
 
 
 def right(o: Outcome) -> bool:
-    """The true name stands first, with the true choice."""
-    return o.said and o.names[:1] == list(o.hidden) and _held_by(o, 0)
+    """The true name stands first, with the true choice, or it is the clearest ordinary imperfection."""
+    return (o.said and o.names[:1] == list(o.hidden) and _held_by(o, 0)) or _clearest(o)
+
+
+def _clearest(o: Outcome) -> bool:
+    """Whether the clearest ordinary imperfection is what was hidden, with its sign, and nothing is named."""
+    if o.verdict != "calibrated" or not o.calibrated or len(o.hidden) != 1:
+        return False
+    first, true = o.calibrated[0], o.values[0]
+    same = zip(first.values, true, strict=True) if first.label == o.hidden[0] else ()
+    return any(a * b > 0 for a, b in same)
 
 
 def in_set(o: Outcome) -> bool:
-    """The true effect is among the explanations of a gap."""
-    return o.said and _held_by(o, 0)
+    """The true effect is among the explanations of a gap, or the clearest ordinary imperfection."""
+    return (o.said and _held_by(o, 0)) or _clearest(o)
 
 
 def wrong(o: Outcome) -> bool:
