@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from studies.shrinkage import shrinkage
 from tests.looking import browse, headless_viewer
 from tulip_testbed.cli.main import main as tulip
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
@@ -35,6 +36,7 @@ DRAWN_BY = 6.0  # s, until rerun's notes at its start are gone
 
 def main() -> None:
     _save(DOCS / "postures.png", _postures())
+    _save(DOCS / "shrinkage.png", shrinkage())
     with tempfile.TemporaryDirectory() as scratch:
         run = Path(scratch) / "first"
         with redirect_stdout(io.StringIO()):
