@@ -37,6 +37,7 @@ HALVINGS = 5  # of a step that does not gain
 ALONE = np.log(2.0)  # s.d. of ln tau of a family of one
 CONVERGED = 1e-3  # of the log-likelihood: a step of less than a twentieth of a standard deviation
 SETTLED = 1e-6  # of the log-likelihood, in the spreads alone
+ROUNDING = 1e-14  # of the largest information, that is lost where columns N are projected out
 LEAST_CURVATURE = 0.25  # the s.d. of the logarithm of a scale is at most two
 
 
@@ -226,10 +227,11 @@ def _noise(problem: Problem, log_scale: np.ndarray) -> _Noise:
 
 def _bounded(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
     """Return the excess, in every direction at most half of the information (Fuller 1987, ch. 2.5)."""
-    lower = np.linalg.cholesky(information)
-    half = np.linalg.inv(lower)
-    share, turn = np.linalg.eigh(half @ excess @ half.T)
-    back = lower @ turn
+    values, axes = np.linalg.eigh(information)
+    size = np.sqrt(np.maximum(values, ROUNDING * values[-1]))
+    half = axes / size
+    share, turn = np.linalg.eigh(half.T @ excess @ half)
+    back = (axes * size) @ turn
     return (back * np.minimum(share, MOST_CORRECTION)) @ back.T
 
 

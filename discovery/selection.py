@@ -183,6 +183,13 @@ class Search:
         )
         return Judged(_at_estimate(terms, found), found, _evidence(found, terms, self.observed))
 
+    def tried(self, terms: Sequence[Fitted], start: SelfCalibration, afresh: bool) -> Judged | None:
+        """Judge as `judged` does; None: with these effects the calibration does not converge."""
+        try:
+            return self.judged(terms, start, afresh)
+        except np.linalg.LinAlgError:
+            return None
+
     def calibrated(self, judged: Judged) -> SelfCalibration:
         """Calibrate anew with the covariance of the residuals that belongs to the result."""
         instances = [term.instance for term in judged.terms]
@@ -273,11 +280,12 @@ def _forward(
     before = []
     while len(terms) < MOST_TERMS:
         plain = search.judged(terms, calibration)
-        tried = [search.judged((*terms, one), calibration) for one in search.best(calibration, terms)]
+        tried = [(one, False) for one in search.best(calibration, terms)]
         if not terms:  # a large effect distorts the members so far that it hides among them
-            tried += [search.judged((one,), calibration, afresh=True) for one in search.shortest(null)]
+            tried += [(one, True) for one in search.shortest(null)]
+        every = [search.tried((*terms, one), calibration, afresh) for one, afresh in tried]
         progress(1)
-        possible = [one for one in tried if one.possible]
+        possible = [one for one in every if one is not None and one.possible]
         if not possible:
             return calibration, terms, True
         best = max(possible, key=lambda one: one.evidence)
