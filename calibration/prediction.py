@@ -81,8 +81,16 @@ def predicted(
     covariance = np.zeros((g, r, g, r))
     covariance[np.arange(g), :, np.arange(g)] = own
     covariance = covariance.reshape(g * r, g * r)[np.ix_(used, used)]
-    covariance += flat @ found.solved.covariance @ flat.T
+    covariance += _propagated(flat, found.solved.covariance)
     letters = np.array([letter for letter, rows in ROWS.items() for _ in range(rows.start, rows.stop)])
     row = np.abs(blocks.contrast).argmax(axis=2).ravel()[used] % SIZE
     unit = linear.unit.ravel()[used]
     return Prediction(residual / unit, covariance / unit / unit[:, None], letters[row])
+
+
+def _propagated(columns: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Return columns times a covariance times their transpose, without what rounding made negative."""
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, axes = np.linalg.eigh(covariance / size / size[:, None])
+    half = (columns * size) @ (axes * np.sqrt(np.maximum(values, 0.0)))
+    return half @ half.T

@@ -29,6 +29,7 @@ from tulip_testbed.identification.estimators.errors_in_variables import MOST_COR
 
 MOST_STEP = 1.5  # of the logarithm of a scale
 LIMIT = 7.0  # largest size of the logarithm of a scale
+QUIETEST = np.log(0.05)  # of a scale of the noise: less leaves residuals without any
 # Of a spread, in tolerances. Beyond, columns are no longer linear in the members: gains of -100 % leave no
 # reading, and so no noise.
 WIDEST = np.log(20.0)
@@ -158,7 +159,7 @@ def fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None = None) ->
         if abs(gradient @ step) < CONVERGED:
             break
         for shrink in 0.5 ** np.arange(HALVINGS):
-            trial = _noise(problem, np.clip(noise.log_scale + shrink * step[:k], -LIMIT, LIMIT))
+            trial = _noise(problem, np.clip(noise.log_scale + shrink * step[:k], QUIETEST, LIMIT))
             found = _spreads(problem, trial, np.clip(spread.log_spread + shrink * step[k:], -LIMIT, WIDEST))
             gained = noise.value + spread.value - trial.value - found.value
             if gained >= 0:
@@ -219,10 +220,18 @@ def _noise(problem: Problem, log_scale: np.ndarray) -> _Noise:
         weighted=weighted,
         gram=gram,
         flat=flat,
-        reduced=rest[:-1, :-1],
+        reduced=_without_negative(rest[:-1, :-1]),
         moment=rest[:-1, -1],
         value=float(logs + 0.5 * rest[-1, -1] + prior),
     )
+
+
+def _without_negative(information: np.ndarray) -> np.ndarray:
+    """Return a matrix of information without the negative parts that rounding gave it."""
+    values, axes = np.linalg.eigh(information)
+    if not len(values) or values[0] >= 0:
+        return information
+    return (axes * np.maximum(values, 0.0)) @ axes.T
 
 
 def _bounded(excess: np.ndarray, information: np.ndarray) -> np.ndarray:

@@ -115,9 +115,9 @@ def held_out(search: Search, found: SelfCalibration, terms: Sequence[Fitted]) ->
         exact = self_calibrate(rows_of(observed, outside), EXACT, rounds=1)
         plain = predicted(exact, rows_of(observed, inside))
         mine = replace(search, observed=rows_of(corrected, outside))
-        again = chosen_again(mine, self_calibrate(mine.observed, search.tolerances), general)
-        names.append({one.label for one in again.terms})
-        fitted = predicted(again.calibration, rows_of(corrected, inside))
+        again, calibration = chosen_again(mine, general)
+        names.append({one.label for one in again})
+        fitted = predicted(calibration, rows_of(corrected, inside))
         for key in sums:
             before, after = plain.of(key), fitted.of(key)
             dof = len(after.residual)

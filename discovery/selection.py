@@ -104,7 +104,7 @@ def select(
         progress: called with 1 after every step.
     """
     observed = search.observed
-    calibration = self_calibrate(observed, search.tolerances)
+    calibration = _first_calibration(search)
     exact = Data(observed, _scattered(noise_of(observed), calibration.noise))
     null = exact.null
     columns = candidate_columns(null.linear, search.candidates)
@@ -136,6 +136,14 @@ def select(
         )
     progress(1)
     return selection
+
+
+def _first_calibration(search: Search) -> SelfCalibration:
+    """Calibrate without any effect; if a gross fault lets it diverge, with the usual spreads and noise."""
+    try:
+        return self_calibrate(search.observed, search.tolerances)
+    except np.linalg.LinAlgError:
+        return self_calibrate(search.observed, search.tolerances, rounds=1)
 
 
 def calibrated_data(observed: Observation, calibration: SelfCalibration) -> Data:
@@ -183,7 +191,7 @@ class Search:
         )
         return Judged(_at_estimate(terms, found), found, _evidence(found, terms, self.observed))
 
-    def tried(self, terms: Sequence[Fitted], start: SelfCalibration, afresh: bool) -> Judged | None:
+    def tried(self, terms: Sequence[Fitted], start: SelfCalibration, afresh: bool = False) -> Judged | None:
         """Judge as `judged` does; None: with these effects the calibration does not converge."""
         try:
             return self.judged(terms, start, afresh)
@@ -193,7 +201,12 @@ class Search:
     def calibrated(self, judged: Judged) -> SelfCalibration:
         """Calibrate anew with the covariance of the residuals that belongs to the result."""
         instances = [term.instance for term in judged.terms]
-        return self_calibrate(self.observed, self.tolerances, instances, judged.calibration, rounds=ROUNDS)
+        try:
+            return self_calibrate(
+                self.observed, self.tolerances, instances, judged.calibration, rounds=ROUNDS
+            )
+        except np.linalg.LinAlgError:
+            return judged.calibration
 
     def ranked(self, adopted: JointFit) -> list[Fitted]:
         """Rank all other candidates in addition to the adopted terms."""
@@ -279,7 +292,8 @@ def _forward(
     terms: tuple[Fitted, ...] = ()
     before = []
     while len(terms) < MOST_TERMS:
-        plain = search.judged(terms, calibration)
+        plain = search.tried(terms, calibration)
+        before_all = _evidence(calibration, terms, search.observed) if plain is None else plain.evidence
         tried = [(one, False) for one in search.best(calibration, terms)]
         if not terms:  # a large effect distorts the members so far that it hides among them
             tried += [(one, True) for one in search.shortest(null)]
@@ -289,7 +303,7 @@ def _forward(
         if not possible:
             return calibration, terms, True
         best = max(possible, key=lambda one: one.evidence)
-        gain = best.evidence - plain.evidence
+        gain = best.evidence - before_all
         if gain < DECISIVE or _chance(best.calibration, gain, tests) > LEVEL:
             return calibration, terms, True
         best = _backward(search, best, calibration)
@@ -356,23 +370,26 @@ def _unusual_members(search: Search, calibration: SelfCalibration) -> list[Fitte
     return [fitted for _, fitted in sorted(out, key=lambda each: -each[0])]
 
 
-def chosen_again(search: Search, calibration: SelfCalibration, terms: Sequence[Fitted]) -> Judged:
+def chosen_again(search: Search, terms: Sequence[Fitted]) -> tuple[tuple[Fitted, ...], SelfCalibration]:
     """Choose every one of some effects anew, the others being kept, and fit them all.
 
     Another effect takes its place if the evidence for it is decisively better.
+
+    Returns:
+        the effects and the calibration with them.
     """
     out = tuple(terms)
-    for k in range(len(terms)):
-        others = out[:k] + out[k + 1 :]
-        adopted = joint_fit(
-            calibrated_data(search.observed, search.judged(others, calibration).calibration), others
-        )
+    found = self_calibrate(search.observed, search.tolerances, [term.instance for term in out])
+    data = calibrated_data(search.observed, found)
+    for k in range(len(out)):
+        adopted = joint_fit(data, out[:k] + out[k + 1 :])
         short = shortlist(adopted, search.ranked(adopted))
         own = fit_in_addition(adopted, out[k])
         if short and short[0].log_bayes_factor > own.log_bayes_factor + DECISIVE:
             out = (*out[:k], short[0], *out[k + 1 :])
-    found = search.judged(out, calibration)
-    return replace(found, calibration=search.calibrated(found))
+    if [term.label for term in out] != [term.label for term in terms]:
+        found = self_calibrate(search.observed, search.tolerances, [term.instance for term in out])
+    return out, found
 
 
 def _backward(search: Search, found: Judged, start: SelfCalibration) -> Judged:

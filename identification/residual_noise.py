@@ -230,7 +230,9 @@ def _factored(
         block, each = shared @ shared.T, np.arange(len(inside))
         block.reshape(len(inside), SIZE, len(inside), SIZE)[each, :, each] += own[inside]
         lower = np.linalg.cholesky(block[keep][:, keep])
-        factor, _ = solve_triangular(lower, np.eye(len(lower)), lower=1)
+        factor = lower  # of a placement without a residual in these channels
+        if len(lower):
+            factor, _ = solve_triangular(lower, np.eye(len(lower)), lower=1)
         blocks.append((slice(at_row, at_row + len(lower)), factor))
         rows.append(numbers[keep])
         at_row += len(lower)
