@@ -73,6 +73,16 @@ class Discovery:
     heldout: HeldOut | None
     wall_s: float
 
+    @property
+    def corrections(self) -> tuple[EffectInstance, ...]:
+        """Return what the new nominal laboratory has: effects, and imperfections that are not zero."""
+        return self.adopted + tuple(one for one in self.calibrated if _clear(one))
+
+
+def _clear(one: EffectInstance) -> bool:
+    """Whether the interval of a value leaves zero out."""
+    return any(i is not None and not i[0] <= 0 <= i[1] for i in one.intervals)
+
 
 def discover(
     measurements: Measurements,

@@ -98,7 +98,7 @@ def discovery_record(
         measurements=found.observed.measurements,
         before=residuals(found.observed, found.selection.null.linear.theta),
         after=residuals(found.fit.linear.observed, found.fit.linear.theta),
-        rig=rig_files(robot, adopted) if (adopted := (*found.adopted, *found.calibrated)) else {},
+        rig=rig_files(robot, found.corrections) if found.corrections else {},
         robot=robot,
     )
 
