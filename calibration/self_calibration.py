@@ -39,7 +39,7 @@ from tulip_testbed.calibration.placement_blocks import placement_blocks
 from tulip_testbed.calibration.reml import Fit, Problem, fit, given
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import moved_by, packed, residuals, unpacked
+from tulip_testbed.identification.residual_channels import difference, moved_by, packed, residuals, unpacked
 from tulip_testbed.identification.residual_noise import Noise, noise_of
 
 ROUNDS = 12
@@ -376,10 +376,20 @@ def _without(
         for instance in family.instances(values)
     ]
     if not free or errors is None:
-        return removed(loaded, sized)
+        return _removed(loaded, sized)
     others = [instance for instance in sized if instance not in free]
     smooth = unpacked(loaded, packed(loaded) - errors)
-    return moved_by(removed(loaded, others), removed(smooth, others), removed(smooth, sized))
+    return moved_by(_removed(loaded, others), _removed(smooth, others), _removed(smooth, sized))
+
+
+def _removed(observed: Observation, instances: Sequence[EffectInstance]) -> Observation:
+    """Remove effects; compliances last, and together, since the loads hardly depend on them."""
+    yielding = [one for one in instances if one.effect.name in OF_LOADS]
+    rest = removed(observed, [one for one in instances if one.effect.name not in OF_LOADS])
+    if not yielding:
+        return rest
+    change = sum(difference(rest, removed(rest, [one])) for one in yielding)
+    return unpacked(rest, packed(rest) + change)
 
 
 def _instances(families: Families, phi: np.ndarray) -> list[EffectInstance]:
