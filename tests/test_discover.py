@@ -197,11 +197,11 @@ def test_no_gap_no_name(robot, plan, preset):
 @pytest.mark.parametrize(
     ("preset", "name", "target", "value"),
     [
-        ("wii", "encoder-offset", "left_ankle_roll", 0.012),
+        pytest.param("wii", "encoder-offset", "left_ankle_roll", 0.012, marks=pytest.mark.slow),
         ("force-plate", "joint-compliance", "right_ankle_roll", 0.0008),
         pytest.param("wii", "sole-compliance", "", 0.0008, marks=pytest.mark.slow),
         ("wii", "cell-gain", "left.rear_left", 0.12),
-        ("force-plate", "thermal-gain-drift", "", -0.01),
+        pytest.param("force-plate", "thermal-gain-drift", "", -0.01, marks=pytest.mark.slow),
     ],
 )
 def test_a_hidden_effect_is_named_sized_and_predicts(robot, plan, preset, name, target, value):
@@ -222,7 +222,7 @@ def test_a_hidden_effect_is_named_sized_and_predicts(robot, plan, preset, name, 
     ("preset", "name", "target", "value"),
     [
         ("wii", "encoder-offset", "left_ankle_roll", 0.003),
-        ("force-plate", "joint-compliance", "right_ankle_roll", 0.0002),
+        pytest.param("force-plate", "joint-compliance", "right_ankle_roll", 0.0002, marks=pytest.mark.slow),
     ],
 )
 def test_a_small_fault_is_an_ordinary_imperfection(robot, plan, preset, name, target, value):
@@ -289,7 +289,8 @@ def test_a_knee_that_yields_by_degrees_is_sized_through_the_laboratory(robot, pl
 
 
 def test_a_change_in_time_is_found_between_two_postures(robot, plan):
-    found = discover(measured(robot, plan, "wii", ("encoder-slip", "right_knee", (0.004, 0.47))), robot)
+    data = measured(robot, plan, "wii", ("encoder-slip", "right_knee", (0.004, 0.47)))
+    found = discover(data, robot, hold_out=False)
     assert names(found) == [("encoder-slip", "right_knee")]
     low, high = interval(found, 1)
     assert low <= 0.47 <= high
@@ -318,7 +319,7 @@ def test_twins_are_not_named_and_an_experiment_is_proposed(robot, plan):
 
 def test_two_effects_are_both_named(robot, plan):
     hidden = (("encoder-gain", "left_knee", (0.01,)), ("cell-gain", "right.front_left", (0.02,)))
-    found = discover(measured(robot, plan, "force-plate", *hidden), robot)
+    found = discover(measured(robot, plan, "force-plate", *hidden), robot, hold_out=False)
     assert found.verdict == "named"
     assert sorted(names(found)) == sorted((name, target) for name, target, _ in hidden)
 

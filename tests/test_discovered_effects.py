@@ -21,13 +21,13 @@ SEED = 7501  # no development seed
         "encoder-load:left_ankle_pitch=5e-6",
         "lag:right_hip_pitch=0.002",
         "logged-command:left_knee=command",
-        "rocking:right.front_left=0.0003",
+        pytest.param("rocking:right.front_left=0.0003", marks=pytest.mark.slow),
     ],
 )
 def test_an_effect_is_named_with_its_size(text, robot, plan):
     hidden = EffectInstance.parse(text, robot, plan.placement.tolist())
     data = measured(robot, plan, "force-plate", (hidden.effect.name, hidden.target, hidden.values), seed=SEED)
-    found = discover(data, robot)
+    found = discover(data, robot, hold_out=False)
     assert found.verdict == "named"
     (adopted,) = found.adopted
     assert adopted.label == hidden.label
