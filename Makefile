@@ -27,7 +27,7 @@ $(VENV)/.done: constraints.txt pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
-test: setup  ## the tests (4 minutes or so on two cores)
+test: setup  ## the tests (5 minutes or so on two cores)
 	$(BIN)/python -m pytest -q $(SHARED)
 
 test-all: setup  ## the tests that take ten seconds and more too
