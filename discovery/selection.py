@@ -19,6 +19,7 @@ from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, lo
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import effective_tests, ranked, sidak
 from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
+from tulip_testbed.discovery.pure_error import pure_error, widened
 from tulip_testbed.discovery.shortlist import fit_in_addition, shortlist
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import effect_label
@@ -105,7 +106,9 @@ def select(
     """
     observed = search.observed
     calibration = _first_calibration(search)
-    exact = Data(observed, _scattered(noise_of(observed), calibration.noise))
+    stated = _scattered(noise_of(observed), calibration.noise)
+    repeats = pure_error(calibration.observed, calibration.theta, stated)
+    exact = Data(observed, widened(calibration.observed, stated, repeats))
     null = exact.null
     columns = candidate_columns(null.linear, search.candidates)
     first = ranked(columns, null.residual)
