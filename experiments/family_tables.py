@@ -49,13 +49,36 @@ def calibration_report(found: SelfCalibration, names: tuple[str, ...]) -> list[T
     """Return the tables of families, of members that the data know, and the budget."""
     unseen = [text for one in found.families if (text := _unseen(one))]
     sentence = f"Known by their prior only: {', '.join(unseen)}." if unseen else ""
+    members = member_table(found)
     return [
         family_table(found),
-        member_table(found),
-        *([sentence] if sentence else []),
+        *([members] if members.rows else []),
+        *filter(None, (_near_zero(found), sentence)),
         budget_table(found, names),
+        _first_to_improve(found),
         f"Tolerances: {found.assumed}.",
     ]
+
+
+def _near_zero(found: SelfCalibration) -> str:
+    """Count the members that the data know and do not tell from zero."""
+    count = sum(int((one.determined & ~_clear(one)).sum()) for one in found.families)
+    return f"{count} members are known by the data and zero within their intervals." if count else ""
+
+
+def _first_to_improve(found: SelfCalibration) -> str:
+    """Say which source gives most of the variance, on average over the base parameters."""
+    share = found.shares.mean(axis=1)
+    first = int(np.argmax(share))
+    return (
+        f"To improve first: {found.sources[first]}, {100 * share[first]:.0f} % of the variance on average over "
+        "the parameters."
+    )
+
+
+def _clear(one: CalibratedFamily) -> np.ndarray:
+    """Whether each member's interval is clear of zero, (m,)."""
+    return (one.interval95[:, 0] > 0) | (one.interval95[:, 1] < 0)
 
 
 def _unseen(one: CalibratedFamily) -> str:
@@ -92,12 +115,12 @@ def family_table(found: SelfCalibration) -> Table:
 
 
 def member_table(found: SelfCalibration) -> Table:
-    """Return the members that the data determine."""
+    """Return the members that the data determine and tell from zero."""
     rows = []
     for one in found.families:
-        parameters = one.family.effect.parameters
+        parameters, shown = one.family.effect.parameters, one.determined & _clear(one)
         for k, label in enumerate(one.family.labels):
-            if one.determined[k]:
+            if shown[k]:
                 low, high = one.interval95[k].tolist()
                 rows.append([label, parameters[k % len(parameters)].text(float(one.value[k]), (low, high))])
     return Table("Calibrated", (Column("imperfection"), Column("value ± half of the 95 % interval")), rows)

@@ -24,8 +24,8 @@ from tulip_testbed.identification.base_parameters import (
 )
 from tulip_testbed.identification.center_of_pressure import total_mass
 from tulip_testbed.identification.distributions import t_ppf
-from tulip_testbed.identification.estimators import DEFAULT, Estimate, estimate_by
 from tulip_testbed.identification.estimators import ESTIMATORS as OF_REGRESSION
+from tulip_testbed.identification.estimators import Estimate, estimate_by
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.regressor import check_robot, regression
@@ -82,7 +82,7 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
     full: Estimate
     simplified: Estimate
     mass: tuple[float, float]
-    estimator: str = DEFAULT
+    estimator: str = SELF_CALIBRATING
     calibration: SelfCalibration | None = None
 
     def __getitem__(self, name: str | int) -> IdentifiedParameter:
@@ -138,7 +138,7 @@ def identify(
     measurements: Measurements,
     robot: Robot,
     source: str = "measurements",
-    estimator: str = DEFAULT,
+    estimator: str = SELF_CALIBRATING,
     parameters: BaseParameters | None = None,
     adopted: Sequence[EffectInstance] = (),
     tolerances: Mapping[str, float] | None = None,

@@ -22,7 +22,7 @@ from tulip_testbed.effects.injection import edited
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.distributions import t_ppf
-from tulip_testbed.identification.estimators import Estimate
+from tulip_testbed.identification.estimators import DEFAULT, Estimate
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.variance_components import MARK_RATIO
@@ -167,7 +167,8 @@ def score(preset: str, seed: int, ordinary: bool) -> Score:
     measurements = laboratory.run(plan, seed, "statics").measurements
     truth = laboratory.true_base_parameters(plan)
     found = self_calibrate(observe(measurements, nominal_robot(robot)))
-    return _score(found, values, spreads, truth, identify(measurements, robot).full, preset)
+    mixed = identify(measurements, robot, estimator=DEFAULT).full
+    return _score(found, values, spreads, truth, mixed, preset)
 
 
 def _score(

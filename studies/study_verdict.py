@@ -15,6 +15,7 @@ from tulip_testbed.experiments.checks import joint_check
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory, Run
 from tulip_testbed.experiments.validate import evaluate
+from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.sim.dynamics.dynamic_run import read_again
 from tulip_testbed.sim.outcome import dropped_postures
 from tulip_testbed.sim.robot import CELLS, load_robot
@@ -34,7 +35,7 @@ def judged(held: Run, laboratory: Laboratory, truth: np.ndarray, draw: tuple[int
     """
     rng = np.random.default_rng([held.seed, *draw])
     measured = read_again(laboratory.rig, held.plan, held.outcome, rng)
-    found = identify(measured, laboratory.robot)
+    found = identify(measured, laboratory.robot, estimator=DEFAULT)
     run = dataclasses.replace(held, laboratory=laboratory, measurements=measured)
     eq14 = dataclasses.replace(found.full, clustered_covariance=found.full.covariance)
     return {

@@ -1,5 +1,6 @@
 """The command line as a user meets it: exit codes, one message, nothing half-written."""
 
+import inspect
 import json
 import shutil
 import subprocess
@@ -133,6 +134,7 @@ def test_help_and_version_load_no_simulator():
 def test_the_options_are_the_librarys():
     assert list(options.ESTIMATORS) == list(identify.ESTIMATORS)
     assert options.DEFAULT_ESTIMATOR == estimators.DEFAULT
+    assert inspect.signature(identify.identify).parameters["estimator"].default == options.ORDINARY_ESTIMATOR
     assert set(get_args(options.Preset)) == set(sensors.PRESETS)
     assert set(get_args(options.Noisy)) == set(sensors.PRESETS) - {"ideal"}
     assert options.SOLVERS == interior_point.SOLVERS
@@ -297,7 +299,7 @@ def test_impossible_ranges(assets, tmp_path, capsys):
 
 def test_identify_prints_json_and_tables(wii, tmp_path, capsys):
     write_measurements(tmp_path / "data", wii.run.measurements)
-    assert main(["identify", str(tmp_path / "data"), "--json"]) == 0
+    assert main(["identify", str(tmp_path / "data"), "--json", "--estimator", "mixed-model"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["full"]["parameters"][0]["truth"] is None
     assert document["full"]["parameters"][9]["estimate"] == pytest.approx(wii.identification.full.value[9])
@@ -310,7 +312,7 @@ def test_identify_by_name(wii, tmp_path, capsys):
     message = refused(capsys, "identify", tmp_path / "data", "--estimator", "best")
     assert "unknown estimator 'best'; valid: mixed-model, least-squares, placement" in message
     assert main(["identify", str(tmp_path / "data"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["estimator"] == "mixed-model"
+    assert json.loads(capsys.readouterr().out)["estimator"] == "self-calibrating"
     assert main(["identify", str(tmp_path / "data"), "--estimator", "prior", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["estimator"] == "prior"

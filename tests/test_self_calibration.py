@@ -16,6 +16,7 @@ from tulip_testbed.effects.instance import removed
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import residuals, sensitivity
 from tulip_testbed.identification.residual_noise import noise_of
@@ -55,7 +56,7 @@ def test_members_and_base_parameters_are_recovered(ordinary, found, plan):
         assert inside.all() or one.family.positive
     error = found.theta - run.laboratory.true_base_parameters(plan)
     assert error @ np.linalg.solve(found.covariance, error) < 52.6  # 99.9 % of chi-square with 25
-    plain = identify(run.measurements, run.laboratory.robot).full
+    plain = identify(run.measurements, run.laboratory.robot, estimator=DEFAULT).full
     wrong = plain.value - run.laboratory.true_base_parameters(plan)
     assert wrong @ np.linalg.solve(plain.covariance, wrong) > 500
 
@@ -110,7 +111,7 @@ def test_identify_takes_tolerances(ordinary, robot):
     assert not found.calibration.families
     stated = {"encoder-offset": 0.01}
     with pytest.raises(InputError, match="tolerance: encoder-offset: found with estimator mixed-model"):
-        tt.identify(measurements, robot, tolerances=stated)
+        tt.identify(measurements, robot, "mixed-model", tolerances=stated)
     with pytest.raises(InputError, match=r"tolerances: found list, expected a dictionary or None"):
         tt.identify(measurements, robot, tolerances=["tilt=0"])  # pyrefly: ignore
     with pytest.raises(InputError, match=r"tolerance: tilt: found 'small', expected a number"):

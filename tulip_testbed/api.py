@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.effects.instance import EffectInstance, Effects, check_different, instances_of
 from tulip_testbed.experiments.atlases.effect_atlas import Atlas
 from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
@@ -34,7 +35,6 @@ from tulip_testbed.experiments.records import read_record, record_of
 from tulip_testbed.experiments.usable_plan import check_plan
 from tulip_testbed.experiments.validate import Validation
 from tulip_testbed.experiments.validate import validate as _validate
-from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.planning.interior_point import SOLVERS
 from tulip_testbed.identification.planning.search import HOPS
 from tulip_testbed.sim.arguments import checked
@@ -108,7 +108,7 @@ def write_measurements(folder: str | Path, measurements: Measurements) -> None:
 def identify(
     measurements: Measured,
     robot: Robot | None = None,
-    estimator: str = DEFAULT,
+    estimator: str = SELF_CALIBRATING,
     corrections: Effects = (),
     tolerances: Mapping[str, float] | None = None,
 ) -> Identification:
@@ -117,8 +117,8 @@ def identify(
     Args:
         measurements: or their folder, or a run.
         robot: the nominal robot; TULip if None.
-        estimator: "mixed-model", "least-squares", "placement", "errors-in-variables", "robust", "prior",
-            "consistent" or "self-calibrating".
+        estimator: "self-calibrating", "mixed-model", "least-squares", "placement", "errors-in-variables",
+            "robust", "prior" or "consistent".
         corrections: effects that the measurements are corrected for, e.g. `discover(...).adopted`; or texts
             as for `Laboratory.with_effects`.
         tolerances: what is usual for the ordinary imperfections of this laboratory, by family [SI], e.g.

@@ -24,6 +24,7 @@ from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
 from tulip_testbed.experiments.benchmark.scoreboard import Board
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.identification.base_parameters import common_support
+from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements
@@ -217,12 +218,14 @@ def _covered(found: Discovery, hidden: Hidden, of_time: bool) -> list[bool]:
 def _bias(found: Discovery, trial: Trial, board: Board) -> Bias:
     """Of the base parameters, by readings without noise of the laboratory with and without the effect."""
     robot, measured = board.rig.robot, _without_noise(trial.rig, board)
-    error = identify(_without_noise(board.rig, board), robot).full.value - _truth(board.rig, board)
-    noisy = identify(board.linear.observed.measurements, robot).full
+    error = identify(_without_noise(board.rig, board), robot, estimator=DEFAULT).full.value - _truth(
+        board.rig, board
+    )
+    noisy = identify(board.linear.observed.measurements, robot, estimator=DEFAULT).full
     spread = np.sqrt(np.diag(noisy.clustered_covariance))
 
     def bias(adopted: Sequence[EffectInstance]) -> np.ndarray:
-        estimate = identify(measured, robot, adopted=adopted).full
+        estimate = identify(measured, robot, estimator=DEFAULT, adopted=adopted).full
         return (estimate.value - _truth(trial.rig, board) - error) / spread
 
     before, after = bias(()), bias(found.adopted)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from tulip_testbed.cli.options import DEFAULT_ESTIMATOR, EstimatorName, Json, RigFolder, RobotFile
+from tulip_testbed.cli.options import ORDINARY_ESTIMATOR, EstimatorName, Json, RigFolder, RobotFile
 from tulip_testbed.sim.shipped import TULIP
 
 TolerancesOf = Annotated[
@@ -15,8 +15,8 @@ TolerancesOf = Annotated[
     tyro.conf.UseAppendAction,
     tyro.conf.arg(
         metavar="FAMILY=VALUE",
-        help="what is usual for a family of ordinary imperfections of this laboratory (SI units; 0: exact), "
-        "for --estimator self-calibrating; repeatable",
+        help="what is usual for a family of ordinary imperfections of this laboratory (SI units; 0: exact); "
+        "repeatable",
     ),
 ]
 
@@ -25,7 +25,7 @@ def identify_command(
     folder: Annotated[Path, tyro.conf.Positional],
     /,
     *,
-    estimator: EstimatorName = DEFAULT_ESTIMATOR,
+    estimator: EstimatorName = ORDINARY_ESTIMATOR,
     rig: RigFolder = None,
     tolerance: TolerancesOf = (),
     robot: RobotFile = TULIP,
@@ -35,7 +35,7 @@ def identify_command(
 
     With --rig RIG the measurements are corrected for the rig's effects.
     Example: tulip identify data/first
-    Example: tulip identify data/first --estimator self-calibrating --tolerance encoder-offset=0.001
+    Example: tulip identify data/first --tolerance encoder-offset=0.001
     """
     from tulip_testbed.calibration.families import read_tolerances
     from tulip_testbed.cli.terminal import print_json, show

@@ -128,7 +128,7 @@ def measured(
     check_model(f"{source}: manifest.json", model["model"], model["sha256"], robot)
     subject = replace(of_measurements(measurements, robot, source), series=series)
     try:
-        found = identify(measurements, robot, source)
+        found = identify(measurements, robot, source, DEFAULT)
     except InputError as error:
         return replace(subject, notes=(f"No estimate: {error}.",))
     com = found.parameters.regressor(measurements.joint_angles) @ found.full.value
