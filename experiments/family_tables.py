@@ -70,10 +70,8 @@ def _first_to_improve(found: SelfCalibration) -> str:
     """Say which source gives most of the variance, on average over the base parameters."""
     share = found.shares.mean(axis=1)
     first = int(np.argmax(share))
-    return (
-        f"To improve first: {found.sources[first]}, {100 * share[first]:.0f} % of the variance on average over "
-        "the parameters."
-    )
+    part = f"{100 * share[first]:.0f} % of the variance"
+    return f"To improve first: {found.sources[first]}, {part} on average over the parameters."
 
 
 def _clear(one: CalibratedFamily) -> np.ndarray:
