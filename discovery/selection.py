@@ -141,12 +141,13 @@ def select(
     return selection
 
 
-def _first_calibration(search: Search) -> SelfCalibration:
-    """Calibrate without any effect; if a gross fault lets it diverge, with the usual spreads and noise."""
+def _first_calibration(search: Search, terms: Sequence[Fitted] = ()) -> SelfCalibration:
+    """Calibrate with these effects; if a gross fault lets it diverge, with the usual spreads and noise."""
+    instances = [term.instance for term in terms]
     try:
-        return self_calibrate(search.observed, search.tolerances)
+        return self_calibrate(search.observed, search.tolerances, instances)
     except np.linalg.LinAlgError:
-        return self_calibrate(search.observed, search.tolerances, rounds=1)
+        return self_calibrate(search.observed, search.tolerances, instances, rounds=1)
 
 
 def calibrated_data(observed: Observation, calibration: SelfCalibration) -> Data:
@@ -382,7 +383,7 @@ def chosen_again(search: Search, terms: Sequence[Fitted]) -> tuple[tuple[Fitted,
         the effects and the calibration with them.
     """
     out = tuple(terms)
-    found = self_calibrate(search.observed, search.tolerances, [term.instance for term in out])
+    found = _first_calibration(search, out)
     data = calibrated_data(search.observed, found)
     for k in range(len(out)):
         adopted = joint_fit(data, out[:k] + out[k + 1 :])
@@ -391,7 +392,10 @@ def chosen_again(search: Search, terms: Sequence[Fitted]) -> tuple[tuple[Fitted,
         if short and short[0].log_bayes_factor > own.log_bayes_factor + DECISIVE:
             out = (*out[:k], short[0], *out[k + 1 :])
     if [term.label for term in out] != [term.label for term in terms]:
-        found = self_calibrate(search.observed, search.tolerances, [term.instance for term in out])
+        try:
+            return out, self_calibrate(search.observed, search.tolerances, [term.instance for term in out])
+        except np.linalg.LinAlgError:  # another choice by linear columns that no calibration bears out
+            return tuple(terms), found
     return out, found
 
 

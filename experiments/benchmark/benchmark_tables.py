@@ -14,6 +14,11 @@ import numpy as np
 from tulip_testbed.effects.instance import split_label
 from tulip_testbed.experiments.benchmark import cases as arms
 from tulip_testbed.experiments.benchmark.case_outcome import Outcome
+from tulip_testbed.experiments.benchmark.ordinary_tables import (
+    miss_table,
+    ordinary_figures,
+    verdict_table,
+)
 from tulip_testbed.experiments.benchmark.score import Figure, figures, in_set, of, rate, right, wrong
 from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.table import Table
@@ -154,10 +159,19 @@ def csv_text(rows: Sequence[Sequence[object]]) -> str:
     return out.getvalue()
 
 
-def tables(outcomes: Sequence[Outcome]) -> list[Table]:
-    """Return all tables that have a row."""
+def tables(outcomes: Sequence[Outcome], world: str = arms.EXACT) -> list[Table]:
+    """Return all tables that have a row; in an ordinary world the full dynamics comes first."""
     statics = [o for o in outcomes if not o.dynamics]
     dynamics = [o for o in outcomes if o.dynamics]
+    if world == arms.ORDINARY:
+        made = [
+            figure_table("Figures, full dynamics", ordinary_figures(dynamics)),
+            figure_table("Figures, static laboratory", ordinary_figures(statics)),
+            verdict_table("Verdicts, full dynamics", dynamics),
+            verdict_table("Verdicts, static laboratory", statics),
+            miss_table(outcomes),
+        ]
+        return [table for table in made if table.rows]
     made = [
         figure_table("Figures, static laboratory", figures(statics)),
         figure_table("Figures, full dynamics", figures(dynamics)),
@@ -170,12 +184,12 @@ def tables(outcomes: Sequence[Outcome]) -> list[Table]:
     return [table for table in made if table.rows]
 
 
-def report_text(outcomes: Sequence[Outcome]) -> str:
+def report_text(outcomes: Sequence[Outcome], world: str = arms.EXACT) -> str:
     """Return all tables as Markdown."""
-    return "\n\n".join(f"### {table.title}\n\n{table.markdown()}" for table in tables(outcomes))
+    return "\n\n".join(f"### {table.title}\n\n{table.markdown()}" for table in tables(outcomes, world))
 
 
-def files(outcomes: Sequence[Outcome], heading: str) -> dict[str, str]:
+def files(outcomes: Sequence[Outcome], heading: str, world: str = arms.EXACT) -> dict[str, str]:
     """Names and contents of what is written beside the cases."""
     power = power_table([o for o in outcomes if not o.dynamics])
     counted = sorted(confusion([o for o in outcomes if not o.dynamics]).items())
@@ -193,26 +207,30 @@ def files(outcomes: Sequence[Outcome], heading: str) -> dict[str, str]:
         )
         for o in outcomes
     ]
-    return {
-        "report.md": f"{heading}\n\n{report_text(outcomes)}\n",
+    of_exact_worlds = {
         "power.csv": csv_text([[c.heading for c in power.columns], *power.texts]),
         "confusion.csv": csv_text(
             [("hidden", "mde", "verdict", "named_first", "cases"), *((*key, count) for key, count in counted)]
         ),
+    }
+    return {
+        "report.md": f"{heading}\n\n{report_text(outcomes, world)}\n",
+        **(of_exact_worlds if world == arms.EXACT else {}),
         "cases.csv": csv_text(
             [("case", "arm", "hidden", "mde", "dynamics", "isolable", "verdict", "named", "failed"), *cases]
         ),
     }
 
 
-def report_document(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def report_document(outcomes: Sequence[Outcome], world: str = arms.EXACT) -> dict[str, Any]:
     """For JSON."""
     parts = {"statics": False, "dynamics": True}
+    of_world = ordinary_figures if world == arms.ORDINARY else figures
     return {
         "cases": len(outcomes),
         "figures": {
             part: [
-                asdict(f) | {"met": f.met} for f in figures([o for o in outcomes if o.dynamics == dynamics])
+                asdict(f) | {"met": f.met} for f in of_world([o for o in outcomes if o.dynamics == dynamics])
             ]
             for part, dynamics in parts.items()
         },

@@ -56,7 +56,9 @@ class Outcome:
         coverage, times: whether the 95 % interval of every size, of every time holds the truth, where the
             true effect was said.
         bias: None: not asked.
-        wall_s: of the discovery [s].
+        wall_s, cpu_s: of the discovery [s].
+        imperfect: see `cases.Case`. members, base: whether the 95 % interval of every ordinary imperfection
+            that was adopted, of every base parameter holds the truth, in an ordinary world.
     """
 
     run: int
@@ -81,6 +83,10 @@ class Outcome:
     times: tuple[bool, ...] = ()
     bias: Bias | None = None
     wall_s: float = 0.0
+    cpu_s: float = 0.0
+    imperfect: bool = False
+    members: tuple[bool, ...] = ()
+    base: tuple[bool, ...] = ()
 
     def document(self) -> dict[str, Any]:
         """For JSON."""
@@ -109,7 +115,7 @@ class Outcome:
 
 def outcome(document: dict[str, Any]) -> Outcome:
     """From JSON."""
-    listed = {"kinds", "hidden", "coverage", "times"}
+    listed = {"kinds", "hidden", "coverage", "times", "members", "base"}
     nested = {"values", "twins"}
     values: dict[str, Any] = {k: tuple(v) if k in listed else v for k, v in document.items()}
     values |= {k: tuple(tuple(x) for x in document[k]) for k in nested}

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2, ncx2
 
-from tulip_testbed.discovery.discover import AMBIGUOUS, NAMED, Discovery, discover
-from tulip_testbed.discovery.effect_intervals import with_intervals
+from tulip_testbed.discovery.discover import Discovery, discover
 from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, effect_label, injected
 from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.experiments.atlases.detectability import noncentrality
 from tulip_testbed.experiments.benchmark import cases as arms
-from tulip_testbed.experiments.benchmark.case_outcome import Bias, Found, Outcome
+from tulip_testbed.experiments.benchmark.case_outcome import Bias, Outcome
 from tulip_testbed.experiments.benchmark.cases import Case
 from tulip_testbed.experiments.benchmark.draw import Hidden, draw_absorbed, draw_visible
+from tulip_testbed.experiments.benchmark.judged import calibrated_members, covered, found_effects
 from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
 from tulip_testbed.experiments.benchmark.scoreboard import Board
 from tulip_testbed.experiments.identify import identify
@@ -171,48 +171,16 @@ def _judged(
     biased = case.arm == arms.SINGLE and not case.dynamics and trial.multiple >= 1
     return {
         "verdict": found.verdict,
-        "found": tuple(_found(found, k) for k in found.effects),
-        "calibrated": _calibrated(found),
+        "found": found_effects(found),
+        "calibrated": calibrated_members(found),
         "unseen": bool(listed),
         "biased": listed[0].parameter if listed else 0,
         "held": held and (held.before["AFTC"], held.after["AFTC"], held.floor["AFTC"]),
-        "coverage": tuple(c for h in trial.hidden for c in _covered(found, h, of_time=False)),
-        "times": tuple(c for h in trial.hidden for c in _covered(found, h, of_time=True)),
+        "coverage": tuple(c for h in trial.hidden for c in covered(found, h.instance, of_time=False)),
+        "times": tuple(c for h in trial.hidden for c in covered(found, h.instance, of_time=True)),
         "bias": _bias(found, trial, board) if biased else None,
         "wall_s": found.wall_s,
     }
-
-
-def _found(found: Discovery, k: int) -> Found:
-    term, instance = found.fit.terms[k], with_intervals(found.fit, k)
-    low, high = zip(*(interval or (None, None) for interval in instance.intervals), strict=True)
-    alike = tuple(one.label for one in found.equivalents[k])
-    return Found(term.label, term.values, low, high, alike)
-
-
-def _calibrated(found: Discovery) -> tuple[Found, ...]:
-    """Return the ordinary imperfections, that with the most standard errors first."""
-    out = []
-    for one in found.calibrated:
-        known = [(v, i) for v, i in zip(one.values, one.intervals, strict=True) if i is not None]
-        clearest = max((abs(v) / max(high - low, 1e-300) for v, (low, high) in known), default=0.0)
-        low, high = zip(*(interval or (None, None) for interval in one.intervals), strict=True)
-        out.append((clearest, Found(one.label, one.values, low, high, ())))
-    return tuple(one for _, one in sorted(out, key=lambda each: -each[0]))
-
-
-def _covered(found: Discovery, hidden: Hidden, of_time: bool) -> list[bool]:
-    """Whether the interval of each size, or time, of a correctly named effect holds the truth."""
-    effect, out = hidden.instance.effect, []
-    if found.verdict not in (NAMED, AMBIGUOUS):
-        return out
-    wanted = [k for k in range(len(effect.parameters)) if (k not in effect.sizes) == of_time]
-    for k in found.effects:
-        if found.fit.terms[k].label == hidden.label:
-            intervals = with_intervals(found.fit, k).intervals
-            pairs = [(intervals[at], hidden.instance.values[at]) for at in wanted]
-            out += [interval[0] <= true <= interval[1] for interval, true in pairs if interval]
-    return out
 
 
 def _bias(found: Discovery, trial: Trial, board: Board) -> Bias:

@@ -59,19 +59,11 @@ class Board:
 
     def wanted(self, candidate: Candidate) -> float:
         """Length of a signal that is found with 90 % probability."""
-        one_sided = candidate.positive.any() or not candidate.effect.sizes
-        level = 2 * self.level if one_sided else self.level
-        return float(np.sqrt(noncentrality(max(len(candidate.effect.sizes), 1), level)))
+        return wanted(candidate, self.level)
 
     def angles(self, signal: np.ndarray) -> dict[str, float]:
         """Angle between a signal and what each candidate can show, by label [rad]."""
-        length = np.linalg.norm(signal)
-        return {
-            candidate.label: min(
-                float(np.arccos(min(1.0, np.linalg.norm(basis.T @ signal) / length))) for basis in bases
-            )
-            for candidate, bases in zip(self.candidates, self.bases, strict=True)
-        }
+        return angles(signal, self.candidates, self.bases)
 
     def twins(self, signal: np.ndarray, own: Sequence[str] = ()) -> tuple[str, ...]:
         """Candidates that can look like a signal; those in `own`, labels or names, are not asked."""
@@ -102,6 +94,30 @@ class Board:
         return self.linear.project(self.linear.whitening(out))
 
 
+def wanted(candidate: Candidate, level: float) -> float:
+    """Length of a signal that a single test of this level finds with 90 % probability."""
+    one_sided = candidate.positive.any() or not candidate.effect.sizes
+    at = 2 * level if one_sided else level
+    return float(np.sqrt(noncentrality(max(len(candidate.effect.sizes), 1), at)))
+
+
+def angles(
+    signal: np.ndarray, candidates: Sequence[Candidate], bases: Sequence[Sequence[np.ndarray]]
+) -> dict[str, float]:
+    """Angle between a signal and what each candidate can show, by label [rad].
+
+    Args:
+        bases: of every candidate at every grid point, see `visible`.
+    """
+    length = np.linalg.norm(signal)
+    return {
+        candidate.label: min(
+            float(np.arccos(min(1.0, np.linalg.norm(basis.T @ signal) / length))) for basis in each
+        )
+        for candidate, each in zip(candidates, bases, strict=True)
+    }
+
+
 @cache
 def board(preset: str, folder: Path = DEFAULT_PLAN) -> Board:
     """Of a preset's laboratory of TULip and a plan; made once in every process.
@@ -118,7 +134,7 @@ def board(preset: str, folder: Path = DEFAULT_PLAN) -> Board:
     columns = candidate_columns(linear, candidates(observed))
     level = single_level(LEVEL, effective_tests(columns, np.random.default_rng(0)))
     bases = [
-        [_visible(candidate, column) for column in points]
+        [visible(candidate, column) for column in points]
         for candidate, points in zip(columns.candidates, columns.projected, strict=True)
     ]
     return Board(
@@ -134,7 +150,7 @@ def board(preset: str, folder: Path = DEFAULT_PLAN) -> Board:
     )
 
 
-def _visible(candidate: Candidate, columns: np.ndarray) -> np.ndarray:
+def visible(candidate: Candidate, columns: np.ndarray) -> np.ndarray:
     """Orthonormal basis of what a candidate can show, (r + 1, k)."""
     scaled = columns * candidate.prior if candidate.effect.sizes else columns
     left, size, _ = np.linalg.svd(scaled, full_matrices=False)

@@ -10,7 +10,8 @@ import tyro
 from tulip_testbed.cli.options import (
     CORES,
     DEFAULT_SEED,
-    ENGINES,
+    Address,
+    EngineName,
     EstimatorChoice,
     Json,
     Ordinary,
@@ -23,12 +24,6 @@ from tulip_testbed.cli.options import (
 )
 from tulip_testbed.sim.shipped import TULIP
 
-EngineName = Annotated[
-    str, tyro.conf.arg(metavar="{" + ",".join(ENGINES) + "}", help="where the runs are computed")
-]
-Address = Annotated[
-    str | None, tyro.conf.arg(metavar="tcp://HOST:PORT", help="of the scheduler, with --engine dask")
-]
 Spread = Annotated[
     float | None,
     tyro.conf.arg(

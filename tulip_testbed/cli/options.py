@@ -77,4 +77,11 @@ RigFolder = Annotated[
     tyro.conf.arg(name="rig", metavar="RIG", help="rig folder: effects that the laboratory is known to have"),
 ]
 
+EngineName = Annotated[
+    str, tyro.conf.arg(metavar="{" + ",".join(ENGINES) + "}", help="where the work is done")
+]
+Address = Annotated[
+    str | None, tyro.conf.arg(metavar="tcp://HOST:PORT", help="of the scheduler, with --engine dask")
+]
+
 CORES = os.cpu_count() or 1
