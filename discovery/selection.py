@@ -31,6 +31,7 @@ LEVEL = 0.005  # of the test of all effects, and of that of the four channels: 0
 DECISIVE = 3.0  # ln of the Bayes factor, below which two explanations are equivalent
 MOST_TERMS = 5
 JUDGED = 3  # candidates, at most, that are judged of each ranking
+GROSS = 100.0  # ln of the Bayes factor by linear columns, from where the best of several kinds are judged
 NEAR = 10.0  # ln of the Bayes factor by linear columns, within which candidates are judged
 ROUNDS = 4  # linearisations of a judgement
 STANDS_OUT = 3.0  # largest of its family's spread and tolerance, beyond which a member is an effect
@@ -239,10 +240,23 @@ class Search:
         return list(out.values())
 
     def shortest(self, adopted: JointFit) -> list[Fitted]:
-        """List the few candidates that explain most in addition to the adopted terms, the best first."""
-        short = shortlist(adopted, self.ranked(adopted))
+        """List the few candidates that explain most in addition to the adopted terms, the best first.
+
+        Linear columns rank badly what a gross gap needs: then the best of other kinds are listed too.
+        """
+        order = self.ranked(adopted)
+        short = shortlist(adopted, order)
         least = max(short[0].log_bayes_factor - NEAR, 0.0) if short else 0.0
-        return [fitted for fitted in short if fitted.log_bayes_factor > least][:JUDGED]
+        near = [fitted for fitted in short if fitted.log_bayes_factor > least][:JUDGED]
+        if not near or near[0].log_bayes_factor < GROSS:
+            return near
+        best: dict[str, Fitted] = {}
+        for one in order:
+            if one.log_bayes_factor > 0:
+                best.setdefault(one.candidate.effect.name, one)
+        found = {one.candidate.effect.name for one in near}
+        others = [one for kind, one in best.items() if kind not in found]
+        return near + [fit_in_addition(adopted, one) for one in others[: JUDGED - len(found)]]
 
 
 @dataclass(frozen=True)
