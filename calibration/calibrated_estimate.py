@@ -99,5 +99,6 @@ def estimate_of(found: SelfCalibration, data: Regression) -> Estimate:
         placement_sd=(right, left),
         dof=dof,
         interval_dof=found.interval_dof,
+        joint_dof=found.joint_dof,
         condition_number=float(np.linalg.cond(data.matrix)),
     )

@@ -38,6 +38,7 @@ from tulip_testbed.calibration.linearisation import (
 from tulip_testbed.calibration.placement_blocks import placement_blocks
 from tulip_testbed.calibration.reml import Fit, Problem, fit, given
 from tulip_testbed.effects.instance import EffectInstance, removed
+from tulip_testbed.identification.degrees_of_freedom import of_f_test, satterthwaite
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import difference, moved_by, packed, residuals, unpacked
 from tulip_testbed.identification.residual_noise import Noise, noise_of
@@ -93,7 +94,8 @@ class SelfCalibration:
         theta: base parameters, (p,) [m]. covariance: of theta, with everything that is uncertain, (p, p).
         sources: names of the parts of the variance. shares: parts of the variance of each parameter,
             (len(sources), p), with sum 1.
-        interval_dof: degrees of freedom of each parameter's t interval, (p,).
+        interval_dof: degrees of freedom of each parameter's t interval, (p,). joint_dof: of the F test of
+            all.
         families: with their members. effects: those that belong to no family, with 95 % intervals.
         effect_errors: s.e. of their sizes, (n,) each [SI].
         noise: with estimated scales.
@@ -107,6 +109,7 @@ class SelfCalibration:
     sources: tuple[str, ...]
     shares: np.ndarray
     interval_dof: np.ndarray
+    joint_dof: float
     families: tuple[CalibratedFamily, ...]
     effects: tuple[EffectInstance, ...]
     effect_errors: tuple[np.ndarray, ...]
@@ -418,9 +421,8 @@ def _result(
     shares = np.concatenate([shares * ((variance - of_spreads) / shares.sum(axis=0)), of_spreads[None]])
     shares = shares / variance
     # The derivative of a variance by the logarithm of a scale is twice that scale's part.
-    slope = 2 * parts[2 : 2 + k]
-    doubt = np.einsum("ki,kl,li->i", slope, solved.scale_covariance[:k, :k], slope)
-    dof = 2 * variance**2 / np.maximum(doubt, 1e-300)
+    slopes = 2 * solved.shares[2 : 2 + k, :p, :p]
+    scales, most = solved.scale_covariance[:k, :k], 2 * len(clean) - p
     value = mixing @ solved.estimate[p + 1 :]
     known = np.diag(mixing @ solved.conditional[p + 1 :, p + 1 :] @ mixing.T)
     sd = np.sqrt(np.diag(mixing @ solved.covariance[p + 1 :, p + 1 :] @ mixing.T))
@@ -455,7 +457,8 @@ def _result(
         covariance=covariance,
         sources=("weighing", "contacts", *SOURCES, *map(_source, families), "spreads"),
         shares=shares,
-        interval_dof=np.minimum(dof, 2 * len(clean) - p),
+        interval_dof=satterthwaite(variance, np.diagonal(slopes, axis1=1, axis2=2), scales, most),
+        joint_dof=of_f_test(covariance, slopes, scales, most),
         families=tuple(out),
         effects=tuple(effects),
         effect_errors=tuple(errors),

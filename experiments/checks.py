@@ -109,18 +109,20 @@ def sigma_check(preset: str, sigma: float, placements: int, known: dict[str, lis
 def joint_check(name: str, estimate: Estimate, truth: np.ndarray) -> Check:
     """All errors at once: e' V^-1 e under the placement-clustered covariance.
 
-    The chi-square over p in its finite-sample form, F(p, r - p), since V is estimated. How often it fails
-    true laboratories: docs/verdict.md.
+    The chi-square over p as F, with degrees of freedom of how well V is known (Fai and Cornelius 1996). How
+    often it fails true laboratories: docs/verdict.md.
     """
     error = estimate.value - truth
     statistic = float(error @ np.linalg.solve(estimate.clustered_covariance, error)) / len(error)
-    limit = float(f_ppf(1 - LEVEL, len(error), estimate.dof))
-    return below(name, statistic, limit, f"chi-square / {len(error)} as F, level {LEVEL}")
+    limit = float(f_ppf(1 - LEVEL, len(error), estimate.joint_dof))
+    source = f"chi-square / {len(error)} as F with {estimate.joint_dof:.0f} degrees of freedom, level {LEVEL}"
+    return below(name, statistic, limit, source)
 
 
 def largest_z_check(name: str, estimate: Estimate, truth: np.ndarray) -> Check:
+    """The largest error in standard errors, by the t distribution of the parameter that is known worst."""
     z = np.abs(estimate.value - truth) / standard_errors(estimate.clustered_covariance)
-    limit = float(t_ppf(1 - LEVEL / 2 / len(z), estimate.dof))
+    limit = float(t_ppf(1 - LEVEL / 2 / len(z), estimate.interval_dof.min()))
     return below(name, z.max(), limit, f"Bonferroni over {len(z)}, level {LEVEL}")
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections import Counter
+from typing import Any
 
 import numpy as np
 import pytest
@@ -59,7 +60,8 @@ def robot_and_plan(robot, plan):
 
 def trial(arm, kind, robot_and_plan, imperfect=True, seed=3):
     case = Case(arm, (kind,) if kind else (), imperfect=imperfect)
-    return ordinary_run._trial(case, seed, "force-plate", *robot_and_plan, np.random.default_rng(seed))
+    robot, plan = robot_and_plan
+    return ordinary_run._trial(case, seed, "force-plate", robot, plan, np.random.default_rng(seed))
 
 
 def test_laboratories_are_what_their_arm_says(robot_and_plan):
@@ -116,9 +118,10 @@ def made(arm, verdict, *names, hidden=(), **more) -> Outcome:
         return (0.1,) * len(catalogue()[label.split(":")[0]].parameters)
 
     found = tuple(Found(name, some(name), (0.0,), (0.2,), (name,)) for name in names)
-    values = {"hidden": hidden, "values": tuple(map(some, hidden)), "twins": tuple(() for _ in hidden)}
+    values: dict[str, Any] = {"hidden": hidden, "values": tuple(map(some, hidden))}
+    values |= {"twins": tuple(() for _ in hidden)} | more
     kinds = tuple(h.split(":")[0] for h in hidden)
-    return Outcome(0, arm, kinds, 0.0, False, found=found, verdict=verdict, **(values | more))
+    return Outcome(0, arm, kinds, 0.0, False, found=found, verdict=verdict, **values)
 
 
 def test_scores_of_outcomes_made_by_hand():

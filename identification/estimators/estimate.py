@@ -45,6 +45,7 @@ class Estimate:
         placement_sd: estimated s.d. per axis of the placement errors of the right and left plate [m].
         dof: degrees of freedom r - p.
         interval_dof: degrees of freedom of each parameter's t interval by `covariance`, (p,).
+        joint_dof: of the denominator of an F test of all parameters.
         condition_number: condition number of H.
         standard: link masses and centres of mass, if the estimator gives them.
     """
@@ -59,6 +60,7 @@ class Estimate:
     placement_sd: tuple[float, float]
     dof: int
     interval_dof: np.ndarray
+    joint_dof: float
     condition_number: float
     standard: StandardEstimate | None = None
 

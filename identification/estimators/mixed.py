@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tulip_testbed.identification.degrees_of_freedom import of_f_test, satterthwaite
 from tulip_testbed.identification.estimators.errors_in_variables import bounded_excess
 from tulip_testbed.identification.estimators.estimate import Estimate
 from tulip_testbed.identification.estimators.ordinary import residual_sigma, solve
@@ -54,6 +55,7 @@ def _estimate(data: Regression, start: np.ndarray, fit: Components, blurred: np.
     value = start + back @ change
     covariance = back @ root @ back.T
     residual, sigma, dof = residual_sigma(data, value)
+    interval_dof, joint_dof = _degrees_of_freedom(fit, back, dof)
     return Estimate(
         numbers=data.numbers,
         names=data.names,
@@ -64,7 +66,8 @@ def _estimate(data: Regression, start: np.ndarray, fit: Components, blurred: np.
         sigma=sigma,
         placement_sd=fit.placement_sd,
         dof=dof,
-        interval_dof=_satterthwaite(fit, back, dof),
+        interval_dof=interval_dof,
+        joint_dof=joint_dof,
         condition_number=float(np.linalg.cond(data.matrix)),
     )
 
@@ -85,14 +88,13 @@ def _excess(fit: Components, blurred: np.ndarray) -> np.ndarray:
     return back.T @ (tall.T @ tall) @ back
 
 
-def _satterthwaite(fit: Components, back: np.ndarray, most: int) -> np.ndarray:
-    """Return the degrees of freedom of each parameter's variance, 2 v^2 / var(v), at most r - p.
-
-    Var(v) follows from the covariance of the log s.d. and the derivative of the variance (Satterthwaite 1946;
-    Giesbrecht and Burns 1985).
-    """
+def _degrees_of_freedom(fit: Components, back: np.ndarray, most: int) -> tuple[np.ndarray, float]:
+    """Return those of each parameter's t interval, (p,), and of the F test of all, at most r - p."""
     spread = np.linalg.inv(fit.information) @ back.T
-    variance = np.einsum("ij,ji->i", back, spread)
-    slope = -np.einsum("pi,kpq,qi->ki", spread, fit.slopes, spread, optimize=True)
-    uncertainty = np.einsum("ki,kl,li->i", slope, fit.covariance, slope)
-    return np.minimum(2 * variance**2 / np.maximum(uncertainty, 1e-300), most)
+    slopes = -spread.T @ fit.slopes @ spread
+    variance = back @ spread
+    each = np.diagonal(slopes, axis1=1, axis2=2)
+    return (
+        satterthwaite(np.diag(variance), each, fit.covariance, most),
+        of_f_test(variance, slopes, fit.covariance, most),
+    )

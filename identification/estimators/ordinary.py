@@ -77,6 +77,7 @@ def estimate_at(data: Regression, value: np.ndarray, c: np.ndarray) -> Estimate:
         placement_sd=placement_sd,
         dof=dof,
         interval_dof=np.full(len(value), float(dof)),
+        joint_dof=float(dof),
         condition_number=float(np.linalg.cond(data.matrix)),
     )
 

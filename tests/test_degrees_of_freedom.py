@@ -1,0 +1,45 @@
+"""Degrees of freedom: special cases that are known, and the F test's level by simulation."""
+
+import numpy as np
+import pytest
+
+from tulip_testbed.identification.degrees_of_freedom import of_f_test, satterthwaite
+from tulip_testbed.identification.distributions import f_ppf
+
+
+def test_one_scale_with_known_degrees_of_freedom_gives_them_back():
+    # v = s^2 c with s^2 ~ chi-square of 12: the variance of ln s is 1 / (2 * 12).
+    covariance = np.diag([1.0, 4.0, 9.0])
+    uncertainty = np.array([[1 / 24]])
+    each = satterthwaite(np.diag(covariance), 2 * np.diag(covariance)[None], uncertainty, 1000)
+    assert each == pytest.approx(12)
+    assert of_f_test(covariance, 2 * covariance[None], uncertainty, 1000) == pytest.approx(12)
+    turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
+    turned = turn @ covariance @ turn.T
+    assert of_f_test(turned, 2 * turned[None], uncertainty, 1000) == pytest.approx(12)
+    assert of_f_test(covariance, 2 * covariance[None], uncertainty, 10) == 10
+    assert of_f_test(covariance, 0 * covariance[None], uncertainty, 70) == 70
+
+
+def test_welch_s_approximation():
+    # The difference of two means with unknown variances: Welch (1947).
+    variances, counts = np.array([3.0, 1.0]), np.array([5, 9])
+    parts = variances / counts
+    uncertainty = np.diag(1 / (2 * (counts - 1)))
+    expected = parts.sum() ** 2 / (parts**2 / (counts - 1)).sum()
+    assert satterthwaite(parts.sum()[None], 2 * parts[:, None], uncertainty, 1e6) == pytest.approx(expected)
+
+
+def test_the_f_test_keeps_its_level_where_few_groups_tell_a_variance():
+    """Two blocks of parameters, each with a variance of its own known with 6 and 20 degrees of freedom."""
+    rng = np.random.default_rng(5)
+    freedom, blocks = np.array([6, 20]), np.repeat([0, 1], 3)
+    hits, runs = 0, 20_000
+    for _ in range(runs):
+        estimated = rng.chisquare(freedom) / freedom
+        covariance = np.diag(estimated[blocks])
+        slopes = np.stack([np.diag(2 * estimated[blocks] * (blocks == k)) for k in (0, 1)])
+        dof = of_f_test(covariance, slopes, np.diag(1 / (2 * freedom)), 1e6)
+        error = rng.standard_normal(6)
+        hits += error @ np.linalg.solve(covariance, error) / 6 > f_ppf(0.95, 6, dof)
+    assert hits / runs == pytest.approx(0.05, abs=0.01)
