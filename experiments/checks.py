@@ -115,7 +115,7 @@ def joint_check(name: str, estimate: Estimate, truth: np.ndarray) -> Check:
     error = estimate.value - truth
     statistic = float(error @ np.linalg.solve(estimate.clustered_covariance, error)) / len(error)
     limit = float(f_ppf(1 - LEVEL, len(error), estimate.joint_dof))
-    source = f"chi-square / {len(error)} as F with {estimate.joint_dof:.0f} degrees of freedom, level {LEVEL}"
+    source = f"chi-square / {len(error)} as F({len(error)}, {estimate.joint_dof:.0f}), level {LEVEL}"
     return below(name, statistic, limit, source)
 
 
