@@ -41,7 +41,7 @@ SCATTERED = (0.5, 3.0)  # times the data sheet's placement_sd
 AMPLITUDES = (1.0, 4.0)  # of faults that the catalogue lacks, times the typical one
 CLEARLY = (1.0, 2.0)  # times the least size that is clear
 MULTIPLE = 4.0  # of the minimum detectable size
-MOST_PRIORS = 8.0
+MOST_PRIORS = 4.0  # s.d.: no larger effect is hidden
 MOST_TRIES = 20
 
 

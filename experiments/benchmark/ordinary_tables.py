@@ -108,7 +108,7 @@ def miss_table(outcomes: Sequence[Outcome]) -> Table:
     rows = []
     for o in outcomes:
         missed = o.arm in (CLEAR, TWICE) and not o.failed and not (right(o) if o.arm == CLEAR else exactly(o))
-        if wrong(o) or missed or (o.arm == PRIOR and o.verdict != "calibrated" and not right(o)):
+        if wrong(o) or missed or (o.arm == PRIOR and shows(o) and not right(o)):
             values = (*o.values, *[()] * (len(o.hidden) - len(o.values)))
             hidden = " + ".join(map(_with_values, o.hidden, values)) or "nothing"
             rows.append([o.run, hidden, o.verdict, " + ".join(o.names)])
