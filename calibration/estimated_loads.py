@@ -18,7 +18,6 @@ import numpy as np
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.sim.control import Controller
 
 SCALE_SD = 1e-3  # relative, of the total mass, which is weighed
 
@@ -33,8 +32,7 @@ def with_estimated_loads(
         covariance: of theta, (p, p) [m2].
         compliance: of the joints between encoder and link, (n_joints,) [rad/Nm].
     """
-    full = Controller().error_at_full_torque
-    limits = full / (full / observed.torque_limits + np.maximum(compliance, 0.0))
+    stiffness = 1 / (1 / observed.servo_stiffness + np.maximum(compliance, 0.0))
     model = standard_parameters(observed.nominal.robot.model)
     mass = model[:, 0]
     total = observed.weight / observed.measurements.gravity
@@ -57,4 +55,4 @@ def with_estimated_loads(
     innovation = np.append(theta, total) - seen @ model.ravel()
     gain = np.linalg.solve(seen @ prior @ seen.T + noise, innovation)
     standard = model + (prior @ seen.T @ gain).reshape(-1, 4)
-    return replace(observed, standard=standard, torque_limits=limits)
+    return replace(observed, standard=standard, servo_stiffness=stiffness)

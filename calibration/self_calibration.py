@@ -144,7 +144,7 @@ class SelfCalibration:
         # Members are removed from readings that have no effects any more, and the effects are put back:
         # a large effect and the removal of a member are not additive.
         clean = self.cleaned(observed)
-        loaded = replace(observed, standard=clean.standard, torque_limits=clean.torque_limits)
+        loaded = replace(observed, standard=clean.standard, servo_stiffness=clean.servo_stiffness)
         with_effects = moved_by(clean, removed(loaded, self.effects), loaded)
         return unpacked(plain, packed(with_effects))
 

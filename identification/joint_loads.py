@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -34,20 +35,20 @@ def joint_loads(
     weight: float,
     swing_load: tuple[np.ndarray, np.ndarray],
     both: np.ndarray,
-    torque_limits: np.ndarray,
+    servo_stiffness: np.ndarray,
 ) -> Loads:
     """Compute the loads of joints and feet in held postures from the nominal robot and the cells.
 
     The cells give the vertical force on each foot and its point, but not the horizontal force and torsion
     between the feet. Elastic servos settle at the least complementary energy sum tau^2 / stiffness
-    (Castigliano); their stiffness is proportional to their torque limits.
+    (Castigliano).
 
     Args:
         geometry: geometry of the postures.
         weight: weight of the robot [N].
         swing_load: vertical force on the swing foot, (m,) [N], and its point by the cells, (m, 3) [m].
         both: whether the posture stands on both feet, (m,) bool.
-        torque_limits: torque limits of the joints' motors, (n_joints,) [Nm].
+        servo_stiffness: torque of each joint's servo per error of its angle, (n_joints,) [Nm/rad].
     """
     torque = weight / geometry.standard[:, 0].sum() * geometry.mass_moments
     # The wrench of the ground on the swing foot acts on every joint between it and the base.
@@ -59,7 +60,7 @@ def joint_loads(
     torque = torque + (y * ax - x * ay) * down[:, None]
     unknown = np.stack([z * ay - y * az, x * az - z * ax, az * between], axis=-1)
     # In single support the swing foot bears no load.
-    weigh = 1 / np.sqrt(torque_limits)
+    weigh = 1 / np.sqrt(servo_stiffness)
     scaled = unknown * weigh[:, None]
     inverse = np.linalg.pinv(scaled)
     push = np.where(both[:, None], -(inverse @ (torque * weigh)[..., None])[..., 0], 0.0)
@@ -67,17 +68,24 @@ def joint_loads(
     return Loads(
         torques=torque + (unknown @ push[..., None])[..., 0],
         internal_wrench=push,
-        stiffness=shared / weigh**2 / Controller().error_at_full_torque,
+        stiffness=shared / weigh**2,
         levers=unknown * both[:, None, None],
     )
 
 
-def torque_limits(model: mujoco.MjModel) -> np.ndarray:
-    """Return the torque limits of the joints' motors, (n_joints,) [Nm]; 1 for a joint without one."""
+def servo_stiffness(model: mujoco.MjModel, gains: Mapping[str, float]) -> np.ndarray:
+    """Return the stiffness of the joints' servos, (n_joints,) [Nm/rad].
+
+    Where no gain is stated, it is proportional to the torque limit (1 Nm for a joint without a motor).
+
+    Args:
+        gains: of position, by joint [Nm/rad].
+    """
     limits = np.ones(len(joint_names(model)))
     for k, name in enumerate(joint_names(model)):
         joint = model.joint(name).id
         for i in range(model.nu):
             if model.actuator_trnid[i, 0] == joint and model.actuator_forcerange[i, 1] > 0:
                 limits[k] = model.actuator_forcerange[i, 1]
-    return limits
+    usual = limits / Controller().error_at_full_torque
+    return np.array([gains.get(name, k) for name, k in zip(joint_names(model), usual, strict=True)])

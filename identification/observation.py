@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import standard_parameters
-from tulip_testbed.identification.joint_loads import Loads, joint_loads, torque_limits
+from tulip_testbed.identification.joint_loads import Loads, joint_loads, servo_stiffness
 from tulip_testbed.identification.kinematics import Tree
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.posture_geometry import PostureGeometry
@@ -43,7 +43,7 @@ class Observation:
         lift: vertical force in addition to the weighed weight, positive downwards, (m,) [N].
         standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
         board_share: share of a board's weight on each of its cells, right and left, (2,) [N].
-        torque_limits: torque limits of the joints' motors, (n_joints,) [Nm].
+        servo_stiffness: torque of each joint's servo per error of its angle, (n_joints,) [Nm/rad].
         time_fraction: time of every posture as a fraction of the experiment's time, 0 to 1, (m,).
         on_four_cells: whether all cells of the right and the left plate are loaded, (m, 2) bool. On three
             cells the twist of a board holds no information. A tared cell without load reads minus its share
@@ -64,7 +64,7 @@ class Observation:
     lift: np.ndarray
     standard: np.ndarray
     board_share: np.ndarray
-    torque_limits: np.ndarray
+    servo_stiffness: np.ndarray
     time_fraction: np.ndarray
     on_four_cells: np.ndarray
 
@@ -161,7 +161,7 @@ class Observation:
             self.weight,
             (down[:, 1], np.concatenate([point[:, 1], floor], axis=1)),
             self.measurements.support == "double",
-            self.torque_limits,
+            self.servo_stiffness,
         )
 
     @property
@@ -198,7 +198,7 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
         lift=np.zeros(m),
         standard=standard_parameters(nominal.robot.model),
         board_share=share,
-        torque_limits=torque_limits(nominal.robot.model),
+        servo_stiffness=servo_stiffness(nominal.robot.model, measurements.gains),
         time_fraction=fraction_of_time(measurements.time),
         on_four_cells=_on_four_cells(forces.reshape(-1, 2, 4), margin, share),
     )

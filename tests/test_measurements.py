@@ -262,6 +262,30 @@ def test_measurements_print_as_a_line_and_have_a_frame_with_the_folders_columns(
     )
 
 
+def test_gains_are_read_and_written_back(folder, tmp_path):
+    edit_manifest(folder, lambda m: m.update(gains={"right_knee": 5000.0}))
+    measured = read_measurements(folder)
+    assert measured.gains == {"right_knee": 5000.0}
+    write_measurements(tmp_path / "again", measured)
+    assert read_measurements(tmp_path / "again").gains == measured.gains
+    edit_manifest(folder, lambda m: m.update(gains=None))
+    assert read_measurements(folder).gains == {}
+
+
+@pytest.mark.parametrize(
+    ("gains", "message"),
+    [
+        ({"right_kne": 5000.0}, r"key 'gains': unknown joint 'right_kne'; did you mean 'right_knee'"),
+        ({"right_knee": 0.0}, r"key 'gains.right_knee': found 0.0; expected more than 0"),
+        ({"right_knee": "stiff"}, r"key 'gains.right_knee': found 'stiff'; expected a number"),
+    ],
+)
+def test_impossible_gains_are_named(folder, gains, message):
+    edit_manifest(folder, lambda m: m.update(gains=gains))
+    with pytest.raises(InputError, match=message):
+        read_measurements(folder)
+
+
 def test_tolerances_are_read_and_written_back(wii, folder, tmp_path):
     assert "tolerances" not in json.loads((folder / "manifest.json").read_text())
     edit_manifest(folder, lambda m: m.update(tolerances={"encoder-offset": 0.001, "link-length": 0}))

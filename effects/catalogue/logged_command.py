@@ -43,11 +43,11 @@ def _undo(observed: Observation, target: str, values: Values) -> Observation:
     if m.command is None or not values[0]:
         return observed
     command, angles = m.command[:, at], observed.joint_angles.copy()
-    share = observed.torques[:, at] / observed.torque_limits[at]
+    error = observed.torques[:, at] / observed.servo_stiffness[at]
     wind_up = observed.nominal.robot.settings.get("drives", {}).get("wind_up", 0.0)
     # The load turns the joint its own way.
-    motor = command + Controller().error_at_full_torque * share if m.motor is None else m.motor[:, at]
-    turned = motor + wind_up * share
+    motor = command + error if m.motor is None else m.motor[:, at]
+    turned = motor + wind_up * error / Controller().error_at_full_torque
     logged = (np.abs(m.joint_angles[:, at] - command) < ROUNDING).all()
     angles[:, at] = turned if logged else angles[:, at] + command - turned
     return observed.changed(joint_angles=angles)

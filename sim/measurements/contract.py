@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.sim.errors import InputError, look_up, shortened
 from tulip_testbed.sim.measurements.data import Measurements, SensorSheet
 from tulip_testbed.sim.measurements.manifest import (
     MOST_ANGLE,
@@ -85,6 +85,8 @@ def check_contract(
     except ValidationError as error:
         raise InputError(f"{manifest}: {validation_message(error)}") from None
     _check_plates(m, str(manifest))
+    for joint in m.gains:
+        look_up("joint", joint, m.joints, f"{manifest}: key 'gains'")
     ruled = ((name, values, _rule(name)) for name, values in m.columns().items())
     columns = {name: (values, rule) for name, values, rule in ruled if rule is not None}
     for name, (values, rule) in columns.items():

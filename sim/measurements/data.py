@@ -94,6 +94,8 @@ class Measurements:
         gravity: acceleration of gravity [m/s2].
         sensors: data-sheet figures.
         robot: {"model", "sha256", "stance_foot", "swing_foot"} of the nominal robot; sha256 may be None.
+        gains: of the joints' servos, torque per error of the angle, by joint [Nm/rad]; one that is not
+            stated is in proportion to the torque limit.
         tolerances: of families of ordinary imperfections by name, where they are known better than by the
             sensors [SI]; zero: exact.
     """
@@ -118,6 +120,7 @@ class Measurements:
     gravity: float
     sensors: SensorSheet
     robot: dict[str, str | None]
+    gains: Mapping[str, float] = field(default_factory=dict)
     tolerances: Mapping[str, float] = field(default_factory=dict)
 
     def __len__(self) -> int:

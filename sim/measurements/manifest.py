@@ -19,6 +19,7 @@ from tulip_testbed.sim.robot import CORNERS, PLATES
 MOST_ANGLE = 1e3  # rad
 MOST_LENGTH = 1e4  # m, from the base frame to a plate and from a plate to a cell
 MOST_FORCE = 1e5  # N, on a cell
+MOST_GAIN = 1e6  # Nm/rad, of a servo
 LEAST_GRAVITY, MOST_GRAVITY = 0.1, 100.0  # m/s2
 LEAST_MASS = 1e-3  # kg
 LEAST_DEVIATION = 1e-12  # rad, N, m, kg: smaller ones vanish when squared or make a quotient overflow
@@ -36,6 +37,7 @@ Gravity = Annotated[float, Strict(), Field(ge=LEAST_GRAVITY, le=MOST_GRAVITY, al
 Mass = Annotated[float, Strict(), Field(ge=LEAST_MASS, le=MOST_FORCE, allow_inf_nan=False)]
 NotNegative = Field(ge=0, le=MOST_FORCE, allow_inf_nan=False)
 Deviation = Annotated[float, Strict(), NotNegative, AfterValidator(_not_tiny)]
+Gain = Annotated[float, Strict(), Field(gt=0, le=MOST_GAIN, allow_inf_nan=False)]
 Version = Annotated[int, Strict(), Field(ge=1, le=1)]
 
 
@@ -92,6 +94,7 @@ class Manifest(_Strict):
     weighed_mass: MassEntry | None
     gravity: Gravity
     sensors: SensorsEntry
+    gains: dict[str, Gain] | None = None
     tolerances: dict[str, Deviation] | None = None
     created: str | None = None
     software: dict[str, str] | None = None
@@ -132,6 +135,7 @@ def manifest_of(measurements: Measurements, tables: dict[str, str]) -> Manifest:
             "weighed_mass": mass,
             "gravity": _plain(m.gravity),
             "sensors": {key: _plain(value) for key, value in dataclasses.asdict(m.sensors).items()},
+            "gains": dict(m.gains) if isinstance(m.gains, Mapping) else m.gains,
             "tolerances": dict(m.tolerances) if isinstance(m.tolerances, Mapping) else m.tolerances,
             "created": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
             "software": software(),

@@ -47,7 +47,7 @@ def write_measurements(folder: Path, measurements: Measurements, likely: bool = 
     with new_folder(folder) as working:
         paths = write_table(working, "postures", measurements.columns())
         tables = {path.name: sha256(path) for path in paths.values()}
-        unset = None if measurements.tolerances else {"tolerances"}
+        unset = {name for name in ("gains", "tolerances") if not getattr(measurements, name)}
         write_json(working / "manifest.json", manifest_of(measurements, tables).model_dump(exclude=unset))
 
 
@@ -127,5 +127,6 @@ def _measurements(manifest: Manifest, table: Table) -> Measurements:
         gravity=manifest.gravity,
         sensors=SensorSheet(**{f.name: getattr(sheet, f.name) for f in dataclasses.fields(SensorSheet)}),
         robot={key: getattr(manifest.robot, key) for key in ("model", "sha256", "stance_foot", "swing_foot")},
+        gains=manifest.gains or {},
         tolerances=manifest.tolerances or {},
     )
