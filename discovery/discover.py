@@ -24,6 +24,7 @@ from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.residual_noise import Noise
+from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
 
@@ -92,6 +93,7 @@ def discover(
     tolerances: Mapping[str, float] | None = None,
     through_laboratory: bool = True,
     hold_out: bool = True,
+    source: str = "measurements",
     progress: Callable[[int], None] = lambda count: None,
 ) -> Discovery:
     """Find what the nominal model lacks.
@@ -103,16 +105,30 @@ def discover(
             exact.
         through_laboratory: fit the sizes through the static laboratory.
         hold_out: cross-validate over placements.
+        source: of the measurements, for messages.
         progress: called with 1 after every stage.
 
     Raises:
-        InputError: measurements that do not fit the robot, too few placements, or an unknown family.
+        InputError: measurements that do not fit the robot, too few placements or postures, or an unknown
+            family.
     """
-    began = time.perf_counter()
     observed = observe(measurements, nominal_robot(robot, _support(measurements)))
     if hold_out:
         check_placements(measurements)
     search = Search.of(observed, tolerances, effects)
+    try:
+        return _discover(search, seed, through_laboratory, hold_out, progress)
+    except np.linalg.LinAlgError:
+        raise InputError(
+            f"{source}: found {len(measurements)} rows of which no calibration converges; expected a smaller "
+            "fault or more postures: look at the preflight (`tt.check('FOLDER')`)"
+        ) from None
+
+
+def _discover(
+    search: Search, seed: int, through_laboratory: bool, hold_out: bool, progress: Callable[[int], None]
+) -> Discovery:
+    began, observed = time.perf_counter(), search.observed
     selection = select(search, np.random.default_rng(seed), progress)
     fit = selection.fit
     model_error = fit.data.no_model_error(fit.terms)

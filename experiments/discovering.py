@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.calibration.families import check_tolerances
 from tulip_testbed.discovery.discover import AMBIGUOUS, CALIBRATED, NAMED, Discovery, discover
@@ -112,13 +110,7 @@ def discover_effects(
     check_tolerances(tolerances or {})
     before = identify(measurements, robot, source, DEFAULT)  # says what does not fit, before the work
     steps = progress("looking for what is missing", 4)
-    try:
-        discovery = discover(measurements, robot, seed, tolerances=tolerances, progress=steps)
-    except np.linalg.LinAlgError:
-        raise InputError(
-            f"{source}: found {len(measurements)} rows of which no calibration converges; expected a smaller "
-            "fault or more postures: look at the preflight (`tt.check('FOLDER')`)"
-        ) from None
+    discovery = discover(measurements, robot, seed, tolerances=tolerances, source=source, progress=steps)
     after = None
     if discovery.verdict in (NAMED, CALIBRATED):
         after = identify(

@@ -28,6 +28,7 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import fields, packed, residuals, sensitivity, unpacked
 from tulip_testbed.identification.residual_noise import cell_by_twist, noise_of
+from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
@@ -361,3 +362,11 @@ def test_columns_hold_no_noise_of_the_residuals(solved_plan, nominal):
 def _in_order(columns, plain):
     by_label = {one.label: one for one in ranked(columns, plain.residual)}
     return [by_label[c.label] for c in columns.candidates]
+
+
+def test_too_few_postures_are_refused_in_one_sentence(robot, plan):
+    eight = plan.take(plan.placement <= 8)
+    few = eight.take(np.isin(np.arange(len(eight)), np.r_[0:40:5, 1:31:5]))
+    run = Laboratory(robot, "wii").run(few, seed=1, engine="statics")
+    with pytest.raises(InputError, match="rows of which no calibration converges; expected a smaller fault"):
+        discover(run.measurements, robot)

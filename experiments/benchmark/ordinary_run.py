@@ -40,6 +40,7 @@ ROBOTS = (0.05, 0.2)  # spread of masses and centres of mass, see `sim.random_ro
 SCATTERED = (0.5, 3.0)  # times the data sheet's placement_sd
 AMPLITUDES = (1.0, 4.0)  # of faults that the catalogue lacks, times the typical one
 CLEARLY = (1.0, 2.0)  # times the least size that is clear
+LEAST_STANDING = 0.75  # of a plan's postures: a laboratory in which more fall would not go on
 MULTIPLE = 4.0  # of the minimum detectable size
 MOST_PRIORS = 4.0  # s.d.: no larger effect is hidden
 MOST_TRIES = 20
@@ -76,6 +77,8 @@ def carry_out(case: Case, run: int, seed: int, preset: str, robot: Robot, plan: 
             measured = trial.laboratory.run(
                 plan, stream, "dynamics" if case.dynamics else "statics", workers=1
             ).measurements
+            if len(np.unique(measured.posture)) < LEAST_STANDING * len(plan):
+                raise InputError(f"only {len(measured)} of {len(plan)} postures stand")
         except InputError as error:  # the robot falls, or the effect cannot be built on this robot
             failed = str(error)
             continue
