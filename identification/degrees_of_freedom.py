@@ -17,7 +17,8 @@ def satterthwaite(
         uncertainty: covariance of those logarithms, (k, k). most: the largest number of degrees of freedom.
     """
     doubt = np.einsum("ki,kl,li->i", slopes, uncertainty, slopes)
-    return np.minimum(2 * variance**2 / np.maximum(doubt, 1e-300), most)
+    least = np.maximum(2 * variance**2 / max(most, 1.0), np.finfo(float).tiny)
+    return 2 * variance**2 / np.maximum(doubt, least)
 
 
 def of_f_test(covariance: np.ndarray, slopes: np.ndarray, uncertainty: np.ndarray, most: float) -> float:
