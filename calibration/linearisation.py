@@ -24,7 +24,7 @@ from tulip_testbed.calibration.reml import Problem
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import ROWS, difference, fields, residuals, sensitivity
-from tulip_testbed.identification.residual_noise import FLOOR, Noise
+from tulip_testbed.identification.residual_noise import Noise, floor
 from tulip_testbed.identification.variance_components import MARK_PRIOR, NO_PRIOR, SHEET_PRIOR
 
 SOURCES = ("encoders", "cells", "right plate", "left plate", "internal forces")
@@ -202,7 +202,7 @@ def _covariance(
     reach: np.ndarray, internal: np.ndarray, noise: Noise, blocks: PlacementBlocks
 ) -> ResidualCovariance:
     n = reach.shape[2] - 14
-    fixed = blocks.covariance(np.tile(np.diag(FLOOR**2), (len(reach), 1, 1)))
+    fixed = blocks.covariance(np.tile(floor(noise), (len(reach), 1, 1)))
     each = np.arange(fixed.shape[1])
     fixed[:, each, each] += blocks.padding
     angles, cells = noise.encoder * reach[..., :n], noise.cell * reach[..., n : n + 8]

@@ -21,7 +21,8 @@ from tulip_testbed.identification.residual_channels import (
 )
 from tulip_testbed.identification.variance_components import MARK_RATIO
 
-# Residuals of the nominal laboratory with exact sensors in full dynamics, due to compliant contacts.
+# Residuals of the simulated laboratory with exact sensors in full dynamics, due to compliant contacts. They
+# take the place of noise where there is none.
 FLOOR = np.array([1.5e-5] * 2 + [2e-3] + [2e-3] * 2 + [5e-6] + [1e-5] * 2 + [5e-6] * 2 + [1e-5])
 ASSUMED_ENCODER = 5e-4  # rad
 ASSUMED_CELL = 1.0  # N
@@ -169,6 +170,12 @@ class Whitening:
         return replace(self, rows=rows, blocks=blocks)
 
 
+def floor(noise: Noise) -> np.ndarray:
+    """Return the covariance of a posture's residuals without noise, (11, 11); zero for noisy sensors."""
+    exact = noise.encoder == 0 or noise.cell == 0
+    return np.diag(FLOOR**2) if exact else np.zeros((SIZE, SIZE))
+
+
 def whitening(
     observed: Observation,
     theta: np.ndarray,
@@ -192,7 +199,7 @@ def whitening(
     slope, at = sensitivity(observed, theta), fields(observed.nominal)
     reach = slope[..., : at["plates"].stop] if propagation is None else slope @ propagation
     angles, cells = reach[..., at["angles"]], reach[..., at["cells"]]
-    own = noise.encoder**2 * angles @ angles.mT + noise.cell**2 * cells @ cells.mT + np.diag(FLOOR**2)
+    own = noise.encoder**2 * angles @ angles.mT + noise.cell**2 * cells @ cells.mT + floor(noise)
     if internal is not None and internal.shape[2]:
         own = own + internal @ internal.mT
     levers = reach[..., at["plates"]] * noise.plates
