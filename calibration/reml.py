@@ -338,8 +338,8 @@ def _joint(
     """Return gradient and Hessian in ln sigma and ln tau, and what the covariance needs too.
 
     Returns:
-        gradient, (k + f,); Hessian, (k + f, k + f); estimate; conditional covariance; Z' V_0^-1 K_k V_0^-1 Z
-        times sigma_k^2, (k, p + q, p + q); V_0^-1 e, (g, r); d estimate / d ln scales, (p + q, k + f).
+        gradient, (k + f,); Hessian, (k + f, k + f); estimate; conditional covariance; V_0^-1 e, (g, r);
+        d estimate / d ln scales, (p + q, k + f).
     """
     k, p = len(problem.kernels), problem.columns.shape[2]
     estimate, covariance = _posterior(problem, noise, spread)
@@ -347,12 +347,10 @@ def _joint(
     across = noise.weighted[..., :-1]
     width = across.shape[2]
     square = np.exp(2 * noise.log_scale)
-    spreads = np.empty((k, width, width))
+    left = noise.inverse - (across @ covariance) @ across.mT  # P within the blocks
     trace, pushed = np.empty(k), np.empty((k, *weighted.shape))
     for i, kernel in enumerate(problem.kernels):
-        whole = (kernel @ across).reshape(-1, width)
-        spreads[i] = square[i] * (across.reshape(-1, width).T @ whole)
-        trace[i] = square[i] * (noise.inverse * kernel).sum() - (covariance * spreads[i]).sum()
+        trace[i] = square[i] * (left * kernel).sum()
         pushed[i] = square[i] * (kernel @ weighted[..., None])[..., 0]
     score = trace - (pushed * weighted).sum(axis=(1, 2)) + noise.log_scale / problem.doubt**2
     phi = estimate[p:]
@@ -380,12 +378,23 @@ def _joint(
     return (
         np.concatenate([score, spread.gradient]),
         hessian,
-        (estimate, covariance, spreads, weighted, slope),
+        (estimate, covariance, weighted, slope),
     )
 
 
+def _by_kernel(problem: Problem, noise: _Noise) -> np.ndarray:
+    """Return Z' V_0^-1 K_k V_0^-1 Z times sigma_k^2, (k, p + q, p + q)."""
+    across = noise.weighted[..., :-1]
+    width = across.shape[2]
+    flat, square = across.reshape(-1, width), np.exp(2 * noise.log_scale)
+    pairs = zip(square, problem.kernels, strict=True)
+    each = [size * (flat.T @ (kernel @ across).reshape(-1, width)) for size, kernel in pairs]
+    return np.array(each).reshape(-1, width, width)
+
+
 def _result(problem: Problem, noise: _Noise, spread: _Spread) -> Fit:
-    _, hessian, (estimate, conditional, spreads, weighted, slope) = _joint(problem, noise, spread)
+    _, hessian, (estimate, conditional, weighted, slope) = _joint(problem, noise, spread)
+    spreads = _by_kernel(problem, noise)
     values, turn = np.linalg.eigh(hessian)
     doubt = (turn / np.maximum(values, LEAST_CURVATURE)) @ turn.T
     p = problem.columns.shape[2]
