@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
@@ -11,6 +12,7 @@ from typing import Any
 import joblib
 
 from tulip_testbed.sim.errors import InputError, look_up, shortened
+from tulip_testbed.sim.workers import for_parent
 
 ENGINES = ("loky", "dask")
 PATIENCE = 10  # s, for a scheduler that does not answer and for its first worker
@@ -89,7 +91,8 @@ def compute(work: Work, chunks: Iterable[Sequence[int]]) -> Generator[Any]:
     try:
         # As an argument the work is sent to a cluster once, and need not be hashable: joblib's Dask backend
         # hashes functions, and waits forever where that fails.
-        yield from parallel(joblib.delayed(_carry_out)(work, chunk) for chunk in chunks)
+        mine = os.getpid()
+        yield from parallel(joblib.delayed(for_parent)(mine, _carry_out, work, chunk) for chunk in chunks)
     except BrokenProcessPool as error:
         raise InputError(_what_ended(str(error))) from None
     except Exception as error:

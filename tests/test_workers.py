@@ -1,0 +1,72 @@
+"""Workers of a command that was killed or asked to end are gone soon after."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tulip_testbed.sim.measurements import write_plan
+from tulip_testbed.sim.workers import for_parent
+
+MOST = 20  # s, until the last worker is gone
+
+
+def test_nobody_watches_a_process_that_is_not_the_parent():
+    assert for_parent(os.getpid(), sum, [1, 2]) == 3
+
+
+def workers_of(parent: int) -> set[int]:
+    """Numbers of the processes below one that have loaded the simulator, from /proc."""
+    found = set()
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            above = int(path.read_text().rsplit(")", 1)[1].split()[1])
+            command = (path.parent / "cmdline").read_text()
+        except OSError:
+            continue
+        if above == parent and "popen_loky" in command:
+            found.add(int(path.parent.name))
+    return found
+
+
+def alive(number: int) -> bool:
+    try:
+        return Path(f"/proc/{number}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "command", [("montecarlo", "--runs", "100000"), ("simulate",)], ids=["montecarlo", "simulate"]
+)
+def test_no_worker_outlives_its_command(how, command, plan, tmp_path):
+    write_plan(tmp_path / "plan", plan)
+    name, *more = command
+    arguments = [name, str(tmp_path / "plan"), "--out", str(tmp_path / "out"), "--workers", "2", *more]
+    code = f"import sys; from tulip_testbed.cli.main import main; sys.exit(main({arguments}))"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        end = time.monotonic() + 60
+        while len(found := workers_of(process.pid)) < 2:
+            assert process.poll() is None
+            assert time.monotonic() < end
+            time.sleep(0.1)
+        time.sleep(3)  # until they are at work
+        process.send_signal(how)
+        process.wait(timeout=10)
+        end = time.monotonic() + MOST
+        while any(map(alive, found)):
+            assert time.monotonic() < end
+            time.sleep(0.1)
+    finally:
+        process.kill()
+        for number in filter(alive, found):
+            os.kill(number, signal.SIGKILL)
