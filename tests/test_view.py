@@ -3,6 +3,7 @@
 import re
 import resource
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -285,7 +286,8 @@ def test_a_run_of_another_version_or_robot_or_one_that_was_changed(run, foreign,
     assert not (tmp_path / "x.rrd").exists()
 
 
-def test_serving_is_for_this_machine_alone(run):
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP])
+def test_serving_is_for_this_machine_alone_and_ends_with_its_terminal(run, how):
     command = [
         sys.executable,
         "-c",
@@ -304,7 +306,7 @@ def test_serving_is_for_this_machine_alone(run):
         while len(listening) < 2 and time.monotonic() < until:
             time.sleep(0.3)
             listening = {port: address for port, address in _listening() if port in ports}
-        process.terminate()
+        process.send_signal(how)
     assert listening == dict.fromkeys(ports, "0100007F")
     time.sleep(1)
     assert not any(port in ports for port, _ in _listening())

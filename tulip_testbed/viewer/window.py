@@ -23,6 +23,7 @@ from tulip_testbed.viewer import ENDING
 Log = Callable[[rr.RecordingStream], None]
 APPLICATION = "tulip"
 END = b"RRF2FOOT"  # of a whole recording
+ENDINGS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 LOCAL = ("--bind", "127.0.0.1")  # rerun's own default is every address of the machine
 OTHERWISE = "`save=FILE.rrd` writes the view without a window"
 # What the viewer's last words mean, and what helps on Debian.
@@ -138,19 +139,20 @@ def _viewer(folder: Path, recording: Path, *options: str) -> Iterator[tuple[subp
             stderr=log,
             start_new_session=True,
         )
-        before = signal.signal(signal.SIGTERM, _leave)
+        before = {number: signal.signal(number, _leave) for number in ENDINGS}
         try:
             yield viewer, said
         finally:
-            signal.signal(signal.SIGTERM, before)
+            for number, handler in before.items():
+                signal.signal(number, handler)
             if viewer.poll() is None:
                 os.killpg(viewer.pid, signal.SIGTERM)
                 viewer.wait()
 
 
-def _leave(*_: object) -> None:
-    """Else a terminated process would leave the viewer running."""
-    sys.exit(128 + signal.SIGTERM)
+def _leave(number: int, *_: object) -> None:
+    """Else a process that is ended, or that loses its terminal, would leave the viewer running."""
+    sys.exit(128 + number)
 
 
 def _fault(said: str) -> str:
