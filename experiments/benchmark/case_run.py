@@ -186,9 +186,8 @@ def _judged(
 def _bias(found: Discovery, trial: Trial, board: Board) -> Bias:
     """Of the base parameters, by readings without noise of the laboratory with and without the effect."""
     robot, measured = board.rig.robot, _without_noise(trial.rig, board)
-    error = identify(_without_noise(board.rig, board), robot, estimator=DEFAULT).full.value - _truth(
-        board.rig, board
-    )
+    plain = identify(_without_noise(board.rig, board), robot, estimator=DEFAULT).full
+    error = plain.value - _truth(board.rig, board)
     noisy = identify(board.linear.observed.measurements, robot, estimator=DEFAULT).full
     spread = np.sqrt(np.diag(noisy.clustered_covariance))
 
