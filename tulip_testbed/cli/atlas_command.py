@@ -26,6 +26,7 @@ def atlas_command(
     """Predict which effects a plan can detect and distinguish.
 
     No data are needed. The atlas also lists the bias that each effect causes if it is not modelled.
+
     Example: tulip atlas --preset force-plate --out atlas
     """
     import numpy as np

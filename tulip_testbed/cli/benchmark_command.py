@@ -44,7 +44,9 @@ def benchmark_command(
     reports on the cases so far, which is fair because they are in random order. In the exact world there are
     at least about 120.
     Exit code 0: done; 2: could not run; 130: interrupted.
+
     Example: tulip benchmark discover --out runs/benchmark --preset force-plate --seed 1000 --size 0.2
+
     Example: tulip benchmark discover --out runs/ordinary --world ordinary --seed 1000 --size 0.1
     """
     import time

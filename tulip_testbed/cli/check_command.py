@@ -24,6 +24,7 @@ def check_command(
     Weights, drift, plates, legs, units and more are checked. If the folder is incomplete, the missing parts
     are listed with an example to copy. With --rig RIG the measurements are corrected for the rig's effects.
     Exit code 0: passed, perhaps with warnings; 1: a check failed; 2: could not read.
+
     Example: tulip check data/first
     """
     from tulip_testbed.cli.terminal import print_json, show, show_verdict, show_whole

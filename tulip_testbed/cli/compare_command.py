@@ -24,6 +24,7 @@ def compare_command(
     """Compare the settings and the results of two runs.
 
     Both must be of one robot.
+
     Example: tulip compare runs/first runs/second
     """
     from tulip_testbed.cli.terminal import print_json, show

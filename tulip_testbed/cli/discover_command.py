@@ -39,6 +39,7 @@ def discover_command(
     `none`, `calibrated` (ordinary imperfections explain it), `named`, `ambiguous` or `unknown`. What was
     found is added to the model: the rig in the run folder can be given to `tulip simulate --rig` and
     `tulip identify --rig`.
+
     Example: tulip discover data/first --out runs/found
     """
     from contextlib import ExitStack

@@ -34,7 +34,9 @@ def identify_command(
     """Identify the robot's base parameters from a measurement folder.
 
     With --rig RIG the measurements are corrected for the rig's effects.
+
     Example: tulip identify data/first
+
     Example: tulip identify data/first --tolerance encoder-offset=0.001
     """
     from tulip_testbed.calibration.families import read_tolerances

@@ -17,6 +17,7 @@ def model_command(
     """Show a model's standard parameters and its base parameters.
 
     Every base parameter is listed with the standard parameters that it groups.
+
     Example: tulip model --support double
     """
     from tulip_testbed.cli.terminal import print_json, show

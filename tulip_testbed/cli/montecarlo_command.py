@@ -60,7 +60,9 @@ def montecarlo_command(
     With --ordinary every run draws a laboratory that is a little wrong in every ordinary way.
     The same command resumes a run that was stopped, and reports again on a finished one.
     Exit code 0: every check passed; 1: a check failed; 2: could not run; 130: interrupted.
+
     Example: tulip montecarlo --out runs/calibration --runs 1000
+
     Example: tulip montecarlo --out runs/ordinary --runs 200 --ordinary
     """
     import time

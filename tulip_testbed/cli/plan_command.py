@@ -41,6 +41,7 @@ def plan_command(
 
     The search starts from random feasible postures and keeps every constraint. Ctrl-C writes the best plan so
     far; the same command then continues the search.
+
     Example: tulip plan --out plans/best --seed 3 --objective condition
     """
     import time

@@ -33,6 +33,7 @@ def postures_command(
     """Draw random feasible postures, or describe a plan.
 
     With --random --out PLAN a new plan is drawn, else PLAN is read. --draw DIR draws pictures of it.
+
     Example: tulip postures --random --placements 10 --per-placement 5 --seed 7 --out plans/seven
     """
     from tulip_testbed.cli.terminal import print_json, progress, say, show

@@ -22,6 +22,7 @@ def report_command(
     """Write a run as one HTML page that needs no network.
 
     The page shows the verdict, tables, figures and settings.
+
     Example: tulip report runs/first --out first.html
     """
     from tulip_testbed.cli.terminal import print_json, say

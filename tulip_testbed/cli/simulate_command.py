@@ -56,7 +56,9 @@ def simulate_command(
 
     The folder does not contain the truth; --truth FILE writes it to another file. Only that file names the
     effect that `--effect random` draws, and the imperfections of --ordinary.
+
     Example: tulip simulate --out data/first --effect encoder-offset:right_knee=0.01 --truth first-truth.json
+
     Example: tulip simulate --out data/real --ordinary --truth real-truth.json
     """
     from tulip_testbed.cli.laboratory_options import laboratory_and_plan

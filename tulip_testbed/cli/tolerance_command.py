@@ -18,6 +18,7 @@ def tolerance_command(
     """Compute how accurately a laboratory must be set up.
 
     Errors of plates, floor, encoders and cells bias the parameters; the biases are predicted and simulated.
+
     Example: tulip tolerance --preset force-plate
     """
     from tulip_testbed.cli.terminal import print_json, progress, show, working_on

@@ -39,7 +39,9 @@ def validate_command(
     With --rig RIG the laboratory has the rig's effects, and the measurements are corrected for them.
     With --ordinary it is a little wrong in every ordinary way.
     Exit code 0: every check passed; 1: a check failed; 2: could not run.
+
     Example: tulip validate --out runs/first
+
     Example: tulip validate --out runs/ordinary --ordinary
     """
     from tulip_testbed.cli.laboratory_options import laboratory_and_plan

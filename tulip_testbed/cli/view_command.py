@@ -30,6 +30,7 @@ def view_command(
     """Show a plan, measurements or a run in rerun.
 
     The view shows postures, forces and errors.
+
     Example: tulip view runs/first
     """
     from tulip_testbed.cli.terminal import print_json, say
