@@ -1,9 +1,9 @@
 """The residuals of an experiment, linear about an estimate of base parameters, members and noise.
 
-Compliances need care: their loads come from the cells. The cells' noise enters the residuals through the
-compliances that were removed, and it enters the compliances' columns. Columns are taken at readings whose
-noise is removed as far as the residuals show it, given the compliances; what remains would draw the
-compliances towards zero, and the information is corrected for it.
+Compliances need care: their loads come from the cells and from where the plates stand. The noise of both
+enters the residuals through the compliances that were removed, and it enters the compliances' columns.
+Columns are taken at readings whose noise is removed as far as the residuals show it, given the compliances;
+what remains would draw the compliances towards zero, and the information is corrected for it.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from tulip_testbed.calibration.member_columns import member_columns
 from tulip_testbed.calibration.placement_blocks import PlacementBlocks
 from tulip_testbed.calibration.reml import Problem
 from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.identification.joint_loads import UNSEEN
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import ROWS, difference, fields, residuals, sensitivity
 from tulip_testbed.identification.residual_noise import Noise, floor
 from tulip_testbed.identification.variance_components import MARK_PRIOR, NO_PRIOR, SHEET_PRIOR
 
 SOURCES = ("encoders", "cells", "right plate", "left plate", "internal forces")
-# S.d. of the internal wrench of the closed legs about that of elastic servos without friction, assumed: as
-# large as the wrench itself. It is not estimated, since friction at rest makes the difference no noise: it
-# opposes the loads.
-INTERNAL_SD = np.array([5.0, 5.0, 2.0])  # N, N, Nm
-INTERNAL_PRIOR = 0.01
+# S.d. of the logarithm of the scale of the unseen internal wrench, assumed: a factor of four. Joints that
+# yield show how large it is.
+INTERNAL_PRIOR = np.log(4.0)
 CHANNELS = "AFTC"
+PLATE_STEP, COMPLIANCE_STEP = 1e-4, 1e-6  # of difference quotients [m, rad], [rad/Nm]
 Families = Sequence[Family | FreeEffect]
 OF_LOADS = ("joint-compliance", "sole-compliance")
 
@@ -65,11 +65,13 @@ class ResidualCovariance:
     Attributes:
         reach: derivative of the residuals by the readings, through the compliances too, (m, 11, n + 14).
         internal: change of the residuals by one s.d. of each component of the internal wrench, (m, 11, 3).
+        unsure: change by one s.d. of what the readings do not show of each effect, (m, 11, u).
         fixed: part that no scale changes, (g, r, r). kernels: part of each of SOURCES, (5, g, r, r).
     """
 
     reach: np.ndarray
     internal: np.ndarray
+    unsure: np.ndarray
     fixed: np.ndarray
     kernels: np.ndarray
 
@@ -99,18 +101,19 @@ def linearised(
     mixing, owner = mixing_of(families)
     phi = mixing @ state.deviates
     slope = sensitivity(state.smooth, theta)
-    # Members at an estimate carry the noise of the cells, by their loads, into the residuals.
-    compliances, by_cells = _by_cells(state.smooth, families)
-    loaded = np.einsum("mrk,mkcq->mrcq", slope, by_cells, optimize=True)
+    # Members at an estimate carry the noise of cells and plates, by their loads, into the residuals.
+    compliances, by_loads = _by_loads(state.smooth, families)
+    loaded = np.einsum("mrk,mkcq->mrcq", slope, by_loads, optimize=True)
     found = state.covariance
     if found is None:
         reach = slope[..., : at["plates"].stop].copy()
-        reach[..., at["cells"]] += loaded @ phi[compliances]
+        reach[..., at["cells"].start :] += loaded @ phi[compliances]
         # The mean square: with that of an estimate that is too small, the estimate would seem too certain.
         square = np.maximum(phi, 0.0) ** 2 + state.variance
         yielding = np.sqrt(joint_compliance(families, square, clean.tree.joints))
         pushed = slope[..., at["angles"]] @ (yielding[:, None] * state.smooth.loads.levers)
-        found = _covariance(reach, pushed * INTERNAL_SD, noise, blocks)
+        unsure = slope @ _unsure(state.smooth, families, phi)
+        found = _covariance(reach, pushed * UNSEEN, unsure, noise, blocks)
     fixed, kernels, reach = found.fixed, found.kernels, found.reach
     inverse = np.linalg.inv(fixed + np.tensordot(state.scales**2, kernels, axes=1))
 
@@ -118,7 +121,8 @@ def linearised(
     unexplained = left.copy()
     unexplained[:, ROWS["F"]] -= state.nu[-1]
     pull = blocks.back((inverse @ blocks(unexplained)[..., None])[..., 0])
-    smooth = without_noise(clean, pull, reach, scaled_noise(noise, state.scales))
+    scaled = scaled_noise(noise, state.scales)
+    smooth = without_noise(clean, pull, reach, scaled)
     slope = sensitivity(smooth, theta)
     flat = -nuisances(smooth, CHANNELS)
     flat = np.concatenate([flat[..., :p], flat[..., -1:]], axis=2)
@@ -127,17 +131,17 @@ def linearised(
         + [member_columns(smooth, theta, slope, _at(f, part)) for f, part in split_members(families, phi)],
         axis=2,
     )
+    members += _by_sharing(smooth, slope[..., at["angles"]], families, phi)
     output = left + flat[..., :p] @ theta + members @ phi
 
     unit = 1 / np.sqrt(np.diagonal(fixed + kernels.sum(axis=0), axis1=1, axis2=2))
     both = unit[:, :, None] * unit[:, None]
     information = np.zeros((p + 1, p + 1))
     information[-1, -1] = weighing(clean)[-1] ** 2
-    sd = state.scales[SOURCES.index("cells")] * noise.cell
     excess = np.zeros((len(phi), len(phi)))
     excess[np.ix_(compliances, compliances)] = _excess(
-        loaded, reach[..., at["cells"]], sd, blocks.own(inverse)
-    )
+        loaded[:, :, :8], reach[..., at["cells"]], np.full(8, scaled.cell), blocks.own(inverse)
+    ) + _excess(blocks(loaded[:, :, 8:]), blocks(reach[..., at["plates"]]), scaled.plates, inverse)
     problem = Problem(
         output=unit * blocks(output),
         columns=unit[..., None] * blocks(flat),
@@ -155,13 +159,36 @@ def linearised(
     return problem, Linearised(smooth, members, unit, found)
 
 
-def _by_cells(observed: Observation, families: Families) -> tuple[np.ndarray, np.ndarray]:
-    """Differentiate what a unit of each compliance changes by the readings of the cells.
+def _by_sharing(
+    observed: Observation, by_angles: np.ndarray, families: Families, phi: np.ndarray
+) -> np.ndarray:
+    """Differentiate the residuals by the compliances through the loads, (m, 11, q).
 
-    The cells give the loads, which are linear in them.
+    The closed legs take load off a joint that yields, and every joint yields to its load.
+
+    Args:
+        by_angles: derivative of the residuals by the joint angles, (m, 11, n_joints).
+    """
+    out = np.zeros((len(observed), by_angles.shape[1], len(phi)))
+    joints = observed.tree.joints
+    compliance = joint_compliance(families, phi, joints)
+    numbers = joint_compliance(families, 1 + np.arange(len(phi)), joints).astype(int) - 1
+    for joint in np.flatnonzero((numbers >= 0) & (compliance != 0).any()):
+        softer = 1 / observed.servo_stiffness
+        softer[joint] += COMPLIANCE_STEP
+        change = observed.changed(servo_stiffness=1 / softer).torques - observed.torques
+        out[..., numbers[joint]] = -(by_angles @ (compliance * change)[..., None])[..., 0] / COMPLIANCE_STEP
+    return out
+
+
+def _by_loads(observed: Observation, families: Families) -> tuple[np.ndarray, np.ndarray]:
+    """Differentiate what a unit of each compliance changes by the readings of cells and plates.
+
+    They give the loads, which are linear in the cells.
 
     Returns:
-        numbers of the compliances among the members, (c,), and derivatives, (m, k, 8, c).
+        numbers of the compliances among the members, (c,), and derivatives by eight cells and the poses of
+        two plates, (m, k, 14, c).
     """
     q = sum(map(len, families))
     yielding = [
@@ -170,39 +197,56 @@ def _by_cells(observed: Observation, families: Families) -> tuple[np.ndarray, np
         if family.name in OF_LOADS
         for k, (number, size) in enumerate(zip(numbers, family.steps.tolist(), strict=True))
     ]
-    out = np.zeros((len(observed), fields(observed.nominal)["lift"].stop, 8, len(yielding)))
-    steps = [observed.changed(cell_forces=observed.cell_forces + step) for step in np.eye(8)]
+    out = np.zeros((len(observed), fields(observed.nominal)["lift"].stop, 14, len(yielding)))
+    moved = [observed.changed(cell_forces=observed.cell_forces + step) for step in np.eye(8)]
+    moved += [
+        observed.changed(plate_poses=observed.plate_poses + step.reshape(2, 3)) for step in PLATE_STEP * np.eye(6)
+    ]
+    steps = np.repeat([1.0, PLATE_STEP], [8, 6])
     for k, (_, one, size) in enumerate(yielding):
         predict = partial(one.effect.predict, target=one.target, values=one.values)
         plain = difference(observed, predict(observed))
-        for cell, step in enumerate(steps):
-            out[:, :, cell, k] = (difference(step, predict(step)) - plain) / size
+        for reading, (other, step) in enumerate(zip(moved, steps.tolist(), strict=True)):
+            out[:, :, reading, k] = (difference(other, predict(other)) - plain) / (size * step)
     return np.array([number for number, *_ in yielding], int), out
 
 
-def _excess(by_cells: np.ndarray, reach: np.ndarray, sd: float, precision: np.ndarray) -> np.ndarray:
-    """Compute what the noise of the cells adds to the information about the compliances, (c, c).
+def _excess(by_readings: np.ndarray, reach: np.ndarray, sd: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """Compute what the noise of some readings adds to the information about the compliances, (c, c).
 
     The columns of the compliances are taken at loads without the noise as far as the residuals show it. What
     they do not show remains: without a correction it would pass for information.
 
     Args:
-        by_cells: derivative of the columns by the cells, (m, 11, 8, c).
-        reach: derivative of the residuals by the cells, (m, 11, 8).
-        sd: of a cell [N].
-        precision: inverse covariance of each posture's residuals given the others, (m, 11, 11).
+        by_readings: derivative of the columns by the readings, (g, r, k, c), of each posture for cells, of
+            each placement for plates.
+        reach: derivative of the residuals by the readings, (g, r, k).
+        sd: of the readings, (k,).
+        precision: inverse covariance of the residuals, (g, r, r).
     """
-    left = sd**2 * (np.eye(8) - sd**2 * reach.mT @ precision @ reach)
-    weighted = np.einsum("mrs,mscq->mrcq", precision, by_cells, optimize=True)
-    spread = np.einsum("mcd,mrdq->mrcq", left, by_cells, optimize=True)
+    left = np.diag(sd**2) - sd[:, None] ** 2 * (reach.mT @ precision @ reach) * sd**2
+    weighted = np.einsum("mrs,mscq->mrcq", precision, by_readings, optimize=True)
+    spread = np.einsum("mcd,mrdq->mrcq", left, by_readings, optimize=True)
     return np.tensordot(weighted, spread, axes=((0, 1, 2), (0, 1, 2)))
 
 
+def _unsure(observed: Observation, families: Families, phi: np.ndarray) -> np.ndarray:
+    """Return one s.d. of what the readings do not show of each effect at its present sizes, (m, k, u)."""
+    out = []
+    for family, sizes in split_members(families, phi):
+        unsure = family.effect.mechanism.unsure if isinstance(family, FreeEffect) else None
+        if unsure is not None:
+            (one,) = family.instances(sizes)
+            predicted = one.effect.predict(observed, one.target, one.values)
+            out.append(difference(predicted, unsure(observed, one.target, one.values)))
+    return np.stack(out, axis=-1) if out else np.zeros((len(observed), fields(observed.nominal)["lift"].stop, 0))
+
+
 def _covariance(
-    reach: np.ndarray, internal: np.ndarray, noise: Noise, blocks: PlacementBlocks
+    reach: np.ndarray, internal: np.ndarray, unsure: np.ndarray, noise: Noise, blocks: PlacementBlocks
 ) -> ResidualCovariance:
     n = reach.shape[2] - 14
-    fixed = blocks.covariance(np.tile(floor(noise), (len(reach), 1, 1)))
+    fixed = blocks.covariance(floor(noise) + unsure @ unsure.mT)
     each = np.arange(fixed.shape[1])
     fixed[:, each, each] += blocks.padding
     angles, cells = noise.encoder * reach[..., :n], noise.cell * reach[..., n : n + 8]
@@ -214,7 +258,7 @@ def _covariance(
         plates[..., 3:] @ plates[..., 3:].mT,
         blocks.covariance(internal @ internal.mT),
     ]
-    return ResidualCovariance(reach, internal, fixed, np.stack(kernels))
+    return ResidualCovariance(reach, internal, unsure, fixed, np.stack(kernels))
 
 
 def _doubt(observed: Observation) -> np.ndarray:

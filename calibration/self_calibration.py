@@ -160,7 +160,10 @@ class SelfCalibration:
         spreads = np.repeat(np.minimum(self.solved.spreads[: len(owner)], most), width)
         deviates = self.solved.estimate[len(self.theta) + 1 :][: len(spreads)]
         members = self.linear.members[..., : len(mixing)]
-        return Background(members @ (mixing * spreads), deviates / spreads, self.linear.covariance.internal)
+        found = self.linear.covariance
+        internal = self.solved.scales[SOURCES.index("internal forces")] * found.internal
+        unseen = np.concatenate([internal, found.unsure], axis=2)
+        return Background(members @ (mixing * spreads), deviates / spreads, unseen)
 
     @property
     def mass(self) -> tuple[float, float]:

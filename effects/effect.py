@@ -96,10 +96,14 @@ class Physics:
         inject: (rig, target, values) -> the laboratory with the effect.
         predict: (observation, target, values) -> the observation with the effect removed. It knows the
             measurements and the nominal robot only and shares no formula with `inject`.
+        unsure: (observation, target, values) -> the same with every posture off by one s.d. of what its
+            readings do not show, for instance where in its play a joint without load rests; None: they show
+            all.
     """
 
     inject: Callable[[Rig, str, Values], Rig]
     predict: Callable[[Observation, str, Values], Observation]
+    unsure: Callable[[Observation, str, Values], Observation] | None = None
 
 
 @dataclass(frozen=True)
@@ -111,11 +115,13 @@ class Misreading:
         undo: (observation, target, values) -> the observation with the readings corrected. It may share
             a formula with `apply`, because hand-worked readings in the tests hold sign and definition.
         acts_on: (robot, target) -> what both get in place of the target, if it takes the robot to tell.
+        unsure: as of `Physics`.
     """
 
     apply: Callable[[Measurements, str, Values], Measurements]
     undo: Callable[[Observation, str, Values], Observation]
     acts_on: Callable[[Robot, str], str] = lambda robot, target: target
+    unsure: None = None
 
     def inject(self, rig: Rig, target: str, values: Values) -> Rig:
         """Return the laboratory with the faulty instruments."""

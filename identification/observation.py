@@ -160,6 +160,8 @@ class Observation:
             self.geometry,
             self.weight,
             (down[:, 1], np.concatenate([point[:, 1], floor], axis=1)),
+            self.cell_places[:, 4:],
+            self.measurements.sensors.cell_sd or 0.0,
             self.measurements.support == "double",
             self.servo_stiffness,
         )
