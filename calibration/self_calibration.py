@@ -146,7 +146,8 @@ class SelfCalibration:
         clean = self.cleaned(observed)
         loaded = replace(observed, standard=clean.standard, servo_stiffness=clean.servo_stiffness)
         with_effects = moved_by(clean, removed(loaded, self.effects), loaded)
-        return unpacked(plain, packed(with_effects))
+        loads = replace(plain, standard=clean.standard, servo_stiffness=clean.servo_stiffness)
+        return unpacked(loads, packed(with_effects))
 
     def background(self, most: float = np.inf) -> Background:
         """Return what is still uncertain about the members.

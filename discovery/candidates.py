@@ -128,8 +128,9 @@ def change_times(candidate: Candidate, observed: Observation) -> np.ndarray:
     if timed is None:
         return np.zeros(0)
     time, grid = np.unique(observed.time_fraction), candidate.effect.parameters[timed].grid
-    middles = (time[1:] + time[:-1]) / 2
-    return middles[(middles >= min(grid)) & (middles <= max(grid))]
+    # A change at an end of the grid lies between the postures on both sides of it.
+    inside = (time[1:] >= min(grid)) & (time[:-1] < max(grid))
+    return ((time[1:] + time[:-1]) / 2)[inside]
 
 
 def log_choices(candidate: Candidate, observed: Observation) -> float:

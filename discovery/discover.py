@@ -11,7 +11,7 @@ import numpy as np
 from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.calibration.self_calibration import CalibratedFamily, usual_tolerances
 from tulip_testbed.discovery.candidates import Fitted
-from tulip_testbed.discovery.effect_intervals import with_intervals
+from tulip_testbed.discovery.effect_intervals import as_calibrated, with_intervals
 from tulip_testbed.discovery.equivalence import equivalent, refit_with_alternatives
 from tulip_testbed.discovery.held_out import HeldOut, check_placements, held_out
 from tulip_testbed.discovery.joint_fit import JointFit
@@ -147,7 +147,8 @@ def _discover(
         if stands_out(selection, term) and equivalents[k][0].log_bayes_factor > DECISIVE
     )
     verdict = _verdict(selection, reasons, [equivalents[k] for k in outside])
-    adopted = tuple(with_intervals(fit, k) for k in range(len(fit.terms)))
+    final = as_calibrated(fit, selection.fit, selection.calibration)
+    adopted = tuple(with_intervals(final, k) for k in range(len(fit.terms)))
     progress(1)
     null, clearest = selection.null, left[0]
     if verdict in (NAMED, AMBIGUOUS, CALIBRATED):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tulip_testbed.calibration.self_calibration import SelfCalibration
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.joint_fit import JointFit, gauss_newton
 from tulip_testbed.effects.instance import EffectInstance
@@ -13,7 +14,36 @@ from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import packed, unpacked
 
 QUANTILE = 1.959964
+SHARED = 0.5  # of the change that the laboratory makes in a size: s.d. of the error that it shares
 TIME_GAIN = 3.84  # chi-square with one degree of freedom, 95 %
+
+
+def as_calibrated(fit: JointFit, formula: JointFit, calibration: SelfCalibration) -> JointFit:
+    """Return the terms at their sizes by self-calibration, corrected as the laboratory corrects predictions.
+
+    Self-calibration knows more than a joint fit: spreads, scales and what no reading shows are estimated
+    together with the sizes.
+
+    Args:
+        fit: through the laboratory. formula: of the same experiment by predictions.
+        calibration: with the terms of `formula`, in its order.
+    """
+    before, terms, first = {}, [], 0
+    spreads = np.sqrt(np.diag(fit.covariance))
+    for term, effect, error in zip(formula.terms, calibration.effects, calibration.effect_errors, strict=True):
+        before[term.label] = term.sizes, np.array([effect.values[k] for k in effect.effect.sizes]), error
+    for term in fit.terms:
+        at = slice(first, first + len(term.sizes))
+        first = at.stop
+        if term.label in before:
+            predicted, found, error = before[term.label]
+            change = term.sizes - predicted
+            sizes = found + change
+            sizes = np.where(term.candidate.positive, np.maximum(sizes, 0.0), sizes)
+            spreads[at] = np.hypot(error, SHARED * change)
+            term = replace(term, sizes=sizes)
+        terms.append(term)
+    return replace(fit, terms=tuple(terms), covariance=np.diag(spreads**2))
 
 
 def with_intervals(found: JointFit, k: int) -> EffectInstance:

@@ -20,7 +20,7 @@ from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import effective_tests, ranked, sidak
 from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
 from tulip_testbed.discovery.pure_error import pure_error, widened
-from tulip_testbed.discovery.shortlist import fit_in_addition, shortlist
+from tulip_testbed.discovery.shortlist import at_best_time, fit_in_addition, shortlist
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.identification.distributions import chi2_sf, normal_logcdf
@@ -35,6 +35,7 @@ GROSS = 100.0  # ln of the Bayes factor by linear columns, from where the best o
 NEAR = 10.0  # ln of the Bayes factor by linear columns, within which candidates are judged
 ROUNDS = 4  # linearisations of a judgement
 STANDS_OUT = 3.0  # largest of its family's spread and tolerance, beyond which a member is an effect
+NORMAL_SD = 1.4826  # s.d. of a normal distribution over the median of its absolute value
 ORDINARY = 1.0  # tolerances: the largest spread of a family in the search
 
 
@@ -328,9 +329,38 @@ def _forward(
         if {term.label for term in best.terms} in before:
             break
         before.append({term.label for term in best.terms})
-        calibration = search.calibrated(best)
-        terms = _at_estimate(best.terms, calibration)
+        calibration, terms = _at_best_times(search, search.calibrated(best), best.terms)
     return calibration, terms, False
+
+
+def _at_best_times(
+    search: Search, calibration: SelfCalibration, terms: tuple[Fitted, ...]
+) -> tuple[SelfCalibration, tuple[Fitted, ...]]:
+    """Seek all times again beside everything that is known by now, until none moves.
+
+    A time was chosen when other effects were still missing, which a wrong time imitates.
+
+    Args:
+        calibration: with the terms.
+    """
+    terms = _at_estimate(terms, calibration)
+    for _ in range(MOST_TERMS):
+        data = calibrated_data(search.observed, calibration)
+        moved = terms
+        for k, term in enumerate(terms):
+            if (timed := term.candidate.time_parameter) is None:
+                continue
+            again = at_best_time(joint_fit(data, moved[:k] + moved[k + 1 :]), term)
+            if again.values[timed] != term.values[timed]:
+                moved = (*moved[:k], again, *moved[k + 1 :])
+        if moved is terms:
+            break
+        before, after = search.tried(terms, calibration), search.tried(moved, calibration)
+        if before is None or after is None or not after.possible or after.evidence <= before.evidence:
+            break
+        calibration = search.calibrated(after)
+        terms = _at_estimate(after.terms, calibration)
+    return calibration, terms
 
 
 def _chance(found: SelfCalibration, gain: float, tests: float) -> float:
@@ -351,17 +381,23 @@ def _with_unusual_members(
     """Add the members that are too large for the others of their family, the largest first.
 
     A few members say little about the spread of a family: it grows with one of them, and the evidence hardly
-    prefers an effect of its own. What is usual is said by the tolerance and the other members then.
+    prefers an effect of its own, still less if there are two. What is usual is said by the tolerance and the
+    other members then. Those of one family are added together, or else the largest alone.
     """
     refused: set[str] = set()
     while True:
         found = [one for one in _unusual_members(search, calibration) if one.label not in refused]
         if not found or len(terms) >= MOST_TERMS:
             return calibration, terms
-        plain, tried = search.judged(terms, calibration), search.judged((*terms, found[0]), calibration)
-        if tried.possible and tried.evidence > plain.evidence - DECISIVE:
-            calibration = search.calibrated(tried)
-            terms = _at_estimate(tried.terms, calibration)
+        plain = search.judged(terms, calibration)
+        alike = [one for one in found if one.candidate.effect is found[0].candidate.effect]
+        together = alike[: MOST_TERMS - len(terms)]
+        for added in [together, together[:1]] if len(together) > 1 else [together]:
+            tried = search.judged((*terms, *added), calibration)
+            if tried.possible and tried.evidence > plain.evidence - DECISIVE:
+                calibration = search.calibrated(tried)
+                terms = _at_estimate(tried.terms, calibration)
+                break
         refused.add(found[0].label)
 
 
@@ -378,7 +414,8 @@ def _unusual_members(search: Search, calibration: SelfCalibration) -> list[Fitte
         known = one.determined.reshape(sizes.shape)
         for k, target in enumerate(targets):
             others = np.delete(sizes, k, axis=0)
-            usual = max(1.0, float(np.sqrt((others**2).mean()))) if others.size else 1.0
+            # The median, since several that stand out would hide one another in a mean square.
+            usual = max(1.0, NORMAL_SD * float(np.median(np.abs(others)))) if others.size else 1.0
             least = np.where(known[k], np.abs(sizes[k]) - HALF_95 * errors[k], 0.0)
             ratio = float((np.abs(sizes[k]) * (least > usual)).max()) / (STANDS_OUT * usual)
             label = effect_label(one.family.name, target)

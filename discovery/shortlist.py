@@ -31,7 +31,7 @@ def shortlist(adopted: JointFit, ranked: list[Fitted]) -> list[Fitted]:
         return []
     least = 0.8 * ranked[0].log_bayes_factor - WITHIN
     near = [one for one in ranked if one.log_bayes_factor > least and one.detectable]
-    out = [fit_in_addition(adopted, _at_best_time(adopted, one)) for one in near[:LONGEST]]
+    out = [fit_in_addition(adopted, at_best_time(adopted, one)) for one in near[:LONGEST]]
     return sorted(out, key=lambda one: -one.log_bayes_factor)
 
 
@@ -83,7 +83,7 @@ def fit_in_addition(adopted: JointFit, term: Fitted) -> Fitted:
     )
 
 
-def _at_best_time(adopted: JointFit, one: Fitted) -> Fitted:
+def at_best_time(adopted: JointFit, one: Fitted) -> Fitted:
     """Move a change in time to the two postures between which it explains most.
 
     The grid of the catalogue is too coarse to tell them.

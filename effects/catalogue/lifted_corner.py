@@ -2,8 +2,9 @@
 
 The foot stands on three corners: that one, the opposite one, and of the other two the one on the same side
 of the diagonal as the centre of pressure. So it is tilted about one of two edges. In closed legs the foot
-usually rocks until its centre of pressure lies on the diagonal and then rests anywhere in between. The loads
-do not show where, so the prediction takes the middle.
+usually rocks until its centre of pressure lies on the diagonal and then rests anywhere in between. The cells
+show within their noise on which side it lies: the prediction is the mean of where the foot rests, and
+`_unsure` the spread about it.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import replace
 
 import mujoco
 import numpy as np
+from scipy.special import ndtr
 
 from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.injection import always, edited
@@ -20,7 +22,7 @@ from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import CORNERS
 
-ROCKING = 0.002  # m, width of the strip about the diagonal in which a foot is taken to rock, set by noise
+ROCKING = 0.001  # m, s.d. of the strip about the diagonal in which a foot may rest in between, assumed
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:
@@ -38,9 +40,23 @@ def _inject(rig: Rig, target: str, values: Values) -> Rig:
 
 
 def _predict(observed: Observation, target: str, values: Values) -> Observation:
+    return _level(observed, target, values, 0.0)
+
+
+def _unsure(observed: Observation, target: str, values: Values) -> Observation:
+    return _level(observed, target, values, 1.0)
+
+
+def _level(observed: Observation, target: str, values: Values, spread: float) -> Observation:
+    """Return the observation with a flat foot.
+
+    Args:
+        spread: s.d. by which the foot is tilted more to one side than on average.
+    """
     foot, _, corner = target.partition(".")
     side = observed.nominal.robot.feet.index(foot)
-    tilt, rise = _stand(observed.nominal.soles[side], CORNERS.index(corner), _center(observed, side))
+    soles, number = observed.nominal.soles[side], CORNERS.index(corner)
+    tilt, rise = _stand(soles, number, _center(observed, side), _noise(observed, side), spread)
     tilt, rise = values[0] * tilt, values[0] * rise
     if side == 0:
         return observed.changed(
@@ -55,13 +71,23 @@ def _center(observed: Observation, side: int) -> np.ndarray:
     return observed.sole_loads[:, side] / np.where(np.abs(down) > 1e-6, down, np.inf)[:, None]
 
 
-def _stand(corners: np.ndarray, lifted: int, center: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _noise(observed: Observation, side: int) -> np.ndarray:
+    """Return the s.d. of the centre of pressure under a foot by the noise of the cells, (m,) [m]."""
+    down = np.maximum(observed.foot_loads[0][:, side], 1e-6)
+    reach = np.linalg.norm(observed.cells[side]) / np.sqrt(2)  # of the four cells together, along one axis
+    return (observed.measurements.sensors.cell_sd or 0.0) * reach / down
+
+
+def _stand(
+    corners: np.ndarray, lifted: int, center: np.ndarray, noise: np.ndarray, spread: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Compute the attitude of a foot per thickness under one of its corners.
 
     Args:
         corners: of the sole from the sole point, (4, 2) [m].
         lifted: index of the corner.
-        center: centre of pressure from the sole point, (m, 2) [m].
+        center: centre of pressure from the sole point, (m, 2) [m]. noise: its s.d., (m,) [m].
+        spread: s.d. by which it stands more on one side than on average.
 
     Returns:
         Roll and pitch, (m, 2) [rad/m], and rise of the sole point, (m,).
@@ -74,7 +100,8 @@ def _stand(corners: np.ndarray, lifted: int, center: np.ndarray) -> tuple[np.nda
         planes.append(np.linalg.solve(points, [1.0, 0.0, 0.0]))  # height over the ground = a x + b y + c
     normal = np.array([-along[1], along[0]])
     normal = normal * np.sign((corners[between[0]] - corners[lifted]) @ normal) / np.linalg.norm(normal)
-    share = np.clip(0.5 + (center - corners[lifted]) @ normal / ROCKING, 0.0, 1.0)
+    share = ndtr((center - corners[lifted]) @ normal / np.hypot(ROCKING, noise))
+    share = share + spread * np.sqrt(share * (1 - share))
     a, b, c = np.outer(planes[0], share) + np.outer(planes[1], 1 - share)
     return np.column_stack([b, -a]), c
 
@@ -83,7 +110,7 @@ EFFECT = Effect(
     name="lifted-corner",
     sentence="Something of this thickness lies under a corner of a foot's sole.",
     parameters=(Parameter("thickness", "m", prior=0.001, positive=True),),
-    mechanism=Physics(_inject, _predict),
+    mechanism=Physics(_inject, _predict, _unsure),
     words="Something {0} thick lies under the {target} corner.",
     targets=FOOT_CORNERS,
     statics=False,

@@ -7,7 +7,8 @@ the board, and the cell that hangs in the air bears nothing. The size, a few ten
 feet that nobody adjusted, is assumed.
 
 In closed legs the load may come to lie on the diagonal, the more often the wider the gap. Then the board
-rests anywhere in between; the loads do not show where, and the prediction takes the middle.
+rests anywhere in between. The cells show within their noise on which side the load lies: the prediction is
+the mean of where the board rests, and `_unsure` the spread about it.
 
 `lifted-corner` is the other way round: there something lies under a sole, the board is level and the foot
 rocks.
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+from scipy.special import ndtr
 
 from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.injection import edited
@@ -25,9 +27,7 @@ from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import CORNERS, PLATES
 
-BALANCED = (
-    0.001  # m, width of the strip about the diagonal in which a board is taken to be between, set by noise
-)
+BALANCED = 0.0005  # m, s.d. of the strip about the diagonal in which a board may rest in between, assumed
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:
@@ -41,6 +41,19 @@ def _inject(rig: Rig, target: str, values: Values) -> Rig:
 
 
 def _predict(observed: Observation, target: str, values: Values) -> Observation:
+    return _tipped(observed, target, values, 0.0)
+
+
+def _unsure(observed: Observation, target: str, values: Values) -> Observation:
+    return _tipped(observed, target, values, 1.0)
+
+
+def _tipped(observed: Observation, target: str, values: Values, spread: float) -> Observation:
+    """Return the observation with a level board.
+
+    Args:
+        spread: s.d. by which the board is more tipped than on average.
+    """
     plate, _, corner = target.partition(".")
     side = PLATES.index(plate)
     short, left, _, right = np.roll(observed.cells[side], -CORNERS.index(corner), axis=0)
@@ -49,9 +62,11 @@ def _predict(observed: Observation, target: str, values: Values) -> Observation:
     away = (short - left) @ across  # of the short foot from the diagonal
     forces = observed.cell_forces.reshape(-1, 2, 4)[:, side]
     load = np.maximum(forces.sum(axis=1) + 4 * observed.board_share[side], 1e-6)
-    # The board's own weight lies on the diagonal.
-    towards = forces @ ((observed.cells[side] - left) @ across) / load * np.sign(away)
-    tipped = np.clip(0.5 + towards / BALANCED, 0.0, 1.0) * values[0] / away
+    levers = (observed.cells[side] - left) @ across
+    towards = forces @ levers / load * np.sign(away)  # the board's own weight lies on the diagonal
+    noise = (observed.measurements.sensors.cell_sd or 0.0) * np.linalg.norm(levers) / load
+    share = ndtr(towards / np.hypot(BALANCED, noise))
+    tipped = (share + spread * np.sqrt(share * (1 - share))) * values[0] / away
     yaw = observed.plate_poses[:, side, 2]
     c, s = np.cos(yaw), np.sin(yaw)
     # Downhill direction of the board in the base frame times its slope; it rises the other way.
@@ -77,7 +92,7 @@ EFFECT = Effect(
     name="rocking",
     sentence="A plate's board rocks on its diagonal, because its foot at this cell is too short by this gap.",
     parameters=(Parameter("gap", "m", prior=0.0003, positive=True),),
-    mechanism=Physics(_inject, _predict),
+    mechanism=Physics(_inject, _predict, _unsure),
     words="The board rocks: its foot at the {target} cell is too short by {0}.",
     targets=CELL_NAMES,
 )
