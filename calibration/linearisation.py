@@ -200,7 +200,8 @@ def _by_loads(observed: Observation, families: Families) -> tuple[np.ndarray, np
     out = np.zeros((len(observed), fields(observed.nominal)["lift"].stop, 14, len(yielding)))
     moved = [observed.changed(cell_forces=observed.cell_forces + step) for step in np.eye(8)]
     moved += [
-        observed.changed(plate_poses=observed.plate_poses + step.reshape(2, 3)) for step in PLATE_STEP * np.eye(6)
+        observed.changed(plate_poses=observed.plate_poses + step.reshape(2, 3))
+        for step in PLATE_STEP * np.eye(6)
     ]
     steps = np.repeat([1.0, PLATE_STEP], [8, 6])
     for k, (_, one, size) in enumerate(yielding):
@@ -239,7 +240,9 @@ def _unsure(observed: Observation, families: Families, phi: np.ndarray) -> np.nd
             (one,) = family.instances(sizes)
             predicted = one.effect.predict(observed, one.target, one.values)
             out.append(difference(predicted, unsure(observed, one.target, one.values)))
-    return np.stack(out, axis=-1) if out else np.zeros((len(observed), fields(observed.nominal)["lift"].stop, 0))
+    return (
+        np.stack(out, axis=-1) if out else np.zeros((len(observed), fields(observed.nominal)["lift"].stop, 0))
+    )
 
 
 def _covariance(

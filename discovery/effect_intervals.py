@@ -30,7 +30,9 @@ def as_calibrated(fit: JointFit, formula: JointFit, calibration: SelfCalibration
     """
     before, terms, first = {}, [], 0
     spreads = np.sqrt(np.diag(fit.covariance))
-    for term, effect, error in zip(formula.terms, calibration.effects, calibration.effect_errors, strict=True):
+    for term, effect, error in zip(
+        formula.terms, calibration.effects, calibration.effect_errors, strict=True
+    ):
         before[term.label] = term.sizes, np.array([effect.values[k] for k in effect.effect.sizes]), error
     for term in fit.terms:
         at = slice(first, first + len(term.sizes))

@@ -86,7 +86,8 @@ def residuals_left(observed: Observation, rig: Rig, terms: Sequence[Fitted]) -> 
     with_terms, without = (
         observe(simulated(one, plan), observed.nominal) for one in (injected(rig, instances), rig)
     )
-    clean = removed(with_terms, instances)
+    # The terms are removed as from the experiment, with the stiffness of joints that yield.
+    clean = removed(replace(with_terms, servo_stiffness=observed.servo_stiffness), instances)
     out = np.zeros((len(observed), 11))
     after, before = residuals(clean, theta), residuals(without, theta)
     rows = {int(number): k for k, number in enumerate(without.measurements.posture)}

@@ -68,7 +68,9 @@ def joint_loads(
     x, y, z = np.moveaxis((place[:, None] - geometry.pivots) * between[:, None], -1, 0)
     # Moments about the axes of unit forces along z, x and y, and of a unit torque about z.
     torque = torque + (y * ax - x * ay) * down[:, None]
-    cx, cy = np.moveaxis((swing_cells[:, :, None] - geometry.pivots[:, None, :, :2]) * between[:, None], -1, 0)
+    cx, cy = np.moveaxis(
+        (swing_cells[:, :, None] - geometry.pivots[:, None, :, :2]) * between[:, None], -1, 0
+    )
     by_cells = cy * ax[:, None] - cx * ay[:, None]
     unknown = np.stack([z * ay - y * az, x * az - z * ax, az * between], axis=-1)
     # In single support the swing foot bears no load.
