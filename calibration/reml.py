@@ -91,8 +91,6 @@ class Fit:
         estimate: nu and phi, (p + q,).
         conditional: their covariance if the scales were known, (p + q, p + q).
         covariance: their covariance, (p + q, p + q).
-        shares: parts of the conditional covariance of nu by known information, fixed noise, each sigma_k
-            and each tau_f, (2 + k + f, p, p); without `excess` their sum is that covariance.
         weighted: V_0^-1 (y - N nu - G phi), (g, r).
         value: minus the logarithm of the restricted likelihood and of the priors, up to a constant that
             depends on the number of rows and columns N alone.
@@ -106,7 +104,6 @@ class Fit:
     estimate: np.ndarray
     conditional: np.ndarray
     covariance: np.ndarray
-    shares: np.ndarray
     weighted: np.ndarray
     value: float
     log_evidence: float
@@ -187,6 +184,32 @@ def objective(problem: Problem, log_scale: np.ndarray, log_spread: np.ndarray) -
     noise = _noise(problem, log_scale)
     spread = _spread(problem, noise, log_spread)
     return noise.value + spread.value, _joint(problem, noise, spread)[0]
+
+
+def parts_of_variance(problem: Problem, found: Fit) -> np.ndarray:
+    """Return the parts of the conditional covariance of nu, (2 + k + f, p, p).
+
+    They are due to known information, fixed noise, each sigma_k and each tau_f. Without `excess` their sum is
+    that covariance.
+    """
+    noise, p = _noise(problem, np.log(found.scales)), problem.columns.shape[2]
+    across, width = noise.weighted[..., :-1], len(found.conditional)
+    flat = across.reshape(-1, width)
+    # Z' V_0^-1 K_k V_0^-1 Z times sigma_k^2.
+    spreads = np.array(
+        [
+            size * (flat.T @ (kernel @ across).reshape(-1, width))
+            for size, kernel in zip(found.scales**2, problem.kernels, strict=True)
+        ]
+    ).reshape(-1, width, width)
+    of_nu, information = found.conditional[:p], np.zeros((width, width))
+    information[:p, :p] = problem.information
+    fixed = noise.whole[..., :-1].reshape(-1, width).T @ flat - spreads.sum(axis=0)
+    parts = [of_nu @ middle @ of_nu.T for middle in (information, fixed, *spreads)]
+    for part, one, size in zip(problem.parts, problem.roots, found.spreads, strict=True):
+        half = np.linalg.solve(size * one, found.conditional[p:, :p][part])
+        parts.append(half.T @ half)
+    return np.array(parts)
 
 
 def _noise(problem: Problem, log_scale: np.ndarray) -> _Noise:
@@ -382,31 +405,10 @@ def _joint(
     )
 
 
-def _by_kernel(problem: Problem, noise: _Noise) -> np.ndarray:
-    """Return Z' V_0^-1 K_k V_0^-1 Z times sigma_k^2, (k, p + q, p + q)."""
-    across = noise.weighted[..., :-1]
-    width = across.shape[2]
-    flat, square = across.reshape(-1, width), np.exp(2 * noise.log_scale)
-    pairs = zip(square, problem.kernels, strict=True)
-    each = [size * (flat.T @ (kernel @ across).reshape(-1, width)) for size, kernel in pairs]
-    return np.array(each).reshape(-1, width, width)
-
-
 def _result(problem: Problem, noise: _Noise, spread: _Spread) -> Fit:
     _, hessian, (estimate, conditional, weighted, slope) = _joint(problem, noise, spread)
-    spreads = _by_kernel(problem, noise)
     values, turn = np.linalg.eigh(hessian)
     doubt = (turn / np.maximum(values, LEAST_CURVATURE)) @ turn.T
-    p = problem.columns.shape[2]
-    of_nu = conditional[:p]
-    information = np.zeros_like(conditional)
-    information[:p, :p] = problem.information
-    flat = [part[..., :-1].reshape(-1, len(conditional)) for part in (noise.whole, noise.weighted)]
-    fixed = flat[0].T @ flat[1] - spreads.sum(axis=0)
-    parts = [of_nu @ middle @ of_nu.T for middle in (information, fixed, *spreads)]
-    for part, one, size in zip(problem.parts, problem.roots, np.exp(spread.log_spread), strict=True):
-        half = np.linalg.solve(size * one, conditional[p:, :p][part])
-        parts.append(half.T @ half)
     value = noise.value + spread.value - problem.volume
     # A known spread has the curvature 1 and is not integrated over.
     volume = 0.5 * np.log(2 * np.pi / np.maximum(values, LEAST_CURVATURE)).sum()
@@ -418,7 +420,6 @@ def _result(problem: Problem, noise: _Noise, spread: _Spread) -> Fit:
         estimate=estimate,
         conditional=conditional,
         covariance=conditional + slope @ doubt @ slope.T,
-        shares=np.array(parts),
         weighted=weighted,
         value=value,
         log_evidence=float(volume - value),

@@ -36,7 +36,7 @@ from tulip_testbed.calibration.linearisation import (
     split_members,
 )
 from tulip_testbed.calibration.placement_blocks import placement_blocks
-from tulip_testbed.calibration.reml import Fit, Problem, fit, given
+from tulip_testbed.calibration.reml import Fit, Problem, fit, given, parts_of_variance
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.degrees_of_freedom import of_f_test, satterthwaite
 from tulip_testbed.identification.observation import Observation
@@ -418,14 +418,15 @@ def _result(
     mixing, owner = mixing_of(families)
     theta, covariance = solved.estimate[:p], solved.covariance[:p, :p]
     variance = np.diag(covariance)
-    parts = np.diagonal(solved.shares, axis1=1, axis2=2)[:, :p]
+    each_part = parts_of_variance(problem, solved)[:, :p, :p]
+    parts = np.diagonal(each_part, axis1=1, axis2=2)
     of_families = np.array([parts[2 + k :][owner == j].sum(axis=0) for j in range(len(families))])
     of_spreads = variance - np.diag(solved.conditional)[:p]
     shares = np.concatenate([parts[: 2 + k], of_families.reshape(-1, p)])
     shares = np.concatenate([shares * ((variance - of_spreads) / shares.sum(axis=0)), of_spreads[None]])
     shares = shares / variance
     # The derivative of a variance by the logarithm of a scale is twice that scale's part.
-    slopes = 2 * solved.shares[2 : 2 + k, :p, :p]
+    slopes = 2 * each_part[2 : 2 + k]
     scales, most = solved.scale_covariance[:k, :k], 2 * len(clean) - p
     value = mixing @ solved.estimate[p + 1 :]
     known = np.diag(mixing @ solved.conditional[p + 1 :, p + 1 :] @ mixing.T)

@@ -14,6 +14,7 @@ from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import packed, unpacked
 
 QUANTILE = 1.959964
+MOST_SHRUNK = 0.5  # part of its prior's variance from which the data determine a size less than the prior
 SHARED = 0.5  # of the change that the laboratory makes in a size: s.d. of the error that it shares
 TIME_GAIN = 3.84  # chi-square with one degree of freedom, 95 %
 
@@ -39,6 +40,10 @@ def as_calibrated(fit: JointFit, formula: JointFit, calibration: SelfCalibration
         first = at.stop
         if term.label in before:
             predicted, found, error = before[term.label]
+            # Without the prior's shrinkage, which intervals would not hold, if the data say more than it does.
+            share = (error / term.candidate.prior) ** 2
+            plain = np.where(share < MOST_SHRUNK, 1 / (1 - np.minimum(share, MOST_SHRUNK)), 1.0)
+            found, error = found * plain, error * np.sqrt(plain)
             change = term.sizes - predicted
             sizes = found + change
             sizes = np.where(term.candidate.positive, np.maximum(sizes, 0.0), sizes)

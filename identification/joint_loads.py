@@ -12,6 +12,7 @@ from tulip_testbed.identification.posture_geometry import PostureGeometry
 from tulip_testbed.sim.control import Controller
 from tulip_testbed.sim.robot import joint_names
 
+ROUNDING = 1e-12  # relative
 # S.d. of the wrench between the closed legs about that of elastic servos without friction, assumed: a fifth
 # of the wrench of TULip's postures. Friction at rest makes most of it.
 UNSEEN = np.array([1.0, 1.0, 0.4])  # N, N, Nm
@@ -76,7 +77,10 @@ def joint_loads(
     # In single support the swing foot bears no load.
     weigh = 1 / np.sqrt(servo_stiffness)
     scaled = unknown * weigh[:, None]
-    inverse = np.linalg.pinv(scaled)
+    # The pseudoinverse; the small term keeps it finite where the legs leave a component free.
+    square = scaled.mT @ scaled
+    scale = np.trace(square, axis1=1, axis2=2)[:, None, None] + 1e-300
+    inverse = np.linalg.solve(square + ROUNDING * scale * np.eye(3), scaled.mT)
     push = np.where(both[:, None], -(inverse @ (torque * weigh)[..., None])[..., 0], 0.0)
     settled = by_cells - np.einsum("mjk,mkl,mcl->mcj", unknown, inverse, by_cells * weigh, optimize=True)
     variance = cell_sd**2 * (settled**2).sum(axis=1) + ((unknown * UNSEEN) ** 2).sum(axis=2)

@@ -8,7 +8,7 @@ from scipy.integrate import dblquad
 from scipy.optimize import approx_fprime, minimize
 from scipy.stats import multivariate_normal
 
-from tulip_testbed.calibration.reml import Problem, fit, objective
+from tulip_testbed.calibration.reml import Problem, fit, objective, parts_of_variance
 from tulip_testbed.calibration.reml import given as fit_with
 
 
@@ -130,7 +130,7 @@ def test_the_estimate_is_generalised_least_squares_with_the_dense_covariance():
     p = n.shape[1]
     assert found.estimate[:p] == pytest.approx(nu)
     assert found.conditional[:p, :p] == pytest.approx(inner)
-    assert found.shares.sum(axis=0) == pytest.approx(inner)
+    assert parts_of_variance(given, found).sum(axis=0) == pytest.approx(inner)
     d = np.zeros((9, 9))
     for part, root, size in zip(given.parts, given.roots, found.spreads, strict=True):
         d[part, part] = size**2 * root @ root.T
