@@ -29,7 +29,7 @@ from tulip_testbed.identification.residual_noise import Noise, floor
 from tulip_testbed.identification.variance_components import MARK_PRIOR, NO_PRIOR, SHEET_PRIOR
 
 SOURCES = ("encoders", "cells", "right plate", "left plate", "internal forces")
-# Friction at rest opposes the loads, in like postures alike, and so does its internal wrench: that is no noise
+# Friction at rest opposes the loads, in like postures alike, and so does its wrench: that is no noise
 # which averages out. It is taken as so many times larger, and its scale is not estimated. On development
 # seeds, 96 % of the 95 % intervals of members held with 5, 94 % with 3, 91 % with the estimated scale.
 SYSTEMATIC = 5.0

@@ -40,7 +40,7 @@ def as_calibrated(fit: JointFit, formula: JointFit, calibration: SelfCalibration
         first = at.stop
         if term.label in before:
             predicted, found, error = before[term.label]
-            # Without the prior's shrinkage, which intervals would not hold, if the data say more than it does.
+            # Without the prior's shrinkage, which intervals would not allow for, if the data say more.
             share = (error / term.candidate.prior) ** 2
             plain = np.where(share < MOST_SHRUNK, 1 / (1 - np.minimum(share, MOST_SHRUNK)), 1.0)
             found, error = found * plain, error * np.sqrt(plain)

@@ -165,6 +165,7 @@ def test_no_error_of_the_library_names_a_flag():
 
 def test_one_discovery_reads_and_compiles_the_robot_once(monkeypatch):
     """Counts compilations of the robot alone and reads of each of its files."""
+    plan = tt.plans.random  # which reads the shipped robot, once a process
     read, compiled = [], []
     read_bytes, compile_spec = robot_module.read_bytes, robot_module.compile_spec
     monkeypatch.setattr(
@@ -180,7 +181,7 @@ def test_one_discovery_reads_and_compiles_the_robot_once(monkeypatch):
     run = (
         tt.Laboratory(robot, "force-plate")
         .with_effects("encoder-offset:right_knee=0.01")
-        .run(tt.plans.random, seed=3, engine="statics")
+        .run(plan, seed=3, engine="statics")
     )
     tt.discover(run.measurements, robot)
     assert compiled.count(robot.model_file.stem) <= 1
