@@ -18,22 +18,21 @@ from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import compile_spec
 
 
-def add_mass(spec: mujoco.MjSpec, link: str, mass: float, place: np.ndarray | None) -> None:
+def add_mass(spec: mujoco.MjSpec, link: str, mass: float, place: np.ndarray) -> None:
     """Add a point mass to a link's mass, centre of mass and inertia.
 
     Args:
-        place: in the link's frame, (3,) [m]; None: at the link's centre of mass.
+        place: in the link's frame, (3,) [m].
     """
     model = compile_spec(spec.copy(), spec.modelname)
     body = model.body(link)
     center, before = body.ipos.copy(), float(body.mass[0])
-    there = center if place is None else np.asarray(place)
-    joined = (before * center + mass * there) / (before + mass)
+    joined = (before * center + mass * place) / (before + mass)
     turn = np.zeros(9)
     mujoco.mju_quat2Mat(turn, body.iquat)
     axes = turn.reshape(3, 3)
     inertia = axes @ np.diag(body.inertia) @ axes.T
-    for part, at in ((before, center), (mass, there)):
+    for part, at in ((before, center), (mass, place)):
         arm = at - joined
         inertia = inertia + part * ((arm @ arm) * np.eye(3) - np.outer(arm, arm))
     principal, axes = np.linalg.eigh(inertia)

@@ -72,10 +72,10 @@ def tie(
 
 
 def torso_center(observed: Observation) -> np.ndarray:
-    """Compute the torso's centre of mass in the base frame, (m, 3) [m]."""
+    """Compute the nominal torso's centre of mass in the base frame, (m, 3) [m]."""
     rotations, positions = observed.frames
     frame = observed.tree.frame_of_link[0]
-    return positions[:, frame] + rotations[:, frame] @ (observed.standard[0, 1:] / observed.standard[0, 0])
+    return positions[:, frame] + rotations[:, frame] @ hook(observed.nominal.robot).point
 
 
 def without_pull(observed: Observation, force: np.ndarray) -> Observation:
