@@ -7,6 +7,7 @@ towards that point by the ratio of the mass to the total mass.
 from __future__ import annotations
 
 import mujoco
+import numpy as np
 
 from tulip_testbed.effects.catalogue.payload import add_mass
 from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
