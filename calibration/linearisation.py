@@ -29,11 +29,11 @@ from tulip_testbed.identification.residual_noise import Noise, floor
 from tulip_testbed.identification.variance_components import MARK_PRIOR, NO_PRIOR, SHEET_PRIOR
 
 SOURCES = ("encoders", "cells", "right plate", "left plate", "internal forces")
-# Friction at rest opposes the loads, in like postures alike, and so does its wrench: that is no noise
-# which averages out. It is taken as so many times larger, and its scale is not estimated. On development
-# seeds, 96 % of the 95 % intervals of members held with 5, 94 % with 3, 91 % with the estimated scale.
+# Friction at rest opposes the loads, in like postures alike: its wrench is no noise that averages out, and
+# counts as so many times larger. On development seeds 96 % of the 95 % intervals of members held with 5,
+# 94 % with 3, 91 % with an estimated scale.
 SYSTEMATIC = 5.0
-INTERNAL_PRIOR = 0.01  # s.d. of the logarithm of its scale
+INTERNAL_PRIOR = 0.01  # s.d. of the logarithm of the scale of the unseen wrench: it is not estimated
 CHANNELS = "AFTC"
 PLATE_STEP, COMPLIANCE_STEP = 1e-4, 1e-6  # of difference quotients [m, rad], [rad/Nm]
 Families = Sequence[Family | FreeEffect]

@@ -41,7 +41,7 @@ from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.degrees_of_freedom import of_f_test, satterthwaite
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import difference, moved_by, packed, residuals, unpacked
-from tulip_testbed.identification.residual_noise import Noise, noise_of
+from tulip_testbed.identification.residual_noise import Noise, noise_of, with_cell_noise
 
 ROUNDS = 12
 HALF_95 = float(ndtri(0.975))  # half of a normal 95 % interval in s.d.
@@ -234,6 +234,7 @@ def self_calibrate(
         InputError: an unknown family or an impossible tolerance.
         numpy.linalg.LinAlgError: readings that are not finite, or postures that do not suffice.
     """
+    observed = with_cell_noise(observed)
     used = usual_tolerances(observed, tolerances)
     families: Families = (
         *families_of(observed.nominal.robot, used, effects),

@@ -130,7 +130,7 @@ def change_times(candidate: Candidate, observed: Observation) -> np.ndarray:
     time, grid = np.unique(observed.time_fraction), candidate.effect.parameters[timed].grid
     # A change at an end of the grid lies between the postures on both sides of it.
     inside = (time[1:] >= min(grid)) & (time[:-1] < max(grid))
-    return ((time[1:] + time[:-1]) / 2)[inside]
+    return np.clip((time[1:] + time[:-1]) / 2, min(grid), max(grid))[inside]
 
 
 def log_choices(candidate: Candidate, observed: Observation) -> float:

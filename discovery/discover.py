@@ -132,9 +132,9 @@ def _discover(
     selection = select(search, np.random.default_rng(seed), progress)
     fit = selection.fit
     model_error = fit.data.no_model_error(fit.terms)
-    equivalents: tuple[tuple[Fitted, ...], ...] = ()
+    shared, equivalents = np.zeros(len(fit.sizes)), ()
     if fit.terms and through_laboratory:
-        fit, model_error, equivalents = refit_with_alternatives(fit, selection.alternatives)
+        fit, model_error, shared, equivalents = refit_with_alternatives(fit, selection.alternatives)
     elif fit.terms:
         equivalents = tuple(equivalent(a, t) for a, t in zip(selection.alternatives, fit.terms, strict=True))
     progress(1)
@@ -147,7 +147,7 @@ def _discover(
         if stands_out(selection, term) and equivalents[k][0].log_bayes_factor > DECISIVE
     )
     verdict = _verdict(selection, reasons, [equivalents[k] for k in outside])
-    final = as_calibrated(fit, selection.fit, selection.calibration)
+    final = as_calibrated(fit, selection.fit, selection.calibration, shared)
     adopted = tuple(with_intervals(final, k) for k in range(len(fit.terms)))
     progress(1)
     null, clearest = selection.null, left[0]

@@ -15,11 +15,14 @@ from tulip_testbed.identification.residual_channels import packed, unpacked
 
 QUANTILE = 1.959964
 MOST_SHRUNK = 0.5  # part of its prior's variance from which the data determine a size less than the prior
-SHARED = 0.5  # of the change that the laboratory makes in a size: s.d. of the error that it shares
-TIME_GAIN = 3.84  # chi-square with one degree of freedom, 95 %
+# Increase of chi-square within which a time of change is believed: 95 % of the limiting distribution of its
+# likelihood ratio, (1 - exp(-x / 2))^2 (Hansen 2000, Econometrica 68).
+TIME_GAIN = float(-2 * np.log(1 - np.sqrt(0.95)))
 
 
-def as_calibrated(fit: JointFit, formula: JointFit, calibration: SelfCalibration) -> JointFit:
+def as_calibrated(
+    fit: JointFit, formula: JointFit, calibration: SelfCalibration, shared: np.ndarray
+) -> JointFit:
     """Return the terms at their sizes by self-calibration, corrected as the laboratory corrects predictions.
 
     Self-calibration knows more than a joint fit: spreads, scales and what no reading shows are estimated
@@ -28,6 +31,7 @@ def as_calibrated(fit: JointFit, formula: JointFit, calibration: SelfCalibration
     Args:
         fit: through the laboratory. formula: of the same experiment by predictions.
         calibration: with the terms of `formula`, in its order.
+        shared: s.d. of the error that laboratory and predictions share, (s,).
     """
     before, terms, first = {}, [], 0
     spreads = np.sqrt(np.diag(fit.covariance))
@@ -44,10 +48,9 @@ def as_calibrated(fit: JointFit, formula: JointFit, calibration: SelfCalibration
             share = (error / term.candidate.prior) ** 2
             plain = np.where(share < MOST_SHRUNK, 1 / (1 - np.minimum(share, MOST_SHRUNK)), 1.0)
             found, error = found * plain, error * np.sqrt(plain)
-            change = term.sizes - predicted
-            sizes = found + change
+            sizes = found + term.sizes - predicted
             sizes = np.where(term.candidate.positive, np.maximum(sizes, 0.0), sizes)
-            spreads[at] = np.hypot(error, SHARED * change)
+            spreads[at] = np.hypot(error, shared[at])
             term = replace(term, sizes=sizes)
         terms.append(term)
     return replace(fit, terms=tuple(terms), covariance=np.diag(spreads**2))

@@ -11,6 +11,7 @@ from tulip_testbed.discovery.joint_fit import JointFit, joint_fit
 from tulip_testbed.discovery.refit import refit
 from tulip_testbed.discovery.selection import DECISIVE
 
+SHARED = 0.5  # of the change that the laboratory makes in a size: s.d. of the error that it shares
 NEAR = 10.0  # ln of the Bayes factor by predictions, within which alternatives are fitted
 MOST_REFITS = 4  # alternatives of one term that are fitted through the laboratory
 
@@ -27,16 +28,17 @@ def equivalent(alternatives: tuple[Fitted, ...], adopted: Fitted) -> tuple[Fitte
 
 def refit_with_alternatives(
     found: JointFit, alternatives: tuple[tuple[Fitted, ...], ...]
-) -> tuple[JointFit, np.ndarray, tuple[tuple[Fitted, ...], ...]]:
+) -> tuple[JointFit, np.ndarray, np.ndarray, tuple[tuple[Fitted, ...], ...]]:
     """Fit again through the laboratory, with the alternative of each term that is best there.
 
     Args:
         alternatives: of each term, by their predictions, see `Selection`.
 
     Returns:
-        the fit, the model error of its predictions, and the equivalent explanations of each term.
+        the fit, the model error of its predictions, the s.d. of the error that laboratory and predictions
+        share, (s,), and the equivalent explanations of each term.
     """
-    best, model_error = _refit_if_better(found.repeated)
+    best, model_error, shared = _refit_if_better(found.repeated)
     sets = []
     for k, near in enumerate(alternatives):
         mine = best.terms[k]
@@ -45,26 +47,26 @@ def refit_with_alternatives(
         judged = [replace(mine, log_bayes_factor=best.log_evidence - rest)]
         for alternative, formula in _in_place_of(best, k, near):
             asked = len(judged) <= MOST_REFITS
-            exact, errors = _refit_if_better(formula) if asked else (formula, model_error)
+            exact, errors, doubt = _refit_if_better(formula) if asked else (formula, model_error, shared)
             judged.append(replace(alternative, log_bayes_factor=exact.log_evidence - rest))
             if asked and exact.log_evidence > best.log_evidence:
-                best, model_error = exact, errors
+                best, model_error, shared = exact, errors, doubt
         judged.sort(key=lambda one: -one.log_bayes_factor)
         sets.append(equivalent(tuple(judged), best.terms[k]))
-    return best, model_error, tuple(sets)
+    return best, model_error, shared, tuple(sets)
 
 
-def _refit_if_better(formula: JointFit) -> tuple[JointFit, np.ndarray]:
+def _refit_if_better(formula: JointFit) -> tuple[JointFit, np.ndarray, np.ndarray]:
     """Fit through the laboratory, unless the prediction explains more.
 
     At which end of its free play a joint rests, for example, is an accident in both. Half of the change that
     the laboratory makes in a size counts as a standard deviation of the error that both share.
     """
     exact, model_error = refit(formula)
-    shared = np.diag(((exact.sizes - formula.sizes) / 2) ** 2)
+    shared = SHARED * np.abs(exact.sizes - formula.sizes)
     better = exact.log_evidence >= formula.log_evidence
     best, errors = (exact, model_error) if better else (formula, np.zeros_like(model_error))
-    return replace(best, covariance=best.covariance + shared), errors
+    return replace(best, covariance=best.covariance + np.diag(shared**2)), errors, shared
 
 
 def _in_place_of(found: JointFit, k: int, alternatives: tuple[Fitted, ...]) -> list[tuple[Fitted, JointFit]]:

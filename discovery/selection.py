@@ -25,7 +25,7 @@ from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.identification.distributions import chi2_sf, normal_logcdf
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_noise import Noise, noise_of
+from tulip_testbed.identification.residual_noise import Noise, noise_of, with_cell_noise
 
 LEVEL = 0.005  # of the test of all effects, and of that of the four channels: 0.01 in all
 DECISIVE = 3.0  # ln of the Bayes factor, below which two explanations are equivalent
@@ -182,6 +182,7 @@ class Search:
         effects: dict[str, Effect] | None = None,
     ) -> Search:
         """Return the search for all effects of a catalogue, or of the whole one if None."""
+        observed = with_cell_noise(observed)
         return Search(observed, tolerances, candidates(observed, effects))
 
     def judged(self, terms: Sequence[Fitted], start: SelfCalibration, afresh: bool = False) -> Judged:
@@ -389,12 +390,14 @@ def _with_unusual_members(
         found = [one for one in _unusual_members(search, calibration) if one.label not in refused]
         if not found or len(terms) >= MOST_TERMS:
             return calibration, terms
-        plain = search.judged(terms, calibration)
+        plain = search.tried(terms, calibration)
+        if plain is None:
+            return calibration, terms
         alike = [one for one in found if one.candidate.effect is found[0].candidate.effect]
         together = alike[: MOST_TERMS - len(terms)]
         for added in [together, together[:1]] if len(together) > 1 else [together]:
-            tried = search.judged((*terms, *added), calibration)
-            if tried.possible and tried.evidence > plain.evidence - DECISIVE:
+            tried = search.tried((*terms, *added), calibration)
+            if tried is not None and tried.possible and tried.evidence > plain.evidence - DECISIVE:
                 calibration = search.calibrated(tried)
                 terms = _at_estimate(tried.terms, calibration)
                 break
@@ -454,9 +457,9 @@ def _backward(search: Search, found: Judged, start: SelfCalibration) -> Judged:
     """Eliminate the terms that are not decisive in addition to the others, the least decisive first."""
     while len(found.terms) > 1:
         newest = len(found.terms) - 1  # it has just been judged
-        fewer = [search.judged(found.terms[:k] + found.terms[k + 1 :], start) for k in range(newest)]
-        best = max(fewer, key=lambda one: one.evidence)
-        if found.evidence - best.evidence >= DECISIVE:
+        fewer = [search.tried(found.terms[:k] + found.terms[k + 1 :], start) for k in range(newest)]
+        best = max((one for one in fewer if one is not None), key=lambda one: one.evidence, default=None)
+        if best is None or found.evidence - best.evidence >= DECISIVE:
             break
         found = best
     return found

@@ -24,7 +24,8 @@ def satterthwaite(
 def of_f_test(covariance: np.ndarray, slopes: np.ndarray, uncertainty: np.ndarray, most: float) -> float:
     """Return the denominator's degrees of freedom of an F test of all parameters, e' V^-1 e / p.
 
-    The test is a sum over the principal axes of V, each with degrees of freedom of its own; the F
+    Axes with two and fewer count for nothing; with too many of those one degree of freedom is left. The test
+    is a sum over the principal axes of V, each with degrees of freedom of its own; the F
     distribution is that with the same mean (Fai and Cornelius 1996).
 
     Args:
@@ -36,4 +37,4 @@ def of_f_test(covariance: np.ndarray, slopes: np.ndarray, uncertainty: np.ndarra
     each = satterthwaite(values, along, uncertainty, most)
     each = each[each > 2]
     mean, count = float((each / (each - 2)).sum()), len(values)
-    return min(2 * mean / (mean - count), most) if mean > count else most
+    return min(2 * mean / (mean - count), most) if mean > count else 1.0

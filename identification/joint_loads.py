@@ -16,6 +16,7 @@ ROUNDING = 1e-12  # relative
 # S.d. of the wrench between the closed legs about that of elastic servos without friction, assumed: a fifth
 # of the wrench of TULip's postures. Friction at rest makes most of it.
 UNSEEN = np.array([1.0, 1.0, 0.4])  # N, N, Nm
+MISPLACED = 0.002  # m, s.d. of the point of a foot's load by what is not noise of its cells, assumed
 
 
 @dataclass(frozen=True)
@@ -27,8 +28,8 @@ class Loads:
         internal_wrench: horizontal force and torsion of the ground on the swing foot, (m, 3) [N, N, Nm].
         stiffness: stiffness of the closed legs against a rotation of a single joint, (m, n_joints) [Nm/rad].
         levers: torque on every joint per unit of the internal wrench, (m, n_joints, 3) [m, m, -].
-        doubt: s.d. of the torques, by the noise of the cells and by what they do not show of the internal
-            wrench, (m, n_joints) [Nm].
+        doubt: s.d. of the torques, by the noise of the cells, by what they do not show of the internal wrench
+            and by the point of the load, (m, n_joints) [Nm].
     """
 
     torques: np.ndarray
@@ -41,8 +42,9 @@ class Loads:
 def joint_loads(
     geometry: PostureGeometry,
     weight: float,
-    swing_load: tuple[np.ndarray, np.ndarray],
-    swing_cells: np.ndarray,
+    down: np.ndarray,
+    place: np.ndarray,
+    cells: np.ndarray,
     cell_sd: float,
     both: np.ndarray,
     servo_stiffness: np.ndarray,
@@ -53,26 +55,34 @@ def joint_loads(
     between the feet. Elastic servos settle at the least complementary energy sum tau^2 / stiffness
     (Castigliano).
 
+    The joints of a leg bear what the ground exerts on its foot. Seen from the torso, those of the stance leg
+    would bear the whole robot, whose place depends on the very angle by which a joint yields.
+
     Args:
         geometry: geometry of the postures.
         weight: weight of the robot [N].
-        swing_load: vertical force on the swing foot, (m,) [N], and its point by the cells, (m, 3) [m].
-        swing_cells: places of the cells under the swing foot, (m, 4, 2) [m]. cell_sd: their noise [N].
+        down: vertical force on stance and swing foot, (m, 2) [N]. place: its point by the cells,
+            (m, 2, 3) [m].
+        cells: places of the cells under both feet, (m, 2, 4, 2) [m]. cell_sd: their noise [N].
         both: whether the posture stands on both feet, (m,) bool.
         servo_stiffness: torque of each joint's servo per error of its angle, (n_joints,) [Nm/rad].
     """
-    torque = weight / geometry.standard[:, 0].sum() * geometry.mass_moments
+    mass = geometry.standard[:, 0].sum()
     # The wrench of the ground on the swing foot acts on every joint between it and the base.
     between = geometry.moved[:, geometry.nominal.swing_frame]
-    down, place = swing_load
+    of_stance_leg = geometry.moved[:, geometry.tree.frame_of_link[0]]
     ax, ay, az = np.moveaxis(geometry.axes, -1, 0)
-    x, y, z = np.moveaxis((place[:, None] - geometry.pivots) * between[:, None], -1, 0)
+    x, y, _ = np.moveaxis(geometry.center[:, None] - geometry.pivots, -1, 0)
+    carried = geometry.mass_moments - mass * (x * ay - y * ax) * of_stance_leg
+    # Of which foot a joint bears the force, and with which sign: the stance foot stands on the base's side.
+    bears = np.column_stack([-1.0 * of_stance_leg, 1.0 * (between & ~of_stance_leg)])
     # Moments about the axes of unit forces along z, x and y, and of a unit torque about z.
-    torque = torque + (y * ax - x * ay) * down[:, None]
-    cx, cy = np.moveaxis(
-        (swing_cells[:, :, None] - geometry.pivots[:, None, :, :2]) * between[:, None], -1, 0
-    )
-    by_cells = cy * ax[:, None] - cx * ay[:, None]
+    lever = place[:, None] - geometry.pivots[:, :, None]
+    upward = bears * (lever[..., 1] * ax[..., None] - lever[..., 0] * ay[..., None])
+    torque = weight / mass * carried + (upward * down[:, None]).sum(axis=2)
+    arms = cells.reshape(len(cells), 8, 1, 2) - geometry.pivots[:, None, :, :2]
+    by_cells = (arms[..., 1] * ax[:, None] - arms[..., 0] * ay[:, None]) * np.repeat(bears, 4, axis=1).T
+    x, y, z = np.moveaxis(lever[:, :, 1] * between[:, None], -1, 0)
     unknown = np.stack([z * ay - y * az, x * az - z * ax, az * between], axis=-1)
     # In single support the swing foot bears no load.
     weigh = 1 / np.sqrt(servo_stiffness)
@@ -84,6 +94,7 @@ def joint_loads(
     push = np.where(both[:, None], -(inverse @ (torque * weigh)[..., None])[..., 0], 0.0)
     settled = by_cells - np.einsum("mjk,mkl,mcl->mcj", unknown, inverse, by_cells * weigh, optimize=True)
     variance = cell_sd**2 * (settled**2).sum(axis=1) + ((unknown * UNSEEN) ** 2).sum(axis=2)
+    variance += (MISPLACED * np.abs(bears) @ down[..., None])[..., 0] ** 2
     shared = np.einsum("mjk,mkj->mj", scaled, inverse) * both[:, None]
     return Loads(
         torques=torque + (unknown @ push[..., None])[..., 0],

@@ -44,6 +44,7 @@ class Observation:
         standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
         board_share: share of a board's weight on each of its cells, right and left, (2,) [N].
         servo_stiffness: torque of each joint's servo per error of its angle, (n_joints,) [Nm/rad].
+        cell_sd: noise of a cell's reading, by the data sheet or else as it was estimated [N].
         time_fraction: time of every posture as a fraction of the experiment's time, 0 to 1, (m,).
         on_four_cells: whether all cells of the right and the left plate are loaded, (m, 2) bool. On three
             cells the twist of a board holds no information. A tared cell without load reads minus its share
@@ -65,6 +66,7 @@ class Observation:
     standard: np.ndarray
     board_share: np.ndarray
     servo_stiffness: np.ndarray
+    cell_sd: float
     time_fraction: np.ndarray
     on_four_cells: np.ndarray
 
@@ -155,13 +157,14 @@ class Observation:
     def loads(self) -> Loads:
         """Return the static loads of joints and feet."""
         down, point = self.foot_loads
-        floor = np.full((len(self), 1), -self.measurements.top_height[1])
+        floor = np.tile(-np.asarray(self.measurements.top_height)[:, None], (len(self), 1, 1))
         return joint_loads(
             self.geometry,
             self.weight,
-            (down[:, 1], np.concatenate([point[:, 1], floor], axis=1)),
-            self.cell_places[:, 4:],
-            self.measurements.sensors.cell_sd or 0.0,
+            down,
+            np.concatenate([point, floor], axis=2),
+            self.cell_places.reshape(-1, 2, 4, 2),
+            self.cell_sd,
             self.measurements.support == "double",
             self.servo_stiffness,
         )
@@ -201,6 +204,7 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
         standard=standard_parameters(nominal.robot.model),
         board_share=share,
         servo_stiffness=servo_stiffness(nominal.robot.model, measurements.gains),
+        cell_sd=measurements.sensors.cell_sd or 0.0,
         time_fraction=fraction_of_time(measurements.time),
         on_four_cells=_on_four_cells(forces.reshape(-1, 2, 4), margin, share),
     )

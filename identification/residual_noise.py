@@ -73,6 +73,11 @@ def noise_of(observed: Observation) -> Noise:
     return Noise(encoder, cell, plates, tuple(assumed))
 
 
+def with_cell_noise(observed: Observation) -> Observation:
+    """Return the observation with the noise of its cells, estimated if no data sheet states it."""
+    return observed if observed.cell_sd else observed.changed(cell_sd=noise_of(observed).cell)
+
+
 def encoder_by_closure(observed: Observation) -> float | None:
     """Estimate the encoders' s.d. by the closed legs [rad]; None if too few postures are on both feet."""
     m, base = observed.measurements, observed.nominal.parameters.base

@@ -75,7 +75,7 @@ def _noise(observed: Observation, side: int) -> np.ndarray:
     """Return the s.d. of the centre of pressure under a foot by the noise of the cells, (m,) [m]."""
     down = np.maximum(observed.foot_loads[0][:, side], 1e-6)
     reach = np.linalg.norm(observed.cells[side]) / np.sqrt(2)  # of the four cells together, along one axis
-    return (observed.measurements.sensors.cell_sd or 0.0) * reach / down
+    return observed.cell_sd * reach / down
 
 
 def _stand(

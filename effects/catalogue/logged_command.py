@@ -21,6 +21,7 @@ import numpy as np
 
 from tulip_testbed.effects.effect import Effect, Misreading, Parameter, Values
 from tulip_testbed.effects.targets import JOINTS
+from tulip_testbed.identification.joint_loads import servo_stiffness
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.control import Controller
 from tulip_testbed.sim.measurements import Measurements
@@ -43,11 +44,13 @@ def _undo(observed: Observation, target: str, values: Values) -> Observation:
     if m.command is None or not values[0]:
         return observed
     command, angles = m.command[:, at], observed.joint_angles.copy()
-    error = observed.torques[:, at] / observed.servo_stiffness[at]
+    # The servo's own stiffness: what yields beyond the encoder has no part in its error.
+    model, torque = observed.nominal.robot.model, observed.torques[:, at]
+    full = servo_stiffness(model, {})[at] * Controller().error_at_full_torque
     wind_up = observed.nominal.robot.settings.get("drives", {}).get("wind_up", 0.0)
     # The load turns the joint its own way.
-    motor = command + error if m.motor is None else m.motor[:, at]
-    turned = motor + wind_up * error / Controller().error_at_full_torque
+    motor = command + torque / servo_stiffness(model, m.gains)[at] if m.motor is None else m.motor[:, at]
+    turned = motor + wind_up * torque / full
     logged = (np.abs(m.joint_angles[:, at] - command) < ROUNDING).all()
     angles[:, at] = turned if logged else angles[:, at] + command - turned
     return observed.changed(joint_angles=angles)

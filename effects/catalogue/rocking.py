@@ -64,7 +64,7 @@ def _tipped(observed: Observation, target: str, values: Values, spread: float) -
     load = np.maximum(forces.sum(axis=1) + 4 * observed.board_share[side], 1e-6)
     levers = (observed.cells[side] - left) @ across
     towards = forces @ levers / load * np.sign(away)  # the board's own weight lies on the diagonal
-    noise = (observed.measurements.sensors.cell_sd or 0.0) * np.linalg.norm(levers) / load
+    noise = observed.cell_sd * np.linalg.norm(levers) / load
     share = ndtr(towards / np.hypot(BALANCED, noise))
     tipped = (share + spread * np.sqrt(share * (1 - share))) * values[0] / away
     yaw = observed.plate_poses[:, side, 2]
