@@ -45,6 +45,7 @@ from tulip_testbed.identification.residual_noise import Noise, noise_of, with_ce
 
 ROUNDS = 12
 HALF_95 = float(ndtri(0.975))  # half of a normal 95 % interval in s.d.
+WORSE = 10.0  # ln of the evidence, by which the last linearisation may lie below the best
 STANDS = 0.1  # s.e. by which nothing moves any more
 PRIOR_ONLY = 0.5  # share of its prior's variance from which a member is known by its prior only
 
@@ -257,10 +258,12 @@ def self_calibrate(
         smooth = moved_by(clean, start.observed, start.linear.smooth)
         smooth = smooth.changed(tree=clean.tree, cells=clean.cells)
     found: tuple[Problem, Fit, Linearised] | None = None
+    best: tuple[Observation, tuple[Problem, Fit, Linearised]] | None = None
     for _ in range(rounds):
         state = State(clean, smooth, nu, deviates, variance, scales, residual_covariance)
         problem, linear = linearised(state, families, noise, blocks)
-        if found is None and start is None:
+        noisy = found is None and start is None
+        if noisy:
             # At first the columns hold the readings' noise: they could explain it with no noise at all.
             solved = given(problem, scales, spreads)
         else:
@@ -274,7 +277,11 @@ def self_calibrate(
         clean = _without(observed, families, phi, nu[:p], covariance[:p, :p], errors)
         if moved.max() < STANDS:
             break
+        if not noisy and (best is None or solved.log_evidence > best[1][1].log_evidence):
+            best = clean, found
     assert found is not None
+    if best is not None and found[1].log_evidence < best[1][1].log_evidence - WORSE:
+        clean, found = best  # the steps led away, as they may with a large play
     return _result(clean, families, noise, *found, used.assumed)
 
 

@@ -43,3 +43,9 @@ def test_the_f_test_keeps_its_level_where_few_groups_tell_a_variance():
         error = rng.standard_normal(6)
         hits += error @ np.linalg.solve(covariance, error) / 6 > f_ppf(0.95, 6, dof)
     assert hits / runs == pytest.approx(0.05, abs=0.01)
+
+
+def test_scales_that_are_hardly_known_leave_one_degree_of_freedom():
+    # Every axis has two degrees of freedom: the F test has no mean (Fai and Cornelius 1996).
+    covariance = np.diag([1.0, 2.0])
+    assert of_f_test(covariance, 2 * covariance[None], np.array([[1 / 4]]), 275) == 1

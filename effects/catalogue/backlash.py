@@ -65,7 +65,9 @@ def _rest(observed: Observation, target: str, half: float) -> tuple[np.ndarray, 
 
     The torque has a normal distribution. It turns the link by torque over stiffness, up to half the play.
     """
-    half = max(half, 0.0)  # a step of a fit may end below zero
+    if half < 0:  # where a step of a fit may end: continued so that its derivative is that at zero
+        mean, sd = _rest(observed, target, -half)
+        return -mean, sd
     loads, column = observed.loads, observed.tree.joints.index(target)
     stiffness = np.maximum(loads.stiffness[:, column], LEAST_STIFFNESS)
     turn = loads.torques[:, column] / stiffness
