@@ -263,11 +263,8 @@ def self_calibrate(
         state = State(clean, smooth, nu, deviates, variance, scales, residual_covariance)
         problem, linear = linearised(state, families, noise, blocks)
         noisy = found is None and start is None
-        if noisy:
-            # At first the columns hold the readings' noise: they could explain it with no noise at all.
-            solved = given(problem, scales, spreads)
-        else:
-            solved = fit(problem, (scales, spreads))
+        # At first the columns hold the readings' noise: they could explain it with no noise at all.
+        solved = given(problem, scales, spreads) if noisy else fit(problem, (scales, spreads))
         found, smooth = (problem, solved, linear), linear.smooth
         estimate, covariance = both @ solved.estimate, both @ solved.covariance @ both.T
         moved = np.abs(np.append(nu, phi) - estimate) / np.sqrt(np.diag(covariance))
