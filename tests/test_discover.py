@@ -22,6 +22,7 @@ from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.injection import edited
+from tulip_testbed.effects.instance import check_instances
 from tulip_testbed.experiments.discovering import next_experiments
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.nominal import nominal_robot
@@ -372,3 +373,19 @@ def test_a_calibration_that_does_not_converge_is_refused_in_one_sentence(robot, 
     run = Laboratory(robot, "wii").run(plan.take(plan.placement <= 8), seed=1, engine="statics")
     with pytest.raises(InputError, match="rows of which no calibration converges; expected a smaller fault"):
         discover(run.measurements, robot)
+
+
+def test_a_change_at_the_end_of_the_catalogue_s_times_is_found_there(robot, plan):
+    """It lies between two postures, of which one is beyond the last time that a search tries."""
+    data = measured(robot, plan, "force-plate", ("encoder-slip", "left_ankle_pitch", (0.0028, 0.9)))
+    found = discover(data, robot, hold_out=False)
+    assert names(found) == [("encoder-slip", "left_ankle_pitch")]
+    low, high = interval(found, 0)
+    assert low < 0.0028 < high
+    check_instances(found.adopted, robot, "adopted")
+
+
+def test_two_of_one_family_do_not_hide_one_another(robot, plan):
+    hidden = (("link-length", "left_lower_leg", (0.006,)), ("link-length", "right_ankle", (0.005,)))
+    found = discover(measured(robot, plan, "force-plate", *hidden), robot, hold_out=False)
+    assert set(names(found)) == {(name, target) for name, target, _ in hidden}
