@@ -39,7 +39,8 @@ class Discovery:
     Attributes:
         verdict: none, calibrated, named, ambiguous or unknown.
         observed, noise: the experiment. repeats: what its repeated postures say about the noise.
-        selection: how the effects were selected. fit: the final one, through the laboratory.
+        selection: how the effects were selected. fit: the final one, through the laboratory, with the sizes
+            of self-calibration.
         model_error: of the effects' predictions there, (m, 11, s + 1).
         effects: numbers of the terms of the fit that stand out of their families or belong to none.
         adopted: effects that are added to the model; empty unless named.
@@ -162,7 +163,7 @@ def _discover(
         noise=fit.data.noise,
         repeats=pure_error(fit.linear.observed, fit.linear.theta, fit.data.noise),
         selection=selection,
-        fit=fit,
+        fit=final,
         model_error=model_error,
         effects=outside,
         adopted=tuple(adopted[k] for k in outside) if verdict == NAMED else (),
