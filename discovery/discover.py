@@ -17,8 +17,10 @@ from tulip_testbed.discovery.held_out import HeldOut, check_placements, held_out
 from tulip_testbed.discovery.joint_fit import JointFit
 from tulip_testbed.discovery.patterns import Pattern, in_channels, patterns
 from tulip_testbed.discovery.pure_error import PureError, pure_error
-from tulip_testbed.discovery.selection import DECISIVE, LEVEL, STANDS_OUT, Search, Selection, select
+from tulip_testbed.discovery.search import DECISIVE, Search
+from tulip_testbed.discovery.selection import LEVEL, Selection, select
 from tulip_testbed.discovery.undetectable import Undetectable, undetectable
+from tulip_testbed.discovery.unusual_members import STANDS_OUT
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.nominal import nominal_robot

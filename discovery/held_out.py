@@ -12,7 +12,8 @@ from tulip_testbed.calibration.families import EXACT
 from tulip_testbed.calibration.prediction import predicted
 from tulip_testbed.calibration.self_calibration import SelfCalibration, self_calibrate
 from tulip_testbed.discovery.candidates import Fitted
-from tulip_testbed.discovery.selection import Search, chosen_again
+from tulip_testbed.discovery.search import Search
+from tulip_testbed.discovery.selection import chosen_again
 from tulip_testbed.effects.instance import removed
 from tulip_testbed.effects.targets import PLACEMENTS
 from tulip_testbed.identification.observation import Observation

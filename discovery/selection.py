@@ -14,29 +14,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.calibration.linear_model import linear_model
-from tulip_testbed.calibration.self_calibration import HALF_95, SelfCalibration, self_calibrate
-from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, log_choices
+from tulip_testbed.calibration.self_calibration import SelfCalibration, self_calibrate
+from tulip_testbed.discovery.candidates import Candidate, Fitted
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import effective_tests, ranked, sidak
 from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
 from tulip_testbed.discovery.pure_error import pure_error, widened
+from tulip_testbed.discovery.search import (
+    DECISIVE,
+    MOST_TERMS,
+    Judged,
+    Search,
+    at_estimate,
+    calibrated_data,
+    evidence_for,
+    first_calibration,
+)
 from tulip_testbed.discovery.shortlist import at_best_time, fit_in_addition, shortlist
-from tulip_testbed.effects.effect import Effect
-from tulip_testbed.effects.instance import effect_label
-from tulip_testbed.identification.distributions import chi2_sf, normal_logcdf
-from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_noise import Noise, noise_of, with_cell_noise
+from tulip_testbed.discovery.unusual_members import with_unusual_members
+from tulip_testbed.identification.distributions import chi2_sf
+from tulip_testbed.identification.residual_noise import Noise, noise_of
 
 LEVEL = 0.005  # of the test of all effects, and of that of the four channels: 0.01 in all
-DECISIVE = 3.0  # ln of the Bayes factor, below which two explanations are equivalent
-MOST_TERMS = 5
-JUDGED = 3  # candidates, at most, that are judged of each ranking
-GROSS = 100.0  # ln of the Bayes factor by linear columns, from where the best of several kinds are judged
-NEAR = 10.0  # ln of the Bayes factor by linear columns, within which candidates are judged
-ROUNDS = 4  # linearisations of a judgement
-STANDS_OUT = 3.0  # largest of its family's spread and tolerance, beyond which a member is an effect
-NORMAL_SD = 1.4826  # s.d. of a normal distribution over the median of its absolute value
-ORDINARY = 1.0  # tolerances: the largest spread of a family in the search
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,7 @@ def select(
         progress: called with 1 after every step.
     """
     observed = search.observed
-    calibration = _first_calibration(search)
+    calibration = first_calibration(search)
     stated = _scattered(noise_of(observed), calibration.noise)
     repeats = pure_error(calibration.observed, calibration.theta, stated)
     exact = Data(observed, widened(calibration.observed, stated, repeats))
@@ -130,7 +129,7 @@ def select(
     progress(1)
     if selection.lacks_fit:
         calibration, terms, complete = _forward(search, null, calibration, tests, progress)
-        calibration, terms = _with_unusual_members(search, calibration, terms)
+        calibration, terms = with_unusual_members(search, calibration, terms)
         fit = joint_fit(calibrated_data(observed, calibration), terms)
         selection = replace(
             selection,
@@ -143,158 +142,9 @@ def select(
     return selection
 
 
-def _first_calibration(search: Search, terms: Sequence[Fitted] = ()) -> SelfCalibration:
-    """Calibrate with these effects; if a gross fault lets it diverge, with the usual spreads and noise."""
-    instances = [term.instance for term in terms]
-    try:
-        return self_calibrate(search.observed, search.tolerances, instances)
-    except np.linalg.LinAlgError:
-        return self_calibrate(search.observed, search.tolerances, instances, rounds=1)
-
-
-def calibrated_data(observed: Observation, calibration: SelfCalibration) -> Data:
-    """Return an experiment without its ordinary imperfections, and what is still uncertain about them."""
-    return Data(calibration.without_members(observed), calibration.noise, calibration.background())
-
-
 def _scattered(stated: Noise, found: Noise) -> Noise:
     """Return the stated noise, with placements that scatter as much as they do."""
     return replace(stated, plates=np.maximum(stated.plates, found.plates))
-
-
-@dataclass(frozen=True)
-class Search:
-    """What is searched, and for what.
-
-    Attributes:
-        tolerances: of families, in place of those that fit the sensors [SI]; zero: exact.
-        candidates: effects that may be the cause.
-    """
-
-    observed: Observation
-    tolerances: Mapping[str, float] | None
-    candidates: list[Candidate]
-
-    @staticmethod
-    def of(
-        observed: Observation,
-        tolerances: Mapping[str, float] | None = None,
-        effects: dict[str, Effect] | None = None,
-    ) -> Search:
-        """Return the search for all effects of a catalogue, or of the whole one if None."""
-        observed = with_cell_noise(observed)
-        return Search(observed, tolerances, candidates(observed, effects))
-
-    def judged(self, terms: Sequence[Fitted], start: SelfCalibration, afresh: bool = False) -> Judged:
-        """Calibrate with some effects beside the families; comparable with others of the same start.
-
-        Args:
-            afresh: begin without the members of the start, which a missing effect may have distorted.
-        """
-        instances = [term.instance for term in terms]
-        first = self_calibrate(self.observed, self.tolerances, instances) if afresh else start
-        found = self_calibrate(
-            self.observed, self.tolerances, instances, first, start.linear.covariance, ROUNDS
-        )
-        return Judged(_at_estimate(terms, found), found, _evidence(found, terms, self.observed))
-
-    def tried(self, terms: Sequence[Fitted], start: SelfCalibration, afresh: bool = False) -> Judged | None:
-        """Judge as `judged` does; None: with these effects the calibration does not converge."""
-        try:
-            return self.judged(terms, start, afresh)
-        except np.linalg.LinAlgError:
-            return None
-
-    def calibrated(self, judged: Judged) -> SelfCalibration:
-        """Calibrate anew with the covariance of the residuals that belongs to the result."""
-        instances = [term.instance for term in judged.terms]
-        try:
-            return self_calibrate(
-                self.observed, self.tolerances, instances, judged.calibration, rounds=ROUNDS
-            )
-        except np.linalg.LinAlgError:
-            return judged.calibration
-
-    def ranked(self, adopted: JointFit) -> list[Fitted]:
-        """Rank all other candidates in addition to the adopted terms."""
-        others = [candidate for candidate in self.candidates if candidate.label not in adopted.labels]
-        linear = adopted.partialled_out
-        return ranked(candidate_columns(linear, others), linear.residual)
-
-    def best(self, calibration: SelfCalibration, terms: Sequence[Fitted]) -> list[Fitted]:
-        """List the candidates that may explain most in addition to the terms, the best first.
-
-        They are sought twice: with the spreads and the noise as estimated, which a missing effect may have
-        widened, and with none larger than usual.
-        """
-        data = calibrated_data(self.observed, calibration)
-        stated, found = noise_of(self.observed), calibration.noise
-        usual = replace(
-            found,
-            encoder=min(stated.encoder, found.encoder),
-            cell=min(stated.cell, found.cell),
-            plates=np.minimum(stated.plates, found.plates),
-        )
-        out: dict[str, Fitted] = {}
-        for one in (data, replace(data, noise=usual, background=calibration.background(ORDINARY))):
-            for fitted in self.shortest(joint_fit(one, terms)):
-                out.setdefault(fitted.label, fitted)
-        return list(out.values())
-
-    def shortest(self, adopted: JointFit) -> list[Fitted]:
-        """List the few candidates that explain most in addition to the adopted terms, the best first.
-
-        Linear columns rank badly what a gross gap needs: then the best of other kinds are listed too.
-        """
-        order = self.ranked(adopted)
-        short = shortlist(adopted, order)
-        least = max(short[0].log_bayes_factor - NEAR, 0.0) if short else 0.0
-        near = [fitted for fitted in short if fitted.log_bayes_factor > least][:JUDGED]
-        if not near or near[0].log_bayes_factor < GROSS:
-            return near
-        best: dict[str, Fitted] = {}
-        for one in order:
-            if one.log_bayes_factor > 0:
-                best.setdefault(one.candidate.effect.name, one)
-        found = {one.candidate.effect.name for one in near}
-        others = [one for kind, one in best.items() if kind not in found]
-        return near + [fit_in_addition(adopted, one) for one in others[: JUDGED - len(found)]]
-
-
-@dataclass(frozen=True)
-class Judged:
-    """Some effects, with ln of the evidence for them."""
-
-    terms: tuple[Fitted, ...]
-    calibration: SelfCalibration
-    evidence: float
-
-    @property
-    def possible(self) -> bool:
-        """Return whether no size is negative that cannot be."""
-        return all(
-            size > 0 or not positive
-            for term in self.terms
-            for size, positive in zip(term.sizes, term.candidate.positive, strict=True)
-        )
-
-
-def _evidence(found: SelfCalibration, terms: Sequence[Fitted], observed: Observation) -> float:
-    """Compute ln of the evidence for effects, whose positive sizes have half a normal as their prior."""
-    out = found.solved.log_evidence - sum(log_choices(term.candidate, observed) for term in terms)
-    for one, error in zip(found.effects, found.effect_errors, strict=True):
-        sizes = np.array([one.values[k] for k in one.effect.sizes])
-        positive = np.array([one.effect.parameters[k].positive for k in one.effect.sizes], bool)
-        out += float((normal_logcdf(sizes / error) + np.log(2))[positive].sum())
-    return out
-
-
-def _at_estimate(terms: Sequence[Fitted], found: SelfCalibration) -> tuple[Fitted, ...]:
-    """Return the terms with the sizes that a calibration found."""
-    return tuple(
-        replace(term, sizes=np.array([one.values[k] for k in one.effect.sizes]))
-        for term, one in zip(terms, found.effects, strict=True)
-    )
 
 
 def _forward(
@@ -313,7 +163,7 @@ def _forward(
     before = []
     while len(terms) < MOST_TERMS:
         plain = search.tried(terms, calibration)
-        before_all = _evidence(calibration, terms, search.observed) if plain is None else plain.evidence
+        before_all = evidence_for(calibration, terms, search.observed) if plain is None else plain.evidence
         tried = [(one, False) for one in search.best(calibration, terms)]
         if not terms:  # a large effect distorts the members so far that it hides among them
             tried += [(one, True) for one in search.shortest(null)]
@@ -344,7 +194,7 @@ def _at_best_times(
     Args:
         calibration: with the terms.
     """
-    terms = _at_estimate(terms, calibration)
+    terms = at_estimate(terms, calibration)
     for _ in range(MOST_TERMS):
         data = calibrated_data(search.observed, calibration)
         moved = terms
@@ -360,7 +210,7 @@ def _at_best_times(
         if before is None or after is None or not after.possible or after.evidence <= before.evidence:
             break
         calibration = search.calibrated(after)
-        terms = _at_estimate(after.terms, calibration)
+        terms = at_estimate(after.terms, calibration)
     return calibration, terms
 
 
@@ -376,58 +226,6 @@ def _chance(found: SelfCalibration, gain: float, tests: float) -> float:
     return sidak(float(chi2_sf(2 * max(likelihood, 0.0), max(len(prior), 1))), tests)
 
 
-def _with_unusual_members(
-    search: Search, calibration: SelfCalibration, terms: tuple[Fitted, ...]
-) -> tuple[SelfCalibration, tuple[Fitted, ...]]:
-    """Add the members that are too large for the others of their family, the largest first.
-
-    A few members say little about the spread of a family: it grows with one of them, and the evidence hardly
-    prefers an effect of its own, still less if there are two. What is usual is said by the tolerance and the
-    other members then. Those of one family are added together, or else the largest alone.
-    """
-    refused: set[str] = set()
-    while True:
-        found = [one for one in _unusual_members(search, calibration) if one.label not in refused]
-        if not found or len(terms) >= MOST_TERMS:
-            return calibration, terms
-        plain = search.tried(terms, calibration)
-        if plain is None:
-            return calibration, terms
-        alike = [one for one in found if one.candidate.effect is found[0].candidate.effect]
-        together = alike[: MOST_TERMS - len(terms)]
-        for added in [together, together[:1]] if len(together) > 1 else [together]:
-            tried = search.tried((*terms, *added), calibration)
-            if tried is not None and tried.possible and tried.evidence > plain.evidence - DECISIVE:
-                calibration = search.calibrated(tried)
-                terms = _at_estimate(tried.terms, calibration)
-                break
-        refused.add(found[0].label)
-
-
-def _unusual_members(search: Search, calibration: SelfCalibration) -> list[Fitted]:
-    """List the members that are too large for the others of their family, the largest first.
-
-    The data determine them, and their 95 % intervals lie beyond what is usual.
-    """
-    out = []
-    for one in calibration.families:
-        targets = one.family.targets
-        sizes = one.value.reshape(len(targets), -1) / one.family.tolerance
-        errors = one.standard_error.reshape(sizes.shape) / one.family.tolerance
-        known = one.determined.reshape(sizes.shape)
-        for k, target in enumerate(targets):
-            others = np.delete(sizes, k, axis=0)
-            # The median, since several that stand out would hide one another in a mean square.
-            usual = max(1.0, NORMAL_SD * float(np.median(np.abs(others)))) if others.size else 1.0
-            least = np.where(known[k], np.abs(sizes[k]) - HALF_95 * errors[k], 0.0)
-            ratio = float((np.abs(sizes[k]) * (least > usual)).max()) / (STANDS_OUT * usual)
-            label = effect_label(one.family.name, target)
-            candidate = next((c for c in search.candidates if c.label == label), None)
-            if ratio > 1 and candidate is not None:
-                out.append((ratio, Fitted(candidate, 0, sizes[k] * one.family.tolerance)))
-    return [fitted for _, fitted in sorted(out, key=lambda each: -each[0])]
-
-
 def chosen_again(search: Search, terms: Sequence[Fitted]) -> tuple[tuple[Fitted, ...], SelfCalibration]:
     """Choose every one of some effects anew, the others being kept, and fit them all.
 
@@ -437,7 +235,7 @@ def chosen_again(search: Search, terms: Sequence[Fitted]) -> tuple[tuple[Fitted,
         the effects and the calibration with them.
     """
     out = tuple(terms)
-    found = _first_calibration(search, out)
+    found = first_calibration(search, out)
     data = calibrated_data(search.observed, found)
     for k in range(len(out)):
         adopted = joint_fit(data, out[:k] + out[k + 1 :])

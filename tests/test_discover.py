@@ -16,6 +16,7 @@ from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
 from tulip_testbed.discovery.candidates import Fitted, candidates
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.discover import _reasons, discover
+from tulip_testbed.discovery.effect_intervals import TIME_GAIN
 from tulip_testbed.discovery.evidence import ranked
 from tulip_testbed.discovery.joint_fit import Data, joint_fit
 from tulip_testbed.discovery.patterns import patterns
@@ -389,3 +390,12 @@ def test_two_of_one_family_do_not_hide_one_another(robot, plan):
     hidden = (("link-length", "left_lower_leg", (0.006,)), ("link-length", "right_ankle", (0.005,)))
     found = discover(measured(robot, plan, "force-plate", *hidden), robot, hold_out=False)
     assert set(names(found)) == {(name, target) for name, target, _ in hidden}
+
+
+def test_times_of_change_are_believed_as_far_as_95_percent_ask():
+    """The likelihood ratio of a change point: the largest of two random walks that drift down from the truth."""
+    rng = np.random.default_rng(11)
+    jump, steps, draws = 0.15, 1500, 3000  # in s.d. of one posture; small, so that the limit holds
+    walks = np.cumsum(jump * rng.standard_normal((2, draws, steps)) - jump**2 / 2, axis=2)
+    ratio = 2 * np.maximum(walks.max(axis=(0, 2)), 0.0)
+    assert (ratio < TIME_GAIN).mean() == pytest.approx(0.95, abs=0.015)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tulip_testbed.calibration.self_calibration import usual_tolerances
-from tulip_testbed.discovery.selection import STANDS_OUT
+from tulip_testbed.discovery.unusual_members import STANDS_OUT
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.experiments.benchmark import ordinary_run
 from tulip_testbed.experiments.benchmark.benchmark_tables import tables

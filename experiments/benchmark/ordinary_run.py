@@ -13,7 +13,9 @@ from tulip_testbed.discovery.candidates import Candidate, candidates
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.discover import discover
 from tulip_testbed.discovery.evidence import effective_tests
-from tulip_testbed.discovery.selection import LEVEL, STANDS_OUT, calibrated_data
+from tulip_testbed.discovery.search import calibrated_data
+from tulip_testbed.discovery.selection import LEVEL
+from tulip_testbed.discovery.unusual_members import STANDS_OUT
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance, effect_label

@@ -1,0 +1,176 @@
+"""What a search for effects needs: candidates in order of promise, and the evidence for a choice of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tulip_testbed.calibration.self_calibration import SelfCalibration, self_calibrate
+from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, log_choices
+from tulip_testbed.discovery.columns import candidate_columns
+from tulip_testbed.discovery.evidence import ranked
+from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
+from tulip_testbed.discovery.shortlist import fit_in_addition, shortlist
+from tulip_testbed.effects.effect import Effect
+from tulip_testbed.identification.distributions import normal_logcdf
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
+
+MOST_TERMS = 5  # effects in one explanation
+DECISIVE = 3.0  # ln of the Bayes factor, below which two explanations are equivalent
+JUDGED = 3  # candidates, at most, that are judged of each ranking
+GROSS = 100.0  # ln of the Bayes factor by linear columns, from where the best of several kinds are judged
+NEAR = 10.0  # ln of the Bayes factor by linear columns, within which candidates are judged
+ROUNDS = 4  # linearisations of a judgement
+ORDINARY = 1.0  # tolerances: the largest spread of a family in the search
+
+
+@dataclass(frozen=True)
+class Search:
+    """What is searched, and for what.
+
+    Attributes:
+        tolerances: of families, in place of those that fit the sensors [SI]; zero: exact.
+        candidates: effects that may be the cause.
+    """
+
+    observed: Observation
+    tolerances: Mapping[str, float] | None
+    candidates: list[Candidate]
+
+    @staticmethod
+    def of(
+        observed: Observation,
+        tolerances: Mapping[str, float] | None = None,
+        effects: dict[str, Effect] | None = None,
+    ) -> Search:
+        """Return the search for all effects of a catalogue, or of the whole one if None."""
+        observed = with_cell_noise(observed)
+        return Search(observed, tolerances, candidates(observed, effects))
+
+    def judged(self, terms: Sequence[Fitted], start: SelfCalibration, afresh: bool = False) -> Judged:
+        """Calibrate with some effects beside the families; comparable with others of the same start.
+
+        Args:
+            afresh: begin without the members of the start, which a missing effect may have distorted.
+        """
+        instances = [term.instance for term in terms]
+        first = self_calibrate(self.observed, self.tolerances, instances) if afresh else start
+        found = self_calibrate(
+            self.observed, self.tolerances, instances, first, start.linear.covariance, ROUNDS
+        )
+        return Judged(at_estimate(terms, found), found, evidence_for(found, terms, self.observed))
+
+    def tried(self, terms: Sequence[Fitted], start: SelfCalibration, afresh: bool = False) -> Judged | None:
+        """Judge as `judged` does; None: with these effects the calibration does not converge."""
+        try:
+            return self.judged(terms, start, afresh)
+        except np.linalg.LinAlgError:
+            return None
+
+    def calibrated(self, judged: Judged) -> SelfCalibration:
+        """Calibrate anew with the covariance of the residuals that belongs to the result."""
+        instances = [term.instance for term in judged.terms]
+        try:
+            return self_calibrate(
+                self.observed, self.tolerances, instances, judged.calibration, rounds=ROUNDS
+            )
+        except np.linalg.LinAlgError:
+            return judged.calibration
+
+    def ranked(self, adopted: JointFit) -> list[Fitted]:
+        """Rank all other candidates in addition to the adopted terms."""
+        others = [candidate for candidate in self.candidates if candidate.label not in adopted.labels]
+        linear = adopted.partialled_out
+        return ranked(candidate_columns(linear, others), linear.residual)
+
+    def best(self, calibration: SelfCalibration, terms: Sequence[Fitted]) -> list[Fitted]:
+        """List the candidates that may explain most in addition to the terms, the best first.
+
+        They are sought twice: with the spreads and the noise as estimated, which a missing effect may have
+        widened, and with none larger than usual.
+        """
+        data = calibrated_data(self.observed, calibration)
+        stated, found = noise_of(self.observed), calibration.noise
+        usual = replace(
+            found,
+            encoder=min(stated.encoder, found.encoder),
+            cell=min(stated.cell, found.cell),
+            plates=np.minimum(stated.plates, found.plates),
+        )
+        out: dict[str, Fitted] = {}
+        for one in (data, replace(data, noise=usual, background=calibration.background(ORDINARY))):
+            for fitted in self.shortest(joint_fit(one, terms)):
+                out.setdefault(fitted.label, fitted)
+        return list(out.values())
+
+    def shortest(self, adopted: JointFit) -> list[Fitted]:
+        """List the few candidates that explain most in addition to the adopted terms, the best first.
+
+        Linear columns rank badly what a gross gap needs: then the best of other kinds are listed too.
+        """
+        order = self.ranked(adopted)
+        short = shortlist(adopted, order)
+        least = max(short[0].log_bayes_factor - NEAR, 0.0) if short else 0.0
+        near = [fitted for fitted in short if fitted.log_bayes_factor > least][:JUDGED]
+        if not near or near[0].log_bayes_factor < GROSS:
+            return near
+        best: dict[str, Fitted] = {}
+        for one in order:
+            if one.log_bayes_factor > 0:
+                best.setdefault(one.candidate.effect.name, one)
+        found = {one.candidate.effect.name for one in near}
+        others = [one for kind, one in best.items() if kind not in found]
+        return near + [fit_in_addition(adopted, one) for one in others[: JUDGED - len(found)]]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Some effects, with ln of the evidence for them."""
+
+    terms: tuple[Fitted, ...]
+    calibration: SelfCalibration
+    evidence: float
+
+    @property
+    def possible(self) -> bool:
+        """Return whether no size is negative that cannot be."""
+        return all(
+            size > 0 or not positive
+            for term in self.terms
+            for size, positive in zip(term.sizes, term.candidate.positive, strict=True)
+        )
+
+
+def evidence_for(found: SelfCalibration, terms: Sequence[Fitted], observed: Observation) -> float:
+    """Compute ln of the evidence for effects, whose positive sizes have half a normal as their prior."""
+    out = found.solved.log_evidence - sum(log_choices(term.candidate, observed) for term in terms)
+    for one, error in zip(found.effects, found.effect_errors, strict=True):
+        sizes = np.array([one.values[k] for k in one.effect.sizes])
+        positive = np.array([one.effect.parameters[k].positive for k in one.effect.sizes], bool)
+        out += float((normal_logcdf(sizes / error) + np.log(2))[positive].sum())
+    return out
+
+
+def at_estimate(terms: Sequence[Fitted], found: SelfCalibration) -> tuple[Fitted, ...]:
+    """Return the terms with the sizes that a calibration found."""
+    return tuple(
+        replace(term, sizes=np.array([one.values[k] for k in one.effect.sizes]))
+        for term, one in zip(terms, found.effects, strict=True)
+    )
+
+
+def first_calibration(search: Search, terms: Sequence[Fitted] = ()) -> SelfCalibration:
+    """Calibrate with these effects; if a gross fault lets it diverge, with the usual spreads and noise."""
+    instances = [term.instance for term in terms]
+    try:
+        return self_calibrate(search.observed, search.tolerances, instances)
+    except np.linalg.LinAlgError:
+        return self_calibrate(search.observed, search.tolerances, instances, rounds=1)
+
+
+def calibrated_data(observed: Observation, calibration: SelfCalibration) -> Data:
+    """Return an experiment without its ordinary imperfections, and what is still uncertain about them."""
+    return Data(calibration.without_members(observed), calibration.noise, calibration.background())
