@@ -10,6 +10,7 @@ import numpy as np
 
 from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.calibration.self_calibration import CalibratedFamily, usual_tolerances
+from tulip_testbed.discovery.candidate_search import DECISIVE, Search
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.effect_intervals import as_calibrated, with_intervals
 from tulip_testbed.discovery.equivalence import equivalent, refit_with_alternatives
@@ -17,7 +18,6 @@ from tulip_testbed.discovery.held_out import HeldOut, check_placements, held_out
 from tulip_testbed.discovery.joint_fit import JointFit
 from tulip_testbed.discovery.patterns import Pattern, in_channels, patterns
 from tulip_testbed.discovery.pure_error import PureError, pure_error
-from tulip_testbed.discovery.search import DECISIVE, Search
 from tulip_testbed.discovery.selection import LEVEL, Selection, select
 from tulip_testbed.discovery.undetectable import Undetectable, undetectable
 from tulip_testbed.discovery.unusual_members import STANDS_OUT

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from tulip_testbed.discovery.candidate_search import DECISIVE
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.joint_fit import JointFit, joint_fit
 from tulip_testbed.discovery.refit import refit
-from tulip_testbed.discovery.search import DECISIVE
 
 SHARED = 0.5  # of the change that the laboratory makes in a size: s.d. of the error that it shares
 NEAR = 10.0  # ln of the Bayes factor by predictions, within which alternatives are fitted

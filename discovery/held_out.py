@@ -11,8 +11,8 @@ from scipy.special import ndtri
 from tulip_testbed.calibration.families import EXACT
 from tulip_testbed.calibration.prediction import predicted
 from tulip_testbed.calibration.self_calibration import SelfCalibration, self_calibrate
+from tulip_testbed.discovery.candidate_search import Search
 from tulip_testbed.discovery.candidates import Fitted
-from tulip_testbed.discovery.search import Search
 from tulip_testbed.discovery.selection import chosen_again
 from tulip_testbed.effects.instance import removed
 from tulip_testbed.effects.targets import PLACEMENTS

@@ -15,12 +15,7 @@ import numpy as np
 
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.self_calibration import SelfCalibration, self_calibrate
-from tulip_testbed.discovery.candidates import Candidate, Fitted
-from tulip_testbed.discovery.columns import candidate_columns
-from tulip_testbed.discovery.evidence import effective_tests, ranked, sidak
-from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
-from tulip_testbed.discovery.pure_error import pure_error, widened
-from tulip_testbed.discovery.search import (
+from tulip_testbed.discovery.candidate_search import (
     DECISIVE,
     MOST_TERMS,
     Judged,
@@ -30,6 +25,11 @@ from tulip_testbed.discovery.search import (
     evidence_for,
     first_calibration,
 )
+from tulip_testbed.discovery.candidates import Candidate, Fitted
+from tulip_testbed.discovery.columns import candidate_columns
+from tulip_testbed.discovery.evidence import effective_tests, ranked, sidak
+from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
+from tulip_testbed.discovery.pure_error import pure_error, widened
 from tulip_testbed.discovery.shortlist import at_best_time, fit_in_addition, shortlist
 from tulip_testbed.discovery.unusual_members import with_unusual_members
 from tulip_testbed.identification.distributions import chi2_sf

@@ -13,9 +13,9 @@ import numpy as np
 
 from studies.runner import Settings, header, row
 from tulip_testbed.calibration.linear_model import LinearModel, linear_model
+from tulip_testbed.discovery.candidate_search import DECISIVE
 from tulip_testbed.discovery.columns import CandidateColumns, candidate_columns
 from tulip_testbed.discovery.evidence import ranked
-from tulip_testbed.discovery.search import DECISIVE
 from tulip_testbed.effects.targets import PLACEMENTS
 from tulip_testbed.experiments.atlases.detectability import noncentrality
 from tulip_testbed.experiments.atlases.effect_atlas import Atlas, atlas

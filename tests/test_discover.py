@@ -395,7 +395,7 @@ def test_two_of_one_family_do_not_hide_one_another(robot, plan):
 def test_times_of_change_are_believed_as_far_as_95_percent_ask():
     """The likelihood ratio of a change point: the largest of two random walks that drift down from the truth."""
     rng = np.random.default_rng(11)
-    jump, steps, draws = 0.15, 1500, 3000  # in s.d. of one posture; small, so that the limit holds
+    jump, steps, draws = 0.15, 1500, 3000  # jump: in s.d. of a posture, small so that the limit holds
     walks = np.cumsum(jump * rng.standard_normal((2, draws, steps)) - jump**2 / 2, axis=2)
     ratio = 2 * np.maximum(walks.max(axis=(0, 2)), 0.0)
     assert (ratio < TIME_GAIN).mean() == pytest.approx(0.95, abs=0.015)

@@ -9,11 +9,11 @@ import numpy as np
 
 from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
 from tulip_testbed.calibration.self_calibration import self_calibrate, usual_tolerances
+from tulip_testbed.discovery.candidate_search import calibrated_data
 from tulip_testbed.discovery.candidates import Candidate, candidates
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.discover import discover
 from tulip_testbed.discovery.evidence import effective_tests
-from tulip_testbed.discovery.search import calibrated_data
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.discovery.unusual_members import STANDS_OUT
 from tulip_testbed.effects.catalogue import catalogue
