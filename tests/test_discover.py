@@ -393,7 +393,7 @@ def test_two_of_one_family_do_not_hide_one_another(robot, plan):
 
 
 def test_times_of_change_are_believed_as_far_as_95_percent_ask():
-    """The likelihood ratio of a change point: the largest of two random walks that drift down from the truth."""
+    """The likelihood ratio of a change point: the largest of two random walks that drift down."""
     rng = np.random.default_rng(11)
     jump, steps, draws = 0.15, 1500, 3000  # jump: in s.d. of a posture, small so that the limit holds
     walks = np.cumsum(jump * rng.standard_normal((2, draws, steps)) - jump**2 / 2, axis=2)
