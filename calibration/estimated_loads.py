@@ -32,7 +32,7 @@ def with_estimated_loads(
         covariance: of theta, (p, p) [m2].
         compliance: of the joints between encoder and link, (n_joints,) [rad/Nm].
     """
-    stiffness = 1 / (1 / observed.servo_stiffness + np.maximum(compliance, 0.0))
+    stiffness = 1 / (1 / observed.servo_gain + np.maximum(compliance, 0.0))
     model = standard_parameters(observed.nominal.robot.model)
     mass = model[:, 0]
     total = observed.weight / observed.measurements.gravity

@@ -69,7 +69,7 @@ def rows_of(observed: Observation, rows: np.ndarray) -> Observation:
         f.name: getattr(observed, f.name)[rows]
         for f in fields(observed)
         if isinstance(getattr(observed, f.name), np.ndarray)
-        and f.name not in ("cells", "standard", "board_share", "servo_stiffness")
+        and f.name not in ("cells", "standard", "board_share", "servo_gain", "servo_stiffness")
         and len(getattr(observed, f.name)) == count
     }
     return replace(observed, measurements=replace(m, **cut), **kept)

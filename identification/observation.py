@@ -43,7 +43,8 @@ class Observation:
         lift: vertical force in addition to the weighed weight, positive downwards, (m,) [N].
         standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
         board_share: share of a board's weight on each of its cells, right and left, (2,) [N].
-        servo_stiffness: torque of each joint's servo per error of its angle, (n_joints,) [Nm/rad].
+        servo_gain: torque of each joint's servo per error of its angle, (n_joints,) [Nm/rad].
+        servo_stiffness: the same in series with what yields between encoder and link, (n_joints,) [Nm/rad].
         cell_sd: noise of a cell's reading, by the data sheet or else as it was estimated [N].
         time_fraction: time of every posture as a fraction of the experiment's time, 0 to 1, (m,).
         on_four_cells: whether all cells of the right and the left plate are loaded, (m, 2) bool. On three
@@ -65,6 +66,7 @@ class Observation:
     lift: np.ndarray
     standard: np.ndarray
     board_share: np.ndarray
+    servo_gain: np.ndarray
     servo_stiffness: np.ndarray
     cell_sd: float
     time_fraction: np.ndarray
@@ -187,6 +189,7 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
     m = len(measurements)
     forces = np.where(np.isfinite(measurements.cell_forces), measurements.cell_forces, 0.0)
     share = np.array(plate_masses(nominal.robot)) * measurements.gravity / 4
+    gain = servo_stiffness(nominal.robot.model, measurements.gains)
     margin = max(LEAST_LOAD, 4 * (measurements.sensors.cell_sd or 0.0))
     return Observation(
         nominal=nominal,
@@ -203,7 +206,8 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
         lift=np.zeros(m),
         standard=standard_parameters(nominal.robot.model),
         board_share=share,
-        servo_stiffness=servo_stiffness(nominal.robot.model, measurements.gains),
+        servo_gain=gain,
+        servo_stiffness=gain,
         cell_sd=measurements.sensors.cell_sd or 0.0,
         time_fraction=fraction_of_time(measurements.time),
         on_four_cells=_on_four_cells(forces.reshape(-1, 2, 4), margin, share),

@@ -44,13 +44,16 @@ def _undo(observed: Observation, target: str, values: Values) -> Observation:
     if m.command is None or not values[0]:
         return observed
     command, angles = m.command[:, at], observed.joint_angles.copy()
-    # The servo's own stiffness: what yields beyond the encoder has no part in its error.
-    model, torque = observed.nominal.robot.model, observed.torques[:, at]
-    full = servo_stiffness(model, {})[at] * Controller().error_at_full_torque
-    wind_up = observed.nominal.robot.settings.get("drives", {}).get("wind_up", 0.0)
-    # The load turns the joint its own way.
-    motor = command + torque / servo_stiffness(model, m.gains)[at] if m.motor is None else m.motor[:, at]
-    turned = motor + wind_up * torque / full
+    # What yields beyond the encoder has no part in the servo's error. The load turns the joint its own way.
+    torque, wind_up = (
+        observed.torques[:, at],
+        observed.nominal.robot.settings.get("drives", {}).get("wind_up"),
+    )
+    motor = command + torque / observed.servo_gain[at] if m.motor is None else m.motor[:, at]
+    turned = motor
+    if wind_up:
+        full = servo_stiffness(observed.nominal.robot.model, {})[at] * Controller().error_at_full_torque
+        turned = motor + wind_up * torque / full
     logged = (np.abs(m.joint_angles[:, at] - command) < ROUNDING).all()
     angles[:, at] = turned if logged else angles[:, at] + command - turned
     return observed.changed(joint_angles=angles)
