@@ -24,9 +24,9 @@ def satterthwaite(
 def of_f_test(covariance: np.ndarray, slopes: np.ndarray, uncertainty: np.ndarray, most: float) -> float:
     """Return the denominator's degrees of freedom of an F test of all parameters, e' V^-1 e / p.
 
-    Axes with two and fewer count for nothing; with too many of those one degree of freedom is left. The test
-    is a sum over the principal axes of V, each with degrees of freedom of its own; the F
-    distribution is that with the same mean (Fai and Cornelius 1996).
+    The test is a sum over the principal axes of V, each with degrees of freedom of its own; the F
+    distribution is that with the same mean (Fai and Cornelius 1996). Axes with two and fewer have no mean;
+    where too many are so, one degree of freedom is left.
 
     Args:
         covariance: V, (p, p). slopes: its derivatives by the logarithms of the scales, (k, p, p).

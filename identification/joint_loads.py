@@ -85,23 +85,24 @@ def joint_loads(
     x, y, z = np.moveaxis(lever[:, :, 1] * between[:, None], -1, 0)
     unknown = np.stack([z * ay - y * az, x * az - z * ax, az * between], axis=-1)
     # In single support the swing foot bears no load.
+    unknown = unknown * both[:, None, None]
     weigh = 1 / np.sqrt(servo_stiffness)
     scaled = unknown * weigh[:, None]
     # The pseudoinverse; the small term keeps it finite where the legs leave a component free.
     square = scaled.mT @ scaled
-    scale = np.trace(square, axis1=1, axis2=2)[:, None, None] + 1e-300
-    inverse = np.linalg.solve(square + ROUNDING * scale * np.eye(3), scaled.mT)
-    push = np.where(both[:, None], -(inverse @ (torque * weigh)[..., None])[..., 0], 0.0)
+    scale = np.trace(square, axis1=1, axis2=2)[:, None, None]
+    inverse = np.linalg.solve(square + ROUNDING * np.where(scale > 0, scale, 1.0) * np.eye(3), scaled.mT)
+    push = -(inverse @ (torque * weigh)[..., None])[..., 0]
     settled = by_cells - np.einsum("mjk,mkl,mcl->mcj", unknown, inverse, by_cells * weigh, optimize=True)
     variance = cell_sd**2 * (settled**2).sum(axis=1) + ((unknown * UNSEEN) ** 2).sum(axis=2)
     variance += (MISPLACED * np.abs(bears) @ down[..., None])[..., 0] ** 2
-    shared = np.einsum("mjk,mkj->mj", scaled, inverse) * both[:, None]
+    shared = np.einsum("mjk,mkj->mj", scaled, inverse)
     return Loads(
         torques=torque + (unknown @ push[..., None])[..., 0],
         internal_wrench=push,
         stiffness=shared / weigh**2,
-        levers=unknown * both[:, None, None],
-        doubt=np.sqrt(variance) * both[:, None],
+        levers=unknown,
+        doubt=np.sqrt(variance),
     )
 
 

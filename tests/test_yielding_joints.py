@@ -45,7 +45,9 @@ def test_a_compliant_hip_is_not_surer_than_the_unseen_forces_allow(robot, plan):
     """The wrench between the feet loads a hip; friction opposes it alike in like postures."""
     effect, observed = one_effect(robot, plan, "joint-compliance:right_hip_roll", 0.0015)
     found = self_calibrate(observed, effects=[effect])
-    assert abs(found.effects[0].values[0] - 0.0015) < 2 * found.effect_errors[0][0]
+    error = found.effect_errors[0][0]
+    assert abs(found.effects[0].values[0] - 0.0015) < 2 * error
+    assert error < 0.3 * 0.0015
 
 
 def test_a_leg_s_loads_come_from_its_own_foot(robot, plan):
@@ -63,7 +65,11 @@ def test_a_leg_s_loads_come_from_its_own_foot(robot, plan):
         assert np.abs(change).max() < 0.01 * 0.15 * observed.weight  # the ankle's height over the floor
     assert observed.loads.doubt.shape == observed.torques.shape
     single = dataclasses.replace(m, support=np.full(len(m), "right"))
-    assert not observe(single, observed.nominal).loads.levers.any()
+    alone = observe(single, observed.nominal).loads
+    assert not alone.levers.any()
+    assert (
+        alone.doubt[:, m.joints.index(STANCE_LEG)] > 0.1
+    ).all()  # the point of the load is uncertain there too
 
 
 def test_where_a_link_rests_in_its_play_is_a_clipped_normal(robot, plan):

@@ -75,7 +75,7 @@ def torso_center(observed: Observation) -> np.ndarray:
     """Compute the nominal torso's centre of mass in the base frame, (m, 3) [m]."""
     rotations, positions = observed.frames
     frame = observed.tree.frame_of_link[0]
-    return positions[:, frame] + rotations[:, frame] @ hook(observed.nominal.robot).point
+    return positions[:, frame] + rotations[:, frame] @ observed.nominal.robot.model.body_ipos[1]
 
 
 def without_pull(observed: Observation, force: np.ndarray) -> Observation:
