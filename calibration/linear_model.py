@@ -246,9 +246,14 @@ def weighing(observed: Observation) -> np.ndarray:
     parameters = observed.nominal.parameters
     sets = len(np.unique(observed.stance))
     row = np.zeros(len(parameters.names) + 3 * sets + 1)
+    row[-1] = weighed_precision(observed)
+    return row
+
+
+def weighed_precision(observed: Observation) -> float:
+    """Return one over the s.d. of the weight as it was weighed [1/N]."""
     weighed = observed.measurements.weighed_mass
     sd = (
         weighed[1] if weighed and weighed[1] else (UNWEIGHED * observed.nominal.mass if not weighed else 1e-3)
     )
-    row[-1] = 1.0 / (sd * observed.measurements.gravity)
-    return row
+    return 1.0 / (sd * observed.measurements.gravity)

@@ -10,32 +10,42 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from tulip_testbed.calibration.families import Family
 from tulip_testbed.calibration.free_effect import FreeEffect
-from tulip_testbed.calibration.linear_model import nuisances, weighing, without_noise
+from tulip_testbed.calibration.linear_model import weighed_precision, without_noise
 from tulip_testbed.calibration.member_columns import member_columns
-from tulip_testbed.calibration.placement_blocks import PlacementBlocks
+from tulip_testbed.calibration.noise_structure import (
+    NoiseStructure,
+    Weights,
+    constants_of_stances,
+    groups,
+    residuals_in_use,
+)
 from tulip_testbed.calibration.reml import Problem
-from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.joint_loads import UNSEEN
+from tulip_testbed.identification.load_rates import READINGS, load_rates
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import ROWS, difference, fields, residuals, sensitivity
+from tulip_testbed.identification.residual_channels import (
+    ROWS,
+    SIZE,
+    difference,
+    fields,
+    residuals,
+    sensitivity,
+)
 from tulip_testbed.identification.residual_noise import Noise, floor
 from tulip_testbed.identification.variance_components import MARK_PRIOR, NO_PRIOR, SHEET_PRIOR
 
-SOURCES = ("encoders", "cells", "right plate", "left plate", "internal forces")
+SOURCES = ("encoders", "cells", "internal forces", "right plate", "left plate")
 # Friction at rest opposes the loads, in like postures alike: its wrench is no noise that averages out, and
 # counts as so many times larger. On development seeds 96 % of the 95 % intervals of members held with 5,
 # 94 % with 3, 91 % with an estimated scale.
 SYSTEMATIC = 5.0
 INTERNAL_PRIOR = 0.01  # s.d. of the logarithm of the scale of the unseen wrench: it is not estimated
-CHANNELS = "AFTC"
-PLATE_STEP, COMPLIANCE_STEP = 1e-4, 1e-6  # of difference quotients [m, rad], [rad/Nm]
 Families = Sequence[Family | FreeEffect]
 OF_LOADS = ("joint-compliance", "sole-compliance")
 
@@ -68,14 +78,13 @@ class ResidualCovariance:
         reach: derivative of the residuals by the readings, through the compliances too, (m, 11, n + 14).
         internal: change of the residuals by one s.d. of each component of the internal wrench, (m, 11, 3).
         unsure: change by one s.d. of what the readings do not show of each effect, (m, 11, u).
-        fixed: part that no scale changes, (g, r, r). kernels: part of each of SOURCES, (5, g, r, r).
+        structure: of all of them, by the scales of SOURCES.
     """
 
     reach: np.ndarray
     internal: np.ndarray
     unsure: np.ndarray
-    fixed: np.ndarray
-    kernels: np.ndarray
+    structure: NoiseStructure
 
 
 @dataclass(frozen=True)
@@ -84,80 +93,72 @@ class Linearised:
 
     Attributes:
         smooth: readings without members and noise, at which columns are taken.
-        members: derivative of the residuals by the members, (m, 11, q).
-        unit: factor by which each row of the problem is scaled, (g, r) [1/SI].
     """
 
     smooth: Observation
-    members: np.ndarray
-    unit: np.ndarray
     covariance: ResidualCovariance
 
 
-def linearised(
-    state: State, families: Families, noise: Noise, blocks: PlacementBlocks
-) -> tuple[Problem, Linearised]:
-    """Linearise the residuals about an estimate, each row divided by its s.d. by the data sheets."""
+def linearised(state: State, families: Families, noise: Noise) -> tuple[Problem, Linearised]:
+    """Linearise the residuals about an estimate."""
     clean, theta = state.clean, state.nu[:-1]
     at, p = fields(clean.nominal), len(theta)
     mixing, owner = mixing_of(families)
     phi = mixing @ state.deviates
-    slope = sensitivity(state.smooth, theta)
+    used = residuals_in_use(clean)[..., None]
+    slope = used * sensitivity(state.smooth, theta)
     # Members at an estimate carry the noise of cells and plates, by their loads, into the residuals.
-    compliances, loaded = _by_loads(state.smooth, slope, families)
+    yields = _yields(state.smooth, families)
     found = state.covariance
     if found is None:
         reach = slope[..., : at["plates"].stop].copy()
-        reach[..., at["cells"].start :] += loaded @ phi[compliances]
+        reach[..., at["cells"].start :] += slope[..., yields.field] @ (
+            phi[yields.member][:, None] * yields.rate
+        )
         # The mean square: with that of an estimate that is too small, the estimate would seem too certain.
         square = np.maximum(phi, 0.0) ** 2 + state.variance
         yielding = np.sqrt(joint_compliance(families, square, clean.tree.joints))
         pushed = slope[..., at["angles"]] @ (yielding[:, None] * state.smooth.loads.levers)
         unsure = slope @ _unsure(state.smooth, families, phi)
-        found = _covariance(reach, pushed * SYSTEMATIC * UNSEEN, unsure, noise, blocks)
-    fixed, kernels, reach = found.fixed, found.kernels, found.reach
-    inverse = np.linalg.inv(fixed + np.tensordot(state.scales**2, kernels, axes=1))
+        found = _covariance(reach, pushed * SYSTEMATIC * UNSEEN, unsure, noise, clean)
+    reach, weights = found.reach, found.structure.weights(np.log(state.scales))
 
     left = residuals(clean, theta)
     unexplained = left.copy()
     unexplained[:, ROWS["F"]] -= state.nu[-1]
-    pull = blocks.back((inverse @ blocks(unexplained)[..., None])[..., 0])
+    pull = weights(used * unexplained[..., None])[..., 0]
     scaled = scaled_noise(noise, state.scales)
     smooth = without_noise(clean, pull, reach, scaled)
+    at_loads = slope[..., yields.field]
     slope = sensitivity(smooth, theta)
-    flat = -nuisances(smooth, CHANNELS)
-    flat = np.concatenate([flat[..., :p], flat[..., -1:]], axis=2)
+    base = np.zeros((*left.shape, p + 1))
+    base[:, ROWS["A"], :p] = smooth.geometry.regressor
+    base[:, ROWS["F"], -1] = 1.0
     members = np.concatenate(
         [np.zeros((*left.shape, 0))]
         + [member_columns(smooth, theta, slope, _at(f, part)) for f, part in split_members(families, phi)],
         axis=2,
     )
     members += _by_sharing(smooth, slope[..., at["angles"]], families, phi)
-    output = left + flat[..., :p] @ theta + members @ phi
+    output = left + base[..., :p] @ theta + members @ phi
 
-    unit = 1 / np.sqrt(np.diagonal(fixed + kernels.sum(axis=0), axis1=1, axis2=2))
-    both = unit[:, :, None] * unit[:, None]
     information = np.zeros((p + 1, p + 1))
-    information[-1, -1] = weighing(clean)[-1] ** 2
+    information[-1, -1] = weighed_precision(clean) ** 2
     excess = np.zeros((len(phi), len(phi)))
-    excess[np.ix_(compliances, compliances)] = _excess(
-        loaded[:, :, :8], reach[..., at["cells"]], np.full(8, scaled.cell), blocks.own(inverse)
-    ) + _excess(blocks(loaded[:, :, 8:]), blocks(reach[..., at["plates"]]), scaled.plates, inverse)
+    each = _excess(at_loads, yields.rate, reach[..., at["cells"].start :], scaled, weights)
+    np.add.at(excess, (yields.member[:, None], yields.member), each)
     problem = Problem(
-        output=unit * blocks(output),
-        columns=unit[..., None] * blocks(flat),
-        members=unit[..., None] * (blocks(members) @ mixing),
-        fixed=both * fixed,
-        kernels=both * kernels,
+        whole=used * np.concatenate([base, members @ mixing, output[..., None]], axis=2),
+        flat=p + 1,
+        noise=found.structure,
         information=information,
         roots=tuple(np.eye(part.shape[1]) for family in families for part in family.parts),
         doubt=_doubt(clean),
         excess=mixing.T @ excess @ mixing,
         about=state.deviates,
         known=tuple(k for k, j in enumerate(owner) if isinstance(families[j], FreeEffect)),
-        volume=float(np.log(unit).sum()),
     )
-    return problem, Linearised(smooth, members, unit, found)
+    return problem, Linearised(smooth, found)
 
 
 def _by_sharing(
@@ -173,67 +174,85 @@ def _by_sharing(
     out = np.zeros((len(observed), by_angles.shape[1], len(phi)))
     joints = observed.tree.joints
     compliance = joint_compliance(families, phi, joints)
-    numbers = joint_compliance(families, 1 + np.arange(len(phi)), joints).astype(int) - 1
-    for joint in np.flatnonzero((numbers >= 0) & (compliance != 0).any()):
-        softer = 1 / observed.servo_stiffness
-        softer[joint] += COMPLIANCE_STEP
-        change = observed.changed(servo_stiffness=1 / softer).torques - observed.torques
-        out[..., numbers[joint]] = -(by_angles @ (compliance * change)[..., None])[..., 0] / COMPLIANCE_STEP
+    member = joint_compliance(families, 1 + np.arange(len(phi)), joints).astype(int) - 1
+    loads, there = observed.loads, np.flatnonzero(member >= 0)
+    less = -loads.sharing[..., there] * loads.torques[:, None, there]
+    out[..., member[there]] = -(by_angles * compliance) @ less
     return out
 
 
-def _by_loads(observed: Observation, slope: np.ndarray, families: Families) -> tuple[np.ndarray, np.ndarray]:
-    """Differentiate what a unit of each compliance changes in the residuals by readings of cells and plates.
+@dataclass(frozen=True)
+class _Yields:
+    """Fields of `packed` that yield to the loads, and by how much per unit of a compliance.
 
-    They give the loads, which are linear in the cells.
-
-    Args:
-        slope: derivative of the residuals by the fields, (m, 11, k).
-
-    Returns:
-        numbers of the compliances among the members, (c,), and derivatives by eight cells and the poses of
-        two plates, (m, 11, 14, c).
+    Attributes:
+        field, member: numbers of the field and of the compliance among the members, (c,).
+        rate: derivative by eight cells and six coordinates of plates, as the compliance is removed,
+            (m, c, 14).
     """
-    q = sum(map(len, families))
-    yielding = [
-        (number, _unit(family, k, size), size)
-        for family, numbers in split_members(families, np.arange(q))
-        if family.name in OF_LOADS
-        for k, (number, size) in enumerate(zip(numbers, family.steps.tolist(), strict=True))
-    ]
-    out = np.zeros((len(observed), slope.shape[1], 14, len(yielding)))
-    moved = [observed.changed(cell_forces=observed.cell_forces + step) for step in np.eye(8)]
-    moved += [
-        observed.changed(plate_poses=observed.plate_poses + step.reshape(2, 3))
-        for step in PLATE_STEP * np.eye(6)
-    ]
-    steps = np.repeat([1.0, PLATE_STEP], [8, 6])
-    for k, (_, one, size) in enumerate(yielding):
-        predict = partial(one.effect.predict, target=one.target, values=one.values)
-        plain = difference(observed, predict(observed))
-        for reading, (other, step) in enumerate(zip(moved, steps.tolist(), strict=True)):
-            change = (difference(other, predict(other)) - plain) / (size * step)
-            out[:, :, reading, k] = (slope @ change[..., None])[..., 0]
-    return np.array([number for number, *_ in yielding], int), out
+
+    field: np.ndarray
+    member: np.ndarray
+    rate: np.ndarray
 
 
-def _excess(by_readings: np.ndarray, reach: np.ndarray, sd: np.ndarray, precision: np.ndarray) -> np.ndarray:
-    """Compute what the noise of some readings adds to the information about the compliances, (c, c).
+def _yields(observed: Observation, families: Families) -> _Yields:
+    at, joints = fields(observed.nominal), observed.tree.joints
+    torques, soles = load_rates(observed)
+    # Load to the front turns a sole about +y, load to the left about -x.
+    leans = (soles[:, :, ::-1] * np.array([[-1.0], [1.0]])).reshape(len(observed), 4, -1)
+    tilts = [*range(at["stance_tilt"].start, at["swing_tilt"].stop)]
+    field, member, rate = [], [], [np.zeros((len(observed), 0, READINGS))]
+    for family, numbers in split_members(families, np.arange(sum(map(len, families)))):
+        for k, number in enumerate(numbers.tolist()) if family.name in OF_LOADS else ():
+            if family.name == "sole-compliance":
+                field, member = field + tilts, member + [number] * len(tilts)
+                rate.append(leans)
+            else:
+                joint = joints.index(family.targets[k])
+                field, member = [*field, joint], [*member, number]
+                rate.append(torques[:, [joint]])
+    return _Yields(np.array(field, int), np.array(member, int), np.concatenate(rate, axis=1))
+
+
+def _excess(
+    slope: np.ndarray, rate: np.ndarray, reach: np.ndarray, noise: Noise, weights: Weights
+) -> np.ndarray:
+    """Compute what the noise of cells and plates adds to the information about the compliances, (c, c).
 
     The columns of the compliances are taken at loads without the noise as far as the residuals show it. What
     they do not show remains: without a correction it would pass for information.
 
     Args:
-        by_readings: derivative of the columns by the readings, (g, r, k, c), of each posture for cells, of
-            each placement for plates.
-        reach: derivative of the residuals by the readings, (g, r, k).
-        sd: of the readings, (k,).
-        precision: inverse covariance of the residuals, (g, r, r).
+        slope: derivative of the residuals by the fields that yield, (m, 11, c).
+        rate: derivative of these by eight cells and six coordinates of plates, (m, c, 14).
+        reach: derivative of the residuals by the same readings, (m, 11, 14).
     """
-    left = np.diag(sd**2) - sd[:, None] ** 2 * (reach.mT @ precision @ reach) * sd**2
-    weighted = np.einsum("mrs,mscq->mrcq", precision, by_readings, optimize=True)
-    spread = np.einsum("mcd,mrdq->mrcq", left, by_readings, optimize=True)
-    return np.tensordot(weighted, spread, axes=((0, 1, 2), (0, 1, 2)))
+    placement = weights.structure.placement
+    cells, plates = np.arange(8), np.arange(8, READINGS)
+    precision = weights.of_postures
+    by_cells = reach[..., cells]
+    left = _left(np.full(8, noise.cell), by_cells.mT @ precision @ by_cells)
+    spread = rate[..., cells] @ left @ rate[..., cells].mT
+    out = (spread * (slope.mT @ precision @ slope)).sum(axis=0)
+    # What a plate's error changes, the postures of a placement share.
+    by_plates = reach[..., plates]
+    left = _left(noise.plates, placement.sums(by_plates.mT @ weights(by_plates)))[placement.number]
+    spread = rate[..., plates] @ left
+    for k, plate in enumerate(plates):
+        out += np.tensordot(
+            weights(slope * rate[:, None, :, plate]), slope * spread[:, None, :, k], axes=((0, 1), (0, 1))
+        )
+    return out
+
+
+def _left(sd: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """Return the covariance of readings whose noise is removed as the residuals show it, (g, k, k).
+
+    Args:
+        sd: of the readings, (k,). information: of the residuals about them, (g, k, k).
+    """
+    return np.diag(sd**2) - sd[:, None] ** 2 * information * sd**2
 
 
 def _unsure(observed: Observation, families: Families, phi: np.ndarray) -> np.ndarray:
@@ -251,22 +270,23 @@ def _unsure(observed: Observation, families: Families, phi: np.ndarray) -> np.nd
 
 
 def _covariance(
-    reach: np.ndarray, internal: np.ndarray, unsure: np.ndarray, noise: Noise, blocks: PlacementBlocks
+    reach: np.ndarray, internal: np.ndarray, unsure: np.ndarray, noise: Noise, observed: Observation
 ) -> ResidualCovariance:
     n = reach.shape[2] - 14
-    fixed = blocks.covariance(floor(noise) + unsure @ unsure.mT)
-    each = np.arange(fixed.shape[1])
-    fixed[:, each, each] += blocks.padding
-    angles, cells = noise.encoder * reach[..., :n], noise.cell * reach[..., n : n + 8]
-    plates = blocks(noise.plates * reach[..., n + 8 :])
-    kernels = [
-        blocks.covariance(angles @ angles.mT),
-        blocks.covariance(cells @ cells.mT),
-        plates[..., :3] @ plates[..., :3].mT,
-        plates[..., 3:] @ plates[..., 3:].mT,
-        blocks.covariance(internal @ internal.mT),
-    ]
-    return ResidualCovariance(reach, internal, unsure, fixed, np.stack(kernels))
+    used = residuals_in_use(observed)
+    cells, angles = noise.cell * reach[..., n : n + 8], noise.encoder * reach[..., :n]
+    own = [part @ part.mT for part in (angles, cells, internal)]
+    fixed = np.where(used[..., None], floor(noise), np.eye(SIZE)) + unsure @ unsure.mT
+    structure = NoiseStructure(
+        placement=groups(observed.measurements.placement),
+        stance=groups(observed.stance),
+        fixed=fixed,
+        own=np.stack(own),
+        shared=noise.plates * reach[..., n + 8 :],
+        owner=np.repeat([len(own), len(own) + 1], 3),
+        free=constants_of_stances(used),
+    )
+    return ResidualCovariance(reach, internal, unsure, structure)
 
 
 def _doubt(observed: Observation) -> np.ndarray:
@@ -276,17 +296,10 @@ def _doubt(observed: Observation) -> np.ndarray:
         [
             NO_PRIOR if sheet.encoder_sd is None else SHEET_PRIOR,
             NO_PRIOR if sheet.cell_sd is None else SHEET_PRIOR,
-            *([NO_PRIOR] * 2 if sheet.placement_sd is None else [MARK_PRIOR, SHEET_PRIOR]),
             INTERNAL_PRIOR,
+            *([NO_PRIOR] * 2 if sheet.placement_sd is None else [MARK_PRIOR, SHEET_PRIOR]),
         ]
     )
-
-
-def _unit(family: Family | FreeEffect, number: int, size: float) -> EffectInstance:
-    """Return the effect in which one number has this value and the others are zero."""
-    if isinstance(family, FreeEffect):
-        family = FreeEffect(family.instances(np.zeros(len(family)))[0])
-    return family.one(number, size)
 
 
 def _at(family: Family | FreeEffect, sizes: np.ndarray) -> Family | FreeEffect:
@@ -318,6 +331,6 @@ def joint_compliance(families: Families, values: np.ndarray, joints: Sequence[st
 
 
 def scaled_noise(noise: Noise, scales: np.ndarray) -> Noise:
-    encoder, cell, right, left, _ = scales
+    encoder, cell, _, right, left = scales
     plates = noise.plates * np.repeat([right, left], 3)
     return replace(noise, encoder=encoder * noise.encoder, cell=cell * noise.cell, plates=plates)

@@ -12,13 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import helmert
 
+from tulip_testbed.calibration.noise_structure import residuals_in_use
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import (
-    ANCHORED,
-    ROWS,
-    SIZE,
-    feet_in_contact,
-)
+from tulip_testbed.identification.residual_channels import ANCHORED, SIZE
 
 
 @dataclass(frozen=True)
@@ -49,31 +45,10 @@ class PlacementBlocks:
         flat = full.reshape(g, n * SIZE, n * SIZE)
         return self.contrast @ flat @ self.contrast.mT
 
-    def own(self, inverse: np.ndarray) -> np.ndarray:
-        """Return the blocks of single postures of an inverse covariance (g, r, r), (m, 11, 11)."""
-        there = self.postures >= 0
-        full = self.contrast.mT @ inverse @ self.contrast
-        each = np.arange(self.postures.shape[1])
-        blocks = full.reshape(*self.postures.shape, SIZE, -1, SIZE)[:, each, :, each].swapaxes(0, 1)
-        out = np.zeros((there.sum(), SIZE, SIZE))
-        out[self.postures[there]] = blocks[there]
-        return out
-
-    def back(self, values: np.ndarray) -> np.ndarray:
-        """Apply the transpose of the map: (g, r) to (m, 11)."""
-        there = self.postures >= 0
-        full = (self.contrast.mT @ values[..., None]).reshape(*self.postures.shape, SIZE)
-        out = np.zeros((there.sum(), SIZE))
-        out[self.postures[there]] = full[there]
-        return out
-
 
 def placement_blocks(observed: Observation) -> PlacementBlocks:
     """Return the blocks of an experiment's residuals in all channels."""
-    m, contact = len(observed), feet_in_contact(observed)
-    used = np.ones((m, SIZE), bool)
-    used[:, ROWS["C"]] = np.all(contact, axis=1, keepdims=True)
-    used[:, ROWS["T"]] = contact & observed.on_four_cells
+    used = residuals_in_use(observed)
     placement, stance = observed.measurements.placement, observed.stance
     members = [np.flatnonzero(placement == number) for number in np.unique(placement)]
     n = max(map(len, members))

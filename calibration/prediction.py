@@ -70,22 +70,22 @@ def predicted(
     estimate, p = found.solved.estimate, len(found.theta)
     variance = np.diag(found.mixing @ found.solved.covariance[p + 1 :, p + 1 :] @ found.mixing.T)
     state = State(clean, clean, estimate[: p + 1], estimate[p + 1 :], variance, found.solved.scales, None)
+    problem, linear = linearised(state, found.all, noise_of(others))
     blocks = placement_blocks(others)
-    problem, linear = linearised(state, found.all, noise_of(others), blocks)
-    columns = np.concatenate([problem.columns, problem.members], axis=2)
     used = ~blocks.padding.ravel()
-    flat = columns.reshape(len(used), -1)[used]
-    residual = problem.output.ravel()[used] - flat @ estimate
-    own = problem.fixed + np.tensordot(found.solved.scales**2, problem.kernels, axes=1)
+    whole = blocks(problem.whole).reshape(len(used), -1)[used]
+    residual = whole @ np.append(-estimate, 1.0)
+    structure, scales = linear.covariance.structure, found.solved.scales
+    own = structure.fixed + np.tensordot(scales[: len(structure.own)] ** 2, structure.own, axes=1)
+    levers = blocks(structure.shared * scales[structure.owner])
     g, r = blocks.padding.shape
     covariance = np.zeros((g, r, g, r))
-    covariance[np.arange(g), :, np.arange(g)] = own
+    covariance[np.arange(g), :, np.arange(g)] = blocks.covariance(own) + levers @ levers.mT
     covariance = covariance.reshape(g * r, g * r)[np.ix_(used, used)]
-    covariance += _propagated(flat, found.solved.covariance)
+    covariance += _propagated(whole[:, :-1], found.solved.covariance)
     letters = np.array([letter for letter, rows in ROWS.items() for _ in range(rows.start, rows.stop)])
     row = np.abs(blocks.contrast).argmax(axis=2).ravel()[used] % SIZE
-    unit = linear.unit.ravel()[used]
-    return Prediction(residual / unit, covariance / unit / unit[:, None], letters[row])
+    return Prediction(residual, covariance, letters[row])
 
 
 def _propagated(columns: np.ndarray, covariance: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 y = N nu + sum_f G_f phi_f + e,  phi_f ~ N(0, tau_f^2 C_f),  V_0 = cov(e) = F + sum_k sigma_k^2 K_k.
 
-V_0 has one block per placement; the families add a low rank to it: V = V_0 + G D G'. The spreads tau and the
+`noise_structure` holds V_0; the families add a low rank to it: V = V_0 + G D G'. The spreads tau and the
 scales sigma minimise
 
     1/2 (ln|V| + ln|N' V^-1 N| + y' P y) - ln prior,   P = V^-1 - V^-1 N (N' V^-1 N)^-1 N' V^-1
@@ -25,6 +25,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from tulip_testbed.calibration.noise_structure import NoiseStructure, Weights
 from tulip_testbed.identification.estimators.errors_in_variables import MOST_CORRECTION
 
 MOST_STEP = 1.5  # of the logarithm of a scale
@@ -44,35 +45,44 @@ LEAST_CURVATURE = 0.25  # the s.d. of the logarithm of a scale is at most two
 
 @dataclass(frozen=True)
 class Problem:
-    """A linear model by independent blocks, padded: g blocks of r rows.
+    """A linear model of r residuals of each of m postures.
 
     Attributes:
-        output: y, (g, r).
-        columns: N, (g, r, p).
-        members: G, (g, r, q).
-        fixed: F, (g, r, r); one on the diagonal where a row is padding.
-        kernels: K_k, (k, g, r, r).
+        whole: N, G and y side by side, (m, r, p + q + 1); zero in rows that are not in use.
+        flat: p, the number of columns of N.
+        noise: V_0, of k scales.
         information: of nu, known beforehand with mean zero, (p, p).
         roots: square root of C_f by family, (n_f, n_f) each; together q rows.
         doubt: s.d. of ln sigma about zero, (k,).
         excess: what the noise in the columns adds to G' V_0^-1 G on average, (q, q).
         about: members at which y was linearised, (q,); there the noise of the columns has no effect.
         known: numbers of the families whose spread is known, tau = 1.
-        volume: ln of the factor by which the rows are scaled, in all; 0: not scaled.
     """
 
-    output: np.ndarray
-    columns: np.ndarray
-    members: np.ndarray
-    fixed: np.ndarray
-    kernels: np.ndarray
+    whole: np.ndarray
+    flat: int
+    noise: NoiseStructure
     information: np.ndarray
     roots: tuple[np.ndarray, ...]
     doubt: np.ndarray
     excess: np.ndarray
     about: np.ndarray
     known: tuple[int, ...] = ()
-    volume: float = 0.0
+
+    @property
+    def columns(self) -> np.ndarray:
+        """Return N, (m, r, p)."""
+        return self.whole[..., : self.flat]
+
+    @property
+    def members(self) -> np.ndarray:
+        """Return G, (m, r, q)."""
+        return self.whole[..., self.flat : -1]
+
+    @property
+    def output(self) -> np.ndarray:
+        """Return y, (m, r)."""
+        return self.whole[..., -1]
 
     @property
     def parts(self) -> list[slice]:
@@ -91,7 +101,6 @@ class Fit:
         estimate: nu and phi, (p + q,).
         conditional: their covariance if the scales were known, (p + q, p + q).
         covariance: their covariance, (p + q, p + q).
-        weighted: V_0^-1 (y - N nu - G phi), (g, r).
         value: minus the logarithm of the restricted likelihood and of the priors, up to a constant that
             depends on the number of rows and columns N alone.
         log_evidence: ln of the likelihood that is left when all unknowns and scales are integrated out, up
@@ -104,7 +113,6 @@ class Fit:
     estimate: np.ndarray
     conditional: np.ndarray
     covariance: np.ndarray
-    weighted: np.ndarray
     value: float
     log_evidence: float
 
@@ -114,8 +122,7 @@ class _Noise:
     """What depends on ln sigma alone: V_0^-1, its products with [N G y], and the likelihood of V_0."""
 
     log_scale: np.ndarray
-    whole: np.ndarray
-    inverse: np.ndarray
+    weights: Weights
     weighted: np.ndarray
     gram: np.ndarray
     flat: np.ndarray
@@ -146,7 +153,7 @@ def fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None = None) ->
     Raises:
         numpy.linalg.LinAlgError: readings that are not finite, or columns N that are not independent.
     """
-    k, f = len(problem.kernels), len(problem.roots)
+    k, f = len(problem.noise), len(problem.roots)
     first = (np.zeros(k), np.zeros(f)) if start is None else (np.log(start[0]), np.log(start[1]))
     noise = _noise(problem, first[0])
     spread = _spreads(problem, noise, first[1])
@@ -192,19 +199,14 @@ def parts_of_variance(problem: Problem, found: Fit) -> np.ndarray:
     They are due to known information, fixed noise, each sigma_k and each tau_f. Without `excess` their sum is
     that covariance.
     """
-    noise, p = _noise(problem, np.log(found.scales)), problem.columns.shape[2]
+    noise, p = _noise(problem, np.log(found.scales)), problem.flat
     across, width = noise.weighted[..., :-1], len(found.conditional)
     flat = across.reshape(-1, width)
     # Z' V_0^-1 K_k V_0^-1 Z times sigma_k^2.
-    spreads = np.array(
-        [
-            size * (flat.T @ (kernel @ across).reshape(-1, width))
-            for size, kernel in zip(found.scales**2, problem.kernels, strict=True)
-        ]
-    ).reshape(-1, width, width)
+    spreads = [flat.T @ pushed.reshape(-1, width) for pushed in noise.weights.parts(across)]
     of_nu, information = found.conditional[:p], np.zeros((width, width))
     information[:p, :p] = problem.information
-    fixed = noise.whole[..., :-1].reshape(-1, width).T @ flat - spreads.sum(axis=0)
+    fixed = flat.T @ (problem.noise.fixed @ across).reshape(-1, width)
     parts = [of_nu @ middle @ of_nu.T for middle in (information, fixed, *spreads)]
     for part, one, size in zip(problem.parts, problem.roots, found.spreads, strict=True):
         half = np.linalg.solve(size * one, found.conditional[p:, :p][part])
@@ -213,14 +215,11 @@ def parts_of_variance(problem: Problem, found: Fit) -> np.ndarray:
 
 
 def _noise(problem: Problem, log_scale: np.ndarray) -> _Noise:
-    covariance = problem.fixed + np.tensordot(np.exp(2 * log_scale), problem.kernels, axes=1)
-    lower = np.linalg.cholesky(covariance)
-    inverse = np.linalg.inv(covariance)
-    whole = np.concatenate([problem.columns, problem.members, problem.output[..., None]], axis=2)
-    weighted = inverse @ whole
-    width = whole.shape[2]
-    gram = whole.reshape(-1, width).T @ weighted.reshape(-1, width)
-    p = problem.columns.shape[2]
+    weights = problem.noise.weights(log_scale)
+    weighted = weights(problem.whole)
+    width = weighted.shape[2]
+    gram = problem.whole.reshape(-1, width).T @ weighted.reshape(-1, width)
+    p = problem.flat
     information = gram[:p, :p] + problem.information
     size = 1 / np.sqrt(np.diag(information))
     root = np.linalg.cholesky(size[:, None] * information * size)
@@ -234,12 +233,11 @@ def _noise(problem: Problem, log_scale: np.ndarray) -> _Noise:
         rest = rest - noisy.T @ bounded @ noisy
     inverse_root = np.linalg.inv(root) * size
     flat = inverse_root.T @ inverse_root
-    logs = np.log(np.diagonal(lower, axis1=1, axis2=2)).sum() + np.log(np.diag(root) / size).sum()
+    logs = weights.log_volume + np.log(np.diag(root) / size).sum()
     prior = 0.5 * ((log_scale / problem.doubt) ** 2).sum()
     return _Noise(
         log_scale=log_scale,
-        whole=whole,
-        inverse=inverse,
+        weights=weights,
         weighted=weighted,
         gram=gram,
         flat=flat,
@@ -345,7 +343,7 @@ def _step(gradient: np.ndarray, hessian: np.ndarray) -> np.ndarray:
 
 def _posterior(problem: Problem, noise: _Noise, spread: _Spread) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and covariance of nu and phi with the scales known, (p + q,) and (p + q, p + q)."""
-    p = problem.columns.shape[2]
+    p = problem.flat
     members = spread.root @ spread.shrinkage @ spread.root.T
     carry = noise.flat @ noise.gram[:p, p:-1]
     cross = -carry @ members
@@ -361,29 +359,26 @@ def _joint(
     """Return gradient and Hessian in ln sigma and ln tau, and what the covariance needs too.
 
     Returns:
-        gradient, (k + f,); Hessian, (k + f, k + f); estimate; conditional covariance; V_0^-1 e, (g, r);
-        d estimate / d ln scales, (p + q, k + f).
+        gradient, (k + f,); Hessian, (k + f, k + f); estimate; conditional covariance; d estimate / d ln
+        scales, (p + q, k + f).
     """
-    k, p = len(problem.kernels), problem.columns.shape[2]
+    k, p = len(problem.noise), problem.flat
     estimate, covariance = _posterior(problem, noise, spread)
     weighted = noise.weighted @ np.append(-estimate, 1.0)
     across = noise.weighted[..., :-1]
     width = across.shape[2]
-    square = np.exp(2 * noise.log_scale)
-    left = noise.inverse - (across @ covariance) @ across.mT  # P within the blocks
-    trace, pushed = np.empty(k), np.empty((k, *weighted.shape))
-    for i, kernel in enumerate(problem.kernels):
-        trace[i] = square[i] * (left * kernel).sum()
-        pushed[i] = square[i] * (kernel @ weighted[..., None])[..., 0]
-    score = trace - (pushed * weighted).sum(axis=(1, 2)) + noise.log_scale / problem.doubt**2
+    pushed = np.concatenate(
+        [np.zeros((*weighted.shape, 0)), *noise.weights.parts(weighted[..., None])], axis=2
+    )
+    score = noise.weights.traces(across, covariance) - np.tensordot(weighted, pushed, axes=2)
+    score += noise.log_scale / problem.doubt**2
     phi = estimate[p:]
     each = np.zeros((len(phi), len(problem.roots)))
     for j, part in enumerate(problem.parts):
         each[part, j] = phi[part]
-    q = np.concatenate([pushed.transpose(1, 2, 0), noise.whole[..., p:-1] @ each], axis=2).reshape(
-        -1, k + each.shape[1]
-    )
-    solved = (noise.inverse @ q.reshape(*weighted.shape, -1)).reshape(q.shape)
+    pushed = np.concatenate([pushed, problem.members @ each], axis=2)
+    solved = noise.weights(pushed).reshape(-1, pushed.shape[2])
+    q = pushed.reshape(-1, pushed.shape[2])
     on_columns = across.reshape(-1, width).T @ q
     hessian = 2 * (q.T @ solved - on_columns.T @ covariance @ on_columns)
     hessian[:k, :k] += np.diag(problem.doubt**-2.0)
@@ -401,15 +396,15 @@ def _joint(
     return (
         np.concatenate([score, spread.gradient]),
         hessian,
-        (estimate, covariance, weighted, slope),
+        (estimate, covariance, slope),
     )
 
 
 def _result(problem: Problem, noise: _Noise, spread: _Spread) -> Fit:
-    _, hessian, (estimate, conditional, weighted, slope) = _joint(problem, noise, spread)
+    _, hessian, (estimate, conditional, slope) = _joint(problem, noise, spread)
     values, turn = np.linalg.eigh(hessian)
     doubt = (turn / np.maximum(values, LEAST_CURVATURE)) @ turn.T
-    value = noise.value + spread.value - problem.volume
+    value = noise.value + spread.value
     # A known spread has the curvature 1 and is not integrated over.
     volume = 0.5 * np.log(2 * np.pi / np.maximum(values, LEAST_CURVATURE)).sum()
     volume -= 0.5 * np.log(2 * np.pi) * len(problem.known)
@@ -420,7 +415,6 @@ def _result(problem: Problem, noise: _Noise, spread: _Spread) -> Fit:
         estimate=estimate,
         conditional=conditional,
         covariance=conditional + slope @ doubt @ slope.T,
-        weighted=weighted,
         value=value,
         log_evidence=float(volume - value),
     )

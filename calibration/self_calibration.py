@@ -35,7 +35,6 @@ from tulip_testbed.calibration.linearisation import (
     scaled_noise,
     split_members,
 )
-from tulip_testbed.calibration.placement_blocks import placement_blocks
 from tulip_testbed.calibration.reml import Fit, Problem, fit, given, parts_of_variance
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.degrees_of_freedom import of_f_test, satterthwaite
@@ -157,15 +156,14 @@ class SelfCalibration:
             most: largest spread that is believed, in tolerances.
         """
         families = [one.family for one in self.families]
-        mixing, owner = mixing_of(families)
+        _, owner = mixing_of(families)
         width = [part.shape[1] for family in families for part in family.parts]
         spreads = np.repeat(np.minimum(self.solved.spreads[: len(owner)], most), width)
         deviates = self.solved.estimate[len(self.theta) + 1 :][: len(spreads)]
-        members = self.linear.members[..., : len(mixing)]
         found = self.linear.covariance
         internal = self.solved.scales[SOURCES.index("internal forces")] * found.internal
         unseen = np.concatenate([internal, found.unsure], axis=2)
-        return Background(members @ (mixing * spreads), deviates / spreads, unseen)
+        return Background(self.problem.members[..., : len(spreads)] * spreads, deviates / spreads, unseen)
 
     @property
     def mass(self) -> tuple[float, float]:
@@ -204,11 +202,12 @@ class SelfCalibration:
         chosen = [*columns, p]
         problem = replace(
             self.problem,
-            columns=self.problem.columns[..., chosen],
+            whole=self.problem.whole[..., [*columns, *range(p, self.problem.whole.shape[2])]],
+            flat=len(chosen),
             information=self.problem.information[np.ix_(chosen, chosen)],
         )
         solved = fit(problem, (self.solved.scales, self.solved.spreads))
-        return _result(self.observed, self.all, self.noise, problem, solved, self.linear, self.assumed)
+        return _result(self.observed, self.all, self.noise, problem, self.linear, solved, self.assumed)
 
 
 def self_calibrate(
@@ -241,7 +240,7 @@ def self_calibrate(
         *families_of(observed.nominal.robot, used, effects),
         *map(FreeEffect, effects),
     )
-    noise, blocks = noise_of(observed), placement_blocks(observed)
+    noise = noise_of(observed)
     p = observed.geometry.regressor.shape[2]
     mixing, owner = mixing_of(families)
     both = block_diag(np.eye(p + 1), mixing)
@@ -257,15 +256,17 @@ def self_calibrate(
         clean = _without(observed, families, phi, nu[:p], start.covariance, errors)
         smooth = moved_by(clean, start.observed, start.linear.smooth)
         smooth = smooth.changed(tree=clean.tree, cells=clean.cells)
-    found: tuple[Problem, Fit, Linearised] | None = None
-    best: tuple[Observation, tuple[Problem, Fit, Linearised]] | None = None
-    for _ in range(rounds):
+    found: tuple[Problem, Linearised] | None = None
+    best: tuple[State, Fit, Observation] | None = None
+    for count in range(rounds):
         state = State(clean, smooth, nu, deviates, variance, scales, residual_covariance)
-        problem, linear = linearised(state, families, noise, blocks)
-        noisy = found is None and start is None
+        found = None  # a linear model is large: one at a time
+        problem, linear = found = linearised(state, families, noise)
+        noisy = count == 0 and start is None
         # At first the columns hold the readings' noise: they could explain it with no noise at all.
         solved = given(problem, scales, spreads) if noisy else fit(problem, (scales, spreads))
-        found, smooth = (problem, solved, linear), linear.smooth
+        smooth = linear.smooth
+        del problem, linear
         estimate, covariance = both @ solved.estimate, both @ solved.covariance @ both.T
         moved = np.abs(np.append(nu, phi) - estimate) / np.sqrt(np.diag(covariance))
         nu, phi, variance = estimate[: p + 1], estimate[p + 1 :], np.diag(covariance)[p + 1 :]
@@ -274,12 +275,13 @@ def self_calibrate(
         clean = _without(observed, families, phi, nu[:p], covariance[:p, :p], errors)
         if moved.max() < STANDS:
             break
-        if not noisy and (best is None or solved.log_evidence > best[1][1].log_evidence):
-            best = clean, found
+        if not noisy and (best is None or solved.log_evidence > best[1].log_evidence):
+            best = state, solved, clean
     assert found is not None
-    if best is not None and found[1].log_evidence < best[1][1].log_evidence - WORSE:
-        clean, found = best  # the steps led away, as they may with a large play
-    return _result(clean, families, noise, *found, used.assumed)
+    if best is not None and solved.log_evidence < best[1].log_evidence - WORSE:
+        state, solved, clean = best  # the steps led away, as they may with a large play
+        found = linearised(state, families, noise)
+    return _result(clean, families, noise, *found, solved, used.assumed)
 
 
 def least_determined(observed: Observation, tolerances: Mapping[str, float] | None = None) -> list[str]:
@@ -296,7 +298,7 @@ def least_determined(observed: Observation, tolerances: Mapping[str, float] | No
     variance, scales = (mixing**2).sum(axis=1), np.ones(len(SOURCES))
     try:
         state = State(observed, observed, nu, 0 * left, variance, scales, None)
-        problem, _ = linearised(state, families, noise_of(observed), placement_blocks(observed))
+        problem, _ = linearised(state, families, noise_of(observed))
         left = np.diag(given(problem, scales, np.ones(len(problem.roots))).conditional)[len(nu) :]
     except np.linalg.LinAlgError:
         pass  # then the order is the table's
@@ -415,11 +417,11 @@ def _result(
     families: Families,
     noise: Noise,
     problem: Problem,
-    solved: Fit,
     linear: Linearised,
+    solved: Fit,
     assumed: str,
 ) -> SelfCalibration:
-    p, k = problem.columns.shape[2] - 1, len(problem.kernels)
+    p, k = problem.flat - 1, len(problem.noise)
     mixing, owner = mixing_of(families)
     theta, covariance = solved.estimate[:p], solved.covariance[:p, :p]
     variance = np.diag(covariance)

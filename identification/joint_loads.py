@@ -26,17 +26,28 @@ class Loads:
     Attributes:
         torques: torque of the load on each joint about its axis, (m, n_joints) [Nm].
         internal_wrench: horizontal force and torsion of the ground on the swing foot, (m, 3) [N, N, Nm].
-        stiffness: stiffness of the closed legs against a rotation of a single joint, (m, n_joints) [Nm/rad].
+        sharing: torque that the closed legs take off every joint when one of them turns by an angle,
+            (m, n_joints, n_joints) [Nm/rad].
         levers: torque on every joint per unit of the internal wrench, (m, n_joints, 3) [m, m, -].
         doubt: s.d. of the torques, by the noise of the cells, by what they do not show of the internal wrench
             and by the point of the load, (m, n_joints) [Nm].
+        torques_by: derivative of the torques by eight cells, then by x and y of the point of the load on the
+            stance and the swing foot, (m, n_joints, 12) [m, N].
+        wrench_by: the same of the internal wrench, (m, 3, 12).
     """
 
     torques: np.ndarray
     internal_wrench: np.ndarray
-    stiffness: np.ndarray
+    sharing: np.ndarray
     levers: np.ndarray
     doubt: np.ndarray
+    torques_by: np.ndarray
+    wrench_by: np.ndarray
+
+    @property
+    def stiffness(self) -> np.ndarray:
+        """Return the stiffness of the closed legs against a rotation of one joint, (m, n_joints) [Nm/rad]."""
+        return np.diagonal(self.sharing, axis1=1, axis2=2)
 
 
 def joint_loads(
@@ -82,6 +93,9 @@ def joint_loads(
     torque = weight / mass * carried + (upward * down[:, None]).sum(axis=2)
     arms = cells.reshape(len(cells), 8, 1, 2) - geometry.pivots[:, None, :, :2]
     by_cells = (arms[..., 1] * ax[:, None] - arms[..., 0] * ay[:, None]) * np.repeat(bears, 4, axis=1).T
+    borne = bears * down[:, None]
+    by_points = np.stack([-borne * ay[..., None], borne * ax[..., None]], axis=-1).reshape(*ax.shape, 4)
+    by = np.concatenate([by_cells.mT, by_points], axis=2)
     x, y, z = np.moveaxis(lever[:, :, 1] * between[:, None], -1, 0)
     unknown = np.stack([z * ay - y * az, x * az - z * ax, az * between], axis=-1)
     # In single support the swing foot bears no load.
@@ -92,17 +106,19 @@ def joint_loads(
     square = scaled.mT @ scaled
     scale = np.trace(square, axis1=1, axis2=2)[:, None, None]
     inverse = np.linalg.solve(square + ROUNDING * np.where(scale > 0, scale, 1.0) * np.eye(3), scaled.mT)
-    push = -(inverse @ (torque * weigh)[..., None])[..., 0]
-    settled = by_cells - np.einsum("mjk,mkl,mcl->mcj", unknown, inverse, by_cells * weigh, optimize=True)
-    variance = cell_sd**2 * (settled**2).sum(axis=1) + ((unknown * UNSEEN) ** 2).sum(axis=2)
+    inverse = inverse * weigh
+    push, wrench_by = -(inverse @ torque[..., None])[..., 0], -inverse @ by
+    torques_by = by + unknown @ wrench_by
+    variance = cell_sd**2 * (torques_by[..., :8] ** 2).sum(axis=2) + ((unknown * UNSEEN) ** 2).sum(axis=2)
     variance += (MISPLACED * np.abs(bears) @ down[..., None])[..., 0] ** 2
-    shared = np.einsum("mjk,mkj->mj", scaled, inverse)
     return Loads(
         torques=torque + (unknown @ push[..., None])[..., 0],
         internal_wrench=push,
-        stiffness=shared / weigh**2,
+        sharing=unknown @ inverse / weigh**2,
         levers=unknown,
         doubt=np.sqrt(variance),
+        torques_by=torques_by,
+        wrench_by=wrench_by,
     )
 
 

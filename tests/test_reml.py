@@ -8,39 +8,55 @@ from scipy.integrate import dblquad
 from scipy.optimize import approx_fprime, minimize
 from scipy.stats import multivariate_normal
 
+from tulip_testbed.calibration.noise_structure import NoiseStructure, groups
 from tulip_testbed.calibration.reml import Problem, fit, objective, parts_of_variance
 from tulip_testbed.calibration.reml import given as fit_with
 
 
-def problem(seed: int, blocks: int = 6, rows: int = 8, sizes: tuple[int, ...] = (5, 3, 1)) -> Problem:
+def noise_of(fixed: np.ndarray, own: np.ndarray, shared: np.ndarray, free: np.ndarray) -> NoiseStructure:
+    """Placements of three postures, each with a stance of two and one of a single posture."""
+    m = len(fixed)
+    stance = np.arange(m) // 3 * 2 + (np.arange(m) % 3 == 2)
+    owner = np.full(shared.shape[2], len(own))
+    return NoiseStructure(groups(np.arange(m) // 3), groups(stance), fixed, own, shared, owner, free)
+
+
+def white(fixed: np.ndarray) -> NoiseStructure:
+    """Noise of known covariance (m, r, r), without anything that postures share."""
+    m, r = fixed.shape[:2]
+    return noise_of(fixed, np.zeros((0, m, r, r)), np.zeros((m, r, 0)), np.zeros((m, r, 0)))
+
+
+def problem(seed: int, postures: int = 15, rows: int = 5, sizes: tuple[int, ...] = (5, 3, 1)) -> Problem:
+    """Two residuals of each posture have a constant of its stance, one posture has no such residuals."""
     rng = np.random.default_rng(seed)
     p, q = 4, sum(sizes)
-    kernels = np.array(
-        [
-            [a @ a.T for a in rng.standard_normal((blocks, rows, 3))],
-            np.tile(np.eye(rows), (blocks, 1, 1)),
-        ]
-    )
-    columns, members = rng.standard_normal((blocks, rows, p)), rng.standard_normal((blocks, rows, q))
+    used = np.ones((postures, rows))
+    used[4, :2] = 0
+    factors = used[..., None] * rng.standard_normal((postures, rows, 6))
+    levers = 0.5 * used[..., None] * rng.standard_normal((postures, rows, 2))
+    free = used[..., None] * np.tile(np.eye(rows)[:, :2], (postures, 1, 1))
+    own = factors @ factors.mT
+    fixed = 0.01 * np.tile(np.eye(rows), (postures, 1, 1)) + (1 - used)[..., None] * np.eye(rows)
+    columns, members = rng.standard_normal((postures, rows, p)), rng.standard_normal((postures, rows, q))
     roots = tuple(
         (0.5 + k) * np.linalg.cholesky(0.4 * np.eye(n) + 0.6 * (k == 1) + 0.6 * (k != 1) * np.eye(n))
         for k, n in enumerate(sizes)
     )
-    noise = np.einsum(
-        "gij,gj->gi", np.linalg.cholesky(kernels.sum(axis=0)), rng.standard_normal((blocks, rows))
-    )
+    common = rng.standard_normal((postures // 3, 2))[np.arange(postures) // 3]
+    noise = (factors @ rng.standard_normal((postures, 6, 1)) + levers @ common[..., None])[..., 0]
+    noise += 0.1 * rng.standard_normal(noise.shape)
     phi = np.concatenate(
         [
             size * root @ rng.standard_normal(len(root))
             for size, root in zip((1, 0.05, 2), roots, strict=False)
         ]
     )
+    output = noise + columns @ rng.standard_normal(p) + members @ phi
     return Problem(
-        output=noise + columns @ rng.standard_normal(p) + members @ phi,
-        columns=columns,
-        members=members,
-        fixed=np.tile(0.01 * np.eye(rows), (blocks, 1, 1)),
-        kernels=kernels,
+        whole=used[..., None] * np.concatenate([columns, members, output[..., None]], axis=2),
+        flat=p,
+        noise=noise_of(fixed, own[None], levers, free),
         information=np.diag([0.0, 0.0, 0.0, 3.0]),
         roots=roots,
         doubt=np.array([0.7, np.log(4.0)]),
@@ -55,24 +71,39 @@ def flat(values: np.ndarray) -> np.ndarray:
 
 def dense_covariance(given: Problem, log_scale: np.ndarray, log_spread: np.ndarray) -> np.ndarray:
     """V of the rows, with a row for each known flat parameter at the end."""
-    g, r = given.output.shape
-    full = np.zeros((g, r, g, r))
-    for k in range(g):
-        full[k, :, k] = given.fixed[k] + np.tensordot(np.exp(2 * log_scale), given.kernels[:, k], axes=1)
-    v = full.reshape(g * r, g * r)
+    m, r = given.output.shape
+    noise, scales = given.noise, np.exp(log_scale)
+    full = np.zeros((m, r, m, r))
+    for i in range(m):
+        full[i, :, i] = noise.fixed[i]
+        full[i, :, i] += np.tensordot(scales[: len(noise.own)] ** 2, noise.own[:, i], axes=1)
+        for j in range(m):
+            if noise.placement.number[i] == noise.placement.number[j]:
+                full[i, :, j] += noise.shared[i] * scales[noise.owner] ** 2 @ noise.shared[j].T
+    v = full.reshape(m * r, m * r)
     for part, root, size in zip(given.parts, given.roots, np.exp(log_spread), strict=True):
         one = flat(given.members)[:, part] @ root * size
         v = v + one @ one.T
     known = np.flatnonzero(np.diag(given.information))
     v = np.pad(v, ((0, len(known)), (0, len(known))))
     for k, column in enumerate(known):
-        v[g * r + k, g * r + k] = 1 / given.information[column, column]
+        v[m * r + k, m * r + k] = 1 / given.information[column, column]
     return v
 
 
 def dense_columns(given: Problem) -> tuple[np.ndarray, np.ndarray]:
+    """N with the constants of the stances beside it, which are flat parameters too, and y."""
+    m, r = given.output.shape
     known = np.flatnonzero(np.diag(given.information))
+    each = [
+        np.where(given.noise.stance.number == number, given.noise.free[..., k].T, 0).T
+        for number in np.unique(given.noise.stance.number)
+        for k in range(given.noise.free.shape[2])
+    ]
+    stances = np.stack(each, axis=-1).reshape(m * r, -1) if each else np.zeros((m * r, 0))
+    stances = stances[:, np.abs(stances).max(axis=0, initial=0.0) > 0]
     columns = np.concatenate([flat(given.columns), np.eye(given.columns.shape[2])[known]])
+    columns = np.hstack([columns, np.pad(stances, ((0, len(known)), (0, 0)))])
     return columns, np.append(given.output.ravel(), np.zeros(len(known)))
 
 
@@ -115,7 +146,8 @@ def test_the_fit_is_the_minimum(seed):
     )
     assert found.value <= by_scipy.fun + 2e-3
     at = np.log(np.concatenate([found.scales, found.spreads]))
-    assert np.abs(objective(given, at[:2], at[2:])[1]).max() < 0.1
+    slope = objective(given, at[:2], at[2:])[1]
+    assert slope @ found.scale_covariance @ slope < 2e-3  # what a step of Newton's would still gain
     again = fit(given, (found.scales, found.spreads))
     assert again.estimate == pytest.approx(found.estimate, rel=2e-2, abs=1e-2)
 
@@ -127,10 +159,10 @@ def test_the_estimate_is_generalised_least_squares_with_the_dense_covariance():
     n, y = dense_columns(given)
     inner = np.linalg.inv(n.T @ np.linalg.solve(v, n))
     nu = inner @ n.T @ np.linalg.solve(v, y)
-    p = n.shape[1]
-    assert found.estimate[:p] == pytest.approx(nu)
-    assert found.conditional[:p, :p] == pytest.approx(inner)
-    assert parts_of_variance(given, found).sum(axis=0) == pytest.approx(inner)
+    p = given.flat
+    assert found.estimate[:p] == pytest.approx(nu[:p])
+    assert found.conditional[:p, :p] == pytest.approx(inner[:p, :p])
+    assert parts_of_variance(given, found).sum(axis=0) == pytest.approx(inner[:p, :p])
     d = np.zeros((9, 9))
     for part, root, size in zip(given.parts, given.roots, found.spreads, strict=True):
         d[part, part] = size**2 * root @ root.T
@@ -152,17 +184,17 @@ def test_the_derivative_of_the_estimate_by_the_scales():
         v = dense_covariance(given, x[:2], x[2:])
         return np.linalg.solve(n.T @ np.linalg.solve(v, n), n.T @ np.linalg.solve(v, y))
 
-    slope = np.array([(nu(at + e) - nu(at - e)) / 2e-5 for e in 1e-5 * np.eye(5)]).T
-    p = n.shape[1]
+    slope = np.array([(nu(at + e) - nu(at - e))[: given.flat] / 2e-5 for e in 1e-5 * np.eye(5)]).T
+    p = given.flat
     added = (found.covariance - found.conditional)[:p, :p]
     assert added == pytest.approx(slope @ found.scale_covariance @ slope.T, rel=1e-4, abs=1e-10)
 
 
 def test_a_family_that_nothing_shows_has_spread_one():
     given = problem(5)
-    members = given.members.copy()
-    members[..., 5:8] = given.columns[..., :3]  # as flat parameters: nothing can tell them apart
-    found = fit(dataclasses.replace(given, members=members))
+    whole = given.whole.copy()
+    whole[..., 9:12] = given.columns[..., :3]  # as flat parameters: nothing can tell them apart
+    found = fit(dataclasses.replace(given, whole=whole))
     assert found.spreads[1] == pytest.approx(1.0, abs=1e-3)
     covariance = given.roots[1] @ given.roots[1].T
     assert found.conditional[9:12, 9:12] == pytest.approx(covariance, rel=1e-5)
@@ -172,12 +204,11 @@ def test_marginal_posterior_of_a_member_by_quadrature():
     """Mean and s.d. of a member against the integral over its family's spread, nothing else unknown."""
     rng = np.random.default_rng(7)
     members = rng.standard_normal((1, 12, 4))
+    output = members @ np.array([0.5, -0.8, 0.4, 0.9]) + 0.5 * rng.standard_normal((1, 12))
     plain = Problem(
-        output=(members @ np.array([0.5, -0.8, 0.4, 0.9]) + 0.5 * rng.standard_normal((1, 12))),
-        columns=np.ones((1, 12, 1)),
-        members=members,
-        fixed=0.25 * np.eye(12)[None],
-        kernels=np.zeros((0, 1, 12, 12)),
+        whole=np.concatenate([np.ones((1, 12, 1)), members, output[..., None]], axis=2),
+        flat=1,
+        noise=white(0.25 * np.eye(12)[None]),
         information=np.zeros((1, 1)),
         roots=(np.eye(4),),
         doubt=np.zeros(0),
@@ -211,7 +242,7 @@ def test_evidence_of_two_members_by_quadrature():
     y, n, g = rng.standard_normal(4), rng.standard_normal((4, 1)), rng.standard_normal((4, 1))
 
     def given(x: float) -> float:
-        one = Problem(y[None], n[None], g[None], np.eye(4)[None], np.zeros((0, 1, 4, 4)), np.zeros((1, 1)),
+        one = Problem(np.column_stack([n, g, y])[None], 1, white(np.eye(4)[None]), np.zeros((1, 1)),
                       (np.eye(1),), np.zeros(0), np.zeros((1, 1)), np.zeros(1))  # fmt: skip
         prior = 0.5 * (x / np.log(2)) ** 2
         return -objective(one, np.zeros(0), np.array([x]))[0] + prior
@@ -239,11 +270,9 @@ def test_noise_in_a_column_does_not_draw_its_member_to_zero():
         y = 3.0 * true[..., 0] + 0.3 * rng.standard_normal((1, 200))
         for share in errors:
             one = Problem(
-                output=y,
-                columns=np.ones((1, 200, 1)),
-                members=noisy,
-                fixed=np.eye(200)[None],
-                kernels=np.zeros((0, 1, 200, 200)),
+                whole=np.concatenate([np.ones((1, 200, 1)), noisy, y[..., None]], axis=2),
+                flat=1,
+                noise=white(np.eye(200)[None]),
                 information=np.zeros((1, 1)),
                 roots=(100.0 * np.eye(1),),
                 doubt=np.zeros(0),

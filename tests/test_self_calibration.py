@@ -10,7 +10,12 @@ from tulip_testbed.calibration.estimated_loads import with_estimated_loads
 from tulip_testbed.calibration.families import TOLERANCES, families_of, read_tolerances, tolerances_of
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.member_columns import member_columns
-from tulip_testbed.calibration.placement_blocks import placement_blocks
+from tulip_testbed.calibration.noise_structure import (
+    NoiseStructure,
+    constants_of_stances,
+    groups,
+    residuals_in_use,
+)
 from tulip_testbed.calibration.self_calibration import least_determined, self_calibrate
 from tulip_testbed.effects.instance import removed
 from tulip_testbed.experiments.identify import identify
@@ -148,27 +153,31 @@ def test_tolerances_follow_the_sensors():
     assert tolerances_of(SensorSheet()).value == wii.value  # unknown sensors are taken for coarse ones
 
 
-def test_the_blocks_hold_the_covariance_that_discovery_uses(ordinary, nominal):
-    """Chi-square without members, by contrasts here and with the feet's poses as nuisances there."""
+def test_the_noise_is_that_which_discovery_uses(ordinary, nominal):
+    """Chi-square without members, by weights without the feet's poses and with them as nuisances."""
     observed = observe(ordinary[0].measurements, nominal)
     model = linear_model(observed, noise_of(observed))
-    blocks = placement_blocks(observed)
-    white = model.whitening
-    covariance = blocks.covariance(white.own)
-    levers = blocks(white.levers)
-    covariance += levers @ levers.mT
-    each = np.arange(covariance.shape[1])
-    covariance[:, each, each] += blocks.padding
+    used, white = residuals_in_use(observed), model.whitening
+    structure = NoiseStructure(
+        placement=groups(observed.measurements.placement),
+        stance=groups(observed.stance),
+        fixed=np.where(used[:, :, None] & used[:, None], white.own, np.eye(11)),
+        own=np.zeros((0, *white.own.shape)),
+        shared=used[..., None] * white.levers,
+        owner=np.zeros(6, int),
+        free=constants_of_stances(used),
+    )
+    weights = structure.weights(np.zeros(1))
     columns = np.concatenate([model.observed.geometry.regressor, np.zeros((len(observed), 9, 25))], axis=1)
-    columns = blocks(np.concatenate([columns, np.eye(11)[None, :, 2:3].repeat(len(observed), 0)], axis=2))
-    solved = np.linalg.solve(covariance, columns)
-    inner = np.einsum("grp,grq->pq", columns, solved)
+    columns = np.concatenate([columns, np.eye(11)[None, :, 2:3].repeat(len(observed), 0)], axis=2)
+    solved = weights(used[..., None] * columns)
+    inner = np.tensordot(columns, solved, axes=((0, 1), (0, 1)))
     assert observed.measurements.weighed_mass
     mass_sd = observed.measurements.weighed_mass[1] * observed.measurements.gravity
     inner[-1, -1] += mass_sd**-2
-    r = blocks(residuals(observed, model.theta))
-    moment = np.einsum("grp,gr->p", solved, r)
-    rest = np.einsum("gr,gr->", r, np.linalg.solve(covariance, r[..., None])[..., 0])
+    r = used * residuals(observed, model.theta)
+    moment = np.einsum("mrp,mr->p", solved, r)
+    rest = np.vdot(r, weights(r[..., None])[..., 0])
     assert rest - moment @ np.linalg.solve(inner, moment) == pytest.approx(model.chi_square, rel=1e-3)
 
 

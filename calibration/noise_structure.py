@@ -1,0 +1,221 @@
+"""Covariance of residuals that postures of a placement share, and of constants that nobody knows.
+
+V_0 = blocks of single postures + L L' within a placement, L what a recorded plate's error changes. The swing
+foot's place is known up to a constant of each stance: columns Z of flat parameters. Without them the inverse
+is
+
+    Q = A^-1 - U (Z' U)^-1 U',  U = A^-1 Z,        W = Q - Q L (I + L' Q L)^-1 L' Q,
+
+of blocks of a posture's size (Woodbury). Half of ln|A| + ln|Z' U| + ln|I + L' Q L| is V_0's part of the
+restricted likelihood (Patterson and Thompson 1971) with Z among its columns, up to a constant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_channels import ANCHORED, ROWS, SIZE, feet_in_contact
+
+AT_ONCE = 32  # columns, for the sake of memory
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Postures that belong together: placements, or stances.
+
+    Attributes:
+        number: of each posture's group, from 0, (m,).
+    """
+
+    number: np.ndarray
+
+    @cached_property
+    def _sums(self) -> csr_array:
+        m = len(self.number)
+        return csr_array((np.ones(m), (self.number, np.arange(m))))
+
+    def sums(self, values: np.ndarray) -> np.ndarray:
+        """Sum over the postures of each group, (m, ...) -> (g, ...)."""
+        flat = self._sums @ values.reshape(len(values), int(np.prod(values.shape[1:])))
+        return flat.reshape(len(flat), *values.shape[1:])
+
+
+@dataclass(frozen=True)
+class NoiseStructure:
+    """Covariance of the residuals, r of each of m postures, by scales of the noise.
+
+    Attributes:
+        placement, stance: groups of postures. A stance lies within a placement.
+        fixed: covariance that no scale changes, by posture, (m, r, r); 1 on the diagonal of residuals that
+            are not in use.
+        own: covariance by each scale that postures do not share, (k, m, r, r).
+        shared: change of the residuals by one s.d. of what a placement's postures share, (m, r, s).
+        owner: number of the scale of each column of `shared`, (s,); they follow those of `own`.
+        free: columns of the constants of a stance, (m, r, c).
+    """
+
+    placement: Groups
+    stance: Groups
+    fixed: np.ndarray
+    own: np.ndarray
+    shared: np.ndarray
+    owner: np.ndarray
+    free: np.ndarray
+
+    def __len__(self) -> int:
+        """Return the number of scales."""
+        return max([len(self.own), *(1 + self.owner)])
+
+    def weights(self, log_scale: np.ndarray) -> Weights:
+        """Return the inverse of the covariance at scales of the noise.
+
+        Args:
+            log_scale: natural logarithms, (number of scales,).
+        """
+        square = np.exp(2 * log_scale)
+        alone = self.fixed + np.tensordot(square[: len(self.own)], self.own, axes=1)
+        levers = self.shared * np.exp(log_scale)[self.owner]
+        unit = 1 / np.sqrt(np.diagonal(alone, axis1=1, axis2=2))
+        both = unit[:, :, None] * unit[:, None]
+        lower = np.linalg.cholesky(alone * both)
+        inverse = np.linalg.inv(alone * both) * both
+        log_volume = np.log(np.diagonal(lower, axis1=1, axis2=2) / unit).sum()
+
+        on_free = inverse @ self.free
+        of_free, volume = _inverted(self.stance.sums(self.free.mT @ on_free))
+        log_volume += volume
+        free_weights = on_free @ of_free[self.stance.number]
+        on_levers = inverse @ levers
+        on_levers -= free_weights @ self.stance.sums(self.free.mT @ on_levers)[self.stance.number]
+        inner = self.placement.sums(levers.mT @ on_levers)
+        of_levers, volume = _inverted(np.eye(levers.shape[2]) + inner)
+        log_volume += volume
+        return Weights(
+            structure=self,
+            square=square,
+            inverse=inverse,
+            on_free=on_free,
+            free_weights=free_weights,
+            levers=levers,
+            on_levers=on_levers,
+            lever_weights=on_levers @ of_levers[self.placement.number],
+            of_levers=inner @ of_levers,
+            log_volume=float(log_volume),
+        )
+
+
+@dataclass(frozen=True)
+class Weights:
+    """The inverse W of the covariance of the noise, without the constants of the stances.
+
+    Attributes:
+        square: of the scales. inverse: A^-1, by posture, (m, r, r).
+        on_free: A^-1 Z; free_weights: the same times (Z' A^-1 Z)^-1, (m, r, c).
+        levers: L. on_levers: Q L; lever_weights: the same times (I + L' Q L)^-1, (m, r, s).
+        of_levers: L' W L by placement, (g, s, s).
+        log_volume: half the logarithm of the determinants.
+    """
+
+    structure: NoiseStructure
+    square: np.ndarray
+    inverse: np.ndarray
+    on_free: np.ndarray
+    free_weights: np.ndarray
+    levers: np.ndarray
+    on_levers: np.ndarray
+    lever_weights: np.ndarray
+    of_levers: np.ndarray
+    log_volume: float
+
+    def __call__(self, columns: np.ndarray) -> np.ndarray:
+        """Return W times columns, (m, r, n)."""
+        stance, placement = self.structure.stance, self.structure.placement
+        out = np.empty_like(columns)
+        for first in range(0, columns.shape[2], AT_ONCE):
+            some = columns[..., first : first + AT_ONCE]
+            part = self.inverse @ some
+            part -= self.free_weights @ stance.sums(self.on_free.mT @ some)[stance.number]
+            part -= self.lever_weights @ placement.sums(self.on_levers.mT @ some)[placement.number]
+            out[..., first : first + AT_ONCE] = part
+        return out
+
+    @cached_property
+    def of_postures(self) -> np.ndarray:
+        """Return the blocks of W of single postures, (m, r, r)."""
+        return self.inverse - self.free_weights @ self.on_free.mT - self.lever_weights @ self.on_levers.mT
+
+    def parts(self, columns: np.ndarray) -> Iterator[np.ndarray]:
+        """Yield sigma_k^2 K_k times columns (m, r, n) for every scale."""
+        structure = self.structure
+        for square, kernel in zip(self.square, structure.own, strict=False):
+            yield square * (kernel @ columns)
+        for k in range(len(structure.own), len(structure)):
+            levers = self.levers[..., structure.owner == k]
+            yield levers @ structure.placement.sums(levers.mT @ columns)[structure.placement.number]
+
+    def traces(self, across: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+        """Return the trace of sigma_k^2 K_k (W - X C X') for every scale, (k,).
+
+        Args:
+            across: X, (m, r, n).
+            covariance: C, (n, n).
+        """
+        structure = self.structure
+        left = self.of_postures - (across @ covariance) @ across.mT
+        out = [
+            square * float(np.vdot(kernel, left))
+            for square, kernel in zip(self.square, structure.own, strict=False)
+        ]
+        seen = structure.placement.sums(self.levers.mT @ across)
+        each = np.diagonal(self.of_levers, axis1=1, axis2=2) - ((seen @ covariance) * seen).sum(axis=2)
+        size = each.sum(axis=0)
+        return np.array(
+            out + [size[structure.owner == k].sum() for k in range(len(structure.own), len(structure))]
+        )
+
+
+def _inverted(matrices: np.ndarray) -> tuple[np.ndarray, float]:
+    """Invert positive definite matrices (g, n, n), those of a group without any by 1.
+
+    Returns:
+        inverses, (g, n, n), and half the logarithm of all determinants.
+    """
+    diagonal = np.einsum("gnn->gn", matrices)
+    diagonal[diagonal == 0] = 1.0
+    unit = 1 / np.sqrt(diagonal)
+    both = unit[:, :, None] * unit[:, None]
+    lower = np.linalg.cholesky(matrices * both)
+    volume = np.log(np.diagonal(lower, axis1=1, axis2=2) / unit).sum()
+    return np.linalg.inv(matrices * both) * both, float(volume)
+
+
+def residuals_in_use(observed: Observation) -> np.ndarray:
+    """Return which residuals of each posture hold information, (m, 11) bool."""
+    contact = feet_in_contact(observed)
+    used = np.ones((len(observed), SIZE), bool)
+    used[:, ROWS["C"]] = np.all(contact, axis=1, keepdims=True)
+    used[:, ROWS["T"]] = contact & observed.on_four_cells
+    return used
+
+
+def constants_of_stances(used: np.ndarray) -> np.ndarray:
+    """Return the columns of the swing foot's x, y and yaw, (m, 11, 3).
+
+    Args:
+        used: see `residuals_in_use`.
+    """
+    anchored = range(ANCHORED.start, ANCHORED.stop)
+    out = np.zeros((*used.shape, len(anchored)))
+    out[:, anchored, np.arange(len(anchored))] = used[:, ANCHORED]
+    return out
+
+
+def groups(number: np.ndarray) -> Groups:
+    """Return the groups of postures of the same number, (m,)."""
+    return Groups(np.unique(number, return_inverse=True)[1])

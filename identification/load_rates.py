@@ -1,0 +1,44 @@
+"""How the static loads of joints and soles change with the readings of the cells and the plates' poses."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tulip_testbed.identification.observation import Observation
+
+READINGS = 14  # eight cells, then x, y and yaw of the right and the left plate
+
+
+def load_rates(observed: Observation) -> tuple[np.ndarray, np.ndarray]:
+    """Differentiate the loads by the readings of the cells and the plates' poses.
+
+    Returns:
+        of the torques of the joints, (m, n_joints, 14), and of the load of both soles about x and y of the
+        foot, (m, 2, 2, 14), as `Observation.sole_loads`.
+    """
+    loads, (down, point) = observed.loads, observed.foot_loads
+    m, lever = len(observed), point - observed.plate_poses[..., :2]
+    turned = np.stack([-lever[..., 1], lever[..., 0]], axis=-1)
+    # Points of the load by the plates: with x and y of its plate, and about its origin.
+    points = np.zeros((m, 2, 2, 2, 3))
+    for foot in (0, 1):
+        points[:, foot, :, foot, :2] = np.eye(2)
+        points[:, foot, :, foot, 2] = turned[:, foot]
+    points = points.reshape(m, 4, 6)
+    torques, wrench = (
+        np.concatenate([by[..., :8], by[..., 8:] @ points], axis=2)
+        for by in (loads.torques_by, loads.wrench_by)
+    )
+    moments = np.zeros((m, 2, 2, READINGS))
+    place, turn = observed.swing_sole
+    cells = observed.cell_places.reshape(m, 2, 4, 2).mT
+    moments[:, 0, :, :4] = cells[:, 0]
+    moments[:, 1, :, 4:8] = cells[:, 1] - place[:, :2, None]
+    moments[..., 8:] = down[..., None, None] * points.reshape(m, 2, 2, 6)
+    push = observed.measurements.top_height[0] * wrench[:, :2]
+    moments[:, 0] -= push
+    moments[:, 1] += push
+    yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+    c, s = np.cos(yaw), np.sin(yaw)
+    moments[:, 1] = np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=1) @ moments[:, 1]
+    return torques, moments
