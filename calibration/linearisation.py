@@ -18,23 +18,19 @@ from tulip_testbed.calibration.families import Family
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import weighed_precision, without_noise
 from tulip_testbed.calibration.member_columns import member_columns
-from tulip_testbed.calibration.noise_structure import (
-    NoiseStructure,
-    Weights,
-    constants_of_stances,
-    groups,
-    residuals_in_use,
-)
 from tulip_testbed.calibration.reml import Problem
 from tulip_testbed.identification.joint_loads import UNSEEN
 from tulip_testbed.identification.load_rates import READINGS, load_rates
+from tulip_testbed.identification.noise_structure import NoiseStructure, Weights, groups
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
     ROWS,
     SIZE,
+    constants_of_stances,
     difference,
     fields,
     residuals,
+    residuals_in_use,
     sensitivity,
 )
 from tulip_testbed.identification.residual_noise import Noise, floor

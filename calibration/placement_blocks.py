@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import helmert
 
-from tulip_testbed.calibration.noise_structure import residuals_in_use
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import ANCHORED, SIZE
+from tulip_testbed.identification.residual_channels import ANCHORED, SIZE, residuals_in_use
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from tulip_testbed.calibration.noise_structure import NoiseStructure, Weights
 from tulip_testbed.identification.estimators.errors_in_variables import MOST_CORRECTION
+from tulip_testbed.identification.noise_structure import NoiseStructure, Weights
 
 MOST_STEP = 1.5  # of the logarithm of a scale
 LIMIT = 7.0  # largest size of the logarithm of a scale

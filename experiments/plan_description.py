@@ -58,14 +58,14 @@ def described_plan(
     matrix = regressor_by_mujoco(robot, plan.joint_angles, parameters)
     rows = matrix.reshape(-1, len(nominal))
     noise = reading_noise_of(rig, plan, parameters, nominal)
-    covariance = np.linalg.inv(rows.T @ np.linalg.solve(noise.covariance(), rows))
+    covariance = np.linalg.inv(np.tensordot(matrix, noise.weights(matrix), axes=((0, 1), (0, 1))))
     errors = standard_errors(covariance)
     relative = relative_standard_errors(nominal, errors)
     pairs = high_correlations(np.linalg.inv(rows.T @ rows), np.arange(1, len(nominal) + 1), HIGH_CORRELATION)
     return {
         "condition_number": float(np.linalg.cond(rows)),
         "preset": preset,
-        "sigma_mm": 1e3 * float(np.sqrt(np.diag(noise.covariance()).mean())),
+        "sigma_mm": 1e3 * float(np.sqrt(noise.variance.mean())),
         "predicted_standard_error_mm": (1e3 * errors).tolist(),
         "predicted_relative_standard_error_percent": relative.tolist(),
         "well_identified": int((relative < WELL_IDENTIFIED).sum()),

@@ -12,6 +12,7 @@ from tulip_testbed.identification.center_of_pressure import (
     loaded_cells,
     loads,
 )
+from tulip_testbed.identification.noise_structure import NoiseStructure, Weights, groups
 from tulip_testbed.identification.nominal import Nominal, jacobian
 from tulip_testbed.sim.measurements import Measurements
 
@@ -36,17 +37,29 @@ class ReadingNoise:
     shared: np.ndarray
     placement: np.ndarray
 
-    def covariance(self) -> np.ndarray:
-        """Return the covariance of the stacked residuals (x, then y), (2m, 2m) [m2]."""
-        size = 2 * len(self.own)
-        rows = np.arange(size).reshape(-1, 2)
-        full = np.zeros((size, size))
-        full[rows[:, :, None], rows[:, None, :]] = self.own
-        levers = self.shared.reshape(size, 6)
-        for placement in np.unique(self.placement):
-            inside = np.repeat(self.placement == placement, 2)
-            full[np.ix_(inside, inside)] += levers[inside] @ levers[inside].T
-        return full
+    def times(self, columns: np.ndarray) -> np.ndarray:
+        """Return the covariance of the stacked residuals times columns, (m, 2, n) [m2]."""
+        placement = groups(self.placement)
+        common = placement.sums(self.shared.mT @ columns)[placement.number]
+        return self.own @ columns + self.shared @ common
+
+    @property
+    def variance(self) -> np.ndarray:
+        """Return the variance of every residual, (m, 2) [m2]."""
+        return np.diagonal(self.own, axis1=1, axis2=2) + (self.shared**2).sum(axis=2)
+
+    @property
+    def weights(self) -> Weights:
+        """Return the inverse of the covariance.
+
+        Raises:
+            numpy.linalg.LinAlgError: a posture without noise of its own.
+        """
+        m, placement = len(self.own), groups(self.placement)
+        nothing = np.zeros((m, 2, 0))
+        own, owner = np.zeros((0, m, 2, 2)), np.zeros(self.shared.shape[2], int)
+        structure = NoiseStructure(placement, placement, self.own, own, self.shared, owner, nothing)
+        return structure.weights(np.zeros(1))
 
 
 def reading_noise(measurements: Measurements, nominal: Nominal) -> ReadingNoise:

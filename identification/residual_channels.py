@@ -120,6 +120,27 @@ def feet_in_contact(observed: Observation) -> np.ndarray:
     return np.column_stack([support != "left", support != "right"])
 
 
+def residuals_in_use(observed: Observation) -> np.ndarray:
+    """Return which residuals of each posture hold information, (m, 11) bool."""
+    contact = feet_in_contact(observed)
+    used = np.ones((len(observed), SIZE), bool)
+    used[:, ROWS["C"]] = np.all(contact, axis=1, keepdims=True)
+    used[:, ROWS["T"]] = contact & observed.on_four_cells
+    return used
+
+
+def constants_of_stances(used: np.ndarray) -> np.ndarray:
+    """Return the columns of the swing foot's x, y and yaw, (m, 11, 3).
+
+    Args:
+        used: see `residuals_in_use`.
+    """
+    anchored = range(ANCHORED.start, ANCHORED.stop)
+    out = np.zeros((*used.shape, len(anchored)))
+    out[:, anchored, np.arange(len(anchored))] = used[:, ANCHORED]
+    return out
+
+
 def center(observed: Observation) -> np.ndarray:
     """Compute the centre of pressure (eq. 11) of the weight on flat soles, (m, 2) [m].
 

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 from studies.study_check import rows_of
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.estimators import least_squares
+from tulip_testbed.identification.noise_structure import Groups, groups
 from tulip_testbed.identification.preflight import preflight
-from tulip_testbed.identification.preflight.agreement import fit
+from tulip_testbed.identification.preflight.agreement import fit, shifts
 from tulip_testbed.identification.preflight.excitation import predicted_standard_errors
 from tulip_testbed.identification.preflight.readings import decimal_step, longest_run, rounding_sd
-from tulip_testbed.identification.reading_noise import placement_levers, reading_noise
+from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, reading_noise
 from tulip_testbed.identification.regressor import regression, stacked_regressor
 from tulip_testbed.identification.statistics import standard_errors
 from tulip_testbed.sim.measurements import SensorSheet
@@ -66,30 +67,49 @@ def test_placement_levers_are_the_slopes_of_the_cop(wii):
         assert levers[:, :, k] == pytest.approx(shift / step, abs=1e-6)
 
 
+def dense_covariance(noise: ReadingNoise) -> np.ndarray:
+    """Of all residuals, posture by posture, element by element."""
+    m = len(noise.own)
+    full = np.zeros((m, 2, m, 2))
+    for i in range(m):
+        full[i, :, i] += noise.own[i]
+        for j in range(m):
+            if noise.placement[i] == noise.placement[j]:
+                full[i, :, j] += noise.shared[i] @ noise.shared[j].T
+    return full.reshape(2 * m, 2 * m)
+
+
 def test_a_shift_is_the_added_column_of_generalised_least_squares(wii, nominal):
     """Against the textbook: theta and shift together by the normal equations."""
     measured = wii.run.measurements
     noise = reading_noise(measured, nominal)
     data = regression(nominal.parameters, measured, nominal.robot)
-    rows = np.array([80, 81, 84, 85])
-    direction = np.vstack([np.eye(2), 0.5 * np.eye(2)])
     best = fit(measured, data, noise)
     assert best is not None
-    p_value, size, error = best.shift(direction, rows)
-    weight = np.linalg.inv(noise.covariance())
-    both = np.hstack([data.matrix, np.zeros((len(data.output), 2))])
-    both[rows, -2:] = direction
-    normal = both.T @ weight @ both
-    solved = np.linalg.solve(normal, both.T @ weight @ data.output)
-    assert size == pytest.approx(solved[-2:], rel=1e-6)
-    scale = error / np.sqrt(np.diag(np.linalg.inv(normal))[-2:])
-    assert scale == pytest.approx([max(1.0, scale[0])] * 2)
+    weight = np.linalg.inv(dense_covariance(noise))
+    # One posture alone; all of a placement, in directions that differ from posture to posture.
+    inside = np.flatnonzero(measured.placement == measured.placement[40])
+    one, several = np.zeros((2, len(measured), 2, 2))
+    one[40] = np.eye(2)
+    several[inside] = (1 + np.arange(len(inside)))[:, None, None] * np.eye(2)
+    directions = np.tile(np.eye(2), (len(measured), 1, 1))
+    singly = shifts(best, directions, Groups(np.arange(len(measured))))
+    together = shifts(best, several, groups(measured.placement))
+    number = groups(measured.placement).number[40]
+    for direction, found, at in ((one, singly, 40), (several, together, number)):
+        both = np.hstack([data.matrix, direction.reshape(-1, 2)])
+        normal = both.T @ weight @ both
+        solved = np.linalg.solve(normal, both.T @ weight @ data.output)
+        assert found.size[at] == pytest.approx(solved[-2:], rel=1e-6)
+        scale = found.error[at] / np.sqrt(np.diag(np.linalg.inv(normal))[-2:])
+        assert scale == pytest.approx([max(1.0, scale[0])] * 2)
+        assert 0 < found.p_value[at] < 1
     chi_square = best.square
     residual = data.output - data.matrix @ np.linalg.solve(
         data.matrix.T @ weight @ data.matrix, data.matrix.T @ weight @ data.output
     )
     assert chi_square == pytest.approx(residual @ weight @ residual, rel=1e-6)
-    assert 0 < p_value < 1
+    assert noise.variance.ravel() == pytest.approx(np.diag(dense_covariance(noise)))
 
 
 def test_predicted_standard_errors_are_those_of_the_estimate(wii, precise, nominal):

@@ -8,9 +8,9 @@ from scipy.integrate import dblquad
 from scipy.optimize import approx_fprime, minimize
 from scipy.stats import multivariate_normal
 
-from tulip_testbed.calibration.noise_structure import NoiseStructure, groups
 from tulip_testbed.calibration.reml import Problem, fit, objective, parts_of_variance
 from tulip_testbed.calibration.reml import given as fit_with
+from tulip_testbed.identification.noise_structure import NoiseStructure, groups
 
 
 def noise_of(fixed: np.ndarray, own: np.ndarray, shared: np.ndarray, free: np.ndarray) -> NoiseStructure:

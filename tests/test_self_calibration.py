@@ -10,20 +10,20 @@ from tulip_testbed.calibration.estimated_loads import with_estimated_loads
 from tulip_testbed.calibration.families import TOLERANCES, families_of, read_tolerances, tolerances_of
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.member_columns import member_columns
-from tulip_testbed.calibration.noise_structure import (
-    NoiseStructure,
-    constants_of_stances,
-    groups,
-    residuals_in_use,
-)
 from tulip_testbed.calibration.self_calibration import least_determined, self_calibrate
 from tulip_testbed.effects.instance import removed
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.identification.noise_structure import NoiseStructure, groups
 from tulip_testbed.identification.observation import observe
-from tulip_testbed.identification.residual_channels import residuals, sensitivity
+from tulip_testbed.identification.residual_channels import (
+    constants_of_stances,
+    residuals,
+    residuals_in_use,
+    sensitivity,
+)
 from tulip_testbed.identification.residual_noise import noise_of
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import SensorSheet

@@ -11,9 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import pinvh
 
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.distributions import chi2_sf, f_sf
+from tulip_testbed.identification.noise_structure import Groups, Weights, groups
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import (
     Finding,
@@ -93,43 +95,68 @@ class Fit:
     """The best fitting model under the stated covariance V, prepared for tests of shifts.
 
     Attributes:
-        information: V^-1, (2m, 2m) [1/m2].
-        precision: Q = V^-1 minus its projection on the model's columns, (2m, 2m) [1/m2].
-        score: Q y, (2m,) [1/m].
-        square: y' Q y, the chi-square of the residuals.
+        weights: V^-1.
+        model: columns of the model, X, (m, 2, p). weighted: V^-1 X. covariance: (X' V^-1 X)^-1, (p, p).
+        score: V^-1 times the residuals, (m, 2) [1/m].
+        square: the chi-square of the residuals.
         dof: 2m - p.
     """
 
-    information: np.ndarray
-    precision: np.ndarray
+    weights: Weights
+    model: np.ndarray
+    weighted: np.ndarray
+    covariance: np.ndarray
     score: np.ndarray
     square: float
     dof: int
 
-    def shift(self, directions: np.ndarray, rows: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """Return p-value, size and standard errors of a shift of some residuals along given directions.
 
-        The F test uses the scatter of the other residuals, or the stated one if that is larger.
+@dataclass(frozen=True)
+class Shifts:
+    """Shifts of groups of residuals, each tested as the only one.
 
-        Args:
-            directions: d directions of the residuals with numbers `rows`, (k, d); zero elsewhere.
-        """
-        block = np.ix_(rows, rows)
-        power = directions.T @ self.precision[block] @ directions
-        values, vectors = np.linalg.eigh(power)
-        # Directions in the span of the model cannot be tested; rounding leaves a small part of them.
-        whole = np.trace(directions.T @ self.information[block] @ directions)
-        usable = values > 1e-9 * whole
-        axes, rank = vectors[:, usable], int(usable.sum())
-        inverse = axes / values[usable] @ axes.T
-        size = inverse @ directions.T @ self.score[rows]
-        explained = float(size @ power @ size)
-        free = self.dof - rank
-        if rank == 0 or free < 1:
-            return 1.0, size, np.full(len(size), np.inf)
-        scale = max(1.0, (self.square - explained) / free)
-        error = np.sqrt(scale * np.diag(inverse))
-        return float(f_sf(explained / rank / scale, rank, free)), size, error
+    Attributes:
+        p_value: by an F test with the scatter of the other residuals, or the stated one if that is larger,
+            (g,).
+        size, error: of the shift in each of d directions and its standard error, (g, d).
+    """
+
+    p_value: np.ndarray
+    size: np.ndarray
+    error: np.ndarray
+
+
+def shifts(found: Fit, directions: np.ndarray, together: Groups) -> Shifts:
+    """Test a shift of the residuals of each group.
+
+    Args:
+        directions: of the residuals, (m, 2, d).
+        together: groups of postures, each within a placement.
+    """
+    weighted = found.weights.of_postures @ directions
+    if len(together) < len(directions):
+        weighted = found.weights(directions)  # within the placement
+    whole = together.sums(directions.mT @ weighted)
+    across = together.sums(directions.mT @ found.weighted)
+    score = together.sums((directions.mT @ found.score[..., None])[..., 0])
+    power = whole - across @ found.covariance @ across.mT
+    values, vectors = np.linalg.eigh(power)
+    # Directions in the span of the model cannot be tested; rounding leaves a small part of them.
+    usable = values > 1e-9 * np.trace(whole, axis1=1, axis2=2)[:, None]
+    inverse = vectors * np.where(usable, 1 / np.where(usable, values, 1.0), 0.0)[:, None] @ vectors.mT
+    size = (inverse @ score[..., None])[..., 0]
+    explained = (size * (power @ size[..., None])[..., 0]).sum(axis=1)
+    rank = usable.sum(axis=1)
+    free = found.dof - rank
+    tested = (rank > 0) & (free > 0)
+    rank, free = np.where(tested, rank, 1), np.where(tested, free, 1)
+    scale = np.maximum(1.0, (found.square - explained) / free)
+    error = np.sqrt(scale[:, None] * np.diagonal(inverse, axis1=1, axis2=2))
+    return Shifts(
+        p_value=np.where(tested, f_sf(explained / rank / scale, rank, free), 1.0),
+        size=size,
+        error=np.where(tested[:, None], error, np.inf),
+    )
 
 
 def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> Fit | None:
@@ -137,11 +164,16 @@ def fit(measurements: Measurements, data: Regression, noise: ReadingNoise) -> Fi
     dof = len(data.output) - data.matrix.shape[1]
     if usable_sd(measurements.sensors.cell_sd) is None or dof < 1:
         return None
-    whitener = np.linalg.inv(np.linalg.cholesky(noise.covariance()))
-    basis, _ = np.linalg.qr(whitener @ data.matrix)
-    rest = whitener - basis @ (basis.T @ whitener)
-    residual = rest @ data.output
-    return Fit(whitener.T @ whitener, rest.T @ rest, rest.T @ residual, float(residual @ residual), dof)
+    m, weights = len(measurements), noise.weights
+    model, output = data.matrix.reshape(m, 2, -1), data.output.reshape(m, 2, 1)
+    weighted = weights(model)
+    information = np.tensordot(model, weighted, axes=((0, 1), (0, 1)))
+    unit = 1 / np.sqrt(np.diag(information))
+    covariance = unit[:, None] * pinvh(unit[:, None] * information * unit) * unit
+    theta = covariance @ np.tensordot(weighted, output, axes=((0, 1), (0, 1)))
+    residual = output - model @ theta
+    score = weights(residual)
+    return Fit(weights, model, weighted, covariance, score[..., 0], float(np.vdot(residual, score)), dof)
 
 
 def single_postures(measurements: Measurements, found: Fit | None) -> Finding:
@@ -149,8 +181,9 @@ def single_postures(measurements: Measurements, found: Fit | None) -> Finding:
     name = "single postures"
     if found is None:
         return skipped(name, NO_CELL_SD)
-    shifts = [found.shift(np.eye(2), np.array([2 * row, 2 * row + 1])) for row in range(len(measurements))]
-    p_values = np.array([p for p, _, _ in shifts])
+    m = len(measurements)
+    each = shifts(found, np.tile(np.eye(2), (m, 1, 1)), Groups(np.arange(m)))
+    p_values = each.p_value
     row = int(p_values.argmin())
     p_value = bonferroni(p_values)
     far = int((p_values * len(p_values) < 0.01).sum())
@@ -159,7 +192,7 @@ def single_postures(measurements: Measurements, found: Fit | None) -> Finding:
         result_of(p_value),
         f"{far} of {len(measurements)} postures are outliers",
         "every posture's CoP agrees with the model that fits the others",
-        f"worst: {row_name(measurements, row)}, CoP off by {_millimetres(*shifts[row][1:])}",
+        f"worst: {row_name(measurements, row)}, CoP off by {_millimetres(each.size[row], each.error[row])}",
         "Compare the row with the notebook; leave the posture out if it cannot be corrected.",
         p_value,
     )
@@ -172,17 +205,17 @@ def single_placements(measurements: Measurements, found: Fit | None) -> Finding:
         return skipped(name, NO_CELL_SD)
     if usable_sd(max(placement_sd(m)[:2])) is None:
         return skipped(name, "the manifest states no sensors.placement_sd")
-    levers = placement_levers(m).reshape(-1, 6)
-    shifts, labels = [], []
-    for placement in np.unique(m.placement):
-        rows = np.flatnonzero(np.repeat(m.placement == placement, 2))
-        for p, plate in enumerate(PLATES):
-            shifts.append(found.shift(levers[rows, 3 * p : 3 * p + 2], rows))
-            labels.append(f"placement {placement}, {plate} plate")
-    p_values = np.array([p for p, _, _ in shifts])
+    levers, together = placement_levers(m), groups(m.placement)
+    each = [shifts(found, levers[..., 3 * p : 3 * p + 2], together) for p in range(len(PLATES))]
+    # Placement by placement, and its plates one by one.
+    p_values, size, error = (
+        np.stack([getattr(one, name) for one in each], axis=1).reshape(len(PLATES) * len(together), -1)
+        for name in ("p_value", "size", "error")
+    )
+    labels = [f"placement {number}, {plate} plate" for number in np.unique(m.placement) for plate in PLATES]
     worst = int(p_values.argmin())
-    p_value = bonferroni(p_values)
-    undetected = STANDS_OUT * float(np.median([error.max() for _, _, error in shifts]))
+    p_value = bonferroni(p_values[:, 0])
+    undetected = STANDS_OUT * float(np.median(error.max(axis=1)))
     if result_of(p_value) == "pass" and undetected > MOST_UNDETECTED:
         reason = "no power: too few postures a placement to distinguish a shifted plate from the parameters"
         if np.isfinite(undetected):
@@ -191,7 +224,7 @@ def single_placements(measurements: Measurements, found: Fit | None) -> Finding:
     return Finding(
         name,
         result_of(p_value),
-        f"largest shift: {labels[worst]} by {_millimetres(*shifts[worst][1:])}; "
+        f"largest shift: {labels[worst]} by {_millimetres(size[worst], error[worst])}; "
         f"shifts of more than about {1e3 * undetected:.0f} mm would be detected",
         f"shifts of placement_sd, {1e3 * placement_sd(m)[:2].max():.1f} mm",
         labels[worst],

@@ -29,7 +29,8 @@ def predicted_standard_errors(matrix: np.ndarray, noise: ReadingNoise) -> np.nda
     """
     _, c = solve_least_squares(matrix, np.zeros(len(matrix)))
     half = matrix @ c
-    return standard_errors(half.T @ noise.covariance() @ half)
+    spread = noise.times(half.reshape(len(noise.own), 2, -1)).reshape(half.shape)
+    return standard_errors(half.T @ spread)
 
 
 def identifiable(measurements: Measurements, nominal: Nominal, noise: ReadingNoise | None) -> Finding:

@@ -19,9 +19,6 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
-from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import ANCHORED, ROWS, SIZE, feet_in_contact
-
 AT_ONCE = 32  # columns, for the sake of memory
 
 
@@ -34,6 +31,10 @@ class Groups:
     """
 
     number: np.ndarray
+
+    def __len__(self) -> int:
+        """Return the number of groups."""
+        return int(self.number.max()) + 1
 
     @cached_property
     def _sums(self) -> csr_array:
@@ -193,27 +194,6 @@ def _inverted(matrices: np.ndarray) -> tuple[np.ndarray, float]:
     lower = np.linalg.cholesky(matrices * both)
     volume = np.log(np.diagonal(lower, axis1=1, axis2=2) / unit).sum()
     return np.linalg.inv(matrices * both) * both, float(volume)
-
-
-def residuals_in_use(observed: Observation) -> np.ndarray:
-    """Return which residuals of each posture hold information, (m, 11) bool."""
-    contact = feet_in_contact(observed)
-    used = np.ones((len(observed), SIZE), bool)
-    used[:, ROWS["C"]] = np.all(contact, axis=1, keepdims=True)
-    used[:, ROWS["T"]] = contact & observed.on_four_cells
-    return used
-
-
-def constants_of_stances(used: np.ndarray) -> np.ndarray:
-    """Return the columns of the swing foot's x, y and yaw, (m, 11, 3).
-
-    Args:
-        used: see `residuals_in_use`.
-    """
-    anchored = range(ANCHORED.start, ANCHORED.stop)
-    out = np.zeros((*used.shape, len(anchored)))
-    out[:, anchored, np.arange(len(anchored))] = used[:, ANCHORED]
-    return out
 
 
 def groups(number: np.ndarray) -> Groups:
