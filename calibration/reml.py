@@ -128,14 +128,19 @@ class _Noise:
     flat: np.ndarray
     reduced: np.ndarray
     moment: np.ndarray
+    square: float
     value: float
 
 
 @dataclass(frozen=True)
 class _Spread:
-    """What ln tau adds: value, gradient and Hessian of the objective; R, S and u with phi = R u."""
+    """What ln tau adds: value, gradient and Hessian of the objective; R, S and u with phi = R u.
+
+    `square` is what the members take from the residuals' sum of squares.
+    """
 
     log_spread: np.ndarray
+    square: float
     value: float
     gradient: np.ndarray
     hessian: np.ndarray
@@ -243,6 +248,7 @@ def _noise(problem: Problem, log_scale: np.ndarray) -> _Noise:
         flat=flat,
         reduced=_without_negative(rest[:-1, :-1]),
         moment=rest[:-1, -1],
+        square=float(rest[-1, -1]),
         value=float(logs + 0.5 * rest[-1, -1] + prior),
     )
 
@@ -291,6 +297,7 @@ def _spread(problem: Problem, noise: _Noise, log_spread: np.ndarray) -> _Spread:
     hessian[known, known] = 1.0
     return _Spread(
         log_spread=log_spread,
+        square=float(pull @ deviate),
         value=float(np.log(np.diag(lower)).sum() - 0.5 * pull @ deviate + np.delete(prior, known).sum()),
         gradient=gradient,
         hessian=hessian,
@@ -404,7 +411,13 @@ def _result(problem: Problem, noise: _Noise, spread: _Spread) -> Fit:
     _, hessian, (estimate, conditional, slope) = _joint(problem, noise, spread)
     values, turn = np.linalg.eigh(hessian)
     doubt = (turn / np.maximum(values, LEAST_CURVATURE)) @ turn.T
-    value = noise.value + spread.value
+    # The sum of squares by the residuals themselves: far from where the columns hold, the difference of two
+    # large numbers is none, and the correction for their noise promises a better fit than a perfect one.
+    left = problem.whole @ np.append(-estimate, 1.0)
+    nu = estimate[: problem.flat]
+    square = np.vdot(left, noise.weights(left[..., None])[..., 0]) + nu @ problem.information @ nu
+    square += spread.deviate @ spread.deviate
+    value = float(noise.value + spread.value + 0.5 * (square - (noise.square - spread.square)))
     # A known spread has the curvature 1 and is not integrated over.
     volume = 0.5 * np.log(2 * np.pi / np.maximum(values, LEAST_CURVATURE)).sum()
     volume -= 0.5 * np.log(2 * np.pi) * len(problem.known)

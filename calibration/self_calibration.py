@@ -101,6 +101,7 @@ class SelfCalibration:
         noise: with estimated scales.
         problem, solved: the linear model at the estimate. linear: where its columns were taken.
         assumed: how the tolerances were found.
+        moved: largest change of a number by the last linearisation, in standard errors.
     """
 
     observed: Observation
@@ -118,6 +119,7 @@ class SelfCalibration:
     solved: Fit
     linear: Linearised
     assumed: str
+    moved: float
 
     @property
     def mixing(self) -> np.ndarray:
@@ -207,7 +209,8 @@ class SelfCalibration:
             information=self.problem.information[np.ix_(chosen, chosen)],
         )
         solved = fit(problem, (self.solved.scales, self.solved.spreads))
-        return _result(self.observed, self.all, self.noise, problem, self.linear, solved, self.assumed)
+        linear, assumed = self.linear, self.assumed
+        return _result(self.observed, self.all, self.noise, problem, linear, solved, assumed, self.moved)
 
 
 def self_calibrate(
@@ -281,7 +284,7 @@ def self_calibrate(
     if best is not None and solved.log_evidence < best[1].log_evidence - WORSE:
         state, solved, clean = best  # the steps led away, as they may with a large play
         found = linearised(state, families, noise)
-    return _result(clean, families, noise, *found, solved, used.assumed)
+    return _result(clean, families, noise, *found, solved, used.assumed, float(moved.max()))
 
 
 def least_determined(observed: Observation, tolerances: Mapping[str, float] | None = None) -> list[str]:
@@ -420,6 +423,7 @@ def _result(
     linear: Linearised,
     solved: Fit,
     assumed: str,
+    moved: float,
 ) -> SelfCalibration:
     p, k = problem.flat - 1, len(problem.noise)
     mixing, owner = mixing_of(families)
@@ -479,6 +483,7 @@ def _result(
         solved=solved,
         linear=linear,
         assumed=assumed,
+        moved=moved,
     )
 
 

@@ -24,6 +24,7 @@ JUDGED = 3  # candidates, at most, that are judged of each ranking
 GROSS = 100.0  # ln of the Bayes factor by linear columns, from where the best of several kinds are judged
 NEAR = 10.0  # ln of the Bayes factor by linear columns, within which candidates are judged
 ROUNDS = 4  # linearisations of a judgement
+STEADY = 3.0  # s.e. by which the last of them may move a number; what moves further explains nothing yet
 ORDINARY = 1.0  # tolerances: the largest spread of a family in the search
 
 
@@ -142,6 +143,11 @@ class Judged:
             for term in self.terms
             for size, positive in zip(term.sizes, term.candidate.positive, strict=True)
         )
+
+    @property
+    def steady(self) -> bool:
+        """Return whether its linearisations came to rest, so that its evidence can be believed."""
+        return self.calibration.moved < STEADY
 
 
 def evidence_for(found: SelfCalibration, terms: Sequence[Fitted], observed: Observation) -> float:

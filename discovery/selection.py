@@ -169,13 +169,12 @@ def _forward(
             tried += [(one, True) for one in search.shortest(null)]
         every = [search.tried((*terms, one), calibration, afresh) for one, afresh in tried]
         progress(1)
-        possible = [one for one in every if one is not None and one.possible]
-        if not possible:
+        decisive = [
+            one for one in every if one is not None and one.possible and _is_decisive(one, before_all, tests)
+        ]
+        if not decisive:
             return calibration, terms, True
-        best = max(possible, key=lambda one: one.evidence)
-        gain = best.evidence - before_all
-        if gain < DECISIVE or _chance(best.calibration, gain, tests) > LEVEL:
-            return calibration, terms, True
+        best = max(decisive, key=lambda one: (one.steady, one.evidence))
         best = _backward(search, best, calibration)
         if {term.label for term in best.terms} in before:
             break
@@ -212,6 +211,16 @@ def _at_best_times(
         calibration = search.calibrated(after)
         terms = at_estimate(after.terms, calibration)
     return calibration, terms
+
+
+def _is_decisive(found: Judged, before: float, tests: float) -> bool:
+    """Return whether the last effect gains more than noise would.
+
+    Args:
+        before: ln of the evidence without it.
+    """
+    gain = found.evidence - before
+    return gain >= DECISIVE and _chance(found.calibration, gain, tests) <= LEVEL
 
 
 def _chance(found: SelfCalibration, gain: float, tests: float) -> float:
@@ -256,7 +265,8 @@ def _backward(search: Search, found: Judged, start: SelfCalibration) -> Judged:
     while len(found.terms) > 1:
         newest = len(found.terms) - 1  # it has just been judged
         fewer = [search.tried(found.terms[:k] + found.terms[k + 1 :], start) for k in range(newest)]
-        best = max((one for one in fewer if one is not None), key=lambda one: one.evidence, default=None)
+        sure = [one for one in fewer if one is not None and (one.steady or not found.steady)]
+        best = max(sure, key=lambda one: one.evidence, default=None)
         if best is None or found.evidence - best.evidence >= DECISIVE:
             break
         found = best

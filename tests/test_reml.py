@@ -282,3 +282,13 @@ def test_noise_in_a_column_does_not_draw_its_member_to_zero():
             errors[share].append(fit_with(one, np.ones(0), np.ones(1)).estimate[1] - 3.0)
     assert np.mean(errors[0.0]) < -0.9
     assert abs(np.mean(errors[1.0])) < 0.1
+
+
+def test_the_evidence_does_not_depend_on_what_flat_parameters_take_up():
+    """A restricted likelihood is that of contrasts; far away the sums of squares lose all their digits."""
+    given = problem(6)
+    far = given.whole.copy()
+    far[..., -1] += 1e9 * given.columns[..., 0]
+    near, found = (fit_with(dataclasses.replace(given, whole=whole), np.ones(2), np.ones(3))
+                   for whole in (given.whole, far))  # fmt: skip
+    assert found.log_evidence == pytest.approx(near.log_evidence, abs=1e-3)
