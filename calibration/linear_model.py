@@ -1,7 +1,7 @@
 """The linear model of the residuals, with the nuisance parameters projected out.
 
-r = N nu + G phi + e: nu holds the base parameters (A), the swing foot's pose in each stance (C) and the
-error of the weighed mass (F); G the columns of the effects; e the noise, white after whitening.
+r = N nu + G phi + e: nu holds the base parameters (A) and the error of the weighed mass (F); G the columns of
+the effects; e the noise, white after whitening, which removes the swing foot's pose in each stance (C).
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from scipy.linalg import qr
 
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
-    ANCHORED,
     ROWS,
     SIZE,
     center,
@@ -223,29 +222,22 @@ def without_noise(observed: Observation, pull: np.ndarray, reach: np.ndarray, no
 
 
 def nuisances(observed: Observation, channels: str) -> np.ndarray:
-    """Differentiate the residuals with respect to the nuisance parameters, (m, 11, k)."""
-    m, stance = len(observed), observed.stance
+    """Differentiate the residuals by the base parameters and the error of the weighed mass, (m, 11, p + 1).
+
+    Whitened residuals do not hold the swing foot's pose in each stance.
+    """
     regressor = observed.geometry.regressor
-    p = regressor.shape[2]
-    sets = np.unique(stance)
-    out = np.zeros((m, SIZE, p + 3 * len(sets) + 1))
+    out = np.zeros((len(observed), SIZE, regressor.shape[2] + 1))
     if "A" in channels:
-        out[:, ROWS["A"], :p] = -regressor
-    if "C" in channels:
-        for k, number in enumerate(sets):
-            inside = np.flatnonzero(stance == number)
-            for axis in range(3):
-                out[inside, ANCHORED.start + axis, p + 3 * k + axis] = -1.0
+        out[:, ROWS["A"], :-1] = -regressor
     if "F" in channels:
         out[:, ROWS["F"], -1] = -1.0
     return out
 
 
 def weighing(observed: Observation) -> np.ndarray:
-    """Return the row that says how well the weight is known, (k,) with the columns of `nuisances`."""
-    parameters = observed.nominal.parameters
-    sets = len(np.unique(observed.stance))
-    row = np.zeros(len(parameters.names) + 3 * sets + 1)
+    """Return the row that says how well the weight is known, (p + 1,) with the columns of `nuisances`."""
+    row = np.zeros(len(observed.nominal.parameters.names) + 1)
     row[-1] = weighed_precision(observed)
     return row
 

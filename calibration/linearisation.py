@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 
 from tulip_testbed.calibration.families import Family
 from tulip_testbed.calibration.free_effect import FreeEffect
-from tulip_testbed.calibration.linear_model import weighed_precision, without_noise
+from tulip_testbed.calibration.linear_model import nuisances, weighed_precision, without_noise
 from tulip_testbed.calibration.member_columns import member_columns
 from tulip_testbed.calibration.reml import Problem
 from tulip_testbed.identification.joint_loads import UNSEEN
@@ -42,6 +42,7 @@ SOURCES = ("encoders", "cells", "internal forces", "right plate", "left plate")
 # 94 % with 3, 91 % with an estimated scale.
 SYSTEMATIC = 5.0
 INTERNAL_PRIOR = 0.01  # s.d. of the logarithm of the scale of the unseen wrench: it is not estimated
+CHANNELS = "AFTC"
 Families = Sequence[Family | FreeEffect]
 OF_LOADS = ("joint-compliance", "sole-compliance")
 
@@ -127,9 +128,7 @@ def linearised(state: State, families: Families, noise: Noise) -> tuple[Problem,
     smooth = without_noise(clean, pull, reach, scaled)
     at_loads = slope[..., yields.field]
     slope = sensitivity(smooth, theta)
-    base = np.zeros((*left.shape, p + 1))
-    base[:, ROWS["A"], :p] = smooth.geometry.regressor
-    base[:, ROWS["F"], -1] = 1.0
+    base = -nuisances(smooth, CHANNELS)
     members = np.concatenate(
         [np.zeros((*left.shape, 0))]
         + [member_columns(smooth, theta, slope, _at(f, part)) for f, part in split_members(families, phi)],

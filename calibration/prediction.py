@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import block_diag, solve_triangular
 
 from tulip_testbed.calibration.linearisation import State, linearised
-from tulip_testbed.calibration.placement_blocks import placement_blocks
 from tulip_testbed.calibration.self_calibration import SelfCalibration
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import ROWS, SIZE
-from tulip_testbed.identification.residual_noise import noise_of
+from tulip_testbed.identification.residual_channels import ROWS, SIZE, residuals_in_use
+from tulip_testbed.identification.residual_noise import contrasts, noise_of
 
 
 @dataclass(frozen=True)
@@ -71,21 +70,22 @@ def predicted(
     variance = np.diag(found.mixing @ found.solved.covariance[p + 1 :, p + 1 :] @ found.mixing.T)
     state = State(clean, clean, estimate[: p + 1], estimate[p + 1 :], variance, found.solved.scales, None)
     problem, linear = linearised(state, found.all, noise_of(others))
-    blocks = placement_blocks(others)
-    used = ~blocks.padding.ravel()
-    whole = blocks(problem.whole).reshape(len(used), -1)[used]
-    residual = whole @ np.append(-estimate, 1.0)
     structure, scales = linear.covariance.structure, found.solved.scales
     own = structure.fixed + np.tensordot(scales[: len(structure.own)] ** 2, structure.own, axes=1)
-    levers = blocks(structure.shared * scales[structure.owner])
-    g, r = blocks.padding.shape
-    covariance = np.zeros((g, r, g, r))
-    covariance[np.arange(g), :, np.arange(g)] = blocks.covariance(own) + levers @ levers.mT
-    covariance = covariance.reshape(g * r, g * r)[np.ix_(used, used)]
-    covariance += _propagated(whole[:, :-1], found.solved.covariance)
-    letters = np.array([letter for letter, rows in ROWS.items() for _ in range(rows.start, rows.stop)])
-    row = np.abs(blocks.contrast).argmax(axis=2).ravel()[used] % SIZE
-    return Prediction(residual, covariance, letters[row])
+    levers = structure.shared * scales[structure.owner]
+    used = residuals_in_use(others)
+    letters = np.array([letter for letter, at in ROWS.items() for _ in range(at.start, at.stop)])
+    rows, covariances, channel = [], [], []
+    for number in range(len(structure.placement)):
+        inside = np.flatnonzero(structure.placement.number == number)
+        contrast, of = contrasts(others.stance[inside], used[inside])
+        rows.append(contrast @ problem.whole[inside].reshape(len(inside) * SIZE, -1))
+        shared = levers[inside].reshape(len(inside) * SIZE, -1)
+        covariances.append(contrast @ (block_diag(*own[inside]) + shared @ shared.T) @ contrast.T)
+        channel.append(letters[of % SIZE])
+    whole = np.concatenate(rows)
+    covariance = block_diag(*covariances) + _propagated(whole[:, :-1], found.solved.covariance)
+    return Prediction(whole @ np.append(-estimate, 1.0), covariance, np.concatenate(channel))
 
 
 def _propagated(columns: np.ndarray, covariance: np.ndarray) -> np.ndarray:

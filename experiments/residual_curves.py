@@ -10,7 +10,7 @@ from tulip_testbed.experiments.discovery_record import DiscoveryRecord
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
-from tulip_testbed.identification.residual_channels import ANCHORED, SIZE
+from tulip_testbed.identification.residual_channels import ANCHORED, residuals_in_use
 from tulip_testbed.identification.residual_noise import Noise, whitening
 
 # What each part is called, its unit, how many of it go on one SI unit, its channel.
@@ -73,9 +73,7 @@ def _spread(run: DiscoveryRecord, observed: Observation) -> np.ndarray:
     n = len(observed.tree.joints)
     levers = white.sensitivity[..., n + 8 : n + 14] * noise.plates
     variance = np.diagonal(white.own, axis1=1, axis2=2) + (levers**2).sum(axis=2)
-    missing = np.ones(variance.size, bool)
-    missing[white.rows] = False
-    return np.sqrt(np.where(missing.reshape(-1, SIZE), np.nan, variance))
+    return np.sqrt(np.where(residuals_in_use(observed), variance, np.nan))
 
 
 def _about_stances(residual: np.ndarray, stance: np.ndarray) -> np.ndarray:

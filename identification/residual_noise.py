@@ -6,17 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import get_lapack_funcs
+from scipy.linalg import get_lapack_funcs, helmert
 from scipy.special import ndtri
 
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
+    ANCHORED,
     ROWS,
     SIZE,
     TWIST,
     feet_in_contact,
     fields,
+    residuals_in_use,
     sensitivity,
 )
 from tulip_testbed.identification.variance_components import MARK_RATIO
@@ -112,32 +114,39 @@ def cell_by_twist(observed: Observation) -> float | None:
 class Whitening:
     """Coordinates in which the residuals' noise is independent, of unit variance.
 
+    The swing foot's x, y and yaw are known up to a constant of each stance: these coordinates hold their
+    contrasts between the postures of a stance (Helmert's), which are free of it.
+
     Attributes:
-        rows: numbers of the residuals in use (11 a posture), placement by placement.
-        blocks: slice of `rows` and inverse Cholesky factor of the covariance of every placement.
+        rows: number of the residual (11 a posture) that each coordinate mainly holds, placement by placement.
+        blocks: of every placement a slice of the coordinates, the numbers of the residuals and the factor
+            that makes the ones from the others.
         sensitivity: derivative of the residuals by the fields of `packed`, (m, 11, k).
         reach: derivative by the readings (angles, cells, plates), (m, 11, n_joints + 14); it differs from
             `sensitivity` if removed effects depend on noisy readings.
         own: part of each posture's covariance that it does not share, (m, 11, 11).
         levers: one s.d. of each plate coordinate in the residuals, which a placement's postures share,
             (m, 11, 6).
-        placement: placement of each posture, (m,).
+        placement, stance: of each posture, (m,).
+        log_volume: logarithm of the determinant of the covariance, but for a constant.
     """
 
     rows: np.ndarray
-    blocks: tuple[tuple[slice, np.ndarray], ...]
+    blocks: tuple[tuple[slice, np.ndarray, np.ndarray], ...]
     sensitivity: np.ndarray
     reach: np.ndarray
     own: np.ndarray
     levers: np.ndarray
     placement: np.ndarray
+    stance: np.ndarray
+    log_volume: float
 
     def __call__(self, residuals: np.ndarray) -> np.ndarray:
         """Whiten residuals (m, 11) or columns (m, 11, k): (r,) or (r, k)."""
-        flat = residuals.reshape(residuals.shape[0] * SIZE, *residuals.shape[2:])[self.rows]
-        out = np.empty_like(flat)
-        for where, factor in self.blocks:
-            out[where] = factor @ flat[where]
+        flat = residuals.reshape(residuals.shape[0] * SIZE, *residuals.shape[2:])
+        out = np.empty((len(self.rows), *flat.shape[1:]))
+        for where, numbers, factor in self.blocks:
+            out[where] = factor @ flat[numbers]
         return out
 
     def each(self, columns: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -146,33 +155,29 @@ class Whitening:
         widths = [column.shape[-1] for column in columns]
         for width in set(widths):
             chosen = [k for k, other in enumerate(widths) if other == width]
-            flat = np.stack([columns[k].reshape(-1, width)[self.rows] for k in chosen])
-            white = np.empty_like(flat)
-            for where, factor in self.blocks:
-                white[:, where] = factor @ flat[:, where]
+            flat = np.stack([columns[k].reshape(-1, width) for k in chosen])
+            white = np.empty((len(chosen), len(self.rows), width))
+            for where, numbers, factor in self.blocks:
+                white[:, where] = factor @ flat[:, numbers]
             for k, one in zip(chosen, white, strict=True):
                 out[k] = one
         return out
 
-    @property
-    def log_volume(self) -> float:
-        """Return the logarithm of the determinant of the residuals' covariance."""
-        return -2 * sum(float(np.log(np.diag(factor)).sum()) for _, factor in self.blocks)
-
     def precision_weighted(self, white: np.ndarray) -> np.ndarray:
         """Compute V^-1 times the residuals from the whitened ones, (r,) -> (m, 11)."""
         flat = np.zeros(self.own.shape[0] * SIZE)
-        for where, factor in self.blocks:
-            flat[self.rows[where]] = factor.T @ white[where]
+        for where, numbers, factor in self.blocks:
+            flat[numbers] = factor.T @ white[where]
         return flat.reshape(-1, SIZE)
 
     def of_channels(self, channels: str) -> Whitening:
         """Return the coordinates for some of the channels alone."""
         there = np.zeros(self.own.shape[0] * SIZE, bool)
-        there[self.rows] = True
+        for _, numbers, _ in self.blocks:
+            there[numbers] = True
         used = there.reshape(-1, SIZE) & _in_channels(channels)
-        rows, blocks = _factored(self.own, self.levers, self.placement, used)
-        return replace(self, rows=rows, blocks=blocks)
+        rows, blocks, volume = _factored(self.own, self.levers, self.placement, self.stance, used)
+        return replace(self, rows=rows, blocks=blocks, log_volume=volume)
 
 
 def floor(noise: Noise) -> np.ndarray:
@@ -208,13 +213,10 @@ def whitening(
     if internal is not None and internal.shape[2]:
         own = own + internal @ internal.mT
     levers = reach[..., at["plates"]] * noise.plates
-    used = np.tile(_in_channels(channels), (len(observed), 1))
-    contact = feet_in_contact(observed)
-    used[:, ROWS["C"]] &= np.all(contact, axis=1, keepdims=True)
-    used[:, ROWS["T"]] &= contact & observed.on_four_cells
-    placement = observed.measurements.placement
-    rows, blocks = _factored(own, levers, placement, used)
-    return Whitening(rows, blocks, slope, reach, own, levers, placement)
+    used = residuals_in_use(observed) & _in_channels(channels)
+    placement, stance = observed.measurements.placement, observed.stance
+    rows, blocks, volume = _factored(own, levers, placement, stance, used)
+    return Whitening(rows, blocks, slope, reach, own, levers, placement, stance, volume)
 
 
 def _in_channels(channels: str) -> np.ndarray:
@@ -226,26 +228,50 @@ def _in_channels(channels: str) -> np.ndarray:
 
 
 def _factored(
-    own: np.ndarray, levers: np.ndarray, placement: np.ndarray, used: np.ndarray
-) -> tuple[np.ndarray, tuple[tuple[slice, np.ndarray], ...]]:
-    """Return `rows` and `blocks` of `Whitening` from the covariance of each placement.
+    own: np.ndarray, levers: np.ndarray, placement: np.ndarray, stance: np.ndarray, used: np.ndarray
+) -> tuple[np.ndarray, tuple[tuple[slice, np.ndarray, np.ndarray], ...], float]:
+    """Return `rows`, `blocks` and `log_volume` of `Whitening` from the covariance of each placement.
 
     Args:
         used: whether a residual is in use, (m, 11) bool.
     """
-    rows, blocks, at_row = [], [], 0
+    rows, blocks, at_row, volume = [], [], 0, 0.0
     for number in np.unique(placement):
         inside = np.flatnonzero(placement == number)
         numbers = (inside[:, None] * SIZE + np.arange(SIZE)).ravel()
-        keep = used[inside].ravel()
         shared = levers[inside].reshape(-1, 6)
         block, each = shared @ shared.T, np.arange(len(inside))
         block.reshape(len(inside), SIZE, len(inside), SIZE)[each, :, each] += own[inside]
-        lower = np.linalg.cholesky(block[keep][:, keep])
-        factor = lower  # of a placement without a residual in these channels
+        keep = used[inside].ravel()
+        contrast, of = contrasts(stance[inside], used[inside])
+        contrast = contrast[:, keep]
+        lower = np.linalg.cholesky(contrast @ block[keep][:, keep] @ contrast.T)
+        factor = contrast  # of a placement without a residual in these channels
         if len(lower):
-            factor, _ = solve_triangular(lower, np.eye(len(lower)), lower=1)
-        blocks.append((slice(at_row, at_row + len(lower)), factor))
-        rows.append(numbers[keep])
+            factor, _ = solve_triangular(lower, contrast, lower=1)
+        volume += 2 * float(np.log(np.diag(lower)).sum())
+        blocks.append((slice(at_row, at_row + len(lower)), numbers[keep], factor))
+        rows.append(numbers[of])
         at_row += len(lower)
-    return np.concatenate(rows), tuple(blocks)
+    return np.concatenate(rows), tuple(blocks), volume
+
+
+def contrasts(stance: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return what is known of the residuals of a placement's n postures without the constants of its stances.
+
+    Returns:
+        rows of numbers that are known, from all 11 n residuals, and the residual that each mainly holds.
+    """
+    anchored = np.zeros(SIZE, bool)
+    anchored[ANCHORED] = True
+    rows = np.eye(used.size)
+    known = used & ~anchored
+    for number in np.unique(stance):
+        for axis in range(ANCHORED.start, ANCHORED.stop):
+            alike = np.flatnonzero((stance == number) & used[:, axis])
+            if len(alike) > 1:
+                at = SIZE * alike + axis
+                known[alike[1:], axis] = True
+                rows[np.ix_(at[1:], at)] = helmert(len(alike))
+    of = np.flatnonzero(known)
+    return rows[of], of
