@@ -281,16 +281,17 @@ def _spread(problem: Problem, noise: _Noise, log_spread: np.ndarray) -> _Spread:
     shrinkage = inverse.T @ inverse
     pull = root.T @ noise.moment
     deviate = shrinkage @ pull
-    own = np.array([np.trace(shrinkage[a, a]) for a in parts])
-    sizes = np.array([deviate[a] @ deviate[a] for a in parts])
+    first = np.array([part.start for part in parts], int)
+    own, sizes = (
+        np.add.reduceat(values, first) if q else np.zeros(0) for values in (np.diag(shrinkage), deviate**2)
+    )
     count = np.array([len(one) for one in problem.roots])
     prior, slope, curvature = _log_prior(log_spread, count)
     known = list(problem.known)
+    together = 2 * shrinkage**2 + 4 * deviate[:, None] * shrinkage * deviate
     hessian = np.diag(2 * (own + sizes) + curvature)
-    for i, a in enumerate(parts):
-        for j, b in enumerate(parts):
-            block = shrinkage[a, b]
-            hessian[i, j] -= 2 * (block**2).sum() + 4 * deviate[a] @ block @ deviate[b]
+    if q:
+        hessian -= np.add.reduceat(np.add.reduceat(together, first, axis=0), first, axis=1)
     gradient = count - own - sizes + slope
     gradient[known] = 0.0
     hessian[known] = hessian[:, known] = 0.0
