@@ -134,5 +134,8 @@ def change_times(candidate: Candidate, observed: Observation) -> np.ndarray:
 
 
 def log_choices(candidate: Candidate, observed: Observation) -> float:
-    """Compute ln of the number of times, or of grid points, among which a fit chooses."""
+    """Compute ln of the number of hypotheses among which a fit chooses: times of a change, or grid points."""
+    timed = candidate.time_parameter
+    if timed is None or candidate.effect.parameters[timed].smooth:
+        return float(np.log(len(candidate.settings)))
     return float(np.log(len(change_times(candidate, observed)) or len(candidate.settings)))

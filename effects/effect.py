@@ -38,6 +38,8 @@ class Parameter:
         grid: the values that a search tries where the effect is not linear in the parameter (a time, a
             choice). Empty for a size, which is estimated.
         choices: names of the values 0, 1, ... if the parameter chooses one of several things.
+        smooth: whether neighbouring values of the grid predict much the same. A search may then look between
+            them without choosing among more hypotheses.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Parameter:
     positive: bool = False
     grid: tuple[float, ...] = ()
     choices: tuple[str, ...] = ()
+    smooth: bool = False
 
     @property
     def placeholder(self) -> str:

@@ -62,7 +62,7 @@ EFFECT = Effect(
     "given as a fraction of the experiment's time.",
     parameters=(
         Parameter("size", "", prior=0.01),
-        Parameter("constant", "", grid=(0.03, 0.1, 0.3)),
+        Parameter("constant", "", grid=(0.03, 0.1, 0.3), smooth=True),
     ),
     mechanism=Misreading(_apply, _undo),
     words="The {target} cell creeps by {0} of its load, with the time constant {1} of the experiment's time.",
