@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tulip_testbed.calibration.self_calibration import SelfCalibration, least_determined, self_calibrate
+from tulip_testbed.calibration.calibration_result import SelfCalibration
+from tulip_testbed.calibration.self_calibration import least_determined, self_calibrate
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.rank import labels, require_identifiable

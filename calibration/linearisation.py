@@ -17,8 +17,8 @@ from scipy.linalg import block_diag
 from tulip_testbed.calibration.families import Family
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import nuisances, weighed_precision, without_noise
+from tulip_testbed.calibration.linear_problem import Problem
 from tulip_testbed.calibration.member_columns import member_columns
-from tulip_testbed.calibration.reml import Problem
 from tulip_testbed.identification.joint_loads import UNSEEN
 from tulip_testbed.identification.load_rates import READINGS, load_rates
 from tulip_testbed.identification.noise_structure import NoiseStructure, Weights, groups

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag, solve_triangular
 
+from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.linearisation import State, linearised
-from tulip_testbed.calibration.self_calibration import SelfCalibration
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import ROWS, SIZE, residuals_in_use

@@ -21,74 +21,27 @@ noise, G' V_0^-1 G is corrected for it (Nakamura 1990).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
+from tulip_testbed.calibration.family_spreads import (
+    HALVINGS,
+    LEAST_CURVATURE,
+    LIMIT,
+    MOST_STEPS,
+    WIDEST,
+    Spread,
+    at_spread,
+    best_spreads,
+    newton_step,
+)
+from tulip_testbed.calibration.linear_problem import Problem
 from tulip_testbed.identification.estimators.errors_in_variables import MOST_CORRECTION
-from tulip_testbed.identification.noise_structure import NoiseStructure, Weights
+from tulip_testbed.identification.noise_structure import Weights
 
-MOST_STEP = 1.5  # of the logarithm of a scale
-LIMIT = 7.0  # largest size of the logarithm of a scale
 QUIETEST = np.log(0.05)  # of a scale of the noise: less leaves residuals without any
-# Of a spread, in tolerances. Beyond, columns are no longer linear in the members: gains of -100 % leave no
-# reading, and so no noise.
-WIDEST = np.log(20.0)
-MOST_STEPS = 60
-HALVINGS = 5  # of a step that does not gain
-ALONE = np.log(2.0)  # s.d. of ln tau of a family of one
 CONVERGED = 1e-3  # of the log-likelihood: a step of less than a twentieth of a standard deviation
-SETTLED = 1e-6  # of the log-likelihood, in the spreads alone
 ROUNDING = 1e-14  # of the largest information, that is lost where columns N are projected out
-LEAST_CURVATURE = 0.25  # the s.d. of the logarithm of a scale is at most two
-
-
-@dataclass(frozen=True)
-class Problem:
-    """A linear model of r residuals of each of m postures.
-
-    Attributes:
-        whole: N, G and y side by side, (m, r, p + q + 1); zero in rows that are not in use.
-        flat: p, the number of columns of N.
-        noise: V_0, of k scales.
-        information: of nu, known beforehand with mean zero, (p, p).
-        roots: square root of C_f by family, (n_f, n_f) each; together q rows.
-        doubt: s.d. of ln sigma about zero, (k,).
-        excess: what the noise in the columns adds to G' V_0^-1 G on average, (q, q).
-        about: members at which y was linearised, (q,); there the noise of the columns has no effect.
-        known: numbers of the families whose spread is known, tau = 1.
-    """
-
-    whole: np.ndarray
-    flat: int
-    noise: NoiseStructure
-    information: np.ndarray
-    roots: tuple[np.ndarray, ...]
-    doubt: np.ndarray
-    excess: np.ndarray
-    about: np.ndarray
-    known: tuple[int, ...] = ()
-
-    @property
-    def columns(self) -> np.ndarray:
-        """Return N, (m, r, p)."""
-        return self.whole[..., : self.flat]
-
-    @property
-    def members(self) -> np.ndarray:
-        """Return G, (m, r, q)."""
-        return self.whole[..., self.flat : -1]
-
-    @property
-    def output(self) -> np.ndarray:
-        """Return y, (m, r)."""
-        return self.whole[..., -1]
-
-    @property
-    def parts(self) -> list[slice]:
-        """Return the columns of G that belong to each family."""
-        ends = np.cumsum([0, *map(len, self.roots)]).tolist()
-        return [slice(a, b) for a, b in pairwise(ends)]
 
 
 @dataclass(frozen=True)
@@ -132,23 +85,6 @@ class _Noise:
     value: float
 
 
-@dataclass(frozen=True)
-class _Spread:
-    """What ln tau adds: value, gradient and Hessian of the objective; R, S and u with phi = R u.
-
-    `square` is what the members take from the residuals' sum of squares.
-    """
-
-    log_spread: np.ndarray
-    square: float
-    value: float
-    gradient: np.ndarray
-    hessian: np.ndarray
-    root: np.ndarray
-    shrinkage: np.ndarray
-    deviate: np.ndarray
-
-
 def fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None = None) -> Fit:
     """Estimate scales, spreads, base parameters and members.
 
@@ -161,15 +97,16 @@ def fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None = None) ->
     k, f = len(problem.noise), len(problem.roots)
     first = (np.zeros(k), np.zeros(f)) if start is None else (np.log(start[0]), np.log(start[1]))
     noise = _noise(problem, first[0])
-    spread = _spreads(problem, noise, first[1])
+    spread = best_spreads(problem, noise.reduced, noise.moment, first[1])
     for _ in range(MOST_STEPS):
         gradient, hessian, _ = _joint(problem, noise, spread)
-        step = _step(gradient, hessian)
+        step = newton_step(gradient, hessian)
         if abs(gradient @ step) < CONVERGED:
             break
         for shrink in 0.5 ** np.arange(HALVINGS):
             trial = _noise(problem, np.clip(noise.log_scale + shrink * step[:k], QUIETEST, LIMIT))
-            found = _spreads(problem, trial, np.clip(spread.log_spread + shrink * step[k:], -LIMIT, WIDEST))
+            widths = spread.log_spread + shrink * step[k:]
+            found = best_spreads(problem, trial.reduced, trial.moment, widths)
             gained = noise.value + spread.value - trial.value - found.value
             if gained >= 0:
                 break
@@ -184,7 +121,7 @@ def fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None = None) ->
 def given(problem: Problem, scales: np.ndarray, spreads: np.ndarray) -> Fit:
     """Return the estimate with known scales (k,) and spreads (f,)."""
     noise = _noise(problem, np.log(scales))
-    found = _result(problem, noise, _spread(problem, noise, np.log(spreads)))
+    found = _result(problem, noise, at_spread(problem, noise.reduced, noise.moment, np.log(spreads)))
     return replace(found, scale_covariance=0 * found.scale_covariance, covariance=found.conditional)
 
 
@@ -194,7 +131,7 @@ def objective(problem: Problem, log_scale: np.ndarray, log_spread: np.ndarray) -
     Constants are left out.
     """
     noise = _noise(problem, log_scale)
-    spread = _spread(problem, noise, log_spread)
+    spread = at_spread(problem, noise.reduced, noise.moment, log_spread)
     return noise.value + spread.value, _joint(problem, noise, spread)[0]
 
 
@@ -271,85 +208,7 @@ def _bounded(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
     return (back * np.minimum(share, MOST_CORRECTION)) @ back.T
 
 
-def _spread(problem: Problem, noise: _Noise, log_spread: np.ndarray) -> _Spread:
-    parts, q = problem.parts, len(noise.moment)
-    root = np.zeros((q, q))
-    for part, one, size in zip(parts, problem.roots, np.exp(log_spread), strict=True):
-        root[part, part] = size * one
-    lower = np.linalg.cholesky(np.eye(q) + root.T @ noise.reduced @ root)
-    inverse = np.linalg.inv(lower)
-    shrinkage = inverse.T @ inverse
-    pull = root.T @ noise.moment
-    deviate = shrinkage @ pull
-    first = np.array([part.start for part in parts], int)
-    own, sizes = (
-        np.add.reduceat(values, first) if q else np.zeros(0) for values in (np.diag(shrinkage), deviate**2)
-    )
-    count = np.array([len(one) for one in problem.roots])
-    prior, slope, curvature = _log_prior(log_spread, count)
-    known = list(problem.known)
-    together = 2 * shrinkage**2 + 4 * deviate[:, None] * shrinkage * deviate
-    hessian = np.diag(2 * (own + sizes) + curvature)
-    if q:
-        hessian -= np.add.reduceat(np.add.reduceat(together, first, axis=0), first, axis=1)
-    gradient = count - own - sizes + slope
-    gradient[known] = 0.0
-    hessian[known] = hessian[:, known] = 0.0
-    hessian[known, known] = 1.0
-    return _Spread(
-        log_spread=log_spread,
-        square=float(pull @ deviate),
-        value=float(np.log(np.diag(lower)).sum() - 0.5 * pull @ deviate + np.delete(prior, known).sum()),
-        gradient=gradient,
-        hessian=hessian,
-        root=root,
-        shrinkage=shrinkage,
-        deviate=deviate,
-    )
-
-
-def _log_prior(log_spread: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return minus the logarithm of the prior of ln tau, and its first and second derivatives.
-
-    Args:
-        count: number of members of each family.
-    """
-    alone = count == 1
-    odds = np.exp(2 * log_spread) / (1 + np.exp(2 * log_spread))
-    value = np.where(
-        alone,
-        0.5 * (log_spread / ALONE) ** 2 + np.log(ALONE * np.sqrt(2 * np.pi)),
-        np.log1p(np.exp(2 * log_spread)) - log_spread + np.log(np.pi / 2),
-    )
-    slope = np.where(alone, log_spread / ALONE**2, 2 * odds - 1)
-    return value, slope, np.where(alone, ALONE**-2.0, 4 * odds * (1 - odds))
-
-
-def _spreads(problem: Problem, noise: _Noise, start: np.ndarray) -> _Spread:
-    """Minimise over ln tau with the noise as it is."""
-    best = _spread(problem, noise, start)
-    for _ in range(MOST_STEPS):
-        step = _step(best.gradient, best.hessian)
-        if abs(best.gradient @ step) < SETTLED:
-            break
-        for shrink in 0.5 ** np.arange(HALVINGS):
-            trial = _spread(problem, noise, np.clip(best.log_spread + shrink * step, -LIMIT, WIDEST))
-            if trial.value <= best.value:
-                break
-        else:
-            break
-        best = trial
-    return best
-
-
-def _step(gradient: np.ndarray, hessian: np.ndarray) -> np.ndarray:
-    """Return Newton's step with positive curvatures, at most MOST_STEP in every direction."""
-    values, turn = np.linalg.eigh(hessian)
-    along = -(turn.T @ gradient) / np.maximum(np.abs(values), LEAST_CURVATURE)
-    return np.clip(turn @ along, -MOST_STEP, MOST_STEP)
-
-
-def _posterior(problem: Problem, noise: _Noise, spread: _Spread) -> tuple[np.ndarray, np.ndarray]:
+def _posterior(problem: Problem, noise: _Noise, spread: Spread) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and covariance of nu and phi with the scales known, (p + q,) and (p + q, p + q)."""
     p = problem.flat
     members = spread.root @ spread.shrinkage @ spread.root.T
@@ -362,7 +221,7 @@ def _posterior(problem: Problem, noise: _Noise, spread: _Spread) -> tuple[np.nda
 
 
 def _joint(
-    problem: Problem, noise: _Noise, spread: _Spread
+    problem: Problem, noise: _Noise, spread: Spread
 ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]]:
     """Return gradient and Hessian in ln sigma and ln tau, and what the covariance needs too.
 
@@ -408,7 +267,7 @@ def _joint(
     )
 
 
-def _result(problem: Problem, noise: _Noise, spread: _Spread) -> Fit:
+def _result(problem: Problem, noise: _Noise, spread: Spread) -> Fit:
     _, hessian, (estimate, conditional, slope) = _joint(problem, noise, spread)
     values, turn = np.linalg.eigh(hessian)
     doubt = (turn / np.maximum(values, LEAST_CURVATURE)) @ turn.T

@@ -12,205 +12,33 @@ the columns are computed anew, until nothing moves (Gauss-Newton).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.special import ndtr, ndtri
 
-from tulip_testbed.calibration.estimated_loads import with_estimated_loads
-from tulip_testbed.calibration.families import Family, Tolerances, families_of, tolerances_of
+from tulip_testbed.calibration.calibration_result import SelfCalibration, result_of
+from tulip_testbed.calibration.families import Tolerances, families_of, tolerances_of
 from tulip_testbed.calibration.free_effect import FreeEffect
-from tulip_testbed.calibration.linear_model import Background
+from tulip_testbed.calibration.linear_problem import Problem
 from tulip_testbed.calibration.linearisation import (
-    OF_LOADS,
     SOURCES,
     Families,
     Linearised,
     ResidualCovariance,
     State,
-    joint_compliance,
     linearised,
     mixing_of,
-    scaled_noise,
-    split_members,
 )
-from tulip_testbed.calibration.reml import Fit, Problem, fit, given, parts_of_variance
+from tulip_testbed.calibration.member_removal import instances_of_members, members_removed
+from tulip_testbed.calibration.reml import Fit, fit, given
 from tulip_testbed.effects.instance import EffectInstance, removed
-from tulip_testbed.identification.degrees_of_freedom import of_f_test, satterthwaite
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import difference, moved_by, packed, residuals, unpacked
-from tulip_testbed.identification.residual_noise import Noise, noise_of, with_cell_noise
+from tulip_testbed.identification.residual_channels import moved_by, packed, residuals
+from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
 
 ROUNDS = 12
-HALF_95 = float(ndtri(0.975))  # half of a normal 95 % interval in s.d.
 WORSE = 10.0  # ln of the evidence, by which the last linearisation may lie below the best
 STANDS = 0.1  # s.e. by which nothing moves any more
-PRIOR_ONLY = 0.5  # share of its prior's variance from which a member is known by its prior only
-
-
-@dataclass(frozen=True)
-class CalibratedFamily:
-    """A family and the spread of its members.
-
-    Attributes:
-        spread: estimated s.d. of the members, in tolerances. spread95: its 95 % interval.
-        value, standard_error: of every number of the family, (n,) [SI].
-        interval95: low and high end, (n, 2) [SI]. determined: whether the data know it, (n,) bool.
-    """
-
-    family: Family
-    spread: float
-    spread95: tuple[float, float]
-    value: np.ndarray
-    standard_error: np.ndarray
-    interval95: np.ndarray
-    determined: np.ndarray
-
-    @property
-    def instances(self) -> list[EffectInstance]:
-        """Return the members as effects with their intervals; none is below zero that cannot be."""
-        width = len(self.family.effect.parameters)
-        intervals = [(low, high) for low, high in self.interval95.tolist()]
-        value = np.maximum(self.value, 0.0) if self.family.positive else self.value
-        return [
-            replace(found, intervals=tuple(intervals[width * k : width * (k + 1)]))
-            for k, found in enumerate(self.family.instances(value))
-        ]
-
-    @property
-    def determined_instances(self) -> list[EffectInstance]:
-        """Return those of which the data determine a number."""
-        several = self.determined.reshape(len(self.family.targets), -1)
-        return [one for one, known in zip(self.instances, several, strict=True) if known.any()]
-
-
-@dataclass(frozen=True)
-class SelfCalibration:
-    """Base parameters and members of an experiment.
-
-    Attributes:
-        observed: the readings with all members and effects removed at their estimate.
-        theta: base parameters, (p,) [m]. covariance: of theta, with everything that is uncertain, (p, p).
-        sources: names of the parts of the variance. shares: parts of the variance of each parameter,
-            (len(sources), p), with sum 1.
-        interval_dof: degrees of freedom of each parameter's t interval, (p,). joint_dof: of the F test of
-            all.
-        families: with their members. effects: those that belong to no family, with 95 % intervals.
-        effect_errors: s.e. of their sizes, (n,) each [SI].
-        noise: with estimated scales.
-        problem, solved: the linear model at the estimate. linear: where its columns were taken.
-        assumed: how the tolerances were found.
-        moved: largest change of a number by the last linearisation, in standard errors.
-    """
-
-    observed: Observation
-    theta: np.ndarray
-    covariance: np.ndarray
-    sources: tuple[str, ...]
-    shares: np.ndarray
-    interval_dof: np.ndarray
-    joint_dof: float
-    families: tuple[CalibratedFamily, ...]
-    effects: tuple[EffectInstance, ...]
-    effect_errors: tuple[np.ndarray, ...]
-    noise: Noise
-    problem: Problem
-    solved: Fit
-    linear: Linearised
-    assumed: str
-    moved: float
-
-    @property
-    def mixing(self) -> np.ndarray:
-        """Return the members and sizes from the estimated deviates, (q, k) [SI]."""
-        return mixing_of(self.all)[0]
-
-    @property
-    def all(self) -> list[Family | FreeEffect]:
-        """Return the families, then the effects that belong to none."""
-        return [*(c.family for c in self.families), *map(FreeEffect, self.effects)]
-
-    def cleaned(self, observed: Observation) -> Observation:
-        """Return other readings of the same laboratory with members and effects removed."""
-        phi = self.mixing @ self.solved.estimate[len(self.theta) + 1 :]
-        return _without(observed, self.all, phi, self.theta, self.covariance)
-
-    def without_members(self, observed: Observation) -> Observation:
-        """Return the readings with the members of all families removed; the effects are left in them."""
-        families = [one.family for one in self.families]
-        phi = np.concatenate([np.zeros(0), *(one.value for one in self.families)])
-        plain = _without(observed, families, phi, self.theta, self.covariance)
-        if not self.effects:
-            return plain
-        # Members are removed from readings that have no effects any more, and the effects are put back:
-        # a large effect and the removal of a member are not additive.
-        clean = self.cleaned(observed)
-        loaded = replace(observed, standard=clean.standard, servo_stiffness=clean.servo_stiffness)
-        with_effects = moved_by(clean, removed(loaded, self.effects), loaded)
-        loads = replace(plain, standard=clean.standard, servo_stiffness=clean.servo_stiffness)
-        return unpacked(loads, packed(with_effects))
-
-    def background(self, most: float = np.inf) -> Background:
-        """Return what is still uncertain about the members.
-
-        Args:
-            most: largest spread that is believed, in tolerances.
-        """
-        families = [one.family for one in self.families]
-        _, owner = mixing_of(families)
-        width = [part.shape[1] for family in families for part in family.parts]
-        spreads = np.repeat(np.minimum(self.solved.spreads[: len(owner)], most), width)
-        deviates = self.solved.estimate[len(self.theta) + 1 :][: len(spreads)]
-        found = self.linear.covariance
-        internal = self.solved.scales[SOURCES.index("internal forces")] * found.internal
-        unseen = np.concatenate([internal, found.unsure], axis=2)
-        return Background(self.problem.members[..., : len(spreads)] * spreads, deviates / spreads, unseen)
-
-    @property
-    def mass(self) -> tuple[float, float]:
-        """Return the robot's mass and its standard error, with everything that is uncertain [kg]."""
-        gravity, p = self.observed.measurements.gravity, len(self.theta)
-        error = float(np.sqrt(self.solved.covariance[p, p]))
-        return (self.observed.weight + float(self.solved.estimate[p])) / gravity, error / gravity
-
-    @property
-    def prior_covariance(self) -> np.ndarray:
-        """Return the part of `covariance` that is due to members known by their prior only, (p, p)."""
-        p = len(self.theta)
-        known = np.concatenate([np.zeros(0, bool), *(one.determined for one in self.families)])
-        if known.all():
-            return np.zeros((p, p))
-        chosen = np.append(np.arange(p), p + 1 + np.flatnonzero(~known))
-        both = block_diag(np.eye(p + 1), self.mixing)[chosen]
-        joint = both @ self.solved.covariance @ both.T
-        return joint[:p, p:] @ np.linalg.solve(joint[p:, p:], joint[p:, :p])
-
-    @property
-    def data_covariance(self) -> np.ndarray:
-        """Return the covariance of theta if the members known by their prior only were known, (p, p).
-
-        It says what the postures can distinguish; `covariance` says how far the estimate can be trusted.
-        """
-        return self.covariance - self.prior_covariance
-
-    def keep(self, columns: Sequence[int]) -> SelfCalibration:
-        """Return the estimate of a model with some of the base parameters, the others being zero.
-
-        Args:
-            columns: indices of the parameters, (k,).
-        """
-        p = len(self.theta)
-        chosen = [*columns, p]
-        problem = replace(
-            self.problem,
-            whole=self.problem.whole[..., [*columns, *range(p, self.problem.whole.shape[2])]],
-            flat=len(chosen),
-            information=self.problem.information[np.ix_(chosen, chosen)],
-        )
-        solved = fit(problem, (self.solved.scales, self.solved.spreads))
-        linear, assumed = self.linear, self.assumed
-        return _result(self.observed, self.all, self.noise, problem, linear, solved, assumed, self.moved)
 
 
 def self_calibrate(
@@ -251,12 +79,12 @@ def self_calibrate(
     phi, variance = _first(families, start)
     deviates = np.linalg.pinv(mixing) @ phi
     if start is None:
-        clean = removed(observed, _instances(families, phi))
+        clean = removed(observed, instances_of_members(families, phi))
         smooth, nu = clean, np.append(_least_squares(clean), 0.0)
     else:
         nu, scales, spreads = start.solved.estimate[: p + 1], start.solved.scales, _spreads(families, start)
         errors = packed(start.observed) - packed(start.linear.smooth)
-        clean = _without(observed, families, phi, nu[:p], start.covariance, errors)
+        clean = members_removed(observed, families, phi, nu[:p], start.covariance, errors)
         smooth = moved_by(clean, start.observed, start.linear.smooth)
         smooth = smooth.changed(tree=clean.tree, cells=clean.cells)
     found: tuple[Problem, Linearised] | None = None
@@ -275,7 +103,7 @@ def self_calibrate(
         nu, phi, variance = estimate[: p + 1], estimate[p + 1 :], np.diag(covariance)[p + 1 :]
         deviates, scales, spreads = solved.estimate[p + 1 :], solved.scales, solved.spreads
         errors = packed(clean) - packed(smooth)
-        clean = _without(observed, families, phi, nu[:p], covariance[:p, :p], errors)
+        clean = members_removed(observed, families, phi, nu[:p], covariance[:p, :p], errors)
         if moved.max() < STANDS:
             break
         if not noisy and (best is None or solved.log_evidence > best[1].log_evidence):
@@ -284,7 +112,7 @@ def self_calibrate(
     if best is not None and solved.log_evidence < best[1].log_evidence - WORSE:
         state, solved, clean = best  # the steps led away, as they may with a large play
         found = linearised(state, families, noise)
-    return _result(clean, families, noise, *found, solved, used.assumed, float(moved.max()))
+    return result_of(clean, families, noise, *found, solved, used.assumed, float(moved.max()))
 
 
 def least_determined(observed: Observation, tolerances: Mapping[str, float] | None = None) -> list[str]:
@@ -361,157 +189,3 @@ def _spreads(families: Families, start: SelfCalibration) -> np.ndarray:
         free = isinstance(family, FreeEffect) or len(before) != size
         out += [1.0] * size if free else before.tolist()
     return np.array(out)
-
-
-def _without(
-    observed: Observation,
-    families: Families,
-    phi: np.ndarray,
-    theta: np.ndarray,
-    covariance: np.ndarray,
-    errors: np.ndarray | None = None,
-) -> Observation:
-    """Remove members and effects, with the loads of the estimated robot.
-
-    How much an effect changes is computed from readings with little noise, because otherwise the noise would
-    follow the residuals, and a play would rest at the wrong end. Compliances are removed as the cells show
-    the loads; the covariance of the residuals contains what follows from their noise.
-
-    Args:
-        errors: noise of the readings as far as it is known, (m, k) as in `packed`.
-    """
-    compliance = joint_compliance(families, phi, observed.tree.joints)
-    loaded = with_estimated_loads(observed, theta, covariance, compliance)
-    every = _instances(families, phi)
-    sized = [one for one in every if one.effect.sizes]
-    # Exchanged readings are undone as they are, and first: they are the last to act.
-    loaded = removed(loaded, [one for one in every if not one.effect.sizes])
-    free = [
-        instance
-        for family, values in split_members(families, phi)
-        if isinstance(family, FreeEffect) and len(family) and family.name not in OF_LOADS
-        for instance in family.instances(values)
-    ]
-    if not free or errors is None:
-        return _removed(loaded, sized)
-    others = [instance for instance in sized if instance not in free]
-    smooth = unpacked(loaded, packed(loaded) - errors)
-    return moved_by(_removed(loaded, others), _removed(smooth, others), _removed(smooth, sized))
-
-
-def _removed(observed: Observation, instances: Sequence[EffectInstance]) -> Observation:
-    """Remove effects; compliances last, and together, since the loads hardly depend on them."""
-    yielding = [one for one in instances if one.effect.name in OF_LOADS]
-    rest = removed(observed, [one for one in instances if one.effect.name not in OF_LOADS])
-    if not yielding:
-        return rest
-    change = sum(difference(rest, removed(rest, [one])) for one in yielding)
-    return unpacked(rest, packed(rest) + change)
-
-
-def _instances(families: Families, phi: np.ndarray) -> list[EffectInstance]:
-    return [
-        instance for family, values in split_members(families, phi) for instance in family.instances(values)
-    ]
-
-
-def _result(
-    clean: Observation,
-    families: Families,
-    noise: Noise,
-    problem: Problem,
-    linear: Linearised,
-    solved: Fit,
-    assumed: str,
-    moved: float,
-) -> SelfCalibration:
-    p, k = problem.flat - 1, len(problem.noise)
-    mixing, owner = mixing_of(families)
-    theta, covariance = solved.estimate[:p], solved.covariance[:p, :p]
-    variance = np.diag(covariance)
-    each_part = parts_of_variance(problem, solved)[:, :p, :p]
-    parts = np.diagonal(each_part, axis1=1, axis2=2)
-    of_families = np.array([parts[2 + k :][owner == j].sum(axis=0) for j in range(len(families))])
-    of_spreads = variance - np.diag(solved.conditional)[:p]
-    shares = np.concatenate([parts[: 2 + k], of_families.reshape(-1, p)])
-    shares = np.concatenate([shares * ((variance - of_spreads) / shares.sum(axis=0)), of_spreads[None]])
-    shares = shares / variance
-    # The derivative of a variance by the logarithm of a scale is twice that scale's part.
-    slopes = 2 * each_part[2 : 2 + k]
-    scales, most = solved.scale_covariance[:k, :k], 2 * len(clean) - p
-    value = mixing @ solved.estimate[p + 1 :]
-    known = np.diag(mixing @ solved.conditional[p + 1 :, p + 1 :] @ mixing.T)
-    sd = np.sqrt(np.diag(mixing @ solved.covariance[p + 1 :, p + 1 :] @ mixing.T))
-    out, effects, errors, first = [], [], [], 0
-    for j, family in enumerate(families):
-        where, mine = slice(first, first + len(family)), np.flatnonzero(owner == j)
-        first = where.stop
-        if isinstance(family, FreeEffect):
-            effects.append(_with_intervals(family, value[where], sd[where]))
-            errors.append(sd[where])
-            continue
-        moments = np.array([(part[0] ** 2).sum() for part in family.parts])
-        each = moments * solved.spreads[mine] ** 2  # parts of the members' variance
-        spread = float(np.sqrt(each.sum()) / family.tolerance)
-        weight = each / each.sum()
-        log_sd = np.sqrt(weight @ solved.scale_covariance[k + mine][:, k + mine] @ weight)
-        ends = spread * np.exp(HALF_95 * np.array([-1.0, 1.0]) * log_sd)
-        out.append(
-            CalibratedFamily(
-                family=family,
-                spread=spread,
-                spread95=(float(ends[0]), float(ends[1])),
-                value=value[where],
-                standard_error=sd[where],
-                interval95=_intervals(value[where], sd[where], family.positive),
-                determined=known[where] < PRIOR_ONLY * each.sum(),
-            )
-        )
-    return SelfCalibration(
-        observed=clean,
-        theta=theta,
-        covariance=covariance,
-        sources=("weighing", "contacts", *SOURCES, *map(_source, families), "spreads"),
-        shares=shares,
-        interval_dof=satterthwaite(variance, np.diagonal(slopes, axis1=1, axis2=2), scales, most),
-        joint_dof=of_f_test(covariance, slopes, scales, most),
-        families=tuple(out),
-        effects=tuple(effects),
-        effect_errors=tuple(errors),
-        noise=scaled_noise(noise, solved.scales),
-        problem=problem,
-        solved=solved,
-        linear=linear,
-        assumed=assumed,
-        moved=moved,
-    )
-
-
-def _source(family: Family | FreeEffect) -> str:
-    return family.start.label if isinstance(family, FreeEffect) else family.name
-
-
-def _with_intervals(found: FreeEffect, sizes: np.ndarray, sd: np.ndarray) -> EffectInstance:
-    """Return an effect at its estimate with the 95 % intervals of its sizes."""
-    (instance,) = found.instances(sizes)
-    intervals: list[tuple[float, float] | None] = [None] * len(instance.values)
-    for k, number in enumerate(found.effect.sizes):
-        positive = found.effect.parameters[number].positive
-        low, high = _intervals(sizes[[k]], sd[[k]], positive)[0].tolist()
-        intervals[number] = (low, high)
-    return replace(instance, intervals=tuple(intervals))
-
-
-def _intervals(value: np.ndarray, sd: np.ndarray, positive: bool) -> np.ndarray:
-    """Return 95 % intervals of normal deviates, (n, 2); of positive ones the shortest intervals.
-
-    A positive number has a normal distribution cut at zero. Its shortest interval begins at zero unless the
-    density there is below that at the upper end.
-    """
-    if not positive:
-        return value[:, None] + sd[:, None] * HALF_95 * np.array([-1.0, 1.0])
-    mass = ndtr(value / sd)
-    half = ndtri(0.5 + 0.475 * mass)
-    low, high = value - half * sd, value + half * sd
-    upper = value + sd * ndtri(1 - 0.05 * mass)
-    return np.column_stack([np.maximum(low, 0.0), np.where(low < 0, upper, high)])

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tulip_testbed.calibration.self_calibration import SelfCalibration, self_calibrate
+from tulip_testbed.calibration.calibration_result import SelfCalibration
+from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, log_choices
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import ranked

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.calibration.calibration_result import CalibratedFamily
 from tulip_testbed.calibration.families import TOLERANCES
-from tulip_testbed.calibration.self_calibration import CalibratedFamily, usual_tolerances
+from tulip_testbed.calibration.self_calibration import usual_tolerances
 from tulip_testbed.discovery.candidate_search import DECISIVE, Search
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.effect_intervals import as_calibrated, with_intervals

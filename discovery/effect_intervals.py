@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tulip_testbed.calibration.self_calibration import SelfCalibration
+from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.joint_fit import JointFit, gauss_newton
 from tulip_testbed.effects.instance import EffectInstance

@@ -8,9 +8,10 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from scipy.special import ndtri
 
+from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.families import EXACT
 from tulip_testbed.calibration.prediction import predicted
-from tulip_testbed.calibration.self_calibration import SelfCalibration, self_calibrate
+from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.candidate_search import Search
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.selection import chosen_again

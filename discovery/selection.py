@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.linear_model import linear_model
-from tulip_testbed.calibration.self_calibration import SelfCalibration, self_calibrate
+from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.candidate_search import (
     DECISIVE,
     MOST_TERMS,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tulip_testbed.calibration.self_calibration import HALF_95, SelfCalibration
+from tulip_testbed.calibration.calibration_result import HALF_95, SelfCalibration
 from tulip_testbed.discovery.candidate_search import DECISIVE, MOST_TERMS, Search, at_estimate
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.effects.instance import effect_label

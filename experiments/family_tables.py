@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.calibration.self_calibration import CalibratedFamily, SelfCalibration
+from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
 from tulip_testbed.sim.table import Column, Table
 
 LARGEST_PARTS = 4

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING, SUMMARY, calibrated_estimates
+from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.families import check_tolerances
-from tulip_testbed.calibration.self_calibration import SelfCalibration
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.correlations import Correlations, parameter_index

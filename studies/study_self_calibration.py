@@ -14,10 +14,11 @@ import numpy as np
 from scipy.linalg import eigh
 
 from studies.runner import Settings, header, row, shipped_plan
+from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.families import families_of, tolerances_of
 from tulip_testbed.calibration.ordinary_laboratory import draw_members
 from tulip_testbed.calibration.reml import given
-from tulip_testbed.calibration.self_calibration import SelfCalibration, self_calibrate
+from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory

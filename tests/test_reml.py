@@ -8,7 +8,8 @@ from scipy.integrate import dblquad
 from scipy.optimize import approx_fprime, minimize
 from scipy.stats import multivariate_normal
 
-from tulip_testbed.calibration.reml import Problem, fit, objective, parts_of_variance
+from tulip_testbed.calibration.linear_problem import Problem
+from tulip_testbed.calibration.reml import fit, objective, parts_of_variance
 from tulip_testbed.calibration.reml import given as fit_with
 from tulip_testbed.identification.noise_structure import NoiseStructure, groups
 

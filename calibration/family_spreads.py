@@ -1,0 +1,129 @@
+"""Spreads of families in a restricted likelihood, the noise being as it is.
+
+With B the information about the members and b their moment, both without the flat parameters, D = R R' the
+covariance of the members and S = (I + R'BR)^-1, the families add 1/2 (-ln|S| - b' R S R' b) to the objective.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tulip_testbed.calibration.linear_problem import Problem
+
+MOST_STEP = 1.5  # of the logarithm of a scale
+LIMIT = 7.0  # largest size of the logarithm of a scale
+# Of a spread, in tolerances. Beyond, columns are no longer linear in the members: gains of -100 % leave no
+# reading, and so no noise.
+WIDEST = np.log(20.0)
+MOST_STEPS = 60
+HALVINGS = 5  # of a step that does not gain
+ALONE = np.log(2.0)  # s.d. of ln tau of a family of one
+SETTLED = 1e-6  # of the log-likelihood, in the spreads alone
+LEAST_CURVATURE = 0.25  # the s.d. of the logarithm of a scale is at most two
+
+
+@dataclass(frozen=True)
+class Spread:
+    """What ln tau adds: value, gradient and Hessian of the objective; R, S and u with phi = R u.
+
+    `square` is what the members take from the residuals' sum of squares.
+    """
+
+    log_spread: np.ndarray
+    square: float
+    value: float
+    gradient: np.ndarray
+    hessian: np.ndarray
+    root: np.ndarray
+    shrinkage: np.ndarray
+    deviate: np.ndarray
+
+
+def at_spread(problem: Problem, reduced: np.ndarray, moment: np.ndarray, log_spread: np.ndarray) -> Spread:
+    """Return what the families add at ln tau, (f,).
+
+    Args:
+        reduced, moment: B, (q, q), and b, (q,).
+    """
+    parts, q = problem.parts, len(moment)
+    root = np.zeros((q, q))
+    for part, one, size in zip(parts, problem.roots, np.exp(log_spread), strict=True):
+        root[part, part] = size * one
+    lower = np.linalg.cholesky(np.eye(q) + root.T @ reduced @ root)
+    inverse = np.linalg.inv(lower)
+    shrinkage = inverse.T @ inverse
+    pull = root.T @ moment
+    deviate = shrinkage @ pull
+    first = np.array([part.start for part in parts], int)
+    own, sizes = (
+        np.add.reduceat(values, first) if q else np.zeros(0) for values in (np.diag(shrinkage), deviate**2)
+    )
+    count = np.array([len(one) for one in problem.roots])
+    prior, slope, curvature = _log_prior(log_spread, count)
+    known = list(problem.known)
+    together = 2 * shrinkage**2 + 4 * deviate[:, None] * shrinkage * deviate
+    hessian = np.diag(2 * (own + sizes) + curvature)
+    if q:
+        hessian -= np.add.reduceat(np.add.reduceat(together, first, axis=0), first, axis=1)
+    gradient = count - own - sizes + slope
+    gradient[known] = 0.0
+    hessian[known] = hessian[:, known] = 0.0
+    hessian[known, known] = 1.0
+    return Spread(
+        log_spread=log_spread,
+        square=float(pull @ deviate),
+        value=float(np.log(np.diag(lower)).sum() - 0.5 * pull @ deviate + np.delete(prior, known).sum()),
+        gradient=gradient,
+        hessian=hessian,
+        root=root,
+        shrinkage=shrinkage,
+        deviate=deviate,
+    )
+
+
+def _log_prior(log_spread: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return minus the logarithm of the prior of ln tau, and its first and second derivatives.
+
+    Args:
+        count: number of members of each family.
+    """
+    alone = count == 1
+    odds = np.exp(2 * log_spread) / (1 + np.exp(2 * log_spread))
+    value = np.where(
+        alone,
+        0.5 * (log_spread / ALONE) ** 2 + np.log(ALONE * np.sqrt(2 * np.pi)),
+        np.log1p(np.exp(2 * log_spread)) - log_spread + np.log(np.pi / 2),
+    )
+    slope = np.where(alone, log_spread / ALONE**2, 2 * odds - 1)
+    return value, slope, np.where(alone, ALONE**-2.0, 4 * odds * (1 - odds))
+
+
+def best_spreads(problem: Problem, reduced: np.ndarray, moment: np.ndarray, start: np.ndarray) -> Spread:
+    """Minimise over ln tau, beginning at `start`, (f,).
+
+    Args:
+        reduced, moment: see `at_spread`.
+    """
+    best = at_spread(problem, reduced, moment, np.clip(start, -LIMIT, WIDEST))
+    for _ in range(MOST_STEPS):
+        step = newton_step(best.gradient, best.hessian)
+        if abs(best.gradient @ step) < SETTLED:
+            break
+        for shrink in 0.5 ** np.arange(HALVINGS):
+            log_spread = np.clip(best.log_spread + shrink * step, -LIMIT, WIDEST)
+            trial = at_spread(problem, reduced, moment, log_spread)
+            if trial.value <= best.value:
+                break
+        else:
+            break
+        best = trial
+    return best
+
+
+def newton_step(gradient: np.ndarray, hessian: np.ndarray) -> np.ndarray:
+    """Return Newton's step with positive curvatures, at most MOST_STEP in every direction."""
+    values, turn = np.linalg.eigh(hessian)
+    along = -(turn.T @ gradient) / np.maximum(np.abs(values), LEAST_CURVATURE)
+    return np.clip(turn @ along, -MOST_STEP, MOST_STEP)

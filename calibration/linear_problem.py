@@ -1,0 +1,58 @@
+"""The linear model of which a restricted likelihood is taken."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from tulip_testbed.identification.noise_structure import NoiseStructure
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A linear model of r residuals of each of m postures.
+
+    Attributes:
+        whole: N, G and y side by side, (m, r, p + q + 1); zero in rows that are not in use.
+        flat: p, the number of columns of N.
+        noise: V_0, of k scales.
+        information: of nu, known beforehand with mean zero, (p, p).
+        roots: square root of C_f by family, (n_f, n_f) each; together q rows.
+        doubt: s.d. of ln sigma about zero, (k,).
+        excess: what the noise in the columns adds to G' V_0^-1 G on average, (q, q).
+        about: members at which y was linearised, (q,); there the noise of the columns has no effect.
+        known: numbers of the families whose spread is known, tau = 1.
+    """
+
+    whole: np.ndarray
+    flat: int
+    noise: NoiseStructure
+    information: np.ndarray
+    roots: tuple[np.ndarray, ...]
+    doubt: np.ndarray
+    excess: np.ndarray
+    about: np.ndarray
+    known: tuple[int, ...] = ()
+
+    @property
+    def columns(self) -> np.ndarray:
+        """Return N, (m, r, p)."""
+        return self.whole[..., : self.flat]
+
+    @property
+    def members(self) -> np.ndarray:
+        """Return G, (m, r, q)."""
+        return self.whole[..., self.flat : -1]
+
+    @property
+    def output(self) -> np.ndarray:
+        """Return y, (m, r)."""
+        return self.whole[..., -1]
+
+    @property
+    def parts(self) -> list[slice]:
+        """Return the columns of G that belong to each family."""
+        ends = np.cumsum([0, *map(len, self.roots)]).tolist()
+        return [slice(a, b) for a, b in pairwise(ends)]
