@@ -21,38 +21,60 @@ from tulip_testbed.identification.residual_noise import contrasts, noise_of
 class Prediction:
     """Residuals of other postures, less their prediction.
 
+    Their covariance is that of the noise, which has a block for each placement, and H H' of the estimates.
+
     Attributes:
         residual: (n,) [SI]. channel: letter of the channel of each residual, (n,).
-        covariance: of the residual, by the noise and the errors of all estimates, (n, n).
+        noise: covariance by the noise of each placement's residuals in turn.
+        estimates: H, (n, k).
     """
 
     residual: np.ndarray
-    covariance: np.ndarray
     channel: np.ndarray
+    noise: tuple[np.ndarray, ...]
+    estimates: np.ndarray
 
     def of(self, channels: str) -> Prediction:
         """Return the part in some channels."""
         rows = np.isin(self.channel, list(channels))
-        return Prediction(self.residual[rows], self.covariance[np.ix_(rows, rows)], self.channel[rows])
+        each = np.split(rows, np.cumsum([len(block) for block in self.noise])[:-1])
+        noise = tuple(block[inside][:, inside] for block, inside in zip(self.noise, each, strict=True))
+        return Prediction(self.residual[rows], self.channel[rows], noise, self.estimates[rows])
 
-    @cached_property
+    @property
+    def variance(self) -> np.ndarray:
+        """Return the variance of each residual, (n,)."""
+        noise = [np.diag(block) for block in self.noise]
+        return np.concatenate(noise) + (self.estimates**2).sum(axis=1)
+
+    @property
     def chi_square(self) -> float:
         """Return the sum of squares of the whitened residual."""
-        return float(self._whitened[0] @ self._whitened[0])
+        return self._whitened[0]
 
     @property
     def log_density(self) -> float:
         """Return ln of the predictive density at the residual [SI]."""
-        white, volume = self._whitened
-        return -0.5 * self.chi_square - volume - 0.5 * len(white) * float(np.log(2 * np.pi))
+        square, volume = self._whitened
+        return -0.5 * square - volume - 0.5 * len(self.residual) * float(np.log(2 * np.pi))
 
     @cached_property
-    def _whitened(self) -> tuple[np.ndarray, float]:
-        """Return the whitened residual and half the ln determinant of the covariance."""
-        unit = np.sqrt(np.diag(self.covariance))
-        lower = np.linalg.cholesky(self.covariance / unit / unit[:, None])
-        volume = float((np.log(np.diag(lower)) + np.log(unit)).sum())
-        return np.asarray(solve_triangular(lower, self.residual / unit, lower=True)), volume
+    def _whitened(self) -> tuple[float, float]:
+        """Return the sum of squares and half the ln determinant of the covariance (Woodbury)."""
+        both, white, volume = np.column_stack([self.estimates, self.residual]), [], 0.0
+        ends = np.cumsum([len(block) for block in self.noise])
+        for block, part in zip(self.noise, np.split(both, ends[:-1]), strict=True):
+            unit = np.sqrt(np.diag(block))
+            lower = np.linalg.cholesky(block / unit / unit[:, None])
+            volume += float((np.log(np.diag(lower)) + np.log(unit)).sum())
+            white.append(solve_triangular(lower, part / unit[:, None], lower=True))
+        flat = np.concatenate(white)
+        left, right = flat[:, :-1], flat[:, -1]
+        # Orthogonal, so that what the estimates explain is not the difference of two large numbers.
+        basis, triangle = np.linalg.qr(np.vstack([left, np.eye(left.shape[1])]))
+        whole = np.append(right, np.zeros(left.shape[1]))
+        rest = whole - basis @ (basis.T @ whole)
+        return float(rest @ rest), volume + float(np.log(np.abs(np.diag(triangle))).sum())
 
 
 def predicted(
@@ -84,13 +106,16 @@ def predicted(
         covariances.append(contrast @ (block_diag(*own[inside]) + shared @ shared.T) @ contrast.T)
         channel.append(letters[of % SIZE])
     whole = np.concatenate(rows)
-    covariance = block_diag(*covariances) + _propagated(whole[:, :-1], found.solved.covariance)
-    return Prediction(whole @ np.append(-estimate, 1.0), covariance, np.concatenate(channel))
+    return Prediction(
+        residual=whole @ np.append(-estimate, 1.0),
+        channel=np.concatenate(channel),
+        noise=tuple(covariances),
+        estimates=whole[:, :-1] @ _root(found.solved.covariance),
+    )
 
 
-def _propagated(columns: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """Return columns times a covariance times their transpose, without what rounding made negative."""
+def _root(covariance: np.ndarray) -> np.ndarray:
+    """Return R with R R' = covariance, without what rounding made negative."""
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     values, axes = np.linalg.eigh(covariance / size / size[:, None])
-    half = (columns * size) @ (axes * np.sqrt(np.maximum(values, 0.0)))
-    return half @ half.T
+    return size[:, None] * axes * np.sqrt(np.maximum(values, 0.0))

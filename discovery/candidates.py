@@ -11,7 +11,11 @@ import numpy as np
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect, Values
 from tulip_testbed.effects.instance import EffectInstance, effect_label
+from tulip_testbed.identification.noise_structure import groups
 from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_channels import center
+
+MOST_PLACEMENTS = 100  # that are sought for errors one by one
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,12 +106,12 @@ class Fitted:
 
 
 def candidates(observed: Observation, effects: dict[str, Effect] | None = None) -> list[Candidate]:
-    """List every effect on every target that an experiment has.
+    """List every effect on every target that an experiment has; of many placements, those that stand out.
 
     Args:
         effects: by name; None: the whole catalogue.
     """
-    numbers = tuple(int(number) for number in np.unique(observed.measurements.placement))
+    numbers = standing_out(observed)
     out = []
     for effect in (catalogue() if effects is None else effects).values():
         grids = [parameter.grid or (0.0,) for parameter in effect.parameters]
@@ -117,6 +121,19 @@ def candidates(observed: Observation, effects: dict[str, Effect] | None = None) 
             for target in effect.targets.of(observed.nominal.robot, numbers)
         ]
     return out
+
+
+def standing_out(observed: Observation) -> tuple[int, ...]:
+    """List the placements that may be in error: all, or those whose centre of pressure is off most."""
+    placement = observed.measurements.placement
+    numbers = np.unique(placement)
+    if len(numbers) > MOST_PLACEMENTS:
+        together, matrix = groups(placement), observed.geometry.regressor
+        flat, output = matrix.reshape(-1, matrix.shape[2]), center(observed)
+        left = output - matrix @ np.linalg.lstsq(flat, output.ravel(), rcond=None)[0]
+        off = (together.sums(left) ** 2).sum(axis=1) / together.sums(np.ones(len(left)))
+        numbers = np.sort(numbers[np.argsort(-off)[:MOST_PLACEMENTS]])
+    return tuple(numbers.tolist())
 
 
 def change_times(candidate: Candidate, observed: Observation) -> np.ndarray:

@@ -127,7 +127,7 @@ def held_out(search: Search, found: SelfCalibration, terms: Sequence[Fitted]) ->
                 densities = before.log_density, after.log_density
                 sums[key] += before.chi_square, after.chi_square, dof, *densities
         first, last = plain.of("A"), fitted.of("A")
-        squares += (first.residual**2).sum(), (last.residual**2).sum(), np.trace(last.covariance)
+        squares += (first.residual**2).sum(), (last.residual**2).sum(), last.variance.sum()
     sums = {key: total for key, total in sums.items() if total[2] > 0}
     first_mm, last_mm, noise_mm = 1e3 * np.sqrt(squares / (2 * len(observed)))
     own = {term.label for term in general}

@@ -26,7 +26,7 @@ from tulip_testbed.discovery.candidate_search import (
     evidence_for,
     first_calibration,
 )
-from tulip_testbed.discovery.candidates import Candidate, Fitted
+from tulip_testbed.discovery.candidates import MOST_PLACEMENTS, Candidate, Fitted
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import effective_tests, ranked, sidak
 from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
@@ -114,7 +114,9 @@ def select(
     null = exact.null
     columns = candidate_columns(null.linear, search.candidates)
     first = ranked(columns, null.residual)
-    tests = effective_tests(columns, rng)
+    count = len(np.unique(observed.measurements.placement))
+    # Placements that are not sought one by one were tests too: those that are stood out among them.
+    tests = effective_tests(columns, rng) + max(count - MOST_PLACEMENTS, 0)
     selection = Selection(
         calibration=calibration,
         tolerances=search.tolerances,

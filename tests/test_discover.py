@@ -13,7 +13,7 @@ from tests.effect_changes import measured
 from tulip_testbed.calibration.families import EXACT
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
-from tulip_testbed.discovery.candidates import Fitted, candidates
+from tulip_testbed.discovery.candidates import Fitted, candidates, standing_out
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.discover import _reasons, discover
 from tulip_testbed.discovery.effect_intervals import TIME_GAIN
@@ -399,3 +399,14 @@ def test_times_of_change_are_believed_as_far_as_95_percent_ask():
     walks = np.cumsum(jump * rng.standard_normal((2, draws, steps)) - jump**2 / 2, axis=2)
     ratio = 2 * np.maximum(walks.max(axis=(0, 2)), 0.0)
     assert (ratio < TIME_GAIN).mean() == pytest.approx(0.95, abs=0.015)
+
+
+def test_of_many_placements_those_are_sought_that_stand_out(robot, plan, nominal, monkeypatch):
+    monkeypatch.setattr("tulip_testbed.discovery.candidates.MOST_PLACEMENTS", 3)
+    lab = Laboratory(robot, "wii", hidden=("placement-blunder:17=0.04,0.03",))
+    observed = observe(lab.run(plan, 5, "statics").measurements, nominal)
+    numbers = standing_out(observed)
+    assert len(numbers) == 3
+    assert 17 in numbers
+    sought = [c.target for c in candidates(observed) if c.effect.name == "placement-blunder"]
+    assert sought == [str(number) for number in numbers]
