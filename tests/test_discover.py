@@ -403,7 +403,7 @@ def test_times_of_change_are_believed_as_far_as_95_percent_ask():
 
 def test_of_many_placements_those_are_sought_that_stand_out(robot, plan, nominal, monkeypatch):
     monkeypatch.setattr("tulip_testbed.discovery.candidates.MOST_PLACEMENTS", 3)
-    lab = Laboratory(robot, "wii", hidden=("placement-blunder:17=0.04,0.03",))
+    lab = Laboratory(robot, "wii").with_effects("placement-blunder:17=0.04,0.03")
     observed = observe(lab.run(plan, 5, "statics").measurements, nominal)
     numbers = standing_out(observed)
     assert len(numbers) == 3
