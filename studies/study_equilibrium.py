@@ -304,7 +304,7 @@ def study(settings: Settings) -> Iterator[str]:
             f"{1e3 * found.center.max():.4f}",
         )
 
-    yield "\n" + header("with dry friction", "static", "dynamic", "p")
+    yield "\n" + header("with dry friction", "static", "dynamic", "p", "slope")
     solved_plan = solve_plan(preset_rig("ideal", robot), plan)
     attempts = run_dynamics(solved_plan.rig, plan, settings.seed, settings.workers).truth.attempts
     held = [a for a in attempts if a.held is not None]
@@ -312,11 +312,15 @@ def study(settings: Settings) -> Iterator[str]:
     inside = edge_distance(solved_plan, held) > EDGE
     statics_seed = 300 + settings.seed
     actual, drawn = excess_sag(solved_plan, held, np.random.default_rng(statics_seed))
+    mean = drawn.reshape(-1, *actual.shape).mean(axis=0)
+    slopes = (mean * actual).sum(axis=0) / (mean**2).sum(axis=0)
     for k, name in enumerate((*solved_plan.plan.joints, "load share")):
         scale, unit = (1e3, "mrad") if k < len(plan.joints) else (1e2, "%")
         chance = ks_2samp(actual[:, k], drawn[:, k]).pvalue
         spreads = (f"{scale * values[:, k].std():.2f}" for values in (drawn, actual))
-        yield row(f"{name}, s.d. of what friction adds ({unit})", *spreads, f"{chance:.2f}")
+        yield row(
+            f"{name}, s.d. of what friction adds ({unit})", *spreads, f"{chance:.2f}", f"{slopes[k]:.2f}"
+        )
     streams = np.random.SeedSequence(statics_seed).spawn(settings.count(STATIC_RUNS))
     static = [len(run.truth.dropped) for run in run_statics(solved_plan, streams)]
     dropped = len(plan) - len({a.posture for a in held})
