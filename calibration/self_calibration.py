@@ -109,8 +109,10 @@ def self_calibrate(
         if not noisy and (best is None or solved.log_evidence > best[1].log_evidence):
             best = state, solved, clean
     assert found is not None
-    if best is not None and solved.log_evidence < best[1].log_evidence - WORSE:
-        state, solved, clean = best  # the steps led away, as they may with a large play
+    # Where nothing came to rest, the steps may have led away, as they do with a large play. Where it did, an
+    # earlier state has nothing to say: its noise was that of other compliances.
+    if moved.max() >= STANDS and best is not None and solved.log_evidence < best[1].log_evidence - WORSE:
+        state, solved, clean = best
         found = linearised(state, families, noise)
     return result_of(clean, families, noise, *found, solved, used.assumed, float(moved.max()))
 
