@@ -13,9 +13,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.fuzz.changes import drawn
-from tests.fuzz.folders import json_values
-from tests.fuzz.judge import KINDS, Judge
+from tests.fuzz.documents import json_values
+from tests.fuzz.judge import Judge
 from tests.fuzz.robots import PLATE_KINDS
+from tests.fuzz.targets import KINDS
 from tulip_testbed.cli.main import main
 from tulip_testbed.sim.column import printable
 from tulip_testbed.sim.errors import InputError
