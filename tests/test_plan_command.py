@@ -37,7 +37,7 @@ def data(robot, plan, tmp_path_factory):
 
 def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monkeypatch, capsys):
     out = tmp_path / "plan"
-    write = planning._write_state
+    write = planning.write_state
 
     def interrupt(path, key, state):
         write(path, key, state)
@@ -45,7 +45,7 @@ def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monke
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(planning, "_write_state", interrupt)
+        patched.setattr(planning, "write_state", interrupt)
         assert main(["plan", "--out", str(out), *SMALL]) == 130
     assert "best plan so far" in " ".join(capsys.readouterr().err.split())
     first = read_plan(out, robot)

@@ -56,7 +56,7 @@ def put(trail: str, *values: Any, make: Callable[[Any], Any] = lambda old: ()) -
     def edit(document: dict, draw: Draw) -> None:
         *above, key = trail.split(".")
         for name in above:
-            document = document[name]
+            document = document[int(name) if isinstance(document, list) else name]
         document[key] = one(draw, [*values, *make(document.get(key))])
 
     return edited(edit)

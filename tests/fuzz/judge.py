@@ -22,6 +22,7 @@ import numpy as np
 
 from tests.fuzz.changes import Draw, Expected
 from tests.fuzz.readings import on_page, reading, result, text_of
+from tests.fuzz.records import CHUNK
 from tests.fuzz.targets import KINDS, ON_PAGES, PAGES, Intact, commands
 from tulip_testbed.cli.main import main
 
@@ -143,7 +144,7 @@ class Judge:
             refused = runs[-1].code > (given[len(runs) - 1][:1] in [[name] for name in JUDGING])
             if target == "measurements" and not self.brief:
                 check_preflight(self.tulip(["check", str(folder), "--json"], here, nobody), runs[-1])
-            check_left(home, there)
+            check_left(home, there | {folder / CHUNK})
             if refused:
                 return check_refusal(runs[-1], expected, home, target)
             if target == "arguments" and expected.outcome == "either":
@@ -196,7 +197,7 @@ def check_refusal(run: Run, expected: Expected, home: Path, target: str) -> str:
 def check_result(document: Any, expected: Expected, target: str, folder: Path, before: Any) -> None:
     """Check that a result is complete and agrees with the intact input's or with an independent reading."""
     assert expected.outcome != "refused", "accepted"
-    assert target in PAGES or not unknown(document), "a result that is no number"
+    assert target in (*PAGES, "resume") or not unknown(document), "a result that is no number"
     wanted = result(target, before) if expected.outcome == "same" else reading(target, folder)
     for name, found in result(target, document).items():
         check_alike(found, wanted[name], name)

@@ -16,12 +16,26 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from tests.fuzz import changes, documents, folders
-from tests.fuzz.changes import EITHER, REFUSED, RIGHT, SAME, Change, Draw, Expected, Make, content, one
+from tests.fuzz.changes import (
+    EITHER,
+    REFUSED,
+    RIGHT,
+    SAME,
+    WHOLE,
+    Change,
+    Draw,
+    Expected,
+    Make,
+    content,
+    one,
+    refused,
+)
 from tests.fuzz.documents import edited, put
 
 HASHES = {"run.json": "outputs", "rig.json": "files"}  # where a folder lists its files
 RUN, REPORT, TRUTH, FOUND = "run.json", "report.json", "truth.json", "discovery.json"
-CHUNK, STATE = "runs/chunk-000000.parquet", "made/.plan.state.json"
+STATE_NAME = ".plan.state.json"
+CHUNK, STATE = "runs/chunk-000000.parquet", f"made/{STATE_NAME}"
 RIG = "rig.json"
 
 
@@ -71,7 +85,18 @@ def documents_of(*files: str) -> dict[str, Change]:
 
 def others(*files: str) -> dict[str, Change]:
     """Return what may stand in the place of a folder or of one of its files."""
-    return {f"{kind} for a file": changes.stands(kind, *files) for kind in (*changes.PLACES, "link")}
+    kinds = [kind for kind in (*changes.PLACES, "link") if kind != "nothing"]
+    return {f"{kind} for a file": changes.stands(kind, *files) for kind in kinds}
+
+
+def without(expected: Expected, file: str) -> Change:
+    """Remove a file."""
+
+    def change(folder: Path, draw: Draw) -> Expected:
+        (folder / file).unlink()
+        return expected
+
+    return change
 
 
 def residuals(expected: Expected, *makes: Make) -> Change:
@@ -176,23 +201,25 @@ MONTECARLO_KINDS: dict[str, Change] = {
     **documents_of(RUN),
     **others(RUN, CHUNK),
     **{f"{kind} in the runs": runs(*how) for kind, how in TABLE_EDITS.items()},
-    "numbers of runs": content(put("settings.runs", *RUNS), Expected("either", (RUN,)), RUN),
+    "numbers of runs": content(put("settings.runs", *RUNS), refused(WHOLE), RUN),
     "sizes of chunks": content(put("settings.chunk", *CHUNKS), EITHER, RUN),
     "garbage for runs": content(folders.garbage, REFUSED, CHUNK),
     "flipped bytes in the runs": content(changes.flipped, EITHER, CHUNK),
     "truncated runs": content(changes.truncated, REFUSED, CHUNK),
     "report.json made anew": content(edited(documents.strange_value), SAME, REPORT),
-    "hash of another plan": content(put("inputs.plan", *FIELDS), REFUSED, RUN),
+    "hash of another plan": content(put("inputs.plan", *FIELDS), refused(WHOLE), RUN),
+    "no runs yet": without(refused(WHOLE, "holds 0 of 3 runs"), CHUNK),
+    "no plan": without(refused("plan"), "plan/plan.json"),
 }
 RESUMED = ("drop a column", "no numbers", "poisoned runs", "huge numbers", "other estimates", "a run less")
 RESUME_KINDS: dict[str, Change] = {
     **documents_of(RUN),
     **{f"{kind} in the runs": runs(*TABLE_EDITS[kind]) for kind in RESUMED},
-    "numbers of runs": content(put("settings.runs", *RUNS), REFUSED, RUN),
+    "numbers of runs": content(put("settings.runs", *RUNS), refused(WHOLE, "settings.runs"), RUN),
     "truncated runs": content(changes.truncated, REFUSED, CHUNK),
     "flipped bytes in the runs": content(changes.flipped, EITHER, CHUNK),
     "report.json made anew": content(edited(documents.strange_value), SAME, REPORT),
-    "no runs yet": lambda folder, draw: (folder / CHUNK).unlink() or SAME,
+    "no runs yet": without(SAME, CHUNK),
 }
 RIG_KINDS: dict[str, Change] = {
     **documents_of(RIG),
@@ -201,4 +228,20 @@ RIG_KINDS: dict[str, Change] = {
     "other values": content(put("effects.0.parameters.0.value", 0.0, 0.01, -0.02, 1e-300, 1), EITHER, RIG),
     "other targets": content(put("effects.0.target", "left_knee", "nose", "", None, "\x1b"), EITHER, RIG),
 }
-STATE_KINDS: dict[str, Change] = {**documents_of(STATE), **others(STATE)}
+STATE_KINDS: dict[str, Change] = {
+    **documents_of(STATE),
+    **{kind: how for kind, how in others(STATE).items() if "closed" not in kind},
+    **{
+        f"{how} of the best plan": content(
+            put(f"state.best_{what}.7.{k}", *values), refused(STATE_NAME), STATE
+        )
+        for how, what, k, values in (
+            ("another knee", "angles", 3, (0.0, 1.0, -2.0, 90.0)),
+            ("another height", "design", 2, (0.0, 0.3, 1.5, -0.5)),
+            ("another swing foot", "design", 6, (0.5, -0.2, 2.0)),
+        )
+    },
+    "another objective": content(put("state.value", 1.0, 600.0, -1.0, 0), refused(STATE_NAME), STATE),
+    "another start": content(put("state.initial", 1.0, 1e5, -1.0), refused(STATE_NAME), STATE),
+    "other rounds": content(put("state.rounds", 0, 2, 5, 10**6, -1, 2.5), EITHER, STATE),
+}

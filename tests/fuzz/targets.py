@@ -23,7 +23,8 @@ from tests.fuzz.records import (
 from tests.fuzz.robots import PLATE_KINDS, ROBOT_KINDS
 from tulip_testbed.effects.instance import instances_of
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.planning_run import PlanSettings, carry_out, set_up_search, state_file
+from tulip_testbed.experiments.plan_state import state_file
+from tulip_testbed.experiments.planning_run import PlanSettings, carry_out, set_up_search
 from tulip_testbed.experiments.rig_folder import write_rig
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.experiments.validation_record import validation_record, write_validation
@@ -46,7 +47,7 @@ KINDS: dict[str, dict[str, Change]] = {
     "arguments": ARGUMENT_KINDS,
 }
 PAGES = ("run", "discovery", "montecarlo")  # a page takes seconds: only these kinds of change get one
-ON_PAGES = ("another number", "odd number", "hostile", "a key more", "failed", "another text")
+ON_PAGES = ("another number", "hostile text", "failed")
 SHAPE = ("--placements", "6", "--per-placement", "5", "--seed", "107")
 SEARCHED = PlanSettings(seed=311, placements=5, postures_per_placement=6, hops=1)
 INTERRUPTED = 3  # rounds
@@ -150,7 +151,7 @@ def commands(target: str, folder: Path, made: Path, intact: Intact) -> list[list
         options = [word for name, value in number.items() for word in (f"--{name}", str(value))]
         return [["plan", "--out", str(folder / "made" / "plan"), *options, "--json"]]
     if target == "folders":
-        (inside,) = folder.iterdir() if list(folder.glob("*")) else [folder]
+        inside = folder if (folder / "data").exists() else next(folder.iterdir())
         own, run = str(inside / "data"), str(inside / "run")
         return [
             *(["identify", own, *identify], ["identify", own], ["compare", run, str(intact("run"))]),
