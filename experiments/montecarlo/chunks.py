@@ -71,26 +71,33 @@ class Chunks:
         """
         path, runs = self.path(index), self.runs_of(index)
         wanted = [*dict.fromkeys(["run", *names])]
-        another = InputError(
-            f"{path}: not the chunk of runs {runs[0]} to {runs[-1]}; remove it, and the same command makes it "
-            "anew"
-        )
-        try:
-            with pa.parquet.ParquetFile(pa.BufferReader(read_bytes(path))) as file:
-                found, said = file.schema_arrow.names, file.metadata
-                groups = [
-                    said.row_group(k).total_byte_size for k in range(min(said.num_row_groups, len(runs)))
-                ]
-                whole = all(found.count(name) == 1 for name in wanted) and sum(groups) <= MOST_UNPACKED
-                if not whole or said.num_rows != len(runs):
-                    raise another
-                table = file.read(columns=wanted)
-        except (OSError, pa.ArrowException) as error:
-            raise InputError(f"{path}: cannot read ({' '.join(str(error).split())[:200]})") from None
-        columns = {name: _column(path, name, table.column(name)) for name in wanted}
-        if not np.array_equal(columns["run"], runs):
-            raise another
+        table = _table(path, wanted, len(runs))
+        columns = {name: _column(path, name, table.column(name)) for name in wanted} if table else {}
+        if not columns or not np.array_equal(columns["run"], runs):
+            raise InputError(
+                f"{path}: not the chunk of runs {runs[0]} to {runs[-1]}; remove it, and the same command "
+                "makes it anew"
+            )
         return columns
+
+
+def _table(path: Path, names: list[str], rows: int) -> pa.Table | None:
+    """Return some columns of a file; None if it lacks one, has one twice, or has not as many rows.
+
+    Raises:
+        InputError: the file is missing or damaged.
+    """
+    try:
+        with pa.parquet.ParquetFile(pa.BufferReader(read_bytes(path))) as file:
+            found, said = file.schema_arrow.names, file.metadata
+            if said.num_rows != rows or any(found.count(name) != 1 for name in names):
+                return None
+            groups = range(min(said.num_row_groups, rows))
+            if sum(said.row_group(k).total_byte_size for k in groups) > MOST_UNPACKED:
+                return None
+            return file.read(columns=names)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"{path}: cannot read ({' '.join(str(error).split())[:200]})") from None
 
 
 def _column(path: Path, name: str, column: pa.ChunkedArray) -> np.ndarray:

@@ -54,10 +54,12 @@ def put(trail: str, *values: Any, make: Callable[[Any], Any] = lambda old: ()) -
     """Give a key, some levels down, another value or one that is made of its own."""
 
     def edit(document: dict, draw: Draw) -> None:
-        *above, key = trail.split(".")
+        place: Any = document
+        *above, key = [int(name) if name.isdigit() else name for name in trail.split(".")]
         for name in above:
-            document = document[int(name) if isinstance(document, list) else name]
-        document[key] = one(draw, [*values, *make(document.get(key))])
+            place = place[name]
+        old = place[key] if isinstance(key, int) else place.get(key)
+        place[key] = one(draw, [*values, *make(old)])
 
     return edited(edit)
 
