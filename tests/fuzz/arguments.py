@@ -159,7 +159,6 @@ UNKNOWN = (
     "--nose",
     "--sed",
     "-x",
-    "--",
     "--json=1",
     "--seed",
     "nose",

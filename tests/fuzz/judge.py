@@ -125,7 +125,6 @@ class Judge:
         Raises:
             AssertionError: it ended otherwise.
         """
-        before = self.result(target)
         with tempfile.TemporaryDirectory() as place:
             home, here, made = Path(place), Path(place) / "here", Path(place) / "made"
             home.chmod(0o755)
@@ -149,6 +148,7 @@ class Judge:
                 return check_refusal(runs[-1], expected, home, target)
             if target == "arguments" and expected.outcome == "either":
                 return ""
+            before = self.result(target) if expected.outcome == "same" else None
             check_result(json.loads(runs[0].out), expected, target, folder, before)
             if (page := made / "page.html").exists():
                 check_page(page, target, folder)
