@@ -60,6 +60,7 @@ def _first_run(target: str, document: Any) -> dict[str, Any]:
         "verdict": document["verdict"][0],
         "numbers": [row["number"] for row in rows],
         "checks": {c["name"]: [c["result"][0], c["value"][0]] for c in checks},
+        "how many checks": len(checks),
     }
 
 
@@ -93,6 +94,7 @@ def _validation(report: Any) -> dict[str, Any]:
         "verdict": report["verdict"],
         "numbers": [row["number"] for row in rows],
         "checks": {c["name"]: [c["result"], c["value"]] for c in report["checks"]},
+        "how many checks": len(report["checks"]),
     }
 
 
@@ -111,6 +113,7 @@ def _discovery(report: Any) -> dict[str, Any]:
         "verdict": report["verdict"],
         "numbers": [row["number"] for row in rows],
         "checks": {name: [None, value] for name, value in checks.items() if value is not None},
+        "how many checks": sum(value is not None for value in checks.values()),
     }
 
 
