@@ -120,7 +120,8 @@ def _discovery(report: Any) -> dict[str, Any]:
 def _calibration(folder: Path, whole: bool) -> dict[str, Any]:
     table = pd.read_parquet(folder / "runs")
     good = table[table["failure"] == ""]
-    numbers = [name.rpartition(".")[2] for name in table if name.startswith("full.value.")]
+    names = map(str, table)
+    numbers = [name.rpartition(".")[2] for name in names if name.startswith("full.value.")]
 
     def columns(prefix: str) -> np.ndarray:
         return good[[f"{prefix}.{number}" for number in numbers]].to_numpy(float)
