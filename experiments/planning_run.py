@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 from collections.abc import Callable
@@ -12,10 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.experiments.plan_state import no_state, read_state, state_file, write_state
 from tulip_testbed.experiments.usable_plan import enough
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.planning.interior_point import SOLVERS, casadi_module
+from tulip_testbed.identification.planning.interrupted import StateError
 from tulip_testbed.identification.planning.objectives import Objective
 from tulip_testbed.identification.planning.optimal_plan import (
     initial_state,
@@ -35,7 +36,7 @@ from tulip_testbed.identification.planning.sequential import (
 )
 from tulip_testbed.identification.planning.single_support import single_support_plan
 from tulip_testbed.sim.errors import InputError, at_least, at_most, listed, look_up
-from tulip_testbed.sim.files import check_new, present, read_text, write_text
+from tulip_testbed.sim.files import check_new, present
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_measurements, write_plan
 from tulip_testbed.sim.measurements.plan_folder import check_model
 from tulip_testbed.sim.measurements.table_files import MOST_ROWS, read_json
@@ -45,7 +46,6 @@ from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.scene_check import check_scene
 
 SIGMA_MM = 4.16  # the paper's residual per axis (eq. 14)
-ARRAYS = ("design", "angles", "best_design", "best_angles")
 Show = Callable[[SearchState], None]
 
 
@@ -227,6 +227,7 @@ def carry_out(job: Job, kept: Path, show: Show) -> tuple[PosturePlan, bool]:
         kept: the file of the state, written after every round.
 
     Raises:
+        InputError: a state that this search did not leave.
         KeyboardInterrupt: before there was any plan.
     """
     state = last = read_state(kept, job.key)
@@ -234,21 +235,18 @@ def carry_out(job: Job, kept: Path, show: Show) -> tuple[PosturePlan, bool]:
     def progress(found: SearchState) -> None:
         nonlocal last
         last = found
-        _write_state(kept, job.key, found)
+        write_state(kept, job.key, found)
         show(found)
 
     try:
         return job.run(progress, state), True
+    except StateError as error:
+        raise no_state(kept, error) from None
     except KeyboardInterrupt:
         if last is None:
             raise
         plan = job.best(last)
         return replace(plan, made=plan.made | {"interrupted": True}), False
-
-
-def state_file(out: Path) -> Path:
-    """Where an interrupted run leaves its state, beside its plan."""
-    return out.with_name(f".{out.name}.state.json")
 
 
 def check_out(out: Path) -> None:
@@ -327,30 +325,6 @@ def joined(plans: list[PosturePlan]) -> PosturePlan:
         swing_pose=stacked("swing_pose"),
         torques=None if all(plan.torques is None for plan in plans) else stacked("feed_forward"),
     )
-
-
-def read_state(path: Path, key: list[Any]) -> SearchState | None:
-    """What an interrupted run left; None where there is nothing.
-
-    Raises:
-        InputError: it is of another run, or broken.
-    """
-    if not present(path):
-        return None
-    try:
-        document = json.loads(read_text(path))
-        if document["key"] != key:
-            raise InputError(f"{path}: left by another run; remove it or give another name")
-        values: dict[str, Any] = {k: np.array(v) if k in ARRAYS else v for k, v in document["state"].items()}
-        return SearchState(**values)
-    except (json.JSONDecodeError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: found no state of an interrupted run ({error}); remove it") from None
-
-
-def _write_state(path: Path, key: list[Any], state: SearchState) -> None:
-    """Floats as Python writes them come back in the same bits."""
-    document = {k: v.tolist() if k in ARRAYS else v for k, v in vars(state).items()}
-    write_text(path, json.dumps({"key": key, "state": document}))
 
 
 def _key(problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int) -> list[Any]:

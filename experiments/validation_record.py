@@ -7,9 +7,10 @@ import dataclasses
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import AfterValidator
 
 from tulip_testbed.experiments.document import Document, Figure, Pair
 from tulip_testbed.experiments.estimate_report import ModelReport, model_report
@@ -58,6 +59,12 @@ class CheckRow(Document):
     source: str
 
 
+def _each_once(checks: list[CheckRow]) -> list[CheckRow]:
+    if len({check.name for check in checks}) < len(checks):
+        raise ValueError("expected each check once")
+    return checks
+
+
 class Dropped(Document):
     """A posture that could not be measured."""
 
@@ -81,7 +88,7 @@ class Report(Document):
 
     verdict: Literal["pass", "fail"]
     estimator: str
-    checks: list[CheckRow]
+    checks: Annotated[list[CheckRow], AfterValidator(_each_once)]
     postures_planned: int
     postures_used: int
     rows_measured: int

@@ -382,3 +382,13 @@ def test_the_installed_script_runs_whole(tmp_path):
     assert {p.name for p in data.iterdir()} == {"manifest.json", "postures.csv", "postures.parquet"}
     assert done is not None
     assert json.loads(done.stdout)["postures"] >= 13
+
+
+def test_the_parser_repeats_no_control_or_direction_character(capsys):
+    for hostile in ("\u202ewii", "\x1b[2J", "\x9b31m"):
+        for arguments in (["identify", "x", "--robot", "y", hostile], ["validate", "--preset", hostile]):
+            with pytest.raises(SystemExit) as end:
+                main(arguments)
+            said = capsys.readouterr()
+            assert end.value.code == 2
+            assert (said.out + said.err).replace("\n", "").isprintable()

@@ -2,6 +2,7 @@
 
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -14,10 +15,11 @@ import pyarrow.parquet
 import pytest
 
 import tulip_testbed as tt
-from tests.montecarlo_work import Regressions, bytes_of, run_regressions
+from tests.montecarlo_work import LAYOUT, Regressions, bytes_of, run_regressions
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.collect import collect
 from tulip_testbed.experiments.montecarlo.engine import engine
+from tulip_testbed.experiments.montecarlo.summary import summarise
 from tulip_testbed.sim.errors import InputError
 
 ROOT = Path(__file__).parent.parent
@@ -171,3 +173,40 @@ def test_a_damaged_chunk_is_named(tmp_path, damage):
         pa.parquet.write_table(pa.table({"run": np.arange(5, 10)}), path)
     with pytest.raises(InputError, match=r"chunk-000001\.parquet"):
         list(chunks.read(["full.sigma"]))
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("full.value.1", ["x"] * SIZE, "column 'full.value.1': found string, expected numbers"),
+        ("full.value.1", [None, 1.0, 2.0, 3.0, 4.0], "found 1 rows without any, expected numbers"),
+        ("full.value.1", [[0.1]] * SIZE, "column 'full.value.1': found list<"),
+        ("full.value.1", [0.1, np.nan, 0.1, 0.1, 0.1], "'full.value.1', run 6: found nan, expected a number"),
+        ("truth.2", [0.0, 0.0, np.inf, 0.0, 0.0], "column 'truth.2', run 7: found inf"),
+        (
+            "full.se.3",
+            [0.1, 0.1, 0.1, -0.1, 0.1],
+            "column 'full.se.3', run 8: found -0.1, expected 0 or more",
+        ),
+        ("full.dof.1", [0.0] * SIZE, "column 'full.dof.1', run 5: found 0, expected more than 0"),
+        ("mass", [1e300] * SIZE, "column 'mass', run 5: found 1e+300"),
+        ("failure", [0] * SIZE, "column 'failure': found int64, expected texts"),
+        ("run", [5, 6, 7, 9, 8], "not the chunk of runs 5 to 9"),
+    ],
+)
+def test_what_no_run_gives_is_refused_by_column(tmp_path, name, values, message):
+    chunks = run_regressions(tmp_path, RUNS, SIZE, Regressions())
+    table = pa.parquet.read_table(chunks.path(1))
+    table = table.set_column(table.column_names.index(name), name, pa.array(values))
+    pa.parquet.write_table(table, chunks.path(1))
+    with pytest.raises(InputError, match=rf"chunk-000001\.parquet: .*{re.escape(message)}"):
+        summarise(chunks, LAYOUT)
+
+
+def test_a_column_that_comes_twice_and_rows_without_end_are_refused(tmp_path):
+    chunks = run_regressions(tmp_path, RUNS, SIZE, Regressions())
+    intact = pa.parquet.read_table(chunks.path(1))
+    for table in (intact.select([*intact.column_names, "mass"]), pa.concat_tables([intact] * 1_000)):
+        pa.parquet.write_table(table, chunks.path(1))
+        with pytest.raises(InputError, match=r"chunk-000001\.parquet: not the chunk of runs 5 to 9"):
+            summarise(chunks, LAYOUT)

@@ -16,7 +16,10 @@ from tulip_testbed import rendering
 from tulip_testbed.cli.main import main
 from tulip_testbed.drawings import contact_sheet, support_polygons
 from tulip_testbed.experiments import planning_run as planning
+from tulip_testbed.experiments.plan_state import state_file
+from tulip_testbed.experiments.planning_run import PlanSettings, carry_out, set_up_search
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
+from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import read_plan, write_measurements
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
@@ -37,7 +40,7 @@ def data(robot, plan, tmp_path_factory):
 
 def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monkeypatch, capsys):
     out = tmp_path / "plan"
-    write = planning._write_state
+    write = planning.write_state
 
     def interrupt(path, key, state):
         write(path, key, state)
@@ -45,7 +48,7 @@ def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monke
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(planning, "_write_state", interrupt)
+        patched.setattr(planning, "write_state", interrupt)
         assert main(["plan", "--out", str(out), *SMALL]) == 130
     assert "best plan so far" in " ".join(capsys.readouterr().err.split())
     first = read_plan(out, robot)
@@ -61,6 +64,52 @@ def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monke
     assert sorted(path.name for path in tmp_path.iterdir()) == ["plan", "whole"]
     capsys.readouterr()
     assert "exists already" in refused(capsys, "plan", "--out", out, *SMALL)
+
+
+@pytest.fixture(scope="module")
+def interrupted(robot, tmp_path_factory):
+    """A search and the file that its interruption after one round left."""
+    path = state_file(tmp_path_factory.mktemp("interrupted") / "plan")
+    job = set_up_search(robot, PlanSettings(311, placements=5, postures_per_placement=3, hops=1)).job()
+
+    def interrupt(state):
+        raise KeyboardInterrupt
+
+    carry_out(job, path, interrupt)
+    return job, path
+
+
+@pytest.mark.parametrize(
+    ("name", "edit", "message"),
+    [
+        ("angles", lambda rows: rows[0].pop(), "rows of several lengths"),
+        ("design", lambda rows: rows[0].pop(), "key 'state.design.0'"),
+        ("design", lambda rows: rows.pop(), r"design: found \(14, 9\), expected \(15, 9\) numbers"),
+        (
+            "best_design",
+            lambda rows: rows[3].__setitem__(6, 0.5),
+            "several swing foot poses on one placement",
+        ),
+        ("best_design", lambda rows: rows[3].__setitem__(2, 1.5), "a plan that breaks a constraint"),
+        ("best_angles", lambda rows: rows[3].__setitem__(3, 1e300), r"key 'state.best_angles.3.3'"),
+        ("rounds", 10**6, "rounds: found 1000000, expected at most"),
+        ("rounds", -1, "key 'state.rounds': found -1"),
+        ("value", 1.0, "value: found 1, expected"),
+        ("initial", 1e6, "initial: found 1e\\+06, expected"),
+        ("initial_condition", None, "key 'state.initial_condition': found None"),
+    ],
+)
+def test_an_edited_state_is_refused_by_name(interrupted, tmp_path, name, edit, message):
+    job, intact = interrupted
+    document = json.loads(intact.read_text())
+    if callable(edit):
+        edit(document["state"][name])
+    else:
+        document["state"][name] = edit
+    path = tmp_path / intact.name
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError, match=rf"state\.json: found no state of an interrupted run \(.*{message}"):
+        carry_out(job, path, lambda state: None)
 
 
 def test_the_next_postures_and_their_description(data, tmp_path, capsys):

@@ -32,6 +32,7 @@ from tulip_testbed.experiments.validation_record import (
 from tulip_testbed.pages.report_page import page_of, write_page
 from tulip_testbed.pages.words import NO_TRUE_COM
 from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import write_plan
 from tulip_testbed.sim.robot import Robot, sha256
 from tulip_testbed.viewer import window
 from tulip_testbed.viewer.record_view import record_view
@@ -278,6 +279,7 @@ EDITED = [
     ("report.json", ("verdict",), "maybe", "key 'verdict': found 'maybe'; expected 'pass' or 'fail'"),
     ("report.json", ("checks", 0, "result"), None, "key 'checks.0.result': found None"),
     ("report.json", ("checks", 4, "threshold"), [-1.0], "key 'checks.4.threshold"),
+    ("report.json", ("checks", 1, "name"), "total mass", "key 'checks': found"),
     ("report.json", ("total_mass", "truth"), "23", "key 'total_mass.truth': found '23'"),
     ("report.json", ("total_mass",), GONE, "key 'total_mass': found nothing"),
     ("report.json", ("full", "parameters", 3, "estimate"), GONE, "key 'full.parameters.3.estimate': found"),
@@ -380,3 +382,21 @@ def test_what_is_infinite_or_undefined_is_null_on_disk(static, robot, tmp_path):
     record = dataclasses.replace(static, report=static.report.model_copy(update={"full": full}))
     write_validation(tmp_path / "run", record)
     assert read_validation(tmp_path / "run", robot).report.full.parameters[0].relative_standard_error is None
+
+
+def test_a_monte_carlo_with_another_plan_or_more_runs_than_anybody_makes_is_refused(robot, plan, tmp_path):
+    """run.json lists no hashes of the runs' files: the plan has its own, and a number of runs is bounded."""
+    folder = tmp_path / "runs"
+    montecarlo(
+        Laboratory(robot, "wii"), plan, Settings(2, SEED, "least-squares", None), Place(folder, 1, None)
+    )
+    shutil.copytree(folder, tmp_path / "more")
+    document = json.loads((folder / "run.json").read_text())
+    document["settings"]["runs"] = 10**13
+    (tmp_path / "more" / "run.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"run\.json: key 'settings\.runs': found 10000000000000"):
+        read_record(tmp_path / "more", robot)
+    shutil.rmtree(folder / "plan")
+    write_plan(folder / "plan", plan.take(plan.placement <= 20))
+    with pytest.raises(InputError, match=r"plan: hash mismatch: found a plan with sha256"):
+        read_record(folder, robot)

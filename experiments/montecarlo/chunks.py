@@ -10,9 +10,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.errors import InputError, shortened
 from tulip_testbed.sim.files import present, read_bytes, write_bytes
-from tulip_testbed.sim.measurements.table_files import Columns
+from tulip_testbed.sim.measurements.table_files import MOST_UNPACKED, Columns
+
+TEXTS = ("failure", "outcome")  # columns of texts; all others hold numbers
 
 
 @dataclass(frozen=True)
@@ -67,18 +69,47 @@ class Chunks:
         Raises:
             InputError: the file is missing or damaged.
         """
-        path = self.path(index)
-        try:
-            with pa.parquet.ParquetFile(pa.BufferReader(read_bytes(path))) as file:
-                table = file.read(columns=[*dict.fromkeys(["run", *names])])
-            columns = {name: table.column(name).to_numpy() for name in table.column_names}
-            whole = not set(names) - set(columns)
-        except (OSError, pa.ArrowException) as error:
-            raise InputError(f"{path}: cannot read ({' '.join(str(error).split())[:200]})") from None
-        if not whole or not np.array_equal(columns["run"], self.runs_of(index)):
-            runs = self.runs_of(index)
+        path, runs = self.path(index), self.runs_of(index)
+        wanted = [*dict.fromkeys(["run", *names])]
+        table = _table(path, wanted, len(runs))
+        columns = {name: _column(path, name, table.column(name)) for name in wanted} if table else {}
+        if not columns or not np.array_equal(columns["run"], runs):
             raise InputError(
                 f"{path}: not the chunk of runs {runs[0]} to {runs[-1]}; remove it, and the same command "
                 "makes it anew"
             )
         return columns
+
+
+def _table(path: Path, names: list[str], rows: int) -> pa.Table | None:
+    """Return some columns of a file; None if it lacks one, has one twice, or has not as many rows.
+
+    Raises:
+        InputError: the file is missing or damaged.
+    """
+    try:
+        with pa.parquet.ParquetFile(pa.BufferReader(read_bytes(path))) as file:
+            found, said = file.schema_arrow.names, file.metadata
+            if said.num_rows != rows or any(found.count(name) != 1 for name in names):
+                return None
+            groups = range(min(said.num_row_groups, rows))
+            if sum(said.row_group(k).total_byte_size for k in groups) > MOST_UNPACKED:
+                return None
+            return file.read(columns=names)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"{path}: cannot read ({' '.join(str(error).split())[:200]})") from None
+
+
+def _column(path: Path, name: str, column: pa.ChunkedArray) -> np.ndarray:
+    """Return a column of numbers, or of texts if it is one of `TEXTS`.
+
+    Raises:
+        InputError: it holds something else, or nothing in some row.
+    """
+    kind, expected = column.type, "texts" if name in TEXTS else "numbers"
+    numbers = pa.types.is_integer(kind) or pa.types.is_floating(kind)
+    if not (pa.types.is_string(kind) if name in TEXTS else numbers) or column.null_count:
+        found = f"{column.null_count} rows without any" if column.null_count else kind
+        raise InputError(f"{path}: column '{name}': found {shortened(found)}, expected {expected}")
+    values = column.to_numpy()
+    return values.astype(float) if pa.types.is_floating(kind) else values

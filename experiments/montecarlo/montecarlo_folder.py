@@ -84,6 +84,20 @@ def plan_hash(plan: PosturePlan) -> str:
     return digest.hexdigest()
 
 
+def check_plan(folder: Path, inputs: dict[str, str], plan: PosturePlan) -> None:
+    """Refuse a plan that is not the one of the runs.
+
+    Raises:
+        InputError: its hash is another one.
+    """
+    expected = inputs.get("plan", "none")
+    if (found := plan_hash(plan)) != expected:
+        raise InputError(
+            f"{folder / PLAN_FOLDER}: hash mismatch: found a plan with sha256 {found[:12]}..., expected "
+            f"{shortened(expected[:12])}... by {RUN_FILE}"
+        )
+
+
 def check_folder(folder: Path, document: RunsFile[Any]) -> bool:
     """Tell whether a folder holds runs with this very run.json; False: it is still to be made.
 

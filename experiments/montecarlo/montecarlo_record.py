@@ -10,7 +10,12 @@ import numpy as np
 
 from tulip_testbed.experiments.montecarlo.calibration_report import CalibrationReport, report
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
-from tulip_testbed.experiments.montecarlo.montecarlo_folder import CHUNK_FOLDER, RunsFile, montecarlo_file
+from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
+    CHUNK_FOLDER,
+    RunsFile,
+    check_plan,
+    montecarlo_file,
+)
 from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo
 from tulip_testbed.experiments.montecarlo.run_columns import layout_of
 from tulip_testbed.experiments.montecarlo.settings import MonteCarloSettings
@@ -63,6 +68,7 @@ def read_montecarlo(folder: Path, robot: Robot) -> MonteCarloRecord:
     settings = document.settings
     check_robot(folder, document.inputs, robot)
     plan = read_plan(folder / PLAN_FOLDER, robot)
+    check_plan(folder, document.inputs, plan)
     layout = layout_of(robot, planned_parameters(robot, plan))
     chunks = Chunks(folder / CHUNK_FOLDER, settings.runs, settings.chunk)
     if missing := sum(len(chunks.runs_of(index)) for index in chunks.missing()):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -21,6 +22,8 @@ SCALARS = (
     *("sigma", "condition_number", "residual_mean", "residual_sd", "residual_max"),
     *("chi_square", "residual_dof"),
 )
+NOT_NEGATIVE = (*SCALARS, "se", "dof", "rows", "dropped")
+MOST = 1e12  # of any number of a run: larger ones lose their last digits when they are squared
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,29 @@ class Layout:
             names += [f"{model}.{scalar}" for scalar in SCALARS]
         names += [f"full.correlation.{a}.{b}" for a, b in self.pairs]
         return [*names, "mass", "mass_se", "mass_dof", "true_mass"]
+
+
+def check_identified(path: Path, columns: Columns) -> None:
+    """Refuse what no run that could be identified gives.
+
+    Raises:
+        InputError: names the file, the column and the run.
+    """
+    for name, values in columns.items():
+        if name in ("run", "failure"):
+            continue
+        what = (name.split(".")[1:2] or [name.rpartition("_")[2]])[0]
+        low = 0.0 if what in NOT_NEGATIVE else -MOST
+        fine = (values >= low) & ((np.abs(values) <= MOST) | (what == "dof"))
+        fine &= (values > 0) | (what not in ("dof", "residual_dof"))
+        fine |= np.isnan(values) & (what == "chi_square")
+        if not fine.all():
+            at = int(np.argmin(fine))
+            expected = "more than 0" if what.endswith("dof") else "0 or more" if low == 0 else "a number"
+            raise InputError(
+                f"{path}: column '{name}', run {columns['run'][at]}: found {values[at]:g}, "
+                f"expected {expected} below {MOST:g}"
+            )
 
 
 def layout_of(robot: Robot, parameters: BaseParameters) -> Layout:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from tulip_testbed.experiments.document import Count, Document, Seed
+from tulip_testbed.experiments.document import Document, Seed
 from tulip_testbed.experiments.identify import ESTIMATORS
 from tulip_testbed.experiments.laboratory import ENGINES
 from tulip_testbed.sim.errors import InputError, at_least, at_most, look_up
@@ -20,7 +20,7 @@ DYNAMIC_CHUNK = 1  # a run takes about a minute, and a kill should cost no more
 class MonteCarloSettings(Document):
     """Settings as run.json has them; chunk: runs in a file."""
 
-    runs: Count
+    runs: Annotated[int, Field(ge=1, le=MOST_RUNS)]
     seed: Seed
     estimator: str
     random_robots: Annotated[float, Field(gt=0, le=1)] | None

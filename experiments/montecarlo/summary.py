@@ -9,7 +9,7 @@ import numpy as np
 
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.moments import histogram, moments, quantiles
-from tulip_testbed.experiments.montecarlo.run_columns import SCALARS, Layout
+from tulip_testbed.experiments.montecarlo.run_columns import SCALARS, Layout, check_identified
 from tulip_testbed.identification.distributions import f_ppf, t_ppf
 from tulip_testbed.sim.measurements.table_files import Columns
 
@@ -132,9 +132,11 @@ def _is_spread(name: str) -> bool:
 
 def _identified(chunks: Chunks, names: list[str]) -> Iterator[Columns]:
     """Chunks without the failed runs."""
-    for part in chunks.read([*names, "failure"]):
+    for index, part in enumerate(chunks.read([*names, "failure"])):
         good = part["failure"] == ""
-        yield {name: part[name][good] for name in names}
+        identified = {name: values[good] for name, values in part.items()}
+        check_identified(chunks.path(index), identified)
+        yield identified
 
 
 def _matrix(part: Columns, names: list[str]) -> np.ndarray:

@@ -17,6 +17,7 @@ from tulip_testbed.identification.planning.constraints import (
     inequality_names,
 )
 from tulip_testbed.identification.planning.interior_point import SOLVERS
+from tulip_testbed.identification.planning.interrupted import resumed
 from tulip_testbed.identification.planning.objectives import OBJECTIVES, Objective, objectives
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.identification.planning.search import (
@@ -116,11 +117,11 @@ def optimize_plan(
         solver: solver of the last round, one of `SOLVERS`.
 
     Raises:
-        InputError: as `initial_state` and `require_identifiable`.
+        InputError: as `initial_state`, `require_identifiable` and `resumed`.
     """
     drawn, start = initial_state(problem, objective, placements, per, seed)
     require_identifiable(problem, start, placements)
-    state = state or start
+    state = resumed(problem, objective, state, start, per, round_count(objective, hops))
     for found in search(problem, objective, state, per, seed, hops, solver):
         state = found
         progress(found)

@@ -15,6 +15,7 @@ import numpy as np
 from tulip_testbed.identification.planning.blocks import Block, improve, information
 from tulip_testbed.identification.planning.constraints import evaluate
 from tulip_testbed.identification.planning.exchange import candidates, exchange
+from tulip_testbed.identification.planning.interrupted import resumed
 from tulip_testbed.identification.planning.objectives import Objective, condition_number
 from tulip_testbed.identification.planning.optimal_plan import (
     initial_state,
@@ -134,12 +135,13 @@ def optimize_next_placements(
         state: state of an interrupted search with the same arguments, to continue from.
 
     Raises:
-        InputError: as `initial_next_state` and `require_identifiable`.
+        InputError: as `initial_next_state`, `require_identifiable` and `resumed`.
     """
     measured = measured_information(problem, measurements)
     drawn, start = initial_next_state(problem, objective, measured, placements, per, seed)
     require_identifiable(problem, start, placements + len(np.unique(measurements.placement)))
-    state = state or start
+    rounds = next_round_count(placements, hops)
+    state = resumed(problem, objective, state, start, per, rounds, measured)
     for found in search_next(problem, objective, measured, state, per, seed, hops):
         state = found
         progress(found)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from hypothesis import assume
 from hypothesis import strategies as st
 
 from tests.fuzz import changes
-from tests.fuzz.changes import EITHER, REFUSED, RIGHT, SAME, WHOLE, Change, Draw, Expected, Make, one, refused
+from tests.fuzz.changes import EITHER, REFUSED, RIGHT, SAME, WHOLE, Change, Draw, Expected, one, refused
+from tests.fuzz.documents import drop_a_key, edited, fine_json, put, strange_value, wrong_json
 
 Edit = Callable[[pa.Table, Draw], pa.Table]
 NEEDED = ("posture", "placement", "q.", "cell.", "plate.", "swing.")
@@ -20,14 +19,6 @@ MAY_MISS = ("q_std.", "cell_std.", "window", "samples", "time")
 SEVERAL = ("q_command.", "motor.")  # that all may lack, but not one of them alone
 CANCELLING: dict[str, Callable] = {"cell.right": lambda v: 0 * v + 100, "cell.left": lambda v: 0 * v - 99.8}
 JSON, CSV, PARQUET = ("manifest.json", "plan.json"), "postures.csv", "postures.parquet"
-STRANGE = (
-    *(None, True, False, 0, -1, 1e300, -1e300, 1e-300, 10**250, [], {}, [[]], [None], {"a": 1}),
-    *("", "9.81", "nan", "x" * 100_000, "\x1b[31m", "\x00", "../../etc/passwd", [1, 2, 3, 4, 5]),
-)
-json_values = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
-    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
-)
 
 # --- tables ------------------------------------------------------------------------------------
 
@@ -150,65 +141,6 @@ def garbage(old: Any, draw: Draw) -> list:
 def flipped_footer(old: bytes, draw: Draw) -> list:
     """Change the part of a Parquet file that says how large everything is."""
     return changes.flipped(old, draw, len(old) - 8 - int.from_bytes(old[-8:-4], "little"))
-
-
-def fine_json(text: str, draw: Draw) -> list:
-    document = json.loads(text)
-    capitals = {"tables": {name: found.upper() for name, found in document["tables"].items()}}
-    unknown = {"note": "écrit à la main", "a": [1, 2.5, None, True]}
-    others = dict(reversed(document.items())), document | capitals, document | unknown
-    return [json.dumps(document, separators=(",", ":")), *(json.dumps(d, ensure_ascii=False) for d in others)]
-
-
-def wrong_json(text: str, draw: Draw) -> list:
-    deep = one(draw, (40, 500, 5_000, 1_000_000))
-    values = ("NaN", "1.0", "2", "true", '1, "version": 1', '1, "format": "x"', '1, "\\udfff": 1')
-    nested = '"\\ud800"', "[" * deep + "]" * deep, '{"a":' * deep + "1" + "}" * deep
-    more = (f'1, "x": {x}' for x in ("-Infinity", "1e400", "1" + "0" * 400, "1" + "0" * 5000, *nested))
-    changed = [text.replace('"version": 1', f'"version": {value}') for value in (*values, *more)]
-    return [*changed, "null", "[]", '"manifest"', "[" * deep, text + "}"]
-
-
-def edited(edit: Callable[[dict, Draw], Any]) -> Make:
-    """Edit a JSON document."""
-
-    def make(text: str, draw: Draw) -> list:
-        document = json.loads(text)
-        edit(document, draw)
-        assume(document != json.loads(text))
-        return [json.dumps(document)]
-
-    return make
-
-
-def put(trail: str, *values: Any, make: Callable[[Any], Any] = lambda old: ()) -> Make:
-    """Give a key, some levels down, another value or one that is made of its own."""
-
-    def edit(document: dict, draw: Draw) -> None:
-        *above, key = trail.split(".")
-        for name in above:
-            document = document[name]
-        document[key] = one(draw, [*values, *make(document.get(key))])
-
-    return edited(edit)
-
-
-def places(document: Any) -> Iterator[tuple[Any, Any]]:
-    """Return every container inside a document with each of its keys."""
-    for key in document if isinstance(document, dict) else range(len(document)):
-        yield document, key
-        if isinstance(document[key], dict | list):
-            yield from places(document[key])
-
-
-def drop_a_key(document: dict, draw: Draw) -> None:
-    inside, key = one(draw, [(inside, key) for inside, key in places(document) if isinstance(inside, dict)])
-    del inside[key]
-
-
-def strange_value(document: dict, draw: Draw) -> None:
-    inside, key = one(draw, places(document))
-    inside[key] = draw(st.sampled_from(STRANGE) | json_values)
 
 
 def wrong_joints(joints: list[str]) -> list:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import os
+import re
 import resource
 import shutil
 import signal
@@ -12,7 +12,6 @@ import sys
 import tempfile
 import traceback
 import warnings
-import xml.etree.ElementTree as ET
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
@@ -20,20 +19,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from tests.fuzz.changes import Draw, Expected
-from tests.fuzz.folders import MEASUREMENT_KINDS, PLAN_KINDS
-from tests.fuzz.robots import PLATE_KINDS, ROBOT_KINDS
+from tests.fuzz.readings import on_page, reading, result, text_of
+from tests.fuzz.records import CHUNK
+from tests.fuzz.targets import KINDS, ON_PAGES, PAGES, Intact, commands
 from tulip_testbed.cli.main import main
-from tulip_testbed.identification.base_parameters import base_parameters
-from tulip_testbed.identification.regressor import stacked_regressor
-from tulip_testbed.sim.robot import CORNERS, PLATES, load_robot
-from tulip_testbed.sim.shipped import ASSETS
 
-KINDS = {"measurements": MEASUREMENT_KINDS, "plan": PLAN_KINDS, "robot": ROBOT_KINDS | PLATE_KINDS}
 SECONDS, MEMORY = 240, 2**31  # of one command [s]; of the process that runs them [bytes]
 NOBODY = 65534
+NOTE = re.compile(r"((Run|Plan|Measurement) folder|Report|View|Atlas|Left out): ")
+JUDGING = ("montecarlo", "validate", "check")  # commands whose exit code 1 is a verdict
 TOLERANCE = 1e-6  # of a result, relative to its largest number
 MAY_BE_NULL = ("truth", "made", "rig", "relative_standard_error", "predicted_relative_standard_error_percent")
 
@@ -63,6 +59,8 @@ def call(arguments: list[str], where: Path, nobody: bool) -> Run:
             if nobody and os.getuid() == 0:  # for root every file is readable
                 os.seteuid(NOBODY)
             code = main(arguments)
+        except SystemExit as end:  # of the parser of arguments
+            code = end.code if isinstance(end.code, int) else 70
         except BaseException:
             traceback.print_exc()
             code = 70
@@ -72,41 +70,23 @@ def call(arguments: list[str], where: Path, nobody: bool) -> Run:
         texts = [os.pread(file.fileno(), 10_000_000, 0).decode("utf-8", "replace") for file in (out, err)]
     signal.alarm(0)
     os.chdir("/")
-    return Run(code, texts[0], "".join(line for line in texts[1].splitlines(True) if "folder: /" not in line))
-
-
-def commands(target: str, folder: Path, made: Path) -> list[list[str]]:
-    """Return the commands that read an input; each is run if those before it succeed."""
-    base, robot = str(folder), ["--robot", str(folder / "tulip.toml")]
-    plan, few = str(made / "plan"), ["--placements", "3", "--per-placement", "5", "--seed", "107"]
-    if target == "measurements":  # the independent reading solves eq. 8
-        return [["identify", base, "--estimator", "least-squares", "--json"], ["identify", base]]
-    if target == "plan":
-        return [["postures", base, "--json"], ["postures", base]]
-    return [
-        *(["model", *robot, "--json"], ["model", *robot]),
-        ["postures", "--random", "--out", plan, *few, *robot],
-        ["simulate", plan, "--out", str(made / "data"), "--workers", "1", "--preset", "ideal", *robot],
-    ]
+    notes = [line for line in texts[1].split("\n") if not NOTE.match(line)]
+    return Run(code, texts[0], "\n".join(notes))
 
 
 class Judge:
     """The intact inputs, their results, and the process that runs the commands.
 
     Args:
-        place: an empty folder for a plan and its measurements; the robot is the shipped one.
+        place: an empty folder for the intact inputs.
         brief: run only the first command that reads an input.
     """
 
     def __init__(self, place: Path, brief: bool) -> None:
-        self.brief, self.results = brief, {}
-        self.intact = {"plan": place / "plan", "measurements": place / "data", "robot": ASSETS / "tulip_mjcf"}
+        self.brief, self.place = brief, place
+        self.results: dict[str, Any] = {}
         self._start()
-        plan, shape = str(place / "plan"), ["--placements", "6", "--per-placement", "5", "--seed", "107"]
-        self.tulip(["postures", "--random", "--out", plan, *shape], place)
-        self.tulip(["simulate", plan, "--statics", "--workers", "1", "--out", str(place / "data")], place)
-        for target, folder in self.intact.items():
-            self.results[target] = json.loads(self.tulip(commands(target, folder, place)[0], place).out)
+        self.intact = Intact(place, lambda arguments: self.tulip(arguments, place), brief)
 
     def _start(self) -> None:
         # Its memory is limited, so it does not live long enough to fill up.
@@ -124,6 +104,21 @@ class Judge:
             self._start()
             raise AssertionError(f"crashed, or took more than {SECONDS} s: {arguments}") from None
 
+    def result(self, target: str) -> Any:
+        """Return the document that comes of the intact input."""
+        if target not in self.results:
+            with tempfile.TemporaryDirectory() as place:
+                folder = self._copy(target, Path(place))
+                (first, *_) = commands(target, folder, Path(place) / "made", self.intact)
+                self.results[target] = json.loads(self.tulip(first, self.place).out)
+        return self.results[target]
+
+    def _copy(self, target: str, home: Path) -> Path:
+        """Copy the intact input, and beside a rig the measurements that it is tried on."""
+        if target == "rig":
+            shutil.copytree(self.intact("measurements"), home / "data")
+        return Path(shutil.copytree(self.intact(target), home / "base"))
+
     def message(self, target: str, kind: str, draw: Draw) -> str:
         """Make an input of a kind, run the commands, and return the refusal; nothing if it was accepted.
 
@@ -131,27 +126,48 @@ class Judge:
             AssertionError: it ended otherwise.
         """
         with tempfile.TemporaryDirectory() as place:
-            home, folder, here = Path(place), Path(place) / "base", Path(place) / "here"
+            home, here, made = Path(place), Path(place) / "here", Path(place) / "made"
             home.chmod(0o755)
             here.mkdir()
-            shutil.copytree(self.intact[target], folder)
+            folder = self._copy(target, home)
             expected = KINDS[target][kind](folder, draw)
             there, nobody, runs = set(home.rglob("*")), kind.startswith("closed"), []
-            for arguments in commands(target, folder, home / "made")[: 1 if self.brief else None]:
+            given = commands(target, folder, made, self.intact)
+            if target in PAGES and any(words in kind for words in ON_PAGES):
+                given.append(["report", str(folder), "--out", str(made / "page.html")])
+            for arguments in given[: 1 if self.brief else None]:
                 runs.append(self.tulip(arguments, here, nobody))
-                if runs[-1].code:
+                check_output(runs[-1], arguments)
+                if runs[-1].code > (arguments[:1] in [[name] for name in JUDGING]):
                     break
+            refused = runs[-1].code > (given[len(runs) - 1][:1] in [[name] for name in JUDGING])
             if target == "measurements" and not self.brief:
                 check_preflight(self.tulip(["check", str(folder), "--json"], here, nobody), runs[-1])
-            left = [path for path in set(home.rglob("*")) - there if "made" not in path.parts]
-            assert not left, f"left behind: {left}"
-            for run in runs:
-                fault = "tulip: warning: " in run.err and "says more\n" in run.err  # the preflight fails
-                assert run.code or not run.err or (fault and run.err.count("\n") == 1), run
-            if runs[-1].code:
-                return check_refusal(runs[-1], expected, home)
-            check_result(json.loads(runs[0].out), expected, target, folder, self.results[target])
+            check_left(home, there | {folder / CHUNK})
+            if refused:
+                return check_refusal(runs[-1], expected, home, target)
+            if target == "arguments" and expected.outcome == "either":
+                return ""
+            before = self.result(target) if expected.outcome == "same" else None
+            check_result(json.loads(runs[0].out), expected, target, folder, before)
+            if (page := made / "page.html").exists():
+                check_page(page, target, folder)
             return ""
+
+
+def check_output(run: Run, arguments: list[str]) -> None:
+    """Check that nothing steers a terminal, and that nothing is said beside a result but a doubt."""
+    signs = {sign for sign in run.out + run.err if not sign.isprintable() and sign != "\n"}
+    assert not signs, f"control characters {signs}: {arguments}, {run}"
+    doubts = [line for line in run.err.splitlines() if line.startswith("tulip: warning: ")]
+    assert run.code > 1 or len(doubts) == len(run.err.splitlines()), run
+
+
+def check_left(home: Path, there: set[Path]) -> None:
+    """Check that nothing was left behind but what a command was to make."""
+    new = set(home.rglob("*")) - there
+    left = [path for path in new if "made" not in path.parts or path.name.endswith(".partial")]
+    assert not left, f"left behind: {left}"
 
 
 def check_preflight(checked: Run, identified: Run) -> None:
@@ -162,14 +178,17 @@ def check_preflight(checked: Run, identified: Run) -> None:
     assert identified.code or checked.code < 2, f"it cannot read what identify can: {checked}"
 
 
-def check_refusal(run: Run, expected: Expected, home: Path) -> str:
+def check_refusal(run: Run, expected: Expected, home: Path, target: str) -> str:
     """Check that a refusal is one message that names a place or an option, and return it."""
     assert (run.code, run.out) == (2, ""), run
+    assert expected.outcome in ("refused", "either"), run.err
+    assert [word for word in expected.words if word not in run.err] == [], run.err
+    if target == "arguments":
+        assert run.err.startswith(("tulip: ", "\u256d")), run.err
+        return run.err
     assert run.err.startswith("tulip: "), run.err
     assert run.err.count("\n") == 1, run.err
     assert len(run.err) <= 3_000, run.err
-    assert expected.outcome in ("refused", "either"), run.err
-    assert [word for word in expected.words if word not in run.err] == [], run.err
     # That no posture could be held is a finding, not a fault of one file.
     assert any(sign in run.err for sign in (str(home), "--", "postures could be measured")), run.err
     return run.err
@@ -178,12 +197,30 @@ def check_refusal(run: Run, expected: Expected, home: Path) -> str:
 def check_result(document: Any, expected: Expected, target: str, folder: Path, before: Any) -> None:
     """Check that a result is complete and agrees with the intact input's or with an independent reading."""
     assert expected.outcome != "refused", "accepted"
-    assert not unknown(document), "a result that is no number"
+    assert target in (*PAGES, "resume") or not unknown(document), "a result that is no number"
     wanted = result(target, before) if expected.outcome == "same" else reading(target, folder)
     for name, found in result(target, document).items():
-        right = np.asarray(wanted[name], float)
-        most = TOLERANCE * max(np.abs(right).max(), 1e-9)
-        np.testing.assert_allclose(np.asarray(found, float), right, rtol=0, atol=most, err_msg=name)
+        check_alike(found, wanted[name], name)
+
+
+def check_alike(found: Any, right: Any, name: str) -> None:
+    """Compare numbers within `TOLERANCE`, everything else exactly."""
+    try:
+        numbers, rights = np.asarray(found, float), np.asarray(right, float)
+    except (TypeError, ValueError):
+        assert found == right, f"{name}: found {found}, expected {right}"
+        return
+    most = TOLERANCE * max(np.nan_to_num(np.abs(rights)).max(initial=0.0), 1e-9)
+    np.testing.assert_allclose(numbers, rights, rtol=0, atol=most, err_msg=name)
+
+
+def check_page(page: Path, target: str, folder: Path) -> None:
+    """Check that a page says what the files hold."""
+    text = text_of(page.read_text("utf-8"))
+    signs = {sign for sign in text if not sign.isprintable()}
+    assert not signs, f"control characters on the page: {signs}"
+    missing = [words for words in on_page(target, folder) if words not in text]
+    assert not missing, f"not on the page: {missing}"
 
 
 def unknown(value: Any) -> bool:
@@ -191,49 +228,3 @@ def unknown(value: Any) -> bool:
     if isinstance(value, dict):
         value = [inner for key, inner in value.items() if key not in MAY_BE_NULL]
     return any(map(unknown, value)) if isinstance(value, list) else value is None
-
-
-def result(target: str, document: Any) -> dict[str, Any]:
-    """Return what is compared of a result."""
-    if target == "plan":
-        return {name: document[name] for name in ("postures", "placements", "condition_number")}
-    if target == "robot":
-        masses = {row["link"]: row["mass"] for row in document["standard"]}
-        return {"masses": [masses[link] for link in sorted(masses)], "total": document["total_mass"]}
-    estimates = [row["estimate"] for row in document["full"]["parameters"]]
-    return {
-        "postures": document["postures"],
-        "estimates": estimates,
-        "mass": document["total_mass"]["estimate"],
-    }
-
-
-def reading(target: str, folder: Path) -> dict[str, Any]:
-    """Return the same, read and computed another way: the XML's masses, or ordinary least squares."""
-    if target == "robot":
-        bodies = {str(body.get("name")): body for body in ET.parse(folder / "tulip.xml").iter("body")}
-        masses = [float(bodies[link].findall("inertial")[-1].get("mass", "nan")) for link in sorted(bodies)]
-        return {"masses": masses, "total": sum(masses)}
-    path, parameters = folder / "postures.parquet", base_parameters(load_robot())
-    if path.exists():
-        table = pd.read_parquet(path)
-    else:
-        table = pd.read_csv(path.with_suffix(".csv"), encoding="utf-8-sig")
-    numbers = table.filter(regex=r"^(q|cell|plate)\.").astype(float)
-    column = {name: numbers[name].to_numpy() for name in numbers}
-    matrix = stacked_regressor(
-        parameters, np.column_stack([column[f"q.{j}"] for j in parameters.tree.joints])
-    )
-    if target == "plan":
-        placements = len(set(table["placement"]))
-        return {"postures": len(table), "placements": placements, "condition_number": np.linalg.cond(matrix)}
-    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8-sig"))
-    force, moment = np.zeros(len(table)), np.zeros((len(table), 2))
-    for plate, corner in itertools.product(PLATES, CORNERS):
-        x, y, yaw = (column[f"plate.{plate}.{axis}"] for axis in ("x", "y", "yaw"))
-        (a, b), cell = manifest["plates"][plate]["cells"][corner], column[f"cell.{plate}.{corner}"]
-        force += cell
-        moment[:, 0] += cell * (x + np.cos(yaw) * a - np.sin(yaw) * b)
-        moment[:, 1] += cell * (y + np.sin(yaw) * a + np.cos(yaw) * b)
-    estimates = np.linalg.lstsq(matrix, (moment / force[:, None]).ravel(), rcond=None)[0]
-    return {"postures": len(table), "estimates": estimates, "mass": np.mean(force / manifest["gravity"])}

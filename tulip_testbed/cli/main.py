@@ -15,7 +15,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr
 from importlib import import_module
 from inspect import Parameter, signature
 from pathlib import Path
@@ -125,6 +125,9 @@ def _carry_out(name: str, command: Command, arguments: list[str], loaded: Callab
     import tyro
 
     @functools.wraps(command)
+    def parsed(*positional: object, **options: object) -> Callable[[], int]:
+        return functools.partial(limited, *positional, **options)
+
     def limited(*positional: object, **options: object) -> int:
         import tulip_testbed.api  # noqa: F401  all at once, while an interruption still ends quietly
         from tulip_testbed.sim.files import check_path
@@ -136,7 +139,26 @@ def _carry_out(name: str, command: Command, arguments: list[str], loaded: Callab
         with _warnings_in_our_words():
             return one_blas_thread(command)(*positional, **options)
 
-    return tyro.cli(limited, prog=f"tulip {name}", args=arguments)
+    with _refusals_printable(arguments):
+        work: Any = tyro.cli(parsed, prog=f"tulip {name}", args=arguments)
+    return work()
+
+
+@contextmanager
+def _refusals_printable(arguments: list[str]) -> Iterator[None]:
+    """Escape what would steer a terminal where the parser repeats arguments."""
+    if all(map(str.isprintable, arguments)):
+        yield
+        return
+    from tulip_testbed.sim.column import printable
+
+    said = io.StringIO()
+    try:
+        with redirect_stderr(said):
+            yield
+    finally:
+        for line in said.getvalue().splitlines():
+            print(printable(line), file=sys.stderr)
 
 
 def _paths(values: Iterable[object]) -> Iterator[Path]:

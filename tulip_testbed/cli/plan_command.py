@@ -49,12 +49,12 @@ def plan_command(
     from tulip_testbed.cli.plan_search import searched, table1_trials
     from tulip_testbed.cli.terminal import print_json, say, show
     from tulip_testbed.experiments.description import described_robot
+    from tulip_testbed.experiments.plan_state import state_file
     from tulip_testbed.experiments.planning_run import (
         PlanSettings,
         check_out,
         measured_for,
         set_up_search,
-        state_file,
     )
     from tulip_testbed.experiments.written_plan import CHOSEN, search_report, written_plan
     from tulip_testbed.identification.base_parameters import base_parameters

@@ -1,0 +1,255 @@
+"""Unusual command lines, and what has to come of each."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from tests.fuzz.changes import EITHER, REFUSED, SAME, Change, Draw, Expected, one
+
+COMMAND, DATA, PLAN, RUN, MADE = "command.json", "BASE/data", "BASE/plan", "BASE/run", "MADE/x"
+IDENTIFY = ("identify", DATA, "--estimator", "least-squares", "--json")
+SIMULATE = ("simulate", PLAN, "--statics", "--workers", "1", "--json", "--out", MADE)
+MONTECARLO = ("montecarlo", PLAN, "--runs", "2", "--workers", "1", "--json", "--out", MADE)
+RANDOM = ("postures", "--random", "--placements", "6", "--per-placement", "5", "--json", "--out", MADE)
+SEARCH = (
+    "plan",
+    "--placements",
+    "5",
+    "--postures-per-placement",
+    "6",
+    "--hops",
+    "0",
+    "--json",
+    "--out",
+    MADE,
+)
+VALIDATE = ("validate", PLAN, "--workers", "1", "--json", "--out", MADE)
+DISCOVER = ("discover", DATA, "--no-check", "--workers", "1", "--json", "--out", MADE)
+REPORT = ("report", RUN, "--json", "--out", f"{MADE}.html")
+COMPARE, CHECK, MODEL = ("compare", RUN, RUN, "--json"), ("check", DATA, "--json"), ("model", "--json")
+EFFECTS, TOLERANCE, ATLAS = ("effects", "--json"), ("tolerance", PLAN, "--json"), ("atlas", PLAN, "--json")
+BENCHMARK = ("benchmark", "discover", "--out", MADE)
+
+Lines = Sequence[Sequence[str]]
+HUGE = ("10000000000000", "9" * 30, "9" * 5_000)
+NO_WHOLE = ("-1", "nan", "1.5", "1e3", "", "x", "inf", "0x1", "None", "[1]", "\x1b[31m", "1 2", "½", "-9" * 9)
+NO_NUMBER = ("nan", "inf", "-inf", "-1", "1e400", "", "x", "1,5", "\x9b", "1 2", "0x1p3")
+NO_NAMES = ("", " ", "nose", "wii ", "\x1b[2J", "[red]x", "x" * 10_000, "None", "\u202e", "a\nb", "*", "../x")
+SEEDS = tuple((line, "--seed") for line in (SIMULATE, MONTECARLO, RANDOM, SEARCH, VALIDATE, DISCOVER))
+SIZES = (
+    *((MONTECARLO, "--runs"), (RANDOM, "--placements"), (RANDOM, "--per-placement"), (SEARCH, "--repeats")),
+    *((SEARCH, "--placements"), (SEARCH, "--postures-per-placement"), (SEARCH, "--single-support")),
+)
+WORKERS = tuple((line, "--workers") for line in (SIMULATE, MONTECARLO, VALIDATE, DISCOVER))
+CHOICES = (
+    *((line, "--preset") for line in (SIMULATE, MONTECARLO, VALIDATE, SEARCH, TOLERANCE, ATLAS)),
+    *((line, "--estimator") for line in (IDENTIFY, MONTECARLO, VALIDATE)),
+    *((MONTECARLO, "--engine"), (MONTECARLO, "--address"), (SEARCH, "--objective"), (SEARCH, "--solver")),
+    *((SIMULATE, "--effect"), (IDENTIFY, "--tolerance"), (DISCOVER, "--tolerance")),
+)
+EFFECT_TEXTS = (
+    *("encoder-offset", "encoder-offset:right_knee", "encoder-offset:nose=0.01", "encoder-offset=0.01"),
+    *(
+        f"encoder-offset:right_knee={x}"
+        for x in ("", "nan", "inf", "-inf", "1e400", "x", "1,2", "1e9", "=1", "1 2")
+    ),
+    *("cell-tare:right.nose=1", ":=", "=", ":", "cell-tare:=1", "swapped-cells:right=a,b", "tilt=1e300,1"),
+)
+TOLERANCE_TEXTS = (
+    "tilt",
+    "tilt=",
+    "=1",
+    "magic=1",
+    "tilt=nan",
+    "tilt=-1",
+    "tilt=1e400",
+    "tilt=x",
+    "tilt=1=2",
+)
+DESCRIBE, VIEW = ("postures", PLAN, "--json"), ("view", RUN, "--save", f"{MADE}.rrd")
+OF_A_ROBOT = (IDENTIFY, SIMULATE, MONTECARLO, MODEL, COMPARE, REPORT, CHECK, RANDOM)
+NAMED = (
+    *((line, "--robot") for line in OF_A_ROBOT),
+    *((line, "--rig") for line in (IDENTIFY, SIMULATE, MONTECARLO, VALIDATE)),
+    *((line, "--after") for line in (SEARCH, DESCRIBE)),
+)
+READ = (
+    *((line, DATA) for line in (IDENTIFY, CHECK, DISCOVER)),
+    *((line, PLAN) for line in (SIMULATE, MONTECARLO, VALIDATE, TOLERANCE, ATLAS, DESCRIBE)),
+    *((line, RUN) for line in (COMPARE, REPORT, VIEW)),
+    *(((*line, option, "HERE"), "HERE") for line, option in NAMED),
+)
+NO_INPUTS = (
+    *(
+        "",
+        "BASE/gone",
+        "BASE",
+        "BASE/empty",
+        "BASE/pipe",
+        "BASE/file",
+        "BASE/loop",
+        "/dev/zero",
+        "/dev/tty",
+        "/",
+    ),
+    *(
+        "a\x00b",
+        os.fsdecode(b"\xff"),
+        "x" * 300,
+        "x/" * 3_000,
+        "BASE/file/x",
+        "\x1b[2J",
+        "~",
+        "\n",
+        "/proc/1/mem",
+    ),
+)
+WRITTEN = (
+    *((line, MADE) for line in (SIMULATE, MONTECARLO, RANDOM, SEARCH, VALIDATE, DISCOVER)),
+    *(((*SIMULATE, "--truth", "HERE"), "HERE"), ((*ATLAS, "--out", "HERE"), "HERE")),
+    *((REPORT, f"{MADE}.html"), (("view", RUN, "--save", f"{MADE}.rrd"), f"{MADE}.rrd")),
+    (("postures", PLAN, "--json", "--draw", "HERE"), "HERE"),
+)
+NO_OUTPUTS = (
+    *(
+        "",
+        "BASE",
+        "BASE/empty",
+        "BASE/file",
+        "BASE/file/x",
+        "BASE/pipe",
+        "BASE/loop",
+        "BASE/loop/x",
+        "/",
+        ".",
+    ),
+    *("..", "/dev/null", "/proc/x", "/sys/x", "a\x00b", os.fsdecode(b"\xff"), "x" * 300, "MADE/" + "y" * 300),
+)
+CONFLICTS: Lines = (
+    (*SEARCH, "--table1", "--after", DATA),
+    (*SEARCH, "--solver", "ipopt", "--after", DATA),
+    (*SEARCH, "--repeats", "31"),
+    ("view", RUN, "--save", "MADE/x.rrd", "--serve"),
+    ("postures", PLAN, "--random", "--out", MADE),
+    ("postures", "--random"),
+    *(("postures", PLAN, option, "1") for option in ("--placements", "--per-placement", "--seed", "--out")),
+    (*SIMULATE, "--truth", f"{MADE}/truth.json"),
+    (*SIMULATE, "--truth", MADE),
+    (*SIMULATE, "--truth", "MADE"),
+    (*MONTECARLO, "--preset", "ideal"),
+    (*MONTECARLO, "--address", "tcp://127.0.0.1:1"),
+    (*MONTECARLO, "--random-robots", "0.1", "--ordinary", "--rig", "BASE/gone"),
+    ("montecarlo", PLAN, "--out", MADE),
+    ("simulate", PLAN),
+    ("compare", RUN),
+    ("compare", RUN, DATA),
+    ("compare", RUN, RUN, RUN),
+    ("identify",),
+    ("identify", DATA, DATA),
+    ("identify", RUN),
+    ("report", DATA, "--out", "MADE/x.html"),
+    ("report", RUN, "--out", "MADE/x.txt"),
+    ("simulate", DATA, "--out", MADE),
+    ("check", PLAN),
+)
+UNKNOWN = (
+    "--nose",
+    "--sed",
+    "-x",
+    "--json=1",
+    "--seed",
+    "nose",
+    "",
+    "--\x1b[2J",
+    "--[red]",
+    "\u202e",
+    "--no-no",
+)
+ALIKE: Lines = (
+    ("identify", "--json", "--estimator", "least-squares", DATA),
+    ("identify", DATA, "--estimator=least-squares", "--json"),
+    ("identify", "BASE/../base/./data/", "--estimator", "least-squares", "--json"),
+    ("identify", DATA, "--estimator", "robust", "--estimator", "least-squares", "--json"),
+    (*IDENTIFY, "--no-json", "--json"),
+)
+HELP: Lines = (
+    (),
+    ("--help",),
+    ("-h",),
+    ("--version",),
+    ("",),
+    ("nose",),
+    ("identify", "--help"),
+    ("\x1b[2J",),
+)
+
+
+def line(expected: Expected, lines: Lines) -> Change:
+    """Give one of the command lines."""
+
+    def change(folder: Path, draw: Draw) -> Expected:
+        (folder / "empty").mkdir()
+        (folder / "file").write_text("x")
+        os.mkfifo(folder / "pipe")
+        (folder / "loop").symlink_to(folder / "loop")
+        made = folder.with_name("made")
+        made.mkdir()
+        words = [word.replace("BASE", str(folder)).replace("MADE", str(made)) for word in one(draw, lines)]
+        (folder / COMMAND).write_text(json.dumps(words))
+        return expected
+
+    return change
+
+
+def with_value(options: Sequence[tuple[Sequence[str], str]], values: Sequence[str]) -> Lines:
+    return [(*line, option, value) for line, option in options for value in values]
+
+
+def instead(places: Sequence[tuple[Sequence[str], str]], values: Sequence[str]) -> Lines:
+    return [[value if word == old else word for word in line] for line, old in places for value in values]
+
+
+ALL = (
+    IDENTIFY,
+    SIMULATE,
+    MONTECARLO,
+    RANDOM,
+    SEARCH,
+    VALIDATE,
+    DISCOVER,
+    REPORT,
+    COMPARE,
+    CHECK,
+    MODEL,
+    EFFECTS,
+)
+ARGUMENT_KINDS: dict[str, Change] = {
+    "seeds": line(REFUSED, with_value(SEEDS, NO_WHOLE)),
+    "large seeds": line(EITHER, with_value(SEEDS[:3], HUGE)),
+    "sizes": line(REFUSED, with_value(SIZES, NO_WHOLE)),
+    "large sizes": line(REFUSED, with_value(SIZES, HUGE)),
+    "no workers": line(REFUSED, with_value(WORKERS, ("0", *NO_WHOLE))),
+    "many workers": line(EITHER, with_value(WORKERS[:2], HUGE)),
+    "ordinary": line(REFUSED, with_value([(SIMULATE, "--ordinary"), (MONTECARLO, "--ordinary")], NO_NUMBER)),
+    "random robots": line(
+        REFUSED, with_value([(MONTECARLO, "--random-robots")], (*NO_NUMBER, "0", "2", "1e-400"))
+    ),
+    "no choices": line(REFUSED, with_value(CHOICES, NO_NAMES)),
+    "no effects": line(REFUSED, with_value([(SIMULATE, "--effect")], EFFECT_TEXTS)),
+    "no tolerances": line(
+        REFUSED, with_value([(IDENTIFY, "--tolerance"), (DISCOVER, "--tolerance")], TOLERANCE_TEXTS)
+    ),
+    "no inputs": line(REFUSED, instead(READ, NO_INPUTS)),
+    "no outputs": line(REFUSED, instead(WRITTEN, NO_OUTPUTS)),
+    "conflicts": line(REFUSED, CONFLICTS),
+    "unknown words": line(REFUSED, [(*given, word) for given in ALL for word in UNKNOWN]),
+    "the same otherwise": line(SAME, ALIKE),
+    "help": line(EITHER, HELP),
+    "no subject of an explanation": line(REFUSED, [("effects", name) for name in NO_NAMES if name != "None"]),
+    "benchmarks": line(
+        REFUSED, with_value([(BENCHMARK, "--seed"), (BENCHMARK, "--size")], ("-1", "nan", "x", ""))
+    ),
+}

@@ -1,0 +1,209 @@
+"""What is compared of a result, and the same read and computed from the files in another way."""
+
+from __future__ import annotations
+
+import html
+import itertools
+import json
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from tulip_testbed.identification.base_parameters import base_parameters
+from tulip_testbed.identification.regressor import stacked_regressor
+from tulip_testbed.sim.robot import CORNERS, PLATES, load_robot
+
+QUANTITIES = {
+    "run": ("estimate", "standard_error", "truth"),
+    "discovery": ("before_mm", "after_mm", "standard_error_mm"),
+    "montecarlo": ("bias", "standard_error", "coverage95"),
+}
+READABLE = 0.01, 1e6  # size of the numbers that are looked for on a page
+
+
+def result(target: str, document: Any) -> dict[str, Any]:
+    """Return what is compared of a result."""
+    if target in ("plan", "state"):
+        return {name: document[name] for name in ("postures", "placements", "condition_number")}
+    if target in ("robot", "names"):
+        masses = {row["link"]: row["mass"] for row in document["standard"]}
+        return {"masses": [masses[link] for link in sorted(masses)], "total": document["total_mass"]}
+    if target in QUANTITIES:
+        return _first_run(target, document)
+    if target == "resume":
+        rows = document["parameters"]
+        return {"runs": document["runs"], "identified": document["identified"]} | {
+            name: [row[name] for row in rows] for name in QUANTITIES["montecarlo"]
+        }
+    estimates = [row["estimate"] for row in document["full"]["parameters"]]
+    return {
+        "postures": document["postures"],
+        "estimates": estimates,
+        "mass": document["total_mass"]["estimate"],
+    }
+
+
+def _first_run(target: str, document: Any) -> dict[str, Any]:
+    """Return what a comparison shows of its first run."""
+    rows = document["models"]["full"]
+    names = QUANTITIES[target]
+    found: dict[str, Any] = {name: [row[name][0] for row in rows] for name in names}
+    if target == "montecarlo":
+        return found
+    checks = [c for c in document["checks"] if c["result"][0] is not None or c["value"][0] is not None]
+    return found | {
+        "verdict": document["verdict"][0],
+        "numbers": [row["number"] for row in rows],
+        "checks": {c["name"]: [c["result"][0], c["value"][0]] for c in checks},
+        "how many checks": len(checks),
+    }
+
+
+def reading(target: str, folder: Path) -> dict[str, Any]:
+    """Return the same, read and computed another way: the XML's masses, ordinary least squares, ..."""
+    if target in ("robot", "names"):
+        return _masses(folder)
+    if target == "run":
+        return _validation(json.loads((folder / "report.json").read_text("utf-8-sig")))
+    if target == "discovery":
+        return _discovery(json.loads((folder / "discovery.json").read_text("utf-8-sig")))
+    if target in ("montecarlo", "resume"):
+        return _calibration(folder, target == "resume")
+    if target == "rig":
+        rig = json.loads((folder / "rig.json").read_text("utf-8-sig"))
+        return _identification(folder.with_name("data"), rig["effects"])
+    if target in ("plan", "state"):
+        return _planned(folder if target == "plan" else folder / "made" / "plan")
+    return _identification(folder, [])
+
+
+def _masses(folder: Path) -> dict[str, Any]:
+    bodies = {str(body.get("name")): body for body in ET.parse(folder / "tulip.xml").iter("body")}
+    masses = [float(bodies[link].findall("inertial")[-1].get("mass", "nan")) for link in sorted(bodies)]
+    return {"masses": masses, "total": sum(masses)}
+
+
+def _validation(report: Any) -> dict[str, Any]:
+    rows = report["full"]["parameters"]
+    return {name: [row[name] for row in rows] for name in QUANTITIES["run"]} | {
+        "verdict": report["verdict"],
+        "numbers": [row["number"] for row in rows],
+        "checks": {c["name"]: [c["result"], c["value"]] for c in report["checks"]},
+        "how many checks": len(report["checks"]),
+    }
+
+
+def _discovery(report: Any) -> dict[str, Any]:
+    rows, checks = report["parameters"], {}
+    for channel, ratio in report["gap"].items():
+        for side in ("before", "after") if ratio else ():
+            checks[f"gap {channel}, {side}"] = ratio[side]
+    for found in report["candidates"]:
+        label = ":".join(filter(None, (found["name"], found["target"])))
+        checks[f"ln BF {label}"] = found["log_bayes_factor"]
+        for p in found["parameters"]:
+            unit = f" [{p['unit']}]" if p["unit"] else ""
+            checks[f"{label} {p['name']}{unit}"] = p["value"]
+    return {name: [row[name] for row in rows] for name in QUANTITIES["discovery"]} | {
+        "verdict": report["verdict"],
+        "numbers": [row["number"] for row in rows],
+        "checks": {name: [None, value] for name, value in checks.items() if value is not None},
+        "how many checks": sum(value is not None for value in checks.values()),
+    }
+
+
+def _calibration(folder: Path, whole: bool) -> dict[str, Any]:
+    table = pd.read_parquet(folder / "runs")
+    good = table[table["failure"] == ""]
+    names = map(str, table)
+    numbers = [name.rpartition(".")[2] for name in names if name.startswith("full.value.")]
+
+    def columns(prefix: str) -> np.ndarray:
+        return good[[f"{prefix}.{number}" for number in numbers]].to_numpy(float)
+
+    if good.empty:
+        rows = {name: [None] * len(numbers) for name in QUANTITIES["montecarlo"]}
+    else:
+        error, said = columns("full.value") - columns("truth"), columns("full.se")
+        held = np.abs(error) <= stats.t.ppf(0.975, columns("full.dof")) * said
+        rows = {
+            "bias": error.mean(axis=0),
+            "standard_error": np.sqrt((said**2).mean(axis=0)),
+            "coverage95": held.mean(axis=0),
+        }
+    return rows | ({"runs": len(table), "identified": len(good)} if whole else {})
+
+
+def _read_table(folder: Path) -> tuple[pd.DataFrame, dict[str, np.ndarray], np.ndarray]:
+    """Return a table of postures, its numbers by column, and the regressor."""
+    path, parameters = folder / "postures.parquet", base_parameters(load_robot())
+    if path.exists():
+        table = pd.read_parquet(path)
+    else:
+        table = pd.read_csv(path.with_suffix(".csv"), encoding="utf-8-sig")
+    numbers = table.filter(regex=r"^(q|cell|plate)\.").astype(float)
+    column = {str(name): numbers[name].to_numpy(copy=True) for name in numbers}
+    angles = np.column_stack([column[f"q.{j}"] for j in parameters.tree.joints])
+    return table, column, stacked_regressor(parameters, angles)
+
+
+def _planned(folder: Path) -> dict[str, Any]:
+    table, _, matrix = _read_table(folder)
+    placements = len(set(table["placement"]))
+    return {"postures": len(table), "placements": placements, "condition_number": np.linalg.cond(matrix)}
+
+
+def _identification(folder: Path, effects: Any) -> dict[str, Any]:
+    """Solve eq. 8 by least squares, without the offsets of encoders and cells that a rig holds."""
+    table, column, matrix = _read_table(folder)
+    for effect in effects:
+        prefix = {"encoder-offset": "q", "cell-tare": "cell"}[effect["name"]]
+        column[f"{prefix}.{effect['target']}"] -= effect["parameters"][0]["value"]
+    if effects:
+        parameters = base_parameters(load_robot())
+        angles = np.column_stack([column[f"q.{j}"] for j in parameters.tree.joints])
+        matrix = stacked_regressor(parameters, angles)
+    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8-sig"))
+    force, moment = np.zeros(len(table)), np.zeros((len(table), 2))
+    for plate, corner in itertools.product(PLATES, CORNERS):
+        x, y, yaw = (column[f"plate.{plate}.{axis}"] for axis in ("x", "y", "yaw"))
+        (a, b), cell = manifest["plates"][plate]["cells"][corner], column[f"cell.{plate}.{corner}"]
+        force += cell
+        moment[:, 0] += cell * (x + np.cos(yaw) * a - np.sin(yaw) * b)
+        moment[:, 1] += cell * (y + np.sin(yaw) * a + np.cos(yaw) * b)
+    estimates = np.linalg.lstsq(matrix, (moment / force[:, None]).ravel(), rcond=None)[0]
+    return {"postures": len(table), "estimates": estimates, "mass": np.mean(force / manifest["gravity"])}
+
+
+# --- pages -------------------------------------------------------------------------------------
+
+
+def text_of(page: str) -> str:
+    """Return what a page says, without its scripts."""
+    page = re.sub(r"<(script|style)\b.*?</\1>", " ", page, flags=re.DOTALL)
+    return " ".join(html.unescape(re.sub(r"<[^>]*>", " ", page)).split())
+
+
+def on_page(target: str, folder: Path) -> list[str]:
+    """Return texts that the page of a run must hold."""
+    if target == "run":
+        report = json.loads((folder / "report.json").read_text("utf-8-sig"))
+        values = [1e3 * row["estimate"] for row in report["full"]["parameters"]]
+        mass = report["total_mass"]["estimate"]
+        texts = [report["verdict"], f"{report['postures_used']} of {report['postures_planned']}"]
+        return texts + [f"{x:.2f}" for x in values if _readable(x)] + [f"{mass:.3f}"] * _readable(mass)
+    if target == "discovery":
+        report = json.loads((folder / "discovery.json").read_text("utf-8-sig"))
+        values = [row[name] for row in report["parameters"] for name in ("before_mm", "after_mm")]
+        return [f"{x:.2f}" for x in values if _readable(x)]
+    found = _calibration(folder, whole=True)
+    return [f"{found['identified']} of {found['runs']}"]
+
+
+def _readable(value: float) -> bool:
+    return READABLE[0] < abs(value) < READABLE[1]
