@@ -63,6 +63,12 @@ def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monke
     assert "exists already" in refused(capsys, "plan", "--out", out, *SMALL)
 
 
+def test_killed_when_its_first_plan_was_put_aside_it_leaves_nothing_hidden(tmp_path, plan):
+    (tmp_path / ".out.interrupted").mkdir()
+    planning.keep_plan(tmp_path / "out", plan)
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
 def test_the_next_postures_and_their_description(data, tmp_path, capsys):
     out = tmp_path / "next"
     options = ("--after", str(data), "--placements", "1", "--hops", "2", "--seed", "311")

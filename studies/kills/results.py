@@ -68,6 +68,8 @@ def reference(command: Command, place: Path) -> Reference:
 def left(command: Command, place: Path, wanted: Reference) -> str:
     """Return "nothing", "begun" or "whole", or what is wrong."""
     files = {name: content for name, content in found(command, place).items() if not _partial(name)}
+    if command.resumes and _interrupted(files.get(f"{command.results[0]}/plan.json", b"{}")):
+        return "begun"
     for name, content in files.items():
         if fault := _fault(name, content, wanted):
             return f"{name}: {fault}"
@@ -93,6 +95,11 @@ def again(command: Command, place: Path, wanted: Reference, resume: bool = False
     if end.gone > PATIENCE:
         return "once more: a process is left"
     return f"once more: {', '.join(sorted(hidden(place)))} is left" if hidden(place) else ""
+
+
+def _interrupted(plan: bytes) -> bool:
+    """Whether a plan is the best one so far of a search that Ctrl-C ended."""
+    return json.loads(plan).get("made", {}).get("interrupted", False)
 
 
 def _partial(name: str) -> bool:
