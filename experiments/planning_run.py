@@ -276,6 +276,9 @@ def keep_plan(out: Path, plan: PosturePlan) -> None:
     except BaseException:
         if present(aside) and not present(out):
             os.rename(aside, out)
+        if present(out) and not _interrupted(out):  # another process's: nobody will go on
+            shutil.rmtree(aside, ignore_errors=True)
+            state_file(out).unlink(missing_ok=True)
         raise
     shutil.rmtree(aside, ignore_errors=True)
 

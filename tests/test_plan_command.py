@@ -17,6 +17,7 @@ from tulip_testbed.cli.main import main
 from tulip_testbed.drawings import contact_sheet, support_polygons
 from tulip_testbed.experiments import planning_run as planning
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
+from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import read_plan, write_measurements
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
@@ -66,6 +67,14 @@ def test_interrupted_and_gone_on_with_by_the_same_command(tmp_path, robot, monke
 def test_killed_when_its_first_plan_was_put_aside_it_leaves_nothing_hidden(tmp_path, plan):
     (tmp_path / ".out.interrupted").mkdir()
     planning.keep_plan(tmp_path / "out", plan)
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_of_two_searches_for_one_name_the_slower_leaves_nothing_hidden(tmp_path, plan):
+    planning.keep_plan(tmp_path / "out", plan)
+    (tmp_path / ".out.state.json").touch()
+    with pytest.raises(InputError, match="exists already"):
+        planning.keep_plan(tmp_path / "out", plan)
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 

@@ -13,7 +13,7 @@ from tulip_testbed.sim.measurements import read_plan, write_plan
 from tulip_testbed.sim.robot import load_robot
 
 TULIP = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"]
-SHAPE = ["--placements", "4", "--per-placement", "5", "--seed", "107"]
+SHAPE = ["--placements", "4", "--per-placement", "4", "--seed", "107"]
 FAULT = ["--statics", "--preset", "force-plate", "--effect", "cell-gain:right.front_left=0.05"]
 WRITE_RIG = """
 from pathlib import Path
@@ -100,4 +100,4 @@ def prepare(home: Path) -> None:
     ):
         done = subprocess.run([*TULIP, *arguments], cwd=home, capture_output=True, text=True, check=False)
         assert done.returncode in (0, 1), done.stderr
-    write_plan(home / "first", read_plan(home / "plan", load_robot()).take(np.array([0, 1, 5, 6])))
+    write_plan(home / "first", read_plan(home / "plan", load_robot()).take(np.array([0, 1, 4, 5])))
