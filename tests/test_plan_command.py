@@ -12,7 +12,7 @@ from PIL import Image
 
 from tests.test_cli import refused
 from tests.test_view import needs_opengl
-from tulip_testbed import rendering
+from tulip_testbed import drawings, rendering
 from tulip_testbed.cli.main import main
 from tulip_testbed.drawings import contact_sheet, support_polygons
 from tulip_testbed.experiments import planning_run as planning
@@ -140,3 +140,14 @@ def test_without_opengl_the_polygons_are_left(plan, tmp_path, monkeypatch, capsy
         capsys.readouterr().err.split()
     )
     assert [path.name for path in (tmp_path / "pictures").iterdir()] == ["support-polygons.svg"]
+
+
+def test_pictures_that_cannot_be_written_are_not_published_in_part(robot, plan, tmp_path, monkeypatch):
+    def full(path, content):
+        raise InputError(f"{path}: cannot write (No space left on device)")
+
+    monkeypatch.setattr(drawings, "contact_sheet", lambda robot, plan: b"picture")
+    monkeypatch.setattr(drawings, "write_bytes", full)
+    with pytest.raises(InputError, match="No space left"):
+        drawings.write_pictures(tmp_path / "pictures", robot, plan)
+    assert not any(tmp_path.iterdir())

@@ -135,7 +135,7 @@ def attempt(
         if sent < math.inf and now > sent + PATIENCE:
             process.kill()
             break
-        time.sleep(0.001)
+        time.sleep(0.002)
     gone, named = started.gone_after() + now - min(sent, now), min(named, now)
     return End(
         process.returncode, started.said(), named - began, named - wrote, wrote <= sent < math.inf, gone
