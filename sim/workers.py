@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 import signal
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from threading import Thread
 from typing import Any
 
@@ -34,3 +37,17 @@ def _end_after(parent: int) -> None:
 def watched() -> dict[str, Any]:
     """Return what joblib is to be told so that every process that it starts here ends with this one."""
     return {"initializer": end_with, "initargs": (os.getpid(),)}
+
+
+@contextmanager
+def deaf_to_interruptions() -> Iterator[None]:
+    """Let processes that are started inside of the block not hear Ctrl-C, which a terminal sends to all.
+
+    It is for this process, which ends them; they would all show a traceback.
+    """
+    resource_tracker.ensure_running()  # it would let the signal through when it is started
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

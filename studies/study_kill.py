@@ -84,7 +84,7 @@ def killed(
     fault = "" if what in ("nothing", "begun", "whole") else what
     if end.gone > PATIENCE:
         fault = "a process is left"
-    elif "Traceback" in end.said:
+    elif "Traceback" in end.said and command.line[: len(TULIP)] == TULIP:
         fault = end.said
     elif not fault and command.resumes:
         fault = again(command, place, wanted, resume=True)

@@ -11,7 +11,7 @@ from typing import Any
 import joblib
 
 from tulip_testbed.sim.errors import InputError, look_up, shortened
-from tulip_testbed.sim.workers import watched
+from tulip_testbed.sim.workers import deaf_to_interruptions, watched
 
 ENGINES = ("loky", "dask")
 PATIENCE = 10  # s, for a scheduler that does not answer and for its first worker
@@ -91,7 +91,9 @@ def compute(work: Work, chunks: Iterable[Sequence[int]]) -> Generator[Any]:
     try:
         # As an argument the work is sent to a cluster once, and need not be hashable: joblib's Dask backend
         # hashes functions, and waits forever where that fails.
-        yield from parallel(joblib.delayed(_carry_out)(work, chunk) for chunk in chunks)
+        with deaf_to_interruptions():
+            results = parallel(joblib.delayed(_carry_out)(work, chunk) for chunk in chunks)
+        yield from results
     except BrokenProcessPool as error:
         raise InputError(_what_ended(str(error))) from None
     except Exception as error:

@@ -30,7 +30,7 @@ from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.sensors import read_cells, read_encoders
 from tulip_testbed.sim.threads import one_blas_thread
-from tulip_testbed.sim.workers import watched
+from tulip_testbed.sim.workers import deaf_to_interruptions, watched
 
 
 def run_dynamics(
@@ -102,7 +102,9 @@ def _try_all(
             for place, s in missing
         )
         # joblib would start all workers, even more than there are placements.
-        runs = joblib.Parallel(min(workers, len(missing)), return_as="generator", **watched())(jobs)
+        parallel = joblib.Parallel(min(workers, len(missing)), return_as="generator", **watched())
+        with deaf_to_interruptions():
+            runs = parallel(jobs)
         for key, attempts in zip(missing, runs, strict=True):
             done[key] = attempts
             progress(len(attempts))
