@@ -45,6 +45,20 @@ subprocess.Popen([sys.executable, "-c", WATCHED, str(os.getpid())], start_new_se
 """
 
 
+def test_workers_do_not_hear_what_a_terminal_sends_to_all():
+    code = """
+import signal, joblib
+from tulip_testbed.sim.workers import deaf_to_interruptions, watched
+blocked = joblib.delayed(signal.pthread_sigmask)(signal.SIG_BLOCK, ())
+with deaf_to_interruptions():
+    workers = joblib.Parallel(2, return_as="generator", **watched())(blocked for _ in range(2))
+here = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+print([signal.SIGINT in mask for mask in (*workers, here)])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout == "[True, True, False]\n", done.stderr
+
+
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
 def test_a_group_of_processes_ends_with_the_one_that_started_it():
     with subprocess.Popen([sys.executable, "-c", LINE], stdout=subprocess.PIPE, text=True) as process:
