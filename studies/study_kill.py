@@ -86,7 +86,7 @@ def killed(
         fault = "a process is left"
     elif "Traceback" in end.said and command.line[: len(TULIP)] == TULIP:
         fault = end.said
-    elif not fault and command.resumes:
+    elif command.resumes and what in ("nothing", "begun"):
         fault = again(command, place, wanted, resume=True)
     if complain(f"{command.name}, {short(number)}", fault):
         return "BROKEN", end.gone
