@@ -265,18 +265,20 @@ def keep_plan(out: Path, plan: PosturePlan) -> None:
     Raises:
         InputError: it cannot be written.
     """
-    if not _interrupted(out):
-        write_plan(out, plan)
-        return
-    aside = out.with_name(f".{out.name}.interrupted")
-    shutil.rmtree(aside, ignore_errors=True)
-    os.rename(out, aside)
+    aside = out.with_name(f".{out.name}.interrupted")  # also there if a run was killed right here
+    if _interrupted(out):
+        shutil.rmtree(aside, ignore_errors=True)
+        os.rename(out, aside)
     try:
         write_plan(out, plan)
     except BaseException:
-        os.rename(aside, out)
+        if present(aside) and not present(out):
+            os.rename(aside, out)
+        if present(out) and not _interrupted(out):  # another process's: nobody will go on
+            shutil.rmtree(aside, ignore_errors=True)
+            state_file(out).unlink(missing_ok=True)
         raise
-    shutil.rmtree(aside)
+    shutil.rmtree(aside, ignore_errors=True)
 
 
 def measured_for(robot: Robot, folder: Path, joints: tuple[str, ...]) -> Measurements:

@@ -21,7 +21,7 @@ from tulip_testbed.identification.base_parameters import (
     standard_parameters,
 )
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import check_new, write_text
+from tulip_testbed.sim.files import check_new, present, write_text
 from tulip_testbed.sim.measurements import write_measurements
 from tulip_testbed.sim.measurements.table_files import json_text
 from tulip_testbed.sim.outcome import Attempt
@@ -151,7 +151,8 @@ def write_experiment(out: Path, truth: Path | None, run: Run) -> None:
         write_text(truth, json_text(truth_of(run).plain()), new=True)  # else another process's would be lost
     try:
         write_measurements(out, run.measurements)
-    except InputError:
-        if truth is not None:
+    except BaseException as error:
+        # An interruption may come when the folder is there; else the name is another process's.
+        if truth is not None and (isinstance(error, InputError) or not present(out)):
             truth.unlink()
         raise

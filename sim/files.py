@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import functools
 import glob
 import os
 import shutil
 import stat
 import tempfile
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -150,7 +151,9 @@ def check_new(path: Path, ending: str = "") -> None:
         _check_outside(real)
     parent = next(folder for folder in real.parents if present(folder))
     try:
-        os.rmdir(tempfile.mkdtemp(dir=parent, prefix=f".{path.name}.", suffix=".partial"))
+        probe = tempfile.mkdtemp(dir=parent, prefix=f".{path.name}.", suffix=".partial")
+        with suppress(FileNotFoundError):  # another writer of the name took it for stale
+            os.rmdir(probe)
     except OSError as error:
         raise InputError(f"{path}: cannot write into {parent} ({error_text(error)})") from None
 
@@ -167,7 +170,7 @@ def new_folder(path: Path) -> Iterator[Path]:
     if present(path):
         raise InputError(f"{path}: exists already; give the name of a new folder")
     _check_outside(Path(os.path.realpath(path)))
-    with _partial(path) as working:
+    with _partial(path, _new_folder) as working:
         yield working
         for inner in [*working.rglob("*"), working]:
             _to_disk(inner)
@@ -191,13 +194,12 @@ def write_bytes(path: Path, content: bytes, new: bool = False) -> None:
     """
     check_path(path)
     path = Path(path)
-    with _partial(path) as working:
-        file = working / path.name
-        file.write_bytes(content)
-        _to_disk(file)
+    with _partial(path, _new_file) as working:
+        working.write_bytes(content)
+        _to_disk(working)
         if new:
-            _name_new(file, path)
-        os.replace(file, path)
+            _name_new(working, path)
+        os.replace(working, path)
         _to_disk(path.parent)
 
 
@@ -219,31 +221,60 @@ def _name_new(file: Path, path: Path) -> None:
 
 
 @contextmanager
-def _partial(path: Path) -> Iterator[Path]:
-    """Yield a hidden folder next to `path`, locked while in use and removed at the end.
+def scratch_folder(name: str) -> Iterator[Path]:
+    """Yield a folder among the system's temporary files that nobody else may read, removed at the end.
 
-    A killed process leaves its folder but not the lock, so that the next process that writes to the same
-    name recognises the folder as stale and removes it.
+    What a killed process left is removed by the next one that asks for the same name.
+
+    Raises:
+        InputError: it cannot be made.
+    """
+    with _partial(Path(tempfile.gettempdir()) / name, functools.partial(_new_folder, mode=0o700)) as working:
+        yield working
+
+
+def _new_folder(path: Path, mode: int = 0o777) -> int:
+    path.mkdir(mode)
+    return os.open(path, os.O_RDONLY)
+
+
+def _new_file(path: Path) -> int:
+    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+
+
+@contextmanager
+def _partial(path: Path, make: Callable[[Path], int]) -> Iterator[Path]:
+    """Yield a hidden folder or file next to `path`, locked while in use and removed at the end.
+
+    A killed process leaves it but not the lock, so that the next process that writes to the same name
+    recognises it as stale and removes it.
+
+    Args:
+        make: makes it and opens it.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_stale(path)
-        working, lock = _make_locked(path)
+        working, lock = _make_locked(path, make)
         try:
             yield working
         finally:
-            shutil.rmtree(working, ignore_errors=True)
+            _remove(working)
             os.close(lock)
     except OSError as error:
         raise InputError(f"{path}: cannot write ({error_text(error)})") from None
 
 
-def _make_locked(path: Path) -> tuple[Path, int]:
+def _make_locked(path: Path, make: Callable[[Path], int]) -> tuple[Path, int]:
     while True:
         working = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.partial")
-        working.mkdir()
-        lock = os.open(working, os.O_RDONLY)
-        with suppress(OSError):  # some network file systems cannot lock; stale folders remain there
+        try:
+            lock = make(working)
+        except FileNotFoundError:
+            if not path.parent.is_dir():
+                raise
+            continue  # another process removed it as stale before it was opened
+        with suppress(OSError):  # some network file systems cannot lock; stale ones remain there
             fcntl.flock(lock, fcntl.LOCK_EX)
         if working.exists():  # otherwise another process removed it as stale before it was locked
             return working, lock
@@ -253,12 +284,19 @@ def _make_locked(path: Path) -> tuple[Path, int]:
 def _remove_stale(path: Path) -> None:
     for stale in path.parent.glob(f".{glob.escape(path.name)}.????????.partial"):
         with suppress(OSError):
-            lock = os.open(stale, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+            lock = os.open(stale, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(stale, ignore_errors=True)
+                _remove(stale)
             finally:
                 os.close(lock)
+
+
+def _remove(path: Path) -> None:
+    """Remove a folder or a file, as far as the system lets us."""
+    shutil.rmtree(path, ignore_errors=True)
+    with suppress(OSError):
+        path.unlink()
 
 
 def _to_disk(path: Path) -> None:

@@ -1,142 +1,141 @@
-"""Kill -9 fifty `tulip` processes, most while they write: what is left? (docs/reliability.md; ten minutes)
+"""Kill a hundred `tulip` processes, most while they write, and disturb others (docs/reliability.md; 15 min).
 
-Most kills aim at the moment of writing: the study watches for the first file in the hidden folder in which
-the result is prepared, and kills a random part of the time later that an undisturbed run needs from there
-to the final name. A hidden folder left behind proves the hit.
+Most kills aim at the moment of writing: the study watches for the first hidden file or folder in which the
+result is prepared, and kills a random part of the time later that an undisturbed run needs from there to the
+final name. KILL and TERM go to the command alone, as from `kill`, INT and HUP to its whole group, as from a
+terminal. A result has to be that of an undisturbed run, byte for byte where two of these agree, or absent.
 """
 
 from __future__ import annotations
 
-import glob
-import hashlib
-import json
-import math
-import os
 import random
-import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-
+from studies.kills.attempt import PATIENCE, SIGNALS, attempt, start
+from studies.kills.commands import COMMANDS, TULIP, Command, prepare
+from studies.kills.obstacles import file_size_limit, full_disk, pairs, read_only_folder, two_writers
+from studies.kills.results import Reference, again, clear, left, reference
 from studies.runner import Settings, header, row
-from tulip_testbed.sim.measurements import read_measurements, read_plan, write_plan
-from tulip_testbed.sim.robot import load_robot
 
-TULIP = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"]
-SHAPE = ["--placements", "4", "--per-placement", "5", "--seed", "107"]
-SETTINGS = Settings(seed=1_000)
-OUTCOMES = ("nothing yet", "hit while writing", "whole", "BROKEN")
-
-
-def check_plan(out: Path) -> None:
-    assert len(read_plan(out, load_robot())) > 0
-
-
-def check_measurements(out: Path) -> None:
-    """With their truth, which is written first."""
-    assert len(read_measurements(out)) > 0
-    assert json.loads(out.with_name("truth.json").read_text())["format"] == "tulip-truth"
-
-
-def check_run(out: Path) -> None:
-    """Every file that run.json lists is there, whole, and none that it does not list."""
-    listed = json.loads((out / "run.json").read_text())["outputs"]
-    found = {str(path.relative_to(out)): path.read_bytes() for path in out.rglob("*") if path.is_file()}
-    del found["run.json"]
-    assert {name: hashlib.sha256(content).hexdigest() for name, content in found.items()} == listed
-    check_plan(out / "plan")
-    assert len(read_measurements(out / "measurements")) > 0
-
-
-COMMANDS: dict[str, tuple[list[str], Callable[[Path], None]]] = {
-    "postures --random": (["postures", "--random", *SHAPE, "--out", "out"], check_plan),
-    "simulate --truth": (
-        ["simulate", "../first", "--out", "out", "--truth", "truth.json"],
-        check_measurements,
-    ),
-    "validate": (["validate", "../plan", "--out", "out"], check_run),
-}
-
-
-def hidden(place: Path, pattern: str = ".*") -> set[str]:
-    """Names of the hidden folders; with the pattern `.*/*`, of those that hold something."""
-    return {path.split("/")[0] for path in glob.glob(pattern, root_dir=place)}
-
-
-def attempt(name: str, place: Path, after: float = math.inf, aimed: bool = False) -> tuple[str, float, float]:
-    """Run a command, and kill it some seconds after its start or, aimed, after the first file that it writes.
-
-    Returns:
-        Which of `OUTCOMES` it left, the seconds from its start to the final name, those since the first file.
-    """
-    arguments, check = COMMANDS[name]
-    out, before = place / "out", hidden(place)
-    shutil.rmtree(out, ignore_errors=True)
-    (place / "truth.json").unlink(missing_ok=True)
-    with open(os.devnull, "w") as quiet:
-        process = subprocess.Popen(
-            [*TULIP, *arguments], cwd=place, stdout=quiet, stderr=quiet, start_new_session=True
-        )
-    now = began = time.perf_counter()
-    wrote = named = math.inf
-    while process.poll() is None:
-        now = time.perf_counter()
-        if wrote == math.inf and hidden(place, ".*/*") - before:
-            wrote = now
-        if named == math.inf and out.exists():
-            named = now
-        if now > (wrote if aimed else began) + after:
-            os.killpg(process.pid, signal.SIGKILL)  # with its workers
-    left = "whole" if out.exists() else "hit while writing" if hidden(place) - before else "nothing yet"
-    try:
-        for truth in place.glob("truth.json"):
-            json.loads(truth.read_text())
-        if out.exists():
-            check(out)
-    except Exception as error:
-        print(f"{name}: {error!r}", file=sys.stderr)
-        left = "BROKEN"
-    named = min(named, now)
-    return left, named - began, named - wrote
-
-
-def undisturbed(name: str, place: Path) -> tuple[float, float]:
-    """Times of a run that has to succeed and to leave nothing but its result."""
-    left, total, writing = attempt(name, place)
-    assert left == "whole", name
-    assert not hidden(place), name
-    return total, writing
+SETTINGS = Settings(seed=1_000, only=("kills", "obstacles"))
+OUTCOMES = ("before writing", "while writing", "whole", "BROKEN")
+SERVE = Command("view --serve", [*TULIP, "view", "../run", "--serve"], ())
+AIMED = 0.6  # of the kills
+Places = dict[str, tuple[Command, Path, Reference]]
 
 
 def study(settings: Settings) -> Iterator[str]:
-    """Yield the table of what was left."""
-    chance, names, tally = random.Random(settings.seed), list(COMMANDS), Counter()
+    """Yield the tables of what was left."""
     with tempfile.TemporaryDirectory() as temporary:
-        home = Path(temporary)
-        places = {name: home / str(k) for k, name in enumerate(names)}
-        for place in places.values():
+        home, places = Path(temporary), {}
+        prepare(home)
+        for number, command in enumerate([*COMMANDS, SERVE]):
+            place = home / str(number)
             place.mkdir()
-        draw = [*TULIP, "postures", "--random", *SHAPE, "--out", "plan", "--json"]
-        subprocess.run(draw, cwd=home, check=True, stdout=subprocess.DEVNULL)
-        write_plan(home / "first", read_plan(home / "plan", load_robot()).take(np.arange(5)))
-        times = {name: undisturbed(name, places[name]) for name in names}
-        for k in range(settings.count(50)):
-            name, aimed = names[k % len(names)], k % 10 < 6
-            total, writing = times[name]
-            after = chance.uniform(0.0, 1.1 * writing if aimed else total)
-            tally[name, aimed, attempt(name, places[name], after, aimed)[0]] += 1
-        for name in names:
-            undisturbed(name, places[name])
-    yield header("command", "run, writing (s)", "kills aimed", *OUTCOMES)
-    for name, (total, writing) in times.items():
-        for aimed, what in ((False, "at any moment"), (True, "at the writing")):
-            counts = [tally[name, aimed, outcome] for outcome in OUTCOMES]
-            yield row(name, f"{total:.1f}, {writing:.3f}", f"{sum(counts)} {what}", *counts)
-    yield "\nAfter one more run of each command, undisturbed, no hidden folder was left."
+            wanted = reference(command, place) if command.results else Reference({}, (), 0.0, 0.0)
+            places[command.name] = command, place, wanted
+        if "kills" in settings.only:
+            yield from kills(settings, places)
+        if "obstacles" in settings.only:
+            yield from obstacles(places)
+
+
+def kills(settings: Settings, places: Places) -> Iterator[str]:
+    """Kill the commands in turn, by each signal in turn."""
+    chance, names = random.Random(settings.seed), list(places)
+    tally, signals, slowest = Counter(), Counter(), dict.fromkeys(SIGNALS, 0.0)
+    for k in range(settings.count(100)):
+        name, number = names[k % len(names)], SIGNALS[k // len(names) % len(SIGNALS)]
+        outcome, gone = killed(*places[name], number, chance)
+        tally[name, outcome] += 1
+        tally[number, outcome] += 1
+        signals[name, number] += 1
+        slowest[number] = max(slowest[number], gone)
+    yield header("command", "run, writing (s)", "signals", *OUTCOMES)
+    for name, (command, _, wanted) in places.items():
+        times = f"{wanted.total:.1f}, {wanted.writing:.3f}" if command.results else "until it is ended"
+        sent = ", ".join(f"{short(number)} {signals[name, number]}" for number in SIGNALS)
+        yield row(name, times, sent, *(tally[name, outcome] for outcome in OUTCOMES))
+    yield "\n" + header("signal", *OUTCOMES, "last process gone after at most (s)")
+    for number in SIGNALS:
+        counts = (tally[number, outcome] for outcome in OUTCOMES)
+        yield row(short(number), *counts, f"{slowest[number]:.1f}")
+    faults = [complain(name, again(*places[name])) for name in names if places[name][0].results]
+    yield f"\nAfter one more run of each command, undisturbed, {sum(faults)} of them had left something."
+
+
+def killed(
+    command: Command, place: Path, wanted: Reference, number: signal.Signals, chance: random.Random
+) -> tuple[str, float]:
+    """Kill one command; which of `OUTCOMES` it left, and after how many seconds its last process was gone."""
+    if not command.results:
+        return killed_server(command, place, number, chance)
+    clear(command, place)
+    aimed = chance.random() < AIMED
+    after = chance.uniform(0.0, 1.1 * wanted.writing if aimed else wanted.total)
+    end = attempt(command, place, number, after, aimed)
+    what = left(command, place, wanted)
+    fault = "" if what in ("nothing", "begun", "whole") else what
+    if end.gone > PATIENCE:
+        fault = "a process is left"
+    elif "Traceback" in end.said and command.line[: len(TULIP)] == TULIP:
+        fault = end.said
+    elif command.resumes and what in ("nothing", "begun"):
+        fault = again(command, place, wanted, resume=True)
+    if complain(f"{command.name}, {short(number)}", fault):
+        return "BROKEN", end.gone
+    return "whole" if what == "whole" else OUTCOMES[end.wrote], end.gone
+
+
+def killed_server(
+    command: Command, place: Path, number: signal.Signals, chance: random.Random
+) -> tuple[str, float]:
+    """Kill a command that shows its view until it is ended."""
+    started = start(command, place)
+    while "Open http" not in started.said():
+        assert started.process.poll() is None, started.said()
+        time.sleep(0.05)
+    time.sleep(chance.uniform(0.0, 3.0))
+    started.disturb(number)
+    gone = started.gone_after()
+    fault = "a process is left" if gone > PATIENCE else ""
+    return OUTCOMES[3 if complain(f"{command.name}, {short(number)}", fault) else 0], gone
+
+
+def obstacles(places: Places) -> Iterator[str]:
+    """Let commands write beside each other, and where they cannot."""
+    yield "\n" + header("disturbance", "cases", "as it has to be", "FAILED")
+    faults = []
+    for first, second in pairs():
+        _, place, wanted = places[first.name]
+        other = wanted if second == first else reference(second, place)
+        what = f"two writers, {first.name}, {', '.join(second.results)}"
+        faults.append(complain(what, two_writers((first, second), place, (wanted, other))))
+        clear(second, place)
+    yield row("two writers at once", len(faults), faults.count(False), faults.count(True))
+    for obstacle in (file_size_limit, full_disk, read_only_folder):
+        what = obstacle.__name__.replace("_", " ")
+        faults = [
+            complain(f"{what}, {command.name}", obstacle(command, place, wanted))
+            for command, place, wanted in places.values()
+            if command.results
+        ]
+        yield row(what, len(faults), faults.count(False), faults.count(True))
+
+
+def complain(what: str, fault: str) -> bool:
+    """Print a fault, if it is one."""
+    if fault:
+        print(f"{what}: {fault}", file=sys.stderr, flush=True)
+    return bool(fault)
+
+
+def short(number: signal.Signals) -> str:
+    """Return a signal's name as `kill` takes it."""
+    return number.name.removeprefix("SIG")

@@ -6,11 +6,12 @@ import resource
 import signal
 import subprocess
 import sys
+import tempfile
 
 import pytest
 
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import new_folder, present, read_bytes, read_text, write_text
+from tulip_testbed.sim.files import new_folder, present, read_bytes, read_text, scratch_folder, write_text
 
 # Forks once per file operation; the child kills itself right before its n-th one.
 KILLED_AT_EVERY_STEP = """
@@ -77,6 +78,7 @@ def test_a_kill_at_any_file_operation_leaves_the_old_or_the_new(tmp_path):
     assert not states[0][0]
     assert states[-1][:4] == [True, ["folder/b.txt", "folder/inner/a.txt"], "new", 0]
     assert sum(left > 0 for *_, left, _ in states) > 10  # most kills do leave something
+    assert all(left == 0 for _, _, file, left, _ in states if file == "new")  # nobody would write it again
     assert {(there, file) for there, _, file, *_ in states} == {(False, "old"), (True, "old"), (True, "new")}
 
 
@@ -93,6 +95,16 @@ def test_of_two_writers_to_one_name_the_first_wins(tmp_path):
         write_while_another_does(tmp_path / "data")
     assert os.listdir(tmp_path) == ["data"]
     assert os.listdir(tmp_path / "data") == ["b"]
+
+
+def test_a_scratch_folder_is_one_s_own_and_takes_a_killed_one_away(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    (tmp_path / ".view.12345678.partial").mkdir()
+    with scratch_folder("view") as mine, scratch_folder("view") as other:
+        (mine / "a").touch()
+        assert mine.stat().st_mode & 0o777 == 0o700
+        assert {path.name for path in tmp_path.iterdir()} == {mine.name, other.name}
+    assert os.listdir(tmp_path) == []
 
 
 def test_names_like_a_left_over_s_are_left_alone(tmp_path):

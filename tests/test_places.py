@@ -17,6 +17,7 @@ import pytest
 import tulip_testbed as tt
 from tests.test_cli import refused
 from tulip_testbed.cli.main import main
+from tulip_testbed.experiments import truth_record
 from tulip_testbed.experiments.truth_record import write_experiment
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import check_new, is_folder, new_folder, read_bytes, write_bytes
@@ -79,6 +80,21 @@ def test_the_truth_of_another_is_never_removed(run, tmp_path):
         write_bytes(tmp_path / "truth.json", b"mine", new=True)
     assert [path.name for path in tmp_path.iterdir()] == ["truth.json"]
     assert (tmp_path / "truth.json").read_text() == "another's"
+
+
+@pytest.mark.parametrize("written", [False, True])
+def test_interrupted_it_leaves_both_or_nothing(written, run, tmp_path, monkeypatch):
+    write = truth_record.write_measurements
+
+    def interrupted(folder, measurements):
+        if written:
+            write(folder, measurements)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(truth_record, "write_measurements", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_experiment(tmp_path / "data", tmp_path / "truth.json", run)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "truth.json"] * written
 
 
 def test_a_file_system_without_links_has_new_files_too(tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ from PIL import Image
 
 from tests.test_cli import refused
 from tests.test_view import needs_opengl
-from tulip_testbed import rendering
+from tulip_testbed import drawings, rendering
 from tulip_testbed.cli.main import main
 from tulip_testbed.drawings import contact_sheet, support_polygons
 from tulip_testbed.experiments import planning_run as planning
@@ -112,6 +112,20 @@ def test_an_edited_state_is_refused_by_name(interrupted, tmp_path, name, edit, m
         carry_out(job, path, lambda state: None)
 
 
+def test_killed_when_its_first_plan_was_put_aside_it_leaves_nothing_hidden(tmp_path, plan):
+    (tmp_path / ".out.interrupted").mkdir()
+    planning.keep_plan(tmp_path / "out", plan)
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_of_two_searches_for_one_name_the_slower_leaves_nothing_hidden(tmp_path, plan):
+    planning.keep_plan(tmp_path / "out", plan)
+    (tmp_path / ".out.state.json").touch()
+    with pytest.raises(InputError, match="exists already"):
+        planning.keep_plan(tmp_path / "out", plan)
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
 def test_the_next_postures_and_their_description(data, tmp_path, capsys):
     out = tmp_path / "next"
     options = ("--after", str(data), "--placements", "1", "--hops", "2", "--seed", "311")
@@ -174,3 +188,14 @@ def test_without_opengl_the_polygons_are_left(plan, tmp_path, monkeypatch, capsy
         capsys.readouterr().err.split()
     )
     assert [path.name for path in (tmp_path / "pictures").iterdir()] == ["support-polygons.svg"]
+
+
+def test_pictures_that_cannot_be_written_are_not_published_in_part(robot, plan, tmp_path, monkeypatch):
+    def full(path, content):
+        raise InputError(f"{path}: cannot write (No space left on device)")
+
+    monkeypatch.setattr(drawings, "contact_sheet", lambda robot, plan: b"picture")
+    monkeypatch.setattr(drawings, "write_bytes", full)
+    with pytest.raises(InputError, match="No space left"):
+        drawings.write_pictures(tmp_path / "pictures", robot, plan)
+    assert not any(tmp_path.iterdir())

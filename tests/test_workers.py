@@ -10,13 +10,8 @@ from pathlib import Path
 import pytest
 
 from tulip_testbed.sim.measurements import write_plan
-from tulip_testbed.sim.workers import for_parent
 
 MOST = 20  # s, until the last worker is gone
-
-
-def test_nobody_watches_a_process_that_is_not_the_parent():
-    assert for_parent(os.getpid(), sum, [1, 2]) == 3
 
 
 def workers_of(parent: int) -> set[int]:
@@ -40,6 +35,43 @@ def alive(number: int) -> bool:
         return False
 
 
+# A process that starts another in a group of its own, which starts a third one.
+LINE = """
+import os, subprocess, sys, time
+WATCHED = "import os, subprocess, sys, time; from tulip_testbed.sim.workers import end_with; " \\
+    "end_with(int(sys.argv[1])); last = subprocess.Popen(['sleep', '60']); " \\
+    "print(os.getpid(), last.pid, flush=True); time.sleep(60)"
+subprocess.Popen([sys.executable, "-c", WATCHED, str(os.getpid())], start_new_session=True).wait()
+"""
+
+
+def test_workers_do_not_hear_what_a_terminal_sends_to_all():
+    code = """
+import signal, joblib
+from tulip_testbed.sim.workers import deaf_to_interruptions, watched
+blocked = joblib.delayed(signal.pthread_sigmask)(signal.SIG_BLOCK, ())
+with deaf_to_interruptions():
+    workers = joblib.Parallel(2, return_as="generator", **watched())(blocked for _ in range(2))
+here = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+print([signal.SIGINT in mask for mask in (*workers, here)])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout == "[True, True, False]\n", done.stderr
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
+def test_a_group_of_processes_ends_with_the_one_that_started_it():
+    with subprocess.Popen([sys.executable, "-c", LINE], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        found = [int(number) for number in process.stdout.readline().split()]
+        process.kill()
+    assert len(found) == 2
+    end = time.monotonic() + MOST
+    while any(map(alive, found)):
+        assert time.monotonic() < end
+        time.sleep(0.1)
+
+
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 @pytest.mark.parametrize(
@@ -59,7 +91,6 @@ def test_no_worker_outlives_its_command(how, command, plan, tmp_path):
             assert process.poll() is None
             assert time.monotonic() < end
             time.sleep(0.1)
-        time.sleep(3)  # until they are at work
         process.send_signal(how)
         process.wait(timeout=10)
         end = time.monotonic() + MOST

@@ -43,9 +43,10 @@ def write_pictures(folder: Path, robot: Robot, plan: PosturePlan) -> InputError 
     with new_folder(folder) as working:
         write_text(working / "support-polygons.svg", support_polygons(robot, plan))
         try:
-            write_bytes(working / "postures.png", contact_sheet(robot, plan))
+            sheet = contact_sheet(robot, plan)
         except InputError as problem:
             return problem
+        write_bytes(working / "postures.png", sheet)
     return None
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
@@ -12,7 +11,7 @@ from typing import Any
 import joblib
 
 from tulip_testbed.sim.errors import InputError, look_up, shortened
-from tulip_testbed.sim.workers import for_parent
+from tulip_testbed.sim.workers import deaf_to_interruptions, watched
 
 ENGINES = ("loky", "dask")
 PATIENCE = 10  # s, for a scheduler that does not answer and for its first worker
@@ -33,7 +32,8 @@ def engine(workers: int, address: str | None) -> Iterator[None]:
     """
     with ExitStack() as stack:
         if address is None:
-            stack.enter_context(joblib.parallel_config("loky", n_jobs=workers, inner_max_num_threads=1))
+            mine = {"n_jobs": workers, "inner_max_num_threads": 1, **watched()}
+            stack.enter_context(joblib.parallel_config("loky", **mine))
         else:
             client = stack.enter_context(_client(address))
             stack.enter_context(joblib.parallel_config("dask", client=client))
@@ -91,8 +91,9 @@ def compute(work: Work, chunks: Iterable[Sequence[int]]) -> Generator[Any]:
     try:
         # As an argument the work is sent to a cluster once, and need not be hashable: joblib's Dask backend
         # hashes functions, and waits forever where that fails.
-        mine = os.getpid()
-        yield from parallel(joblib.delayed(for_parent)(mine, _carry_out, work, chunk) for chunk in chunks)
+        with deaf_to_interruptions():
+            results = parallel(joblib.delayed(_carry_out)(work, chunk) for chunk in chunks)
+        yield from results
     except BrokenProcessPool as error:
         raise InputError(_what_ended(str(error))) from None
     except Exception as error:

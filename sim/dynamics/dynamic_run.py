@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Callable, Sequence
 
 import joblib
@@ -31,7 +30,7 @@ from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.sensors import read_cells, read_encoders
 from tulip_testbed.sim.threads import one_blas_thread
-from tulip_testbed.sim.workers import for_parent
+from tulip_testbed.sim.workers import deaf_to_interruptions, watched
 
 
 def run_dynamics(
@@ -99,13 +98,13 @@ def _try_all(
         if not (missing := [key for key in wanted if key not in done]):
             return [done[place, s][k] for (place, k), s in zip(tries, stage, strict=True)]
         jobs = (
-            joblib.delayed(for_parent)(
-                os.getpid(), run_placement, rigs[s], plan, place, repeats, streams[placements.index(place)]
-            )
+            joblib.delayed(run_placement)(rigs[s], plan, place, repeats, streams[placements.index(place)])
             for place, s in missing
         )
         # joblib would start all workers, even more than there are placements.
-        runs = joblib.Parallel(n_jobs=min(workers, len(missing)), return_as="generator")(jobs)
+        parallel = joblib.Parallel(min(workers, len(missing)), return_as="generator", **watched())
+        with deaf_to_interruptions():
+            runs = parallel(jobs)
         for key, attempts in zip(missing, runs, strict=True):
             done[key] = attempts
             progress(len(attempts))

@@ -81,7 +81,7 @@ def main(arguments: list[str] | None = None, loaded: Callable[[], object] = lamb
     except KeyboardInterrupt:
         from tulip_testbed.cli.terminal import say
 
-        say("tulip: interrupted; nothing was written")
+        say("tulip: interrupted; no unfinished result was left")
         return 130
 
 

@@ -8,7 +8,6 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import urllib.parse
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -17,7 +16,7 @@ from pathlib import Path
 import rerun as rr
 
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import check_new, present, write_bytes
+from tulip_testbed.sim.files import check_new, present, scratch_folder, write_bytes
 from tulip_testbed.viewer import ENDING
 
 Log = Callable[[rr.RecordingStream], None]
@@ -26,6 +25,15 @@ END = b"RRF2FOOT"  # of a whole recording
 ENDINGS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 LOCAL = ("--bind", "127.0.0.1")  # rerun's own default is every address of the machine
 OTHERWISE = "`save=FILE.rrd` writes the view without a window"
+SCRATCH = "tulip-view"
+# `rerun` starts the viewer as a child of its own, all in one process group, which ends with this process.
+VIEWER = """
+import sys
+from rerun_cli.__main__ import main
+from tulip_testbed.sim.workers import end_with
+end_with(int(sys.argv.pop(1)))
+sys.exit(main())
+"""
 # What the viewer's last words mean, and what helps on Debian.
 FAULTS = {
     ("WGPU", "render context", "graphics adapter", "Vulkan"): (
@@ -44,8 +52,8 @@ def save(path: Path, title: str, log: Log) -> int:
         InputError: the path exists, cannot be written or has another ending.
     """
     check_new(path, ENDING)
-    with tempfile.TemporaryDirectory() as scratch:
-        content = _record(Path(scratch), title, log).read_bytes()
+    with scratch_folder(SCRATCH) as scratch:
+        content = _record(scratch, title, log).read_bytes()
     write_bytes(path, content, new=True)
     return len(content)
 
@@ -70,9 +78,9 @@ def show(title: str, log: Log) -> None:
         InputError: it cannot draw there; names the package to install.
     """
     check_display()
-    with tempfile.TemporaryDirectory() as scratch:
-        recording = _record(Path(scratch), title, log)
-        with _viewer(Path(scratch), recording, "--port", "auto") as (viewer, said):
+    with scratch_folder(SCRATCH) as scratch:
+        recording = _record(scratch, title, log)
+        with _viewer(scratch, recording, "--port", "auto") as (viewer, said):
             if viewer.wait() != 0:
                 raise InputError(f"viewer: {_fault(said.read_text(errors='replace'))}; {OTHERWISE}")
 
@@ -84,11 +92,10 @@ def open_window(title: str, log: Log) -> None:
         InputError: there is no screen.
     """
     check_display()
-    scratch = tempfile.TemporaryDirectory()
-    recording = _record(Path(scratch.name), title, log)
     kept = ExitStack()
-    kept.enter_context(scratch)
-    kept.enter_context(_viewer(Path(scratch.name), recording, "--port", "auto"))
+    scratch = kept.enter_context(scratch_folder(SCRATCH))
+    recording = _record(scratch, title, log)
+    kept.enter_context(_viewer(scratch, recording, "--port", "auto"))
     atexit.register(kept.close)
 
 
@@ -103,10 +110,10 @@ def serve(title: str, log: Log, announce: Callable[[str], None]) -> None:
     """
     data, page = _free_port(), _free_port()
     source = urllib.parse.quote(f"rerun+http://127.0.0.1:{data}/proxy", safe="")
-    with tempfile.TemporaryDirectory() as scratch:
-        recording = _record(Path(scratch), title, log)
+    with scratch_folder(SCRATCH) as scratch:
+        recording = _record(scratch, title, log)
         options = ("--serve-web", "--port", str(data), "--web-viewer-port", str(page))
-        with _viewer(Path(scratch), recording, *options) as (viewer, said):
+        with _viewer(scratch, recording, *options) as (viewer, said):
             announce(f"http://127.0.0.1:{page}?url={source}")
             viewer.wait()
             raise InputError(f"viewer: {_fault(said.read_text(errors='replace'))}")
@@ -132,9 +139,8 @@ def _viewer(folder: Path, recording: Path, *options: str) -> Iterator[tuple[subp
     """The viewer with a recording open, and the file of what it says; it ends with the block."""
     said = folder / "viewer.log"
     with said.open("wb") as log:
-        # `rerun` starts the viewer as a child of its own: a group of their own lets both be ended.
         viewer = subprocess.Popen(
-            [sys.executable, "-m", "rerun", *LOCAL, *options, str(recording)],
+            [sys.executable, "-c", VIEWER, str(os.getpid()), *LOCAL, *options, str(recording)],
             stdout=log,
             stderr=log,
             start_new_session=True,
