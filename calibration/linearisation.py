@@ -36,7 +36,8 @@ from tulip_testbed.identification.residual_channels import (
 from tulip_testbed.identification.residual_noise import Noise, floor
 from tulip_testbed.identification.variance_components import MARK_PRIOR, NO_PRIOR, SHEET_PRIOR
 
-SOURCES = ("encoders", "cells", "internal forces", "right plate", "left plate")
+INTERNAL = "internal forces"
+SOURCES = ("encoders", "cells", INTERNAL, "right plate", "left plate")
 # Friction at rest opposes the loads, in like postures alike: its wrench is no noise that averages out, and
 # counts as so many times larger. On development seeds 96 % of the 95 % intervals of members held with 5,
 # 94 % with 3, 91 % with an estimated scale.

@@ -10,11 +10,11 @@ import numpy as np
 from scipy.linalg import block_diag, solve_triangular
 
 from tulip_testbed.calibration.calibration_result import SelfCalibration
-from tulip_testbed.calibration.linearisation import State, linearised
+from tulip_testbed.calibration.linearisation import INTERNAL, SOURCES, State, linearised
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import ROWS, SIZE, residuals_in_use
-from tulip_testbed.identification.residual_noise import contrasts, noise_of
+from tulip_testbed.identification.residual_noise import contrasts
 
 
 @dataclass(frozen=True)
@@ -90,9 +90,11 @@ def predicted(
     clean = found.cleaned(removed(others, known))
     estimate, p = found.solved.estimate, len(found.theta)
     variance = np.diag(found.mixing @ found.solved.covariance[p + 1 :, p + 1 :] @ found.mixing.T)
-    state = State(clean, clean, estimate[: p + 1], estimate[p + 1 :], variance, found.solved.scales, None)
-    problem, linear = linearised(state, found.all, noise_of(others))
-    structure, scales = linear.covariance.structure, found.solved.scales
+    # `found.noise` holds the scales of the readings already; those of other postures are not estimated anew.
+    scales = np.where(np.array(SOURCES) == INTERNAL, found.solved.scales, 1.0)
+    state = State(clean, clean, estimate[: p + 1], estimate[p + 1 :], variance, scales, None)
+    problem, linear = linearised(state, found.all, found.noise)
+    structure = linear.covariance.structure
     own = structure.fixed + np.tensordot(scales[: len(structure.own)] ** 2, structure.own, axes=1)
     levers = structure.shared * scales[structure.owner]
     used = residuals_in_use(others)

@@ -39,6 +39,7 @@ from tulip_testbed.identification.residual_noise import noise_of, with_cell_nois
 ROUNDS = 12
 WORSE = 10.0  # ln of the evidence, by which the last linearisation may lie below the best
 STANDS = 0.1  # s.e. by which nothing moves any more
+STEADY = 3.0  # s.e. by which the last linearisation may move a number that can be believed
 
 
 def self_calibrate(
@@ -88,7 +89,7 @@ def self_calibrate(
         smooth = moved_by(clean, start.observed, start.linear.smooth)
         smooth = smooth.changed(tree=clean.tree, cells=clean.cells)
     found: tuple[Problem, Linearised] | None = None
-    best: tuple[State, Fit, Observation] | None = None
+    best: tuple[State, Fit, Observation, float] | None = None
     for count in range(rounds):
         state = State(clean, smooth, nu, deviates, variance, scales, residual_covariance)
         found = None  # a linear model is large: one at a time
@@ -99,22 +100,22 @@ def self_calibrate(
         smooth = linear.smooth
         del problem, linear
         estimate, covariance = both @ solved.estimate, both @ solved.covariance @ both.T
-        moved = np.abs(np.append(nu, phi) - estimate) / np.sqrt(np.diag(covariance))
+        moved = float((np.abs(np.append(nu, phi) - estimate) / np.sqrt(np.diag(covariance))).max())
         nu, phi, variance = estimate[: p + 1], estimate[p + 1 :], np.diag(covariance)[p + 1 :]
         deviates, scales, spreads = solved.estimate[p + 1 :], solved.scales, solved.spreads
         errors = packed(clean) - packed(smooth)
         clean = members_removed(observed, families, phi, nu[:p], covariance[:p, :p], errors)
-        if moved.max() < STANDS:
+        if moved < STANDS:
             break
         if not noisy and (best is None or solved.log_evidence > best[1].log_evidence):
-            best = state, solved, clean
+            best = state, solved, clean, moved
     assert found is not None
     # Where nothing came to rest, the steps may have led away, as they do with a large play. Where it did, an
     # earlier state has nothing to say: its noise was that of other compliances.
-    if moved.max() >= STANDS and best is not None and solved.log_evidence < best[1].log_evidence - WORSE:
-        state, solved, clean = best
+    if moved >= STEADY and best is not None and solved.log_evidence < best[1].log_evidence - WORSE:
+        state, solved, clean, moved = best
         found = linearised(state, families, noise)
-    return result_of(clean, families, noise, *found, solved, used.assumed, float(moved.max()))
+    return result_of(clean, families, noise, *found, solved, used.assumed, moved)
 
 
 def least_determined(observed: Observation, tolerances: Mapping[str, float] | None = None) -> list[str]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.calibration.calibration_result import SelfCalibration
-from tulip_testbed.calibration.self_calibration import self_calibrate
+from tulip_testbed.calibration.self_calibration import STEADY, self_calibrate
 from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, log_choices
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import ranked
@@ -25,7 +25,6 @@ JUDGED = 3  # candidates, at most, that are judged of each ranking
 GROSS = 100.0  # ln of the Bayes factor by linear columns, from where the best of several kinds are judged
 NEAR = 10.0  # ln of the Bayes factor by linear columns, within which candidates are judged
 ROUNDS = 4  # linearisations of a judgement
-STEADY = 3.0  # s.e. by which the last of them may move a number; what moves further explains nothing yet
 ORDINARY = 1.0  # tolerances: the largest spread of a family in the search
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import CHANNELS, ROWS, residuals
+from tulip_testbed.identification.residual_channels import CHANNELS, ROWS, residuals, residuals_in_use
 from tulip_testbed.identification.residual_noise import Noise, cell_by_twist, encoder_by_closure, whitening
 
 CONTRADICTED = 1e-3  # level below which repeats overrule a data sheet
@@ -36,24 +37,21 @@ def pure_error(observed: Observation, theta: np.ndarray, noise: Noise) -> PureEr
     Args:
         theta: base parameters, (p,) [m].
     """
-    number, m = observed.measurements.posture, len(observed)
-    pairs = [
-        (i, j)
-        for i in range(m)
-        for j in range(i + 1, m)
-        if number[i] == number[j] and observed.stance[i] == observed.stance[j]
-    ]
+    alike: dict[tuple[int, int], list[int]] = {}
+    for row, key in enumerate(zip(observed.measurements.posture, observed.stance, strict=True)):
+        alike.setdefault(key, []).append(row)
+    pairs = sorted(pair for rows in alike.values() for pair in combinations(rows, 2))
     if not pairs:
         return PureError(0, {}, {})
     residual, own = residuals(observed, theta), whitening(observed, theta, noise).own
     first, second = np.array(pairs).T
     ratio, p = {}, {}
+    used = residuals_in_use(observed)
     for channel in CHANNELS:
         rows = ROWS[channel]
         apart = (residual[first] - residual[second])[:, rows]
         covariance = (own[first] + own[second])[:, rows, rows]
-        keep = observed.on_four_cells[first].all(axis=1) & observed.on_four_cells[second].all(axis=1)
-        use = keep if channel == "T" else np.ones(len(first), bool)
+        use = used[first][:, rows].all(axis=1) & used[second][:, rows].all(axis=1)
         solved = np.linalg.solve(covariance, apart[..., None])[..., 0]
         size = float((apart * solved)[use].sum())
         dof = int(use.sum()) * (rows.stop - rows.start)

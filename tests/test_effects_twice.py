@@ -110,3 +110,14 @@ def test_nobody_can_change_the_catalogue():
     assert catalogue["payload"].name == "payload"
     for again in (pickle.loads(pickle.dumps(catalogue)), copy.deepcopy(catalogue)):
         assert again is catalogue
+
+
+def test_a_joint_that_yields_in_two_places_yields_by_both(robot):
+    """An ordinary laboratory, for instance, in which a joint yields more than usual."""
+    one = "joint-compliance:right_knee"
+    laboratory = tt.Laboratory(robot).with_effects(f"{one}=0.001").with_effects(f"{one}=0.003")
+    runs = [
+        lab.run(tt.plans.random.take(tt.plans.random.placement <= 1), 3, "statics").measurements
+        for lab in (laboratory, tt.Laboratory(robot).with_effects(f"{one}=0.004"))
+    ]
+    assert runs[0].cell_forces == pytest.approx(runs[1].cell_forces, abs=1e-6)

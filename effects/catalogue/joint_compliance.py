@@ -17,7 +17,11 @@ SUFFIX = "_yield"
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:
     def edit(spec: mujoco.MjSpec) -> None:
-        joint, stiffness = spec.joint(target), 1.0 / values[0]
+        joint, compliance = spec.joint(target), values[0]
+        if (before := spec.joint(f"{target}{SUFFIX}")) is not None:  # two in series yield together
+            compliance += 1.0 / before.stiffness[0]
+            spec.delete(before)
+        stiffness = 1.0 / compliance
         # Critically damped by an inertia of its own, which has no weight: at rest it makes no difference.
         # With less, stiff springs in both ankles never came to rest at the simulation's time step.
         inertia = stiffness / RATE**2
