@@ -112,7 +112,8 @@ def self_calibrate(
     assert found is not None
     # Where nothing came to rest, the steps may have led away, as they do with a large play. Where it did, an
     # earlier state has nothing to say: its noise was that of other compliances.
-    if moved >= STEADY and best is not None and solved.log_evidence < best[1].log_evidence - WORSE:
+    rests = moved < STANDS or (best is not None and moved < STEADY <= best[3])
+    if not rests and best is not None and solved.log_evidence < best[1].log_evidence - WORSE:
         state, solved, clean, moved = best
         found = linearised(state, families, noise)
     return result_of(clean, families, noise, *found, solved, used.assumed, moved)
