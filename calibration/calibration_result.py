@@ -14,6 +14,7 @@ from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_model import Background
 from tulip_testbed.calibration.linear_problem import Problem
 from tulip_testbed.calibration.linearisation import (
+    INTERNAL,
     SOURCES,
     Families,
     Linearised,
@@ -146,7 +147,7 @@ class SelfCalibration:
         spreads = np.repeat(np.minimum(self.solved.spreads[: len(owner)], most), width)
         deviates = self.solved.estimate[len(self.theta) + 1 :][: len(spreads)]
         found = self.linear.covariance
-        internal = self.solved.scales[SOURCES.index("internal forces")] * found.internal
+        internal = self.solved.scales[SOURCES.index(INTERNAL)] * found.internal
         unseen = np.concatenate([internal, found.unsure], axis=2)
         return Background(self.problem.members[..., : len(spreads)] * spreads, deviates / spreads, unseen)
 
