@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tulip_testbed.calibration.families import check_tolerances
+from tulip_testbed.calibration.usual_changes import usual_changes
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.example import example_manifest, example_row
@@ -98,10 +100,11 @@ def check_measurements(
     check_tolerances(measurements.tolerances, f"{source}: key 'tolerances'")
     nominal = nominal_robot(robot)
     if not corrections:
-        return Preflight(findings_document(measurements, nominal, preflight(measurements, nominal, series)))
+        findings = preflight(measurements, nominal, series, partial(usual_changes, measurements, nominal))
+        return Preflight(findings_document(measurements, nominal, findings))
     check_robot(nominal.parameters, measurements, robot, source)
     corrected, _ = without(measurements, nominal, corrections)
-    findings = preflight(corrected, nominal, series)
+    findings = preflight(corrected, nominal, series, partial(usual_changes, corrected, nominal))
     # Of the records of the plates: corrected ones hold what moves the centre of pressure otherwise.
     recorded = plate_poses(measurements)
     return Preflight(
@@ -146,7 +149,7 @@ def warn_of_faults(
     check_robot(nominal.parameters, measurements, robot, source or "measurements")
     if corrections:
         measurements, _ = without(measurements, nominal, corrections)
-    if faults := quick_faults(measurements, nominal):
+    if faults := quick_faults(measurements, nominal, partial(usual_changes, measurements, nominal)):
         call = f"`tt.check({'measurements' if source is None else repr(source)})`"
         warn(
             f"{source or 'measurements'}: found faults in {listed(repr(f.name) for f in faults)}; "

@@ -1,6 +1,7 @@
 """Measure false alarms of `tulip check` and the planted faults that it finds (docs/check.md; ten minutes).
 
-The shipped plan is held once; sensors, plate records and scale are read anew for every draw.
+The shipped plan is held once; sensors, plate records and scale are read anew for every draw. Ordinary
+laboratories are drawn and measured anew, in the static laboratory.
 """
 
 from __future__ import annotations
@@ -8,11 +9,15 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from studies.runner import Settings, header, row, rows_of, shipped_plan
+from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
+from tulip_testbed.calibration.usual_changes import usual_changes
+from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.sim.dynamics.dynamic_run import read_again, run_dynamics
@@ -22,7 +27,7 @@ from tulip_testbed.sim.rig import Rig, preset_rig
 
 Fault = Callable[[Measurements, np.random.Generator], Measurements]
 SETTINGS = Settings(seed=104, only=("wii", "force-plate"))
-HEALTHY_DRAWS, FAULTY_DRAWS = 300, 40
+HEALTHY_DRAWS, FAULTY_DRAWS, ORDINARY_DRAWS = 300, 40, 200
 
 
 def edited(name: str, change: Callable[[np.ndarray, Measurements, np.random.Generator], None]) -> Fault:
@@ -173,6 +178,7 @@ def weigh(m: Measurements, rng: np.random.Generator) -> Measurements:
     return dataclasses.replace(m, weighed_mass=(m.weighed_mass[0] + 1.0, m.weighed_mass[1]))
 
 
+ORDINARY = "everything a little off"
 FAULTS: dict[str, Fault] = {
     "one cell's gain 10 % high": forces(gain),
     "one cell's tare off by 5 N": forces(tare),
@@ -208,7 +214,8 @@ HEALTHY: dict[str, Callable[[Measurements], Measurements]] = {
 
 
 def results(m: Measurements, nominal: Nominal) -> dict[str, str]:
-    return {finding.name: finding.result for finding in preflight(m, nominal)}
+    found = preflight(m, nominal, usual_changes=partial(usual_changes, m, nominal))
+    return {finding.name: finding.result for finding in found}
 
 
 def healthy(rig: Rig, plan: PosturePlan, experiment: Outcome, nominal: Nominal, stream: list[int]) -> list:
@@ -220,6 +227,14 @@ def faulty(rig: Rig, plan: PosturePlan, experiment: Outcome, nominal: Nominal, s
     rng = np.random.default_rng(stream)
     m = read_again(rig, plan, experiment, rng)
     return [results(fault(m, rng), nominal) for fault in FAULTS.values()]
+
+
+def ordinary(preset: str, rig: Rig, plan: PosturePlan, nominal: Nominal, stream: list[int]) -> list:
+    """Run a laboratory in which all is a little off, with spreads of 0.1 to 1 tolerance."""
+    drawing, measuring = np.random.SeedSequence(stream).generate_state(2).tolist()
+    hidden = ordinary_members(rig, np.random.default_rng(drawing))
+    laboratory = Laboratory(rig.robot, preset, hidden=hidden)
+    return [results(laboratory.run(plan, measuring, "statics", workers=1).measurements, nominal)]
 
 
 def percent(seen: list[dict[str, str]], wanted: tuple[str, ...]) -> str:
@@ -245,12 +260,16 @@ def study(settings: Settings) -> Iterator[str]:
         """Return the results of every draw for each kind of folder."""
         read = preset_rig(preset)
         streams = ([seed, first + k] for k in range(settings.count(draws)))
-        calls = ((read, plan, experiment, nominal, stream) for stream in streams)
+        given = (preset, read, plan, nominal) if function is ordinary else (read, plan, experiment, nominal)
+        calls = ((*given, stream) for stream in streams)
         return list(zip(*settings.parallel(f"{preset}, {function.__name__}", function, calls), strict=True))
 
-    seen = [outcomes(preset, healthy, 0, HEALTHY_DRAWS) for preset in presets]
+    seen = [
+        outcomes(p, healthy, 0, HEALTHY_DRAWS) + outcomes(p, ordinary, 2 * 10**6, ORDINARY_DRAWS)
+        for p in presets
+    ]
     yield header("healthy", *(f"{p}: {what}" for p in presets for what in ("fail", "warn or fail")))
-    for name, *found in zip(HEALTHY, *seen, strict=True):
+    for name, *found in zip((*HEALTHY, ORDINARY), *seen, strict=True):
         yield row(
             name, *(percent(draws, wanted) for draws in found for wanted in (("fail",), ("fail", "warn")))
         )

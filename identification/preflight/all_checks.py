@@ -17,6 +17,7 @@ from tulip_testbed.identification.preflight.plate_checks import feet_on_plates, 
 from tulip_testbed.identification.preflight.readings import cell_loads, resolution, stuck
 from tulip_testbed.identification.preflight.settling import series_agrees, settling, steady_windows
 from tulip_testbed.identification.preflight.units import joint_limits, same_robot, units
+from tulip_testbed.identification.preflight.usual import Usual, UsualChanges, exact
 from tulip_testbed.identification.preflight.weight import constant_weight, drift, weight_balance
 from tulip_testbed.identification.reading_noise import ReadingNoise, reading_noise
 from tulip_testbed.identification.regressor import regression
@@ -31,8 +32,19 @@ READINGS = (
 )
 
 
-def preflight(measurements: Measurements, nominal: Nominal, series: Series | None = None) -> list[Finding]:
-    """Run every check, in the order in which a laboratory should correct the faults."""
+def preflight(
+    measurements: Measurements,
+    nominal: Nominal,
+    series: Series | None = None,
+    usual_changes: UsualChanges | None = None,
+) -> list[Finding]:
+    """Run every check, in the order in which a laboratory should correct the faults.
+
+    Args:
+        series: raw readings within the windows, if there are any.
+        usual_changes: by ordinary imperfections, of measurements of this robot in plausible units; None:
+            everything is exact.
+    """
     m = measurements
     findings = [same_robot(m, nominal)]
     rest = (*READINGS, *LEGS, *FORCES, "identifiable")
@@ -42,6 +54,7 @@ def preflight(measurements: Measurements, nominal: Nominal, series: Series | Non
     if findings[-1].result == "fail":
         return [*findings, *_skip(rest, "correct the units first")]
     loads = cell_loads(m)
+    usual = _usual(m, loads, usual_changes)
     findings += [
         joint_limits(m, nominal),
         stuck(m),
@@ -50,8 +63,8 @@ def preflight(measurements: Measurements, nominal: Nominal, series: Series | Non
         steady_windows(m),
         settling(m, series),
         series_agrees(m, series),
-        weight_balance(m),
-        constant_weight(m),
+        weight_balance(m, usual),
+        constant_weight(m, usual),
         drift(m, nominal),
         plate_poses(m),
     ]
@@ -64,7 +77,7 @@ def preflight(measurements: Measurements, nominal: Nominal, series: Series | Non
             expected = "support 'double' or 'right'"
             return [*findings, Finding("identifiable", "fail", "support 'left'", expected, "support", advice)]
         return [*findings, identifiable(m, nominal_robot(nominal.robot, "right"), None)]
-    findings += [feet_on_plates(m, nominal), *legs(m, nominal)]
+    findings += [feet_on_plates(m, nominal), *legs(m, nominal, usual)]
     if loads.result == "fail":
         findings += _skip(FORCES, "correct the cells' loads first")
         return [*findings, identifiable(m, nominal, None)]
@@ -73,16 +86,28 @@ def preflight(measurements: Measurements, nominal: Nominal, series: Series | Non
     return [*findings, identifiable(m, nominal, noise)]
 
 
-def quick_faults(measurements: Measurements, nominal: Nominal) -> list[Finding]:
-    """Return what fails of the checks that take milliseconds, for measurements of the nominal robot."""
+def quick_faults(
+    measurements: Measurements, nominal: Nominal, usual_changes: UsualChanges | None = None
+) -> list[Finding]:
+    """Return what fails of the checks that take milliseconds, for measurements of the nominal robot.
+
+    Args:
+        usual_changes: see `preflight`.
+    """
     m = measurements
     findings = [units(m, nominal)]
     if findings[0].result != "fail":
         findings += [joint_limits(m, nominal), stuck(m), cell_loads(m)]
-        findings += [weight_balance(m), constant_weight(m), drift(m, nominal)]
+        usual = _usual(m, findings[3], usual_changes)
+        findings += [weight_balance(m, usual), constant_weight(m, usual), drift(m, nominal)]
         if (m.support == "double").all() and findings[3].result != "fail":
             findings += [feet_on_plates(m, nominal), load_in_soles(m, nominal)]
     return [finding for finding in findings if finding.result == "fail"]
+
+
+def _usual(m: Measurements, loads: Finding, usual_changes: UsualChanges | None) -> Usual:
+    """Return what is usual; cells whose loads are wrong say nothing about how much yields."""
+    return exact(len(m)) if usual_changes is None or loads.result == "fail" else usual_changes()
 
 
 def _fits(m: Measurements, nominal: Nominal, noise: ReadingNoise) -> list[Finding]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from tulip_testbed.identification.distributions import chi2_sf, normal_sf
+from tulip_testbed.identification.distributions import normal_sf
 from tulip_testbed.identification.nominal import Nominal, jacobian
 from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
+from tulip_testbed.identification.preflight.usual import Usual, beyond
 from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.sim.measurements import Measurements
 
@@ -19,33 +20,36 @@ EXPLAINED = 0.8  # share of the chi-square from which a joint is named
 NO_ENCODER_SD = "the manifest states no sensors.encoder_sd"
 
 
-def legs(measurements: Measurements, nominal: Nominal) -> list[Finding]:
+def legs(measurements: Measurements, nominal: Nominal, usual: Usual) -> list[Finding]:
     """Run both checks of the legs."""
     pose = nominal.swing_sole(measurements.joint_angles)
     slope = jacobian(nominal.swing_sole, measurements.joint_angles)
     joints = nominal.parameters.tree.joints
-    return [_legs_close(measurements, joints, pose, slope), _feet_stay(measurements, pose, slope)]
+    closed = _legs_close(measurements, joints, pose, slope, usual)
+    return [closed, _feet_stay(measurements, pose, slope)]
 
 
 def _legs_close(
-    measurements: Measurements, joints: tuple[str, ...], pose: np.ndarray, slope: np.ndarray
+    measurements: Measurements, joints: tuple[str, ...], pose: np.ndarray, slope: np.ndarray, usual: Usual
 ) -> Finding:
-    """Compare height, roll and pitch of the swing sole by forward kinematics with the encoders' s.d."""
+    """Compare the swing sole's height, roll and pitch by forward kinematics with what is usual."""
     name, m = "legs close", measurements
     encoder_sd = usable_sd(m.sensors.encoder_sd)
     if encoder_sd is None:
         return skipped(name, NO_ENCODER_SD)
     error = pose[:, CLOSED] - [m.top_height[1] - m.top_height[0], 0.0, 0.0]
     slope = slope[:, CLOSED]
-    whitener, rank = _whitener(encoder_sd**2 * slope @ slope.transpose(0, 2, 1))
+    whitener, rank = _whitener(encoder_sd**2 * slope @ slope.mT + usual.unseen @ usual.unseen.mT)
     if rank.min() == 0:
         return skipped(name, "this robot's joints cannot tilt its swing foot")
     white = (whitener @ error[..., None])[..., 0]
     squares = (white**2).sum(axis=1)
     row = int(squares.argmax())
-    p_value = bonferroni(np.array([chi2_sf(squares.sum(), rank.sum()), bonferroni(chi2_sf(squares, rank))]))
+    p_value = beyond(white, rank, whitener @ usual.closure)
     rms = 1e3 * np.sqrt((error**2).mean(axis=0))
-    usual = 1e3 * np.sqrt(np.einsum("mki,mki->k", slope, slope) / len(m)) * encoder_sd
+    parts = (encoder_sd * slope, usual.closure, usual.unseen)
+    variance = np.sum([(part**2).sum(axis=2) for part in parts], axis=0)
+    expected = 1e3 * np.sqrt(variance.mean(axis=0))
     advice = "Check the encoders' zeros and signs, link lengths, and that both soles lay flat."
     joint, offset, share = _one_offset(whitener @ slope, white)
     if share > EXPLAINED:
@@ -57,7 +61,7 @@ def _legs_close(
         name,
         result_of(p_value),
         f"swing sole's height {rms[0]:.2f} mm, roll {rms[1]:.2f}, pitch {rms[2]:.2f} mrad r.m.s.",
-        f"{usual[0]:.2f} mm, {usual[1]:.2f}, {usual[2]:.2f} mrad by encoder_sd",
+        f"{expected[0]:.2f} mm, {expected[1]:.2f}, {expected[2]:.2f} mrad by encoder_sd and tolerances",
         f"worst: {row_name(m, row)}",
         advice,
         p_value,

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from tulip_testbed.identification.distributions import chi2_sf, normal_sf, t_sf
+from tulip_testbed.identification.distributions import t_sf
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
+from tulip_testbed.identification.preflight.usual import Usual, beyond
 from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.sim.measurements import Measurements
 
+UNWEIGHED = 10.0  # s.d. of the noise of a posture: that of a weight that nobody knows
 NEGLIGIBLE = 1e-3  # of the weight; a smaller error is harmless without a stated cell_sd
 CELL_ADVICE = (
     "Weigh a known mass over every cell, to find a gain (error grows with the load), a tare (constant "
@@ -17,7 +19,7 @@ CELL_ADVICE = (
 )
 
 
-def weight_balance(measurements: Measurements) -> Finding:
+def weight_balance(measurements: Measurements, usual: Usual) -> Finding:
     """Compare the sum of the cells with the weighed mass: mean, scatter and single postures."""
     name, m = "weight balance", measurements
     if m.weighed_mass is None:
@@ -26,30 +28,31 @@ def weight_balance(measurements: Measurements) -> Finding:
     total = m.cell_forces.sum(axis=1)
     error = total - mass * m.gravity
     sd = _total_sd(m)
+    ordinary = float(np.hypot(m.gravity * mass_sd, np.linalg.norm(usual.total.mean(axis=0))))
     if sd is None:
         if len(m) < 3:
             return skipped(name, "no sensors.cell_sd in the manifest, and too few postures to estimate it")
-        spread = float(np.hypot(total.std(ddof=1) / np.sqrt(len(m)), m.gravity * mass_sd))
-        beyond = max(abs(float(error.mean())) - NEGLIGIBLE * mass * m.gravity, 0.0)
-        p_value = float(2 * t_sf(beyond / max(spread, 1e-12), len(m) - 1)) if beyond else 1.0
+        spread = float(np.hypot(total.std(ddof=1) / np.sqrt(len(m)), ordinary))
+        excess = max(abs(float(error.mean())) - NEGLIGIBLE * mass * m.gravity, 0.0)
+        p_value = float(2 * t_sf(excess / max(spread, 1e-12), len(m) - 1)) if excess else 1.0
         seen = f"mean {error.mean():+.2f} ± {spread:.2f} N off {mass * m.gravity:.2f} N"
         expected = "within the cells' own scatter (no sensors.cell_sd stated)"
         return Finding(name, result_of(p_value), seen, expected, "", CELL_ADVICE, p_value)
-    spread = float(np.hypot(sd / np.sqrt(len(m)), m.gravity * mass_sd))
-    row, scatter, p_scatter = _scatter(total, sd)
-    p_value = bonferroni(np.array([2 * normal_sf(abs(error.mean()) / spread), p_scatter]))
+    spread = float(np.hypot(sd / np.sqrt(len(m)), ordinary))
+    row = int(np.abs(total - total.mean()).argmax())
+    p_value = _beyond(error, sd, usual, m.gravity * mass_sd)
     return Finding(
         name,
         result_of(p_value),
-        f"mean {error.mean():+.2f} N off {mass * m.gravity:.2f} N; scatter {scatter:.2f} N",
-        f"mean 0 ± {spread:.2f} N, scatter {sd:.2f} N by cell_sd x root 8",
+        f"mean {error.mean():+.2f} N off {mass * m.gravity:.2f} N; scatter {_scatter(total):.2f} N",
+        f"mean 0 ± {spread:.2f} N, scatter {_usual_scatter(sd, usual):.2f} N by cell_sd and tolerances",
         f"worst: {row_name(m, row)}, {error[row]:+.1f} N",
         CELL_ADVICE,
         p_value,
     )
 
 
-def constant_weight(measurements: Measurements) -> Finding:
+def constant_weight(measurements: Measurements, usual: Usual) -> Finding:
     """Check, without a weighed mass, that the total force is the same in all postures."""
     name, m = "constant weight", measurements
     if m.weighed_mass is not None:
@@ -58,13 +61,15 @@ def constant_weight(measurements: Measurements) -> Finding:
     if sd is None or len(m) < 2:
         return skipped(name, "needs weighed_mass or sensors.cell_sd in the manifest, and two postures")
     total = m.cell_forces.sum(axis=1)
-    row, scatter, p_value = _scatter(total, sd)
+    deviation = total - total.mean()
+    row = int(np.abs(deviation).argmax())
+    p_value = _beyond(deviation, sd, usual, UNWEIGHED * sd)
     return Finding(
         name,
         result_of(p_value),
-        f"scatter {scatter:.2f} N about {total.mean():.2f} N",
-        f"{sd:.2f} N by cell_sd x root 8",
-        f"worst: {row_name(m, row)}, {total[row] - total.mean():+.1f} N",
+        f"scatter {_scatter(total):.2f} N about {total.mean():.2f} N",
+        f"{_usual_scatter(sd, usual):.2f} N by cell_sd and tolerances",
+        f"worst: {row_name(m, row)}, {deviation[row]:+.1f} N",
         CELL_ADVICE,
         p_value,
     )
@@ -111,15 +116,21 @@ def _total_sd(measurements: Measurements) -> float | None:
     return None if cell_sd is None else cell_sd * np.sqrt(measurements.cell_forces.shape[1])
 
 
-def _scatter(total: np.ndarray, sd: float) -> tuple[int, float, float]:
-    """Return worst row, s.d. about the mean, and the smaller p-value of chi-square and worst row."""
-    deviation = total - total.mean()
-    row, dof = int(np.abs(deviation).argmax()), len(total) - 1
-    if dof == 0:
-        return row, 0.0, 1.0
-    square = float(deviation @ deviation)
-    outlier = bonferroni(2 * normal_sf(np.abs(deviation) / sd / np.sqrt(dof / len(total))))
-    return row, np.sqrt(square / dof), bonferroni(np.array([chi2_sf(square / sd**2, dof), outlier]))
+def _beyond(error: np.ndarray, sd: float, usual: Usual, weight_sd: float) -> float:
+    """Return the probability of these deviations of the total, (m,), if nothing else is wrong [N]."""
+    constant = np.ones((len(error), 1))
+    changes = np.column_stack([usual.total, weight_sd * constant]) / sd
+    return beyond(error[:, None] / sd, np.ones(len(error), int), changes[:, None], (constant / sd)[:, None])
+
+
+def _scatter(total: np.ndarray) -> float:
+    """Return the s.d. about the mean."""
+    return float(total.std(ddof=1)) if len(total) > 1 else 0.0
+
+
+def _usual_scatter(sd: float, usual: Usual) -> float:
+    """Return the s.d. about the mean that noise and ordinary imperfections give."""
+    return float(np.sqrt(sd**2 + usual.total.var(axis=0).sum()))
 
 
 def _change(clock: np.ndarray, values: np.ndarray, harmless: float) -> tuple[float, float, float]:

@@ -1,0 +1,55 @@
+"""What ordinary imperfections of usual size do to readings that noise alone should change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from tulip_testbed.calibration.families import Family, families_of
+from tulip_testbed.calibration.linearisation import SYSTEMATIC, joint_compliance
+from tulip_testbed.calibration.member_columns import member_columns
+from tulip_testbed.calibration.self_calibration import usual_tolerances
+from tulip_testbed.identification.joint_loads import UNSEEN
+from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.preflight.usual import Usual
+from tulip_testbed.identification.residual_channels import ROWS, fields, sensitivity
+from tulip_testbed.sim.measurements import Measurements
+
+LEVEL = slice(ROWS["C"].start, ROWS["C"].start + 3)  # height, roll and pitch of the swing foot
+
+
+def usual_changes(
+    measurements: Measurements, nominal: Nominal, tolerances: Mapping[str, float] | None = None
+) -> Usual:
+    """Differentiate the total force and the closure of the legs by the members, in tolerances.
+
+    Args:
+        measurements: of the nominal robot.
+        tolerances: of families, in place of those of the measurements and those that fit the sensors [SI].
+
+    Raises:
+        InputError: an unknown family or an impossible tolerance.
+    """
+    observed = observe(measurements, nominal)
+    families = families_of(nominal.robot, usual_tolerances(observed, tolerances))
+    slope = sensitivity(observed, nominal.value)
+    empty = np.zeros((len(measurements), 4, 0))
+    rows = [ROWS["F"].start, *range(LEVEL.start, LEVEL.stop)]
+    columns = [
+        member_columns(observed, nominal.value, slope, family)[:, rows] @ np.concatenate(family.parts, axis=1)
+        for family in families
+    ]
+    whole = np.concatenate([empty, *columns], axis=2)
+    whole = whole[..., np.abs(whole).max(axis=(0, 1)) > 0]
+    tolerance = usual_compliance(families, observed.tree.joints)
+    by_angles = slope[:, LEVEL, fields(nominal)["angles"]]
+    unseen = by_angles @ (tolerance[:, None] * observed.loads.levers) * SYSTEMATIC * UNSEEN
+    return Usual(whole[:, 0], whole[:, 1:], unseen)
+
+
+def usual_compliance(families: Sequence[Family], joints: Sequence[str]) -> np.ndarray:
+    """Return the tolerance of each joint's compliance, (n_joints,) [rad/Nm]; zero where it is exact."""
+    sizes = np.concatenate([np.zeros(0), *(np.full(len(family), family.tolerance) for family in families)])
+    return joint_compliance(families, sizes, joints)

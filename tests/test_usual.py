@@ -1,0 +1,86 @@
+"""What is usual in a laboratory passes the preflight; what lies beyond does not."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, kstest, norm
+
+from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
+from tulip_testbed.calibration.usual_changes import usual_changes
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.experiments.check_folder import check_measurements
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.identification.preflight.usual import beyond
+from tulip_testbed.sim.rig import preset_rig
+
+
+def results(measured, robot):
+    return {one["name"]: one["result"] for one in check_measurements(measured, robot).document["checks"]}
+
+
+@pytest.mark.parametrize(("preset", "seed"), [("wii", 900), ("force-plate", 901), ("force-plate", 902)])
+def test_an_ordinary_laboratory_passes(robot, plan, preset, seed):
+    rig = preset_rig(preset, robot)
+    hidden = ordinary_members(rig, np.random.default_rng(seed))
+    plain = Laboratory(robot, preset, hidden=hidden).run(plan, seed, "statics", workers=1)
+    found = results(plain.measurements, robot)
+    assert found["legs close"] == found["weight balance"] == "pass"
+
+    gross = EffectInstance(catalogue()["encoder-offset"], "right_knee", (np.radians(1.0),))
+    gain = EffectInstance(catalogue()["cell-gain"], "left.rear_left", (0.3,))
+    gross_too = Laboratory(robot, preset, hidden=(*hidden, gross, gain))
+    worse = gross_too.run(plan, seed, "statics", workers=1)
+    found = results(worse.measurements, robot)
+    assert found["legs close"] == found["weight balance"] == "fail"
+
+
+def test_a_tolerance_of_zero_allows_nothing(robot, plan, nominal):
+    """Offsets of usual size fail where the manifest says that the encoders are exact."""
+    hidden = tuple(
+        EffectInstance(catalogue()["encoder-offset"], joint, (0.003,))
+        for joint in ("right_knee", "left_ankle_roll")
+    )
+    run = Laboratory(robot, "force-plate", hidden=hidden).run(plan, 5, "statics", workers=1)
+    tolerances = dict.fromkeys(("encoder-offset", "encoder-gain", "link-length", "joint-compliance"), 0.0)
+    assert results(run.measurements, robot)["legs close"] == "pass"
+    exact = dataclasses.replace(run.measurements, tolerances=tolerances)
+    assert results(exact, robot)["legs close"] == "fail"
+    count = usual_changes(run.measurements, nominal).closure.shape[2]
+    assert usual_changes(exact, nominal).closure.shape[2] < count
+
+
+def test_the_three_tests_by_dense_algebra():
+    rng = np.random.default_rng(903)
+    m, r, k = 12, 3, 4
+    changes, white = rng.normal(size=(m, r, k)), 2.0 * rng.normal(size=(m, r))
+    directions = rng.normal(size=(m, r, 2))
+    flat, error = changes.reshape(m * r, k), white.ravel()
+    inverse = np.linalg.inv(np.eye(m * r) + flat @ flat.T)
+    outside = np.linalg.qr(flat, mode="complete")[0][:, k:]
+    left = chi2.sf(((outside.T @ error) ** 2).sum(), m * r - k)
+    rows = []
+    for j in range(m):
+        pick = np.zeros((m * r, r))
+        pick[r * j : r * (j + 1)] = np.eye(r)
+        information = pick.T @ inverse @ pick
+        shift = np.linalg.solve(information, pick.T @ inverse @ error)
+        rows.append(chi2.sf(shift @ information @ shift, r))
+    both = np.concatenate([changes, directions], axis=2).reshape(m * r, k + 2)
+    singly = [2 * norm.sf(abs(d @ inverse @ error) / np.sqrt(d @ inverse @ d)) for d in both.T]
+    expected = min(1.0, 3 * min(left, m * min(rows), (k + 2) * min(singly)))
+    assert beyond(white, np.full(m, r), changes, directions) == pytest.approx(expected, rel=1e-9)
+
+
+def test_its_probability_is_one_of_noise_and_ordinary_imperfections():
+    """Deviations as assumed: a small p is no more frequent than it says, nor much rarer."""
+    rng = np.random.default_rng(904)
+    changes = 3.0 * rng.normal(size=(20, 1, 5))
+    drawn = [
+        beyond((rng.normal(size=(20, 1)) + changes @ rng.normal(size=5)), np.ones(20, int), changes)
+        for _ in range(2000)
+    ]
+    share = np.mean(np.array(drawn) < 0.05)  # Bonferroni of three, hardly dependent: 0.049
+    assert 0.035 < share < 0.06  # s.d. 0.005
+    assert kstest(drawn, "uniform", alternative="greater").statistic < 0.05
