@@ -30,6 +30,7 @@ from tulip_testbed.identification.residual_channels import moved_by, packed, unp
 from tulip_testbed.identification.residual_noise import Noise
 
 HALF_95 = float(ndtri(0.975))  # half of a normal 95 % interval in s.d.
+STEADY = 3.0  # s.e. by which the last linearisation may move a number that can be believed
 PRIOR_ONLY = 0.5  # share of its prior's variance from which a member is known by its prior only
 
 
@@ -104,6 +105,11 @@ class SelfCalibration:
     linear: Linearised
     assumed: str
     moved: float
+
+    @property
+    def steady(self) -> bool:
+        """Whether the linearisations came to rest, so that the result can be believed."""
+        return self.moved < STEADY
 
     @property
     def mixing(self) -> np.ndarray:

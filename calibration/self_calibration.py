@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.linalg import block_diag
 
-from tulip_testbed.calibration.calibration_result import SelfCalibration, result_of
+from tulip_testbed.calibration.calibration_result import STEADY, SelfCalibration, result_of
 from tulip_testbed.calibration.families import Tolerances, families_of, tolerances_of
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_problem import Problem
@@ -39,7 +39,6 @@ from tulip_testbed.identification.residual_noise import noise_of, with_cell_nois
 ROUNDS = 12
 WORSE = 10.0  # ln of the evidence, by which the last linearisation may lie below the best
 STANDS = 0.1  # s.e. by which nothing moves any more
-STEADY = 3.0  # s.e. by which the last linearisation may move a number that can be believed
 
 
 def self_calibrate(

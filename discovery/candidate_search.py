@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.calibration.calibration_result import SelfCalibration
-from tulip_testbed.calibration.self_calibration import STEADY, self_calibrate
+from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, log_choices
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import ranked
@@ -25,6 +25,8 @@ JUDGED = 3  # candidates, at most, that are judged of each ranking
 GROSS = 100.0  # ln of the Bayes factor by linear columns, from where the best of several kinds are judged
 NEAR = 10.0  # ln of the Bayes factor by linear columns, within which candidates are judged
 ROUNDS = 4  # linearisations of a judgement
+RESTS = 0.5  # s.e. by which the last of them may move a number, or as many are taken once more
+TRIES = 2
 ORDINARY = 1.0  # tolerances: the largest spread of a family in the search
 
 
@@ -59,9 +61,11 @@ class Search:
         """
         instances = [term.instance for term in terms]
         first = self_calibrate(self.observed, self.tolerances, instances) if afresh else start
-        found = self_calibrate(
-            self.observed, self.tolerances, instances, first, start.linear.covariance, ROUNDS
-        )
+        found, covariance = first, start.linear.covariance
+        for _ in range(TRIES):
+            found = self_calibrate(self.observed, self.tolerances, instances, found, covariance, ROUNDS)
+            if found.moved < RESTS:
+                break
         return Judged(at_estimate(terms, found), found, evidence_for(found, terms, self.observed))
 
     def tried(self, terms: Sequence[Fitted], start: SelfCalibration, afresh: bool = False) -> Judged | None:
@@ -147,7 +151,7 @@ class Judged:
     @property
     def steady(self) -> bool:
         """Return whether its linearisations came to rest, so that its evidence can be believed."""
-        return self.calibration.moved < STEADY
+        return self.calibration.moved < RESTS
 
 
 def evidence_for(found: SelfCalibration, terms: Sequence[Fitted], observed: Observation) -> float:

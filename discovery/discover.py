@@ -21,7 +21,7 @@ from tulip_testbed.discovery.patterns import Pattern, in_channels, patterns
 from tulip_testbed.discovery.pure_error import PureError, pure_error
 from tulip_testbed.discovery.selection import LEVEL, Selection, select
 from tulip_testbed.discovery.undetectable import Undetectable, undetectable
-from tulip_testbed.discovery.unusual_members import STANDS_OUT
+from tulip_testbed.discovery.unusual_members import STANDS_OUT, SURE
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.nominal import nominal_robot
@@ -187,13 +187,17 @@ def _support(measurements: Measurements) -> str:
 
 
 def stands_out(selection: Selection, term: Fitted) -> bool:
-    """Whether an effect is no member of a family, or too large for one."""
+    """Whether an effect is no member of a family, or surely too large for one."""
     name = term.candidate.effect.name
     tolerances = usual_tolerances(selection.null.data.observed, selection.tolerances)
     tolerance = tolerances.value.get(name, 0.0)
+    if not tolerance or not len(term.sizes):
+        return True
     spreads = [one.spread for one in selection.calibration.families if one.family.name == name]
-    most = STANDS_OUT * max([1.0, *spreads]) * tolerance
-    return bool((np.abs(term.sizes) > most).any()) if len(term.sizes) else True
+    labels = [one.label for one in selection.fit.terms]
+    errors = dict(zip(labels, selection.calibration.effect_errors, strict=True))
+    least = np.abs(term.sizes) - SURE * errors.get(term.label, np.zeros(1))
+    return bool((least > STANDS_OUT * max([1.0, *spreads]) * tolerance).any())
 
 
 def _reasons(selection: Selection, clearest: Pattern, validation: HeldOut | None) -> tuple[str, ...]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import ndtri
 
-from tulip_testbed.calibration.calibration_result import HALF_95, SelfCalibration
+from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.discovery.candidate_search import DECISIVE, MOST_TERMS, Search, at_estimate
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.effects.instance import effect_label
 
 STANDS_OUT = 3.0  # largest of its family's spread and tolerance, beyond which a member is an effect
+SURE = float(ndtri(0.95))  # s.e. by which it has to lie beyond: its probability of doing so is 95 %
 NORMAL_SD = 1.4826  # s.d. of a normal distribution over the median of its absolute value
 
 
@@ -44,7 +46,7 @@ def with_unusual_members(
 def _unusual_members(search: Search, calibration: SelfCalibration) -> list[Fitted]:
     """List the members that are too large for the others of their family, the largest first.
 
-    The data determine them, and their 95 % intervals lie beyond what is usual.
+    The data determine them, and say with 95 % probability that they are.
     """
     out = []
     for one in calibration.families:
@@ -56,8 +58,8 @@ def _unusual_members(search: Search, calibration: SelfCalibration) -> list[Fitte
             others = np.delete(sizes, k, axis=0)
             # The median, since several that stand out would hide one another in a mean square.
             usual = max(1.0, NORMAL_SD * float(np.median(np.abs(others)))) if others.size else 1.0
-            least = np.where(known[k], np.abs(sizes[k]) - HALF_95 * errors[k], 0.0)
-            ratio = float((np.abs(sizes[k]) * (least > usual)).max()) / (STANDS_OUT * usual)
+            least = np.where(known[k], np.abs(sizes[k]) - SURE * errors[k], 0.0)
+            ratio = float(least.max()) / (STANDS_OUT * usual)
             label = effect_label(one.family.name, target)
             candidate = next((c for c in search.candidates if c.label == label), None)
             if ratio > 1 and candidate is not None:

@@ -9,6 +9,7 @@ from typing import Any
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Parameter
 from tulip_testbed.effects.instance import effect_label
+from tulip_testbed.experiments.family_tables import SPREAD
 from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.table import Cell, Table
 
@@ -58,7 +59,8 @@ def candidate_table(candidates: list[dict[str, Any]]) -> Table:
                 short,
             ]
         )
-    return Table("Explanations", columns, rows, "±: half of the 95 % interval.")
+    note = "±: half of the 95 % interval. Rows of one gap explain the same part of the residuals."
+    return Table("Explanations", columns, rows, note)
 
 
 def spread_table(families: list[dict[str, Any]]) -> Table:
@@ -75,8 +77,7 @@ def spread_table(families: list[dict[str, Any]]) -> Table:
         parameter = catalogue()[family["name"]].parameters[0]
         figures = (Cell(family[key], f"families.{k}.{key}") for key in ("spread", "low95", "high95"))
         rows.append([family["name"], parameter.text(family["tolerance"]), *figures])
-    note = "Spread: estimated s.d. of the members, with its 95 % interval; 1 is usual."
-    return Table("Families of ordinary imperfections", columns, rows, note)
+    return Table("Families of ordinary imperfections", columns, rows, SPREAD)
 
 
 def calibrated_table(members: list[dict[str, Any]]) -> Table:

@@ -8,8 +8,15 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
+from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.sim.table import Column, Table
 
+SPREAD = "Spread: estimated s.d. of the members, with its 95 % interval; 1 is usual."
+SOURCES = (
+    "cells, encoders: their noise; right, left plate: errors of their recorded places; internal forces: "
+    "between the feet, which no cell shows; spreads: how well spreads and scales are known; "
+    "a family: its members."
+)
 LARGEST_PARTS = 4
 LEAST_SHARE = 0.01
 
@@ -47,13 +54,11 @@ def family_documents(families: Sequence[CalibratedFamily]) -> list[dict[str, Any
 
 def calibration_report(found: SelfCalibration, names: tuple[str, ...]) -> list[Table | str]:
     """Return the tables of families, of members that the data know, and the budget."""
-    unseen = [text for one in found.families if (text := _unseen(one))]
-    sentence = f"Known by their prior only: {', '.join(unseen)}." if unseen else ""
     members = member_table(found)
     return [
         family_table(found),
         *([members] if members.rows else []),
-        *filter(None, (_near_zero(found), sentence)),
+        *filter(None, (_near_zero(found), _small(found), _unseen(found), _exact(found))),
         budget_table(found, names),
         _first_to_improve(found),
         f"Tolerances: {found.assumed}.",
@@ -61,9 +66,28 @@ def calibration_report(found: SelfCalibration, names: tuple[str, ...]) -> list[T
 
 
 def _near_zero(found: SelfCalibration) -> str:
-    """Count the members that the data know and do not tell from zero."""
+    """Count the members that the data determine and do not tell from zero."""
     count = sum(int((one.determined & ~_clear(one)).sum()) for one in found.families)
-    return f"{count} members are known by the data and zero within their intervals." if count else ""
+    return f"{count} members are determined by the data, and zero within their intervals." if count else ""
+
+
+def _small(found: SelfCalibration) -> str:
+    """Name the families whose members are small, though none of them is told from zero."""
+    names = [one.family.name for one in found.families if one.spread95[1] < 1 and not one.determined.any()]
+    return f"Small by what the data say of the family as a whole: {', '.join(names)}." if names else ""
+
+
+def _unseen(found: SelfCalibration) -> str:
+    """Name the members that only their tolerance knows; the family's name alone if it is all of them."""
+    names = []
+    for one in found.families:
+        if not one.determined.any():
+            names += [one.family.name] if one.spread95[1] >= 1 else []
+        else:
+            names += [
+                label for label, known in zip(one.family.labels, one.determined, strict=True) if not known
+            ]
+    return f"Known by their tolerance only: {', '.join(names)}." if names else ""
 
 
 def _first_to_improve(found: SelfCalibration) -> str:
@@ -79,12 +103,10 @@ def _clear(one: CalibratedFamily) -> np.ndarray:
     return (one.interval95[:, 0] > 0) | (one.interval95[:, 1] < 0)
 
 
-def _unseen(one: CalibratedFamily) -> str:
-    """Name the members that only their prior knows; the family's name alone if it is all of them."""
-    if not one.determined.any():
-        return one.family.name
-    labels = zip(one.family.labels, one.determined, strict=True)
-    return ", ".join(label for label, known in labels if not known)
+def _exact(found: SelfCalibration) -> str:
+    """Name the families that the tolerances leave out."""
+    names = [name for name in TOLERANCES if name not in {one.family.name for one in found.families}]
+    return f"Taken as exact: {', '.join(names)}." if names else ""
 
 
 def family_table(found: SelfCalibration) -> Table:
@@ -107,9 +129,9 @@ def family_table(found: SelfCalibration) -> Table:
         Column("spread", "tolerances", ".2f"),
         Column("low", "", ".2f"),
         Column("high", "", ".2f"),
-        Column("known by the data"),
+        Column("determined singly"),
     )
-    return Table("Ordinary imperfections", columns, rows)
+    return Table("Ordinary imperfections", columns, rows, SPREAD)
 
 
 def member_table(found: SelfCalibration) -> Table:
@@ -136,4 +158,4 @@ def budget_table(found: SelfCalibration, names: tuple[str, ...]) -> Table:
         ]
         rows.append([name, float(np.sqrt(found.covariance[k, k])), ", ".join(parts)])
     columns = (Column("parameter"), Column("s.e.", "mm", ".2f", 1e3), Column("largest parts of its variance"))
-    return Table("Budget of the standard errors", columns, rows)
+    return Table("Budget of the standard errors", columns, rows, SOURCES)

@@ -33,7 +33,7 @@ from tulip_testbed.identification.statistics import (
     correlations,
     standard_errors,
 )
-from tulip_testbed.sim.errors import InputError, look_up
+from tulip_testbed.sim.errors import InputError, look_up, warn
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.table import Shown, Table
@@ -132,6 +132,16 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
         """
         added = [] if self.calibration is None else calibration_report(self.calibration, self.full.names)
         return [self.table(), *self.correlations.above().parts(), *added, mass_line(*self.mass)]
+
+
+def warn_of_unrest(found: Identification, source: str) -> None:
+    """Warn of a self-calibration whose linearisations did not come to rest."""
+    if found.calibration is not None and not found.calibration.steady:
+        warn(
+            f"{source}: the estimate did not come to rest (its last step moved a number by "
+            f"{found.calibration.moved:.1f} standard errors): something gross is wrong, or the stated noise; "
+            "the preflight and `discover` say more"
+        )
 
 
 def identify(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,12 +12,12 @@ import pytest
 from studies.runner import rows_of
 from tests.effect_changes import DISCOVERY_SEED as SEED
 from tests.effect_changes import measured
-from tulip_testbed.calibration.families import EXACT
+from tulip_testbed.calibration.families import EXACT, TOLERANCES
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
 from tulip_testbed.discovery.candidates import Fitted, candidates, standing_out
 from tulip_testbed.discovery.columns import candidate_columns
-from tulip_testbed.discovery.discover import _reasons, discover
+from tulip_testbed.discovery.discover import _reasons, discover, stands_out
 from tulip_testbed.discovery.effect_intervals import TIME_GAIN
 from tulip_testbed.discovery.evidence import ranked
 from tulip_testbed.discovery.joint_fit import Data, joint_fit
@@ -390,6 +392,24 @@ def test_two_of_one_family_do_not_hide_one_another(robot, plan):
     hidden = (("link-length", "left_lower_leg", (0.006,)), ("link-length", "right_ankle", (0.005,)))
     found = discover(measured(robot, plan, "force-plate", *hidden), robot, hold_out=False)
     assert set(names(found)) == {(name, target) for name, target, _ in hidden}
+
+
+@pytest.mark.parametrize(
+    ("size", "error", "outside"), [(3.4, 0.7, False), (3.4, 0.2, True), (2.9, 0.1, False)]
+)
+def test_a_member_is_an_effect_if_it_is_surely_unusual(robot, plan, nominal, size, error, outside):
+    """An estimate of 3.4 tolerances with a wide interval may well be one of 2.6, which is ordinary."""
+    observed = observe(Laboratory(robot, "wii").run(plan, 5, "statics").measurements, nominal)
+    (one,) = [c for c in candidates(observed) if c.label == "joint-compliance:right_knee"]
+    tolerance = TOLERANCES["joint-compliance"][0]
+    term = Fitted(one, 0, np.array([size * tolerance]))
+    selection: Any = SimpleNamespace(
+        null=SimpleNamespace(data=SimpleNamespace(observed=observed)),
+        tolerances=None,
+        fit=SimpleNamespace(terms=(term,)),
+        calibration=SimpleNamespace(families=(), effect_errors=(np.array([error * tolerance]),)),
+    )
+    assert stands_out(selection, term) == outside
 
 
 def test_times_of_change_are_believed_as_far_as_95_percent_ask():

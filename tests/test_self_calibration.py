@@ -244,7 +244,9 @@ def test_too_few_postures_name_the_families_to_leave_out(ordinary, robot, nomina
     named = {12: order[:1], 11: order[:2]}.get(most)
     advice = f"; leave out {', '.join(named)} (tolerance 0), or choose" if named else "calibrating; choose"
     assert advice in str(refusal.value)
-    assert "too few or too much alike for estimator self-calibrating" in str(refusal.value)
+    assert "too much alike (or a stated noise that is too small) for estimator self-calibrating" in str(
+        refusal.value
+    )
     if named:
         stated = dict.fromkeys(named, 0.0)
         identify(ordinary[0].measurements, robot, estimator="self-calibrating", tolerances=stated)

@@ -24,7 +24,7 @@ from tulip_testbed.experiments.check_folder import (
 )
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
-from tulip_testbed.experiments.identify import Identification
+from tulip_testbed.experiments.identify import Identification, warn_of_unrest
 from tulip_testbed.experiments.identify import identify as _identify
 from tulip_testbed.experiments.imperfections import default_estimator
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory, Run
@@ -139,6 +139,7 @@ def identify(
     if not isinstance(measurements, Run):  # a simulated one has the faults that were asked for
         source = None if isinstance(measurements, Measurements) else str(measurements)
         warn_of_faults(given, robot, adopted, source)
+        warn_of_unrest(found, source or "measurements")
     return found
 
 

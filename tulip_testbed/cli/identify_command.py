@@ -47,7 +47,7 @@ def identify_command(
         identification_document,
         identification_report,
     )
-    from tulip_testbed.experiments.identify import identify
+    from tulip_testbed.experiments.identify import identify, warn_of_unrest
     from tulip_testbed.experiments.rig_folder import read_rig
     from tulip_testbed.sim.measurements import read_measurements
 
@@ -57,6 +57,7 @@ def identify_command(
     stated = read_tolerances(tolerance)
     found = identify(measurements, described, str(folder), estimator, adopted=adopted, tolerances=stated)
     warn_of_faults(measurements, described, adopted, str(folder))
+    warn_of_unrest(found, str(folder))
     document = identification_document(found, measurements, None if rig is None else str(rig))
     if as_json:
         print_json(document)
