@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tulip_testbed.calibration.families import Family, families_of
+from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.linearisation import SYSTEMATIC, joint_compliance
 from tulip_testbed.calibration.member_columns import member_columns
 from tulip_testbed.calibration.self_calibration import usual_tolerances
@@ -15,6 +16,7 @@ from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.preflight.usual import Usual
 from tulip_testbed.identification.residual_channels import ROWS, fields, sensitivity
+from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
 from tulip_testbed.sim.measurements import Measurements
 
 LEVEL = slice(ROWS["C"].start, ROWS["C"].start + 3)  # height, roll and pitch of the swing foot
@@ -23,7 +25,7 @@ LEVEL = slice(ROWS["C"].start, ROWS["C"].start + 3)  # height, roll and pitch of
 def usual_changes(
     measurements: Measurements, nominal: Nominal, tolerances: Mapping[str, float] | None = None
 ) -> Usual:
-    """Differentiate the total force and the closure of the legs by the members, in tolerances.
+    """Differentiate centre of pressure, total force and closure of the legs by the members, in tolerances.
 
     Args:
         measurements: of the nominal robot.
@@ -32,21 +34,31 @@ def usual_changes(
     Raises:
         InputError: an unknown family or an impossible tolerance.
     """
-    observed = observe(measurements, nominal)
+    observed = with_cell_noise(observe(measurements, nominal))
+    # Without the noise that the residuals show, which columns at the readings would hold and so explain.
+    observed = linear_model(observed, noise_of(observed)).smoothed
     families = families_of(nominal.robot, usual_tolerances(observed, tolerances))
     slope = sensitivity(observed, nominal.value)
-    empty = np.zeros((len(measurements), 4, 0))
-    rows = [ROWS["F"].start, *range(LEVEL.start, LEVEL.stop)]
+    empty = np.zeros((len(measurements), 6, 0))
+    rows = [0, 1, ROWS["F"].start, *range(LEVEL.start, LEVEL.stop)]
     columns = [
         member_columns(observed, nominal.value, slope, family)[:, rows] @ np.concatenate(family.parts, axis=1)
         for family in families
     ]
     whole = np.concatenate([empty, *columns], axis=2)
-    whole = whole[..., np.abs(whole).max(axis=(0, 1)) > 0]
+    used = np.abs(whole).max(axis=(0, 1)) > 0
+    names = [name for family in families for part in family.parts for name in _names(family, part)]
+    known = tuple(name for name, use in zip(names, used, strict=True) if use)
+    whole = whole[..., used]
     tolerance = usual_compliance(families, observed.tree.joints)
     by_angles = slope[:, LEVEL, fields(nominal)["angles"]]
     unseen = by_angles @ (tolerance[:, None] * observed.loads.levers) * SYSTEMATIC * UNSEEN
-    return Usual(whole[:, 0], whole[:, 1:], unseen)
+    return Usual(known, whole[:, :2], whole[:, 2], whole[:, 3:], unseen)
+
+
+def _names(family: Family, part: np.ndarray) -> tuple[str, ...]:
+    """Name the columns of a part of a family: its members, or all of them together."""
+    return family.labels if part.shape[1] == len(family) else (family.name,) * part.shape[1]
 
 
 def usual_compliance(families: Sequence[Family], joints: Sequence[str]) -> np.ndarray:

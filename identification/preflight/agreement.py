@@ -25,6 +25,7 @@ from tulip_testbed.identification.preflight.finding import (
     row_name,
     skipped,
 )
+from tulip_testbed.identification.preflight.usual import Usual, beyond_singly
 from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, placement_sd, usable_sd
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.sim.measurements import Measurements
@@ -32,6 +33,8 @@ from tulip_testbed.sim.measurements.contract import LIKELY_REPEAT
 from tulip_testbed.sim.robot import PLATES
 
 STANDS_OUT = 4.0  # standard errors, about those at which the smallest of a hundred p-values fails
+# Times what is stated, and probability, from which residuals are a fault and not only a warning.
+SCATTERS, VANISHES = 2.0, 1e-9
 MOST_UNDETECTED = 0.05  # m: a check that cannot detect a plate shifted by this much has no power
 NO_CELL_SD = "the manifest states no sensors.cell_sd"
 
@@ -233,22 +236,36 @@ def single_placements(measurements: Measurements, found: Fit | None) -> Finding:
     )
 
 
-def scatter(found: Fit | None) -> Finding:
-    """Compare the residuals of the best fit with the stated noise; the worst result is a warning.
+def scatter(found: Fit | None, usual: Usual) -> Finding:
+    """Compare the residuals of the best fit with the stated noise and ordinary imperfections.
 
-    Large residuals need not be a fault of the folder: the robot may differ from the model.
+    Large residuals need not be a fault of the folder: the robot may differ from the model. Only those that no
+    estimate survives fail.
     """
     name = "scatter about the model"
     if found is None:
         return skipped(name, NO_CELL_SD)
-    ratio = np.sqrt(found.square / found.dof)
-    p_value = float(chi2_sf(found.square, found.dof))
+    weighted = found.weights(usual.center)
+    across = np.tensordot(weighted, found.model, axes=((0, 1), (0, 1)))
+    power = np.tensordot(weighted, usual.center, axes=((0, 1), (0, 1)))
+    power -= across @ found.covariance @ across.T
+    pull = np.tensordot(usual.center, found.score, axes=((0, 1), (0, 1)))
+    # Of (V + K K')^-1, with the model's columns projected out.
+    inverse = np.linalg.inv(np.eye(len(pull)) + power)
+    square = found.square - float(pull @ inverse @ pull)
+    ratio = np.sqrt(square / found.dof)
+    singly = beyond_singly(pull - power @ inverse @ pull, np.diag(power - power @ inverse @ power))
+    least = float(singly.min(initial=1.0))
+    p_value = bonferroni(np.array([chi2_sf(square, found.dof), least]))
+    result = result_of(p_value)
+    where = f"most unusual: {usual.names[singly.argmin()]}" if result_of(least) != "pass" else ""
     return Finding(
         name,
-        "pass" if result_of(p_value) == "pass" else "warn",
-        f"{ratio:.2f} times the stated noise (chi-square {found.square:.0f}, {found.dof} degrees of freedom)",
-        "about 1; less where the right plate was recorded better than the left",
-        "",
+        result if ratio > SCATTERS or p_value < VANISHES or result == "pass" else "warn",
+        f"{ratio:.2f} times what is stated (chi-square {square:.0f}, {found.dof} degrees of freedom)",
+        "about 1 by the sensors' s.d. and tolerances, no more than "
+        f"{SCATTERS:g}; less where the right plate was recorded better than the left",
+        where,
         "Check the stated s.d., swapped cells or columns, and effects that the model lacks "
         "(elasticity, an encoder's zero, link lengths): standard errors will be too small.",
         p_value,

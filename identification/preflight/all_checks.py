@@ -82,7 +82,7 @@ def preflight(
         findings += _skip(FORCES, "correct the cells' loads first")
         return [*findings, identifiable(m, nominal, None)]
     noise = reading_noise(m, nominal)
-    findings += [load_in_soles(m, nominal), repeats(m, nominal, noise), *_fits(m, nominal, noise)]
+    findings += [load_in_soles(m, nominal), repeats(m, nominal, noise), *_fits(m, nominal, noise, usual)]
     return [*findings, identifiable(m, nominal, noise)]
 
 
@@ -110,13 +110,13 @@ def _usual(m: Measurements, loads: Finding, usual_changes: UsualChanges | None) 
     return exact(len(m)) if usual_changes is None or loads.result == "fail" else usual_changes()
 
 
-def _fits(m: Measurements, nominal: Nominal, noise: ReadingNoise) -> list[Finding]:
+def _fits(m: Measurements, nominal: Nominal, noise: ReadingNoise, usual: Usual) -> list[Finding]:
     """Run the checks that need a fitted model."""
     try:
         found = fit(m, regression(nominal.parameters, m, nominal.robot), noise)
     except InputError as problem:
         return _skip(FORCES[2:], str(problem))
-    return [single_postures(m, found), single_placements(m, found), scatter(found)]
+    return [single_postures(m, found), single_placements(m, found), scatter(found, usual)]
 
 
 def _skip(names: tuple[str, ...], reason: str) -> list[Finding]:

@@ -15,7 +15,8 @@ import numpy as np
 from tulip_testbed.identification.distributions import chi2_sf, normal_sf
 from tulip_testbed.identification.preflight.finding import bonferroni
 
-SEEN = 1e-6  # part of the information about the best known direction, below which one is not seen
+RANK = 1e-6  # part of the information about the best known direction, below which one is not known
+SEEN = 1e-2  # information about one tolerance, below which it would have to be tens of them to be seen
 
 
 @dataclass(frozen=True)
@@ -23,12 +24,16 @@ class Usual:
     """Changes by one tolerance of each of k ordinary imperfections.
 
     Attributes:
+        names: of the imperfections, (k,).
+        center: of the centre of pressure less the centre of mass, (m, 2, k) [m].
         total: of the sum of the cells, (m, k) [N].
         closure: of the swing sole's height, roll and pitch, (m, 3, k) [m, rad, rad].
         unseen: of the same by j forces that no cell shows, through joints that yield, (m, 3, j); they differ
             from posture to posture.
     """
 
+    names: tuple[str, ...]
+    center: np.ndarray
     total: np.ndarray
     closure: np.ndarray
     unseen: np.ndarray
@@ -39,7 +44,8 @@ UsualChanges = Callable[[], Usual]
 
 def exact(rows: int) -> Usual:
     """Return the changes in a laboratory without imperfections."""
-    return Usual(np.zeros((rows, 0)), np.zeros((rows, 3, 0)), np.zeros((rows, 3, 0)))
+    closure = np.zeros((rows, 3, 0))
+    return Usual((), np.zeros((rows, 2, 0)), np.zeros((rows, 0)), closure, closure)
 
 
 def beyond(
@@ -56,7 +62,7 @@ def beyond(
     gram, pull = flat.T @ flat, flat.T @ white.ravel()
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     size, vectors = np.linalg.eigh(gram / scale / scale[:, None])
-    known = size > SEEN * size.max(initial=0.0)
+    known = size > RANK * size.max(initial=0.0)
     along = vectors[:, known].T @ (pull / scale)
     left, dof = float((white**2).sum() - (along**2 / size[known]).sum()), int(rank.sum() - known.sum())
     # K'V^-1 = (I + K'K)^-1 K'.
@@ -68,7 +74,20 @@ def beyond(
     tested = tested.reshape(white.size, -1)
     score, across = tested.T @ weighted.ravel(), tested.T @ flat
     information = (tested**2).sum(axis=0) - (across @ inverse * across).sum(axis=1)
-    seen = information > SEEN
-    singly = 2 * normal_sf(np.abs(score[seen]) / np.sqrt(information[seen]))
     parts = [float(chi2_sf(max(left, 0.0), dof)) if dof > 0 else 1.0, bonferroni(chi2_sf(rows, rank))]
-    return bonferroni(np.array([*parts, bonferroni(singly)] if singly.size else parts))
+    singly = beyond_singly(score, information)
+    return bonferroni(np.array([*parts, singly.min()] if singly.size else parts))
+
+
+def beyond_singly(score: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """Return the probability of as large a change in any direction, for each of several directions, (k,).
+
+    V is the null. Directions that the readings do not see are not counted; theirs is 1.
+
+    Args:
+        score: K' V^-1 e, (k,). information: the diagonal of K' V^-1 K, (k,).
+    """
+    seen = information > SEEN
+    out = np.ones(len(score))
+    out[seen] = np.minimum(2 * normal_sf(np.abs(score[seen]) / np.sqrt(information[seen])) * seen.sum(), 1.0)
+    return out
