@@ -205,7 +205,7 @@ def test_no_gap_no_name(robot, plan, preset):
         pytest.param("wii", "encoder-offset", "left_ankle_roll", 0.012, marks=pytest.mark.slow),
         ("force-plate", "joint-compliance", "right_ankle_roll", 0.0008),
         pytest.param("wii", "sole-compliance", "", 0.0008, marks=pytest.mark.slow),
-        ("wii", "cell-gain", "left.rear_left", 0.12),
+        pytest.param("wii", "cell-gain", "left.rear_left", 0.12, marks=pytest.mark.slow),
         pytest.param("force-plate", "thermal-gain-drift", "", -0.01, marks=pytest.mark.slow),
     ],
 )
@@ -226,8 +226,8 @@ def test_a_hidden_effect_is_named_sized_and_predicts(robot, plan, preset, name, 
 @pytest.mark.parametrize(
     ("preset", "name", "target", "value"),
     [
-        ("wii", "encoder-offset", "left_ankle_roll", 0.003),
-        pytest.param("force-plate", "joint-compliance", "right_ankle_roll", 0.0002, marks=pytest.mark.slow),
+        pytest.param("wii", "encoder-offset", "left_ankle_roll", 0.003, marks=pytest.mark.slow),
+        ("force-plate", "joint-compliance", "right_ankle_roll", 0.0002),
     ],
 )
 def test_a_small_fault_is_an_ordinary_imperfection(robot, plan, preset, name, target, value):
@@ -247,7 +247,7 @@ def _clarity(one):
     return abs(one.values[0]) / (high - low)
 
 
-@pytest.mark.parametrize("preset", ["force-plate", "wii"])
+@pytest.mark.parametrize("preset", ["force-plate", pytest.param("wii", marks=pytest.mark.slow)])
 def test_an_ordinary_laboratory_has_no_single_cause(robot, plan, preset):
     """Every encoder, cell, link and joint is a little off, and the masses are unknown."""
     rng = np.random.default_rng(9100)
@@ -284,6 +284,7 @@ def _timeless(m):
     return dataclasses.replace(m, time=np.full(len(m), np.nan))
 
 
+@pytest.mark.slow
 def test_a_knee_that_yields_by_degrees_is_sized_through_the_laboratory(robot, plan):
     """The formula alone is 8 % off: the whole robot sinks and shifts its load."""
     data = measured(robot, plan, "force-plate", ("joint-compliance", "right_knee", (8e-4,)))
@@ -322,6 +323,7 @@ def test_twins_are_not_named_and_an_experiment_is_proposed(robot, plan):
     assert proposed[0].gain > 2
 
 
+@pytest.mark.slow
 def test_two_effects_are_both_named(robot, plan):
     hidden = (("encoder-gain", "left_knee", (0.01,)), ("cell-gain", "right.front_left", (0.02,)))
     found = discover(measured(robot, plan, "force-plate", *hidden), robot, hold_out=False)

@@ -17,10 +17,10 @@ SEED = 7501  # no development seed
     "text",
     [
         "creep:left.front_right=0.02,0.1",
-        "plate-drift:right=-0.5",
+        pytest.param("plate-drift:right=-0.5", marks=pytest.mark.slow),
         "encoder-load:left_ankle_pitch=5e-6",
-        "lag:right_hip_pitch=0.002",
-        "logged-command:left_knee=command",
+        pytest.param("lag:right_hip_pitch=0.002", marks=pytest.mark.slow),
+        pytest.param("logged-command:left_knee=command", marks=pytest.mark.slow),
         pytest.param("rocking:right.front_left=0.0003", marks=pytest.mark.slow),
     ],
 )

@@ -60,6 +60,7 @@ def test_a_browser_has_nothing_to_complain_of(page, run, tmp_path):  # noqa: F81
             assert {f"full.parameters.{row}.standard_error" for row in range(25)} <= set(observed.cells)
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_a_browser_shows_a_montecarlo(calibration_page, calibration, tmp_path):  # noqa: F811
     observed = browse(calibration_page, tmp_path / "page.png")

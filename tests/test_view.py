@@ -115,6 +115,7 @@ def test_rerun_draws_every_view_of_a_run(run, robot, tmp_path, monkeypatch):
     not_blank(tmp_path / "run.png")
 
 
+@pytest.mark.slow
 @needs_vulkan
 def test_rerun_draws_every_view_of_a_montecarlo(calibration, robot, tmp_path, monkeypatch):
     saved = read_montecarlo(calibration, robot)

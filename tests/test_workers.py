@@ -73,9 +73,11 @@ def test_a_group_of_processes_ends_with_the_one_that_started_it():
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
-    "command", [("montecarlo", "--runs", "100000"), ("simulate",)], ids=["montecarlo", "simulate"]
+    "command",
+    [("montecarlo", "--runs", "100000"), pytest.param(("simulate",), marks=pytest.mark.slow)],
+    ids=["montecarlo", "simulate"],
 )
 def test_no_worker_outlives_its_command(how, command, plan, tmp_path):
     write_plan(tmp_path / "plan", plan)
