@@ -164,10 +164,11 @@ def _judged(run: Record) -> list[dict[str, Any]]:
     ]
     explained = []
     for found in run.report.candidates:
-        explained.append({"name": f"ln BF {found.label}", "result": None, "value": found.log_bayes_factor})
+        name = found.label if found.gap == 1 else f"{found.label} (gap {found.gap})"
+        explained.append({"name": f"ln BF {name}", "result": None, "value": found.log_bayes_factor})
         for p in found.parameters:
             unit = f" [{p.unit}]" if p.unit else ""
-            explained.append({"name": f"{found.label} {p.name}{unit}", "result": None, "value": p.value})
+            explained.append({"name": f"{name} {p.name}{unit}", "result": None, "value": p.value})
     return gap + explained
 
 

@@ -14,6 +14,7 @@ from tests.test_cli import refused
 from tests.test_report import needs_chromium
 from tests.test_view import cpu_seconds, look, needs_vulkan, not_blank
 from tulip_testbed.cli.main import main
+from tulip_testbed.experiments.comparison import compare
 from tulip_testbed.experiments.discovery_record import read_discovery
 from tulip_testbed.experiments.discovery_report import DiscoveryReport
 from tulip_testbed.experiments.document import flattened
@@ -160,6 +161,16 @@ def test_two_discoveries_side_by_side(found, saved, tmp_path, capsys):
     assert len(document["models"]["full"]) == 25
     assert main(["compare", str(found), str(found)]) == 0
     assert "Gap and evidence" in capsys.readouterr().out
+
+
+def test_one_label_in_two_gaps_is_compared_twice(saved):
+    report = saved.report.plain()
+    report["candidates"].append(report["candidates"][0] | {"gap": 2, "log_bayes_factor": 5.0})
+    run = dataclasses.replace(saved, report=DiscoveryReport.model_validate(report))
+    values = {check["name"]: check["value"] for check in compare(run, run)["checks"]}
+    label = saved.report.candidates[0].label
+    assert values[f"ln BF {label}"] == [saved.report.candidates[0].log_bayes_factor] * 2
+    assert values[f"ln BF {label} (gap 2)"] == [5.0] * 2
 
 
 def test_every_file_is_guarded(found, robot, tmp_path):
