@@ -36,6 +36,18 @@ def test_an_ordinary_laboratory_passes(robot, plan, preset, seed):
     assert found["legs close"] == found["weight balance"] == "fail"
 
 
+def test_an_imperfection_of_almost_four_tolerances_is_a_warning_that_names_it(robot, plan):
+    offset = EffectInstance(catalogue()["encoder-offset"], "right_ankle_roll", (0.01,))
+    run = Laboratory(robot, "force-plate", hidden=(offset,)).run(plan, 3, "statics", workers=1)
+    (legs,) = [
+        one
+        for one in check_measurements(run.measurements, robot).document["checks"]
+        if one["name"] == "legs close"
+    ]
+    assert legs["result"] == "warn"
+    assert "encoder-offset:right_ankle_roll, 4.0 times its usual size" in legs["seen"]
+
+
 def test_a_tolerance_of_zero_allows_nothing(robot, plan, nominal):
     """Offsets of usual size fail where the manifest says that the encoders are exact."""
     hidden = tuple(
@@ -67,10 +79,16 @@ def test_the_three_tests_by_dense_algebra():
         information = pick.T @ inverse @ pick
         shift = np.linalg.solve(information, pick.T @ inverse @ error)
         rows.append(chi2.sf(shift @ information @ shift, r))
-    both = np.concatenate([changes, directions], axis=2).reshape(m * r, k + 2)
-    singly = [2 * norm.sf(abs(d @ inverse @ error) / np.sqrt(d @ inverse @ d)) for d in both.T]
-    expected = min(1.0, 3 * min(left, m * min(rows), (k + 2) * min(singly)))
-    assert beyond(white, np.full(m, r), changes, directions) == pytest.approx(expected, rel=1e-9)
+
+    def sizes(columns):
+        return [abs(d @ inverse @ error) / np.sqrt(d @ inverse @ d) for d in columns.T]
+
+    members, others = sizes(flat), sizes(directions.reshape(m * r, 2))
+    each = [left, m * min(rows), 2 * 2 * norm.sf(max(others)), k * 2 * norm.sf(max(members))]
+    found = beyond(white, np.full(m, r), changes, "abcd", directions)
+    assert found.p_value == pytest.approx(min(1.0, 4 * min(each)), rel=1e-9)
+    assert found.name == "abcd"[int(np.argmax(members))]
+    assert found.sizes == pytest.approx(max(members), rel=1e-9)
 
 
 def test_its_probability_is_one_of_noise_and_ordinary_imperfections():
@@ -78,9 +96,10 @@ def test_its_probability_is_one_of_noise_and_ordinary_imperfections():
     rng = np.random.default_rng(904)
     changes = 3.0 * rng.normal(size=(20, 1, 5))
     drawn = [
-        beyond((rng.normal(size=(20, 1)) + changes @ rng.normal(size=5)), np.ones(20, int), changes)
+        beyond(rng.normal(size=(20, 1)) + changes @ rng.normal(size=5), np.ones(20, int), changes, "abcde")
         for _ in range(2000)
     ]
+    drawn = [one.p_value for one in drawn]
     share = np.mean(np.array(drawn) < 0.05)  # Bonferroni of three, hardly dependent: 0.049
     assert 0.035 < share < 0.06  # s.d. 0.005
     assert kstest(drawn, "uniform", alternative="greater").statistic < 0.05

@@ -25,7 +25,7 @@ from tulip_testbed.identification.preflight.finding import (
     row_name,
     skipped,
 )
-from tulip_testbed.identification.preflight.usual import Usual, beyond_singly
+from tulip_testbed.identification.preflight.usual import Usual, singly
 from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, placement_sd, usable_sd
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.sim.measurements import Measurements
@@ -254,21 +254,20 @@ def scatter(found: Fit | None, usual: Usual) -> Finding:
     inverse = np.linalg.inv(np.eye(len(pull)) + power)
     square = found.square - float(pull @ inverse @ pull)
     ratio = np.sqrt(square / found.dof)
-    singly = beyond_singly(pull - power @ inverse @ pull, np.diag(power - power @ inverse @ power))
-    least = float(singly.min(initial=1.0))
-    p_value = bonferroni(np.array([chi2_sf(square, found.dof), least]))
-    result = result_of(p_value)
-    where = f"most unusual: {usual.names[singly.argmin()]}" if result_of(least) != "pass" else ""
+    score, information = pull - power @ inverse @ pull, np.diag(power - power @ inverse @ power)
+    tested = singly(score, information, usual.names, [float(chi2_sf(square, found.dof))])
+    survives = ratio <= SCATTERS and tested.p_value >= VANISHES
     return Finding(
         name,
-        result if ratio > SCATTERS or p_value < VANISHES or result == "pass" else "warn",
-        f"{ratio:.2f} times what is stated (chi-square {square:.0f}, {found.dof} degrees of freedom)",
+        "warn" if tested.result == "fail" and survives else tested.result,
+        f"{ratio:.2f} times what is stated (chi-square {square:.0f}, {found.dof} degrees of freedom)"
+        + tested.words,
         "about 1 by the sensors' s.d. and tolerances, no more than "
         f"{SCATTERS:g}; less where the right plate was recorded better than the left",
-        where,
+        "",
         "Check the stated s.d., swapped cells or columns, and effects that the model lacks "
         "(elasticity, an encoder's zero, link lengths): standard errors will be too small.",
-        p_value,
+        tested.p_value,
     )
 
 

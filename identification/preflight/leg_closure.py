@@ -45,7 +45,7 @@ def _legs_close(
     white = (whitener @ error[..., None])[..., 0]
     squares = (white**2).sum(axis=1)
     row = int(squares.argmax())
-    p_value = beyond(white, rank, whitener @ usual.closure)
+    tested = beyond(white, rank, whitener @ usual.closure, usual.names)
     rms = 1e3 * np.sqrt((error**2).mean(axis=0))
     parts = (encoder_sd * slope, usual.closure, usual.unseen)
     variance = np.sum([(part**2).sum(axis=2) for part in parts], axis=0)
@@ -59,12 +59,13 @@ def _legs_close(
         )
     return Finding(
         name,
-        result_of(p_value),
-        f"swing sole's height {rms[0]:.2f} mm, roll {rms[1]:.2f}, pitch {rms[2]:.2f} mrad r.m.s.",
+        tested.result,
+        f"swing sole's height {rms[0]:.2f} mm, roll {rms[1]:.2f}, pitch {rms[2]:.2f} mrad r.m.s."
+        + tested.words,
         f"{expected[0]:.2f} mm, {expected[1]:.2f}, {expected[2]:.2f} mrad by encoder_sd and tolerances",
         f"worst: {row_name(m, row)}",
         advice,
-        p_value,
+        tested.p_value,
     )
 
 

@@ -7,15 +7,16 @@ single rows, and single directions, those of the imperfections among them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tulip_testbed.identification.distributions import chi2_sf, normal_sf
-from tulip_testbed.identification.preflight.finding import bonferroni
+from tulip_testbed.identification.preflight.finding import bonferroni, result_of
 
 RANK = 1e-6  # part of the information about the best known direction, below which one is not known
+UNUSUAL = 3.0  # tolerances, from which an imperfection is worth a warning
 SEEN = 1e-2  # information about one tolerance, below which it would have to be tens of them to be seen
 
 
@@ -48,14 +49,48 @@ def exact(rows: int) -> Usual:
     return Usual((), np.zeros((rows, 2, 0)), np.zeros((rows, 0)), closure, closure)
 
 
+@dataclass(frozen=True)
+class Beyond:
+    """How far readings lie beyond noise and ordinary imperfections.
+
+    Attributes:
+        p_value: probability that these deviate as much.
+        name: of the imperfection that deviates most, "" if none is seen. sizes: by how many of its s.d.
+    """
+
+    p_value: float
+    name: str
+    sizes: float
+
+    @property
+    def result(self) -> str:
+        """Return "warn" for an imperfection larger than usual, though it may be one by chance."""
+        found = result_of(self.p_value)
+        return "warn" if found == "pass" and self.sizes > UNUSUAL else found
+
+    @property
+    def words(self) -> str:
+        """Name the imperfection if it is larger than usual, with a separator before it."""
+        return (
+            f"; most unusual: {self.name}, {self.sizes:.1f} times its usual size"
+            if self.sizes > UNUSUAL
+            else ""
+        )
+
+
 def beyond(
-    white: np.ndarray, rank: np.ndarray, changes: np.ndarray, directions: np.ndarray | None = None
-) -> float:
-    """Return the probability that noise and ordinary imperfections deviate as much.
+    white: np.ndarray,
+    rank: np.ndarray,
+    changes: np.ndarray,
+    names: Sequence[str],
+    directions: np.ndarray | None = None,
+) -> Beyond:
+    """Test deviations against noise and ordinary imperfections.
 
     Args:
         white: deviations over their noise, (m, r). rank: of each row's noise, (m,), 1 to r.
         changes: whitened as they are, of one tolerance of each imperfection, (m, r, k).
+        names: of the imperfections, (k,).
         directions: other changes that are tested, (m, r, d).
     """
     flat, k = changes.reshape(white.size, -1), changes.shape[2]
@@ -70,24 +105,27 @@ def beyond(
     weighted = white - changes @ (inverse @ pull)
     precision = np.eye(white.shape[1]) - changes @ inverse @ changes.mT
     rows = (weighted * np.linalg.solve(precision, weighted[..., None])[..., 0]).sum(axis=1)
-    tested = changes if directions is None else np.concatenate([changes, directions], axis=2)
-    tested = tested.reshape(white.size, -1)
-    score, across = tested.T @ weighted.ravel(), tested.T @ flat
-    information = (tested**2).sum(axis=0) - (across @ inverse * across).sum(axis=1)
     parts = [float(chi2_sf(max(left, 0.0), dof)) if dof > 0 else 1.0, bonferroni(chi2_sf(rows, rank))]
-    singly = beyond_singly(score, information)
-    return bonferroni(np.array([*parts, singly.min()] if singly.size else parts))
+    if directions is not None:
+        flat_too = directions.reshape(white.size, -1)
+        information = (flat_too**2).sum(axis=0) - ((flat_too.T @ flat @ inverse) * (flat_too.T @ flat)).sum(
+            axis=1
+        )
+        parts.append(bonferroni(2 * normal_sf(np.abs(flat_too.T @ weighted.ravel()) / np.sqrt(information))))
+    return singly(flat.T @ weighted.ravel(), np.diag(gram - gram @ inverse @ gram), names, parts)
 
 
-def beyond_singly(score: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """Return the probability of as large a change in any direction, for each of several directions, (k,).
-
-    V is the null. Directions that the readings do not see are not counted; theirs is 1.
+def singly(score: np.ndarray, information: np.ndarray, names: Sequence[str], parts: list[float]) -> Beyond:
+    """Test the change that each imperfection makes, beside other tests; V is the null.
 
     Args:
-        score: K' V^-1 e, (k,). information: the diagonal of K' V^-1 K, (k,).
+        score: K' V^-1 e, (k,). information: the diagonal of K' V^-1 K, (k,). names: (k,).
+        parts: p-values of the other tests.
     """
-    seen = information > SEEN
-    out = np.ones(len(score))
-    out[seen] = np.minimum(2 * normal_sf(np.abs(score[seen]) / np.sqrt(information[seen])) * seen.sum(), 1.0)
-    return out
+    seen = np.flatnonzero(information > SEEN)
+    if not seen.size:
+        return Beyond(bonferroni(np.array(parts)), "", 0.0)
+    sizes = np.abs(score[seen]) / np.sqrt(information[seen])
+    largest = int(sizes.argmax())
+    p_value = bonferroni(np.array([*parts, bonferroni(2 * normal_sf(sizes))]))
+    return Beyond(p_value, names[seen[largest]], float(sizes[largest]))

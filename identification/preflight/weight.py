@@ -7,7 +7,7 @@ import numpy as np
 from tulip_testbed.identification.distributions import t_sf
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
-from tulip_testbed.identification.preflight.usual import Usual, beyond
+from tulip_testbed.identification.preflight.usual import Beyond, Usual, beyond
 from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.sim.measurements import Measurements
 
@@ -40,15 +40,16 @@ def weight_balance(measurements: Measurements, usual: Usual) -> Finding:
         return Finding(name, result_of(p_value), seen, expected, "", CELL_ADVICE, p_value)
     spread = float(np.hypot(sd / np.sqrt(len(m)), ordinary))
     row = int(np.abs(total - total.mean()).argmax())
-    p_value = _beyond(error, sd, usual, m.gravity * mass_sd)
+    tested = _beyond(error, sd, usual, m.gravity * mass_sd)
     return Finding(
         name,
-        result_of(p_value),
-        f"mean {error.mean():+.2f} N off {mass * m.gravity:.2f} N; scatter {_scatter(total):.2f} N",
+        tested.result,
+        f"mean {error.mean():+.2f} N off {mass * m.gravity:.2f} N; scatter {_scatter(total):.2f} N"
+        + tested.words,
         f"mean 0 ± {spread:.2f} N, scatter {_usual_scatter(sd, usual):.2f} N by cell_sd and tolerances",
         f"worst: {row_name(m, row)}, {error[row]:+.1f} N",
         CELL_ADVICE,
-        p_value,
+        tested.p_value,
     )
 
 
@@ -63,15 +64,15 @@ def constant_weight(measurements: Measurements, usual: Usual) -> Finding:
     total = m.cell_forces.sum(axis=1)
     deviation = total - total.mean()
     row = int(np.abs(deviation).argmax())
-    p_value = _beyond(deviation, sd, usual, UNWEIGHED * sd)
+    tested = _beyond(deviation, sd, usual, UNWEIGHED * sd)
     return Finding(
         name,
-        result_of(p_value),
-        f"scatter {_scatter(total):.2f} N about {total.mean():.2f} N",
+        tested.result,
+        f"scatter {_scatter(total):.2f} N about {total.mean():.2f} N" + tested.words,
         f"{_usual_scatter(sd, usual):.2f} N by cell_sd and tolerances",
         f"worst: {row_name(m, row)}, {deviation[row]:+.1f} N",
         CELL_ADVICE,
-        p_value,
+        tested.p_value,
     )
 
 
@@ -116,11 +117,16 @@ def _total_sd(measurements: Measurements) -> float | None:
     return None if cell_sd is None else cell_sd * np.sqrt(measurements.cell_forces.shape[1])
 
 
-def _beyond(error: np.ndarray, sd: float, usual: Usual, weight_sd: float) -> float:
-    """Return the probability of these deviations of the total, (m,), if nothing else is wrong [N]."""
+def _beyond(error: np.ndarray, sd: float, usual: Usual, weight_sd: float) -> Beyond:
+    """Test deviations of the total, (m,) [N].
+
+    Args:
+        weight_sd: of what the robot weighs.
+    """
     constant = np.ones((len(error), 1))
     changes = np.column_stack([usual.total, weight_sd * constant]) / sd
-    return beyond(error[:, None] / sd, np.ones(len(error), int), changes[:, None], (constant / sd)[:, None])
+    names, ones = (*usual.names, "the weighed mass"), np.ones(len(error), int)
+    return beyond(error[:, None] / sd, ones, changes[:, None], names, (constant / sd)[:, None])
 
 
 def _scatter(total: np.ndarray) -> float:
