@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from tulip_testbed.identification.posture_geometry import PostureGeometry
-from tulip_testbed.sim.control import Controller
-from tulip_testbed.sim.robot import joint_names
+from tulip_testbed.sim.control import Controller, torque_limits
+from tulip_testbed.sim.robot import Robot, joint_names
 
 ROUNDING = 1e-12  # relative
 # S.d. of the wrench between the closed legs about that of elastic servos without friction, assumed: a fifth
@@ -122,19 +121,14 @@ def joint_loads(
     )
 
 
-def servo_stiffness(model: mujoco.MjModel, gains: Mapping[str, float]) -> np.ndarray:
+def servo_stiffness(robot: Robot, gains: Mapping[str, float]) -> np.ndarray:
     """Return the stiffness of the joints' servos, (n_joints,) [Nm/rad].
 
-    Where no gain is stated, it is proportional to the torque limit (1 Nm for a joint without a motor).
+    Where no gain is stated, it is proportional to the torque limit (1 Nm for a joint without one).
 
     Args:
         gains: of position, by joint [Nm/rad].
     """
-    limits = np.ones(len(joint_names(model)))
-    for k, name in enumerate(joint_names(model)):
-        joint = model.joint(name).id
-        for i in range(model.nu):
-            if model.actuator_trnid[i, 0] == joint and model.actuator_forcerange[i, 1] > 0:
-                limits[k] = model.actuator_forcerange[i, 1]
-    usual = limits / Controller().error_at_full_torque
-    return np.array([gains.get(name, k) for name, k in zip(joint_names(model), usual, strict=True)])
+    limits = torque_limits(robot)
+    usual = np.where(np.isfinite(limits), limits, 1.0) / Controller().error_at_full_torque
+    return np.array([gains.get(name, k) for name, k in zip(joint_names(robot.model), usual, strict=True)])

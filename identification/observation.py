@@ -189,7 +189,7 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
     m = len(measurements)
     forces = np.where(np.isfinite(measurements.cell_forces), measurements.cell_forces, 0.0)
     share = np.array(plate_masses(nominal.robot)) * measurements.gravity / 4
-    gain = servo_stiffness(nominal.robot.model, measurements.gains)
+    gain = servo_stiffness(nominal.robot, measurements.gains)
     margin = max(LEAST_LOAD, 4 * (measurements.sensors.cell_sd or 0.0))
     return Observation(
         nominal=nominal,

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import mujoco
+import numpy as np
 
 from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.robot import Robot, joint_names
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,20 @@ def torque_limit(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> float:
     Raises:
         InputError: no limit is given, or one that allows a single direction only.
     """
+    if torques := _torques(spec, actuator):
+        return min(torques)
+    raise InputError(
+        f"model '{spec.modelname}': actuator '{actuator.name}': found no torque limit, "
+        "expected forcerange, a motor's ctrlrange, or the joint's actuatorfrcrange"
+    )
+
+
+def _torques(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> list[float]:
+    """List the limits of an actuator's torque on its joint [Nm].
+
+    Raises:
+        InputError: one that allows a single direction only.
+    """
     gear, joint = abs(actuator.gear[0]), spec.joint(actuator.target)
     plain_motor = (
         actuator.gaintype == mujoco.mjtGain.mjGAIN_FIXED
@@ -68,12 +84,22 @@ def torque_limit(spec: mujoco.MjSpec, actuator: mujoco.MjsActuator) -> float:
             raise InputError(f"{where}: found {name} [{low:g}, {high:g}], expected low < 0 < high")
         if scale > 0:
             torques.append(scale * min(-low, high))
-    if not torques:
-        raise InputError(
-            f"{where}: found no torque limit, "
-            "expected forcerange, a motor's ctrlrange, or the joint's actuatorfrcrange"
-        )
-    return min(torques)
+    return torques
+
+
+def torque_limits(robot: Robot) -> np.ndarray:
+    """Return the largest torque of the motors on every joint, (n_joints,) [Nm]; infinite where none is given.
+
+    Raises:
+        InputError: a limit that allows a single direction only.
+    """
+    spec, names = robot.spec, joint_names(robot.model)
+    limits = dict.fromkeys(names, np.inf)
+    for actuator in spec.actuators:
+        if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT and actuator.target in limits:
+            torques = _torques(spec, actuator)
+            limits[actuator.target] = min([limits[actuator.target], *torques])
+    return np.array([limits[name] for name in names])
 
 
 def remove_servos(spec: mujoco.MjSpec) -> None:

@@ -9,11 +9,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from tulip_testbed.sim.control import Controller, add_servos, torque_limit
+from tulip_testbed.identification.joint_loads import servo_stiffness
+from tulip_testbed.identification.planning.problem import planning_problem
+from tulip_testbed.sim.control import Controller, add_servos, torque_limit, torque_limits
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.plates import cell_addresses
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import CORNERS, load_robot
+from tulip_testbed.sim.robot import CORNERS, joint_names, load_robot
 from tulip_testbed.sim.scene import laboratory_scene, load_scene
 from tulip_testbed.sim.shipped import PLATE, TULIP
 
@@ -149,6 +151,24 @@ def test_torque_limit_is_that_on_the_joint(motor):
     data.ctrl[:] = 1.0
     mujoco.mj_forward(model, data)
     assert data.qfrc_actuator[0] == pytest.approx(MOTORS[motor])
+
+
+def test_planner_laboratory_and_identification_know_one_limit(folder, robot, plate):
+    """Of position servos, whose ctrlrange is an angle; their limits are the joints' actuatorfrcrange."""
+    text = (folder / "tulip.xml").read_text()
+    motor = re.compile(r'(<joint armature[^>]*)/>(\s*)<motor ctrlrange="[^"]*" forcerange="([^"]*)"')
+    servos = r'\1 actuatorfrcrange="\3"/>\2<position kp="300" ctrlrange="-1.2 0.9"'
+    text, count = motor.subn(servos, text)
+    assert count == 4
+    (folder / "tulip.xml").write_text(text.replace("<motor name", "<position name"))
+    other = load_robot(folder / "tulip.toml")
+    limits = torque_limits(robot).tolist()
+    assert torque_limits(other).tolist() == limits
+    assert planning_problem(other, plate).torques[:, 1].tolist() == limits
+    assert servo_stiffness(other, {}) == pytest.approx(servo_stiffness(robot, {}))
+    names = list(joint_names(other.model))
+    for actuator in laboratory_scene(preset_rig("ideal", other), POSES).actuators:
+        assert actuator.forcerange[1] == limits[names.index(actuator.target)]
 
 
 @pytest.mark.parametrize("motor", ["<motor", '<position kp="9" ctrlrange="-1 1"', '<muscle ctrlrange="0 1"'])

@@ -52,7 +52,7 @@ def _undo(observed: Observation, target: str, values: Values) -> Observation:
     motor = command + torque / observed.servo_gain[at] if m.motor is None else m.motor[:, at]
     turned = motor
     if wind_up:
-        full = servo_stiffness(observed.nominal.robot.model, {})[at] * Controller().error_at_full_torque
+        full = servo_stiffness(observed.nominal.robot, {})[at] * Controller().error_at_full_torque
         turned = motor + wind_up * torque / full
     logged = (np.abs(m.joint_angles[:, at] - command) < ROUNDING).all()
     angles[:, at] = turned if logged else angles[:, at] + command - turned

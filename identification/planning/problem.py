@@ -11,9 +11,10 @@ from tulip_testbed.identification.base_parameters import BaseParameters, base_pa
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations, moved_frames, walk
 from tulip_testbed.identification.nominal import link_boxes
 from tulip_testbed.identification.postures import PlanningRanges, planning_ranges
+from tulip_testbed.sim.control import torque_limits
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PlateGeometry
-from tulip_testbed.sim.robot import Robot, between_feet, joint_names, sole_corners, sole_point
+from tulip_testbed.sim.robot import Robot, between_feet, sole_corners, sole_point
 
 CLOSING = 12  # joints between the feet, as many as the equations of swing foot, torso and CoM
 Limb = tuple[int, int, float]
@@ -142,7 +143,8 @@ def planning_problem(
     moved = moved_frames(tree, base)
     outer = {step.edge.joint: step.new for step in walk(tree, base) if step.edge.joint >= 0}
     carried = moved[:, [outer[j] for j in range(len(tree.joints))]]
-    torques = _torque_limits(model)
+    limits = torque_limits(robot)
+    torques = np.column_stack([-limits, limits])
     limbs, legs = _limbs(model, robot, parameters)
     return Problem(
         robot=robot,
@@ -167,26 +169,6 @@ def planning_problem(
         legs=legs,
         nominal=parameters.values(standard),
     )
-
-
-def _torque_limits(model: mujoco.MjModel) -> np.ndarray:
-    """Return the torque limits of every joint by control range times gear and force range, (n, 2) [N m]."""
-    limits = []
-    for name in joint_names(model):
-        joint = model.joint(name).id
-        low, high = -np.inf, np.inf
-        for k in np.flatnonzero(model.actuator_trnid[:, 0] == joint):
-            if model.actuator_trntype[k] != mujoco.mjtTrn.mjTRN_JOINT:
-                continue
-            gear = abs(float(model.actuator_gear[k, 0]))
-            for limited, interval in (
-                (model.actuator_ctrllimited[k], model.actuator_ctrlrange[k] * gear),
-                (model.actuator_forcelimited[k], model.actuator_forcerange[k] * gear),
-            ):
-                if limited:
-                    low, high = max(low, interval[0]), min(high, interval[1])
-        limits.append([low, high])
-    return np.array(limits).reshape(-1, 2)
 
 
 def _parameter_covariance(

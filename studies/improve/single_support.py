@@ -19,11 +19,12 @@ from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.postures import planning_ranges
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED, correlations, standard_errors
+from tulip_testbed.sim.control import torque_limits
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import Robot, joint_names, joint_ranges
+from tulip_testbed.sim.robot import Robot, joint_ranges
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
@@ -57,7 +58,7 @@ def one_foot_postures(robot: Robot, count: int, rng: np.random.Generator) -> np.
         inside = (com > sole.min(axis=0) + MARGIN) & (com < sole.max(axis=0) - MARGIN)
         angles, com = angles[inside.all(axis=1)], com[inside.all(axis=1)]
         fits = _stands_well(robot, nominal, angles)
-        limits = _torque_limits(model)
+        limits = torque_limits(robot)
         kept += [
             q
             for q, point in zip(angles[fits], com[fits], strict=True)
@@ -109,12 +110,6 @@ def _stands_well(robot: Robot, nominal: Nominal, angles: np.ndarray) -> np.ndarr
 
 def _inside(value: np.ndarray, interval: tuple[float, float]) -> np.ndarray:
     return (value >= interval[0]) & (value <= interval[1])
-
-
-def _torque_limits(model: mujoco.MjModel) -> np.ndarray:
-    """Return the torque limits of the joints in the order of their angles, (n_joints,) [N m]."""
-    of_joint = {int(joint): k for k, joint in enumerate(model.actuator_trnid[:, 0])}
-    return np.array([model.actuator_forcerange[of_joint[model.joint(n).id], 1] for n in joint_names(model)])
 
 
 def mixed_plan(pool: PosturePlan, double: int, one_foot: np.ndarray) -> PosturePlan:
