@@ -185,6 +185,11 @@ def walk(tree: Tree, base: int) -> list[Step]:
     return steps
 
 
+def alike_in_turns(one: Tree, other: Tree) -> bool:
+    """Whether two trees of the same links differ in their lengths only."""
+    return one is other or all(map(np.array_equal, one.turns, other.turns))
+
+
 def link_rotations(tree: Tree, base: int, joint_angles: np.ndarray) -> np.ndarray:
     """Compute the rotations of all frames in the base frame, (m, n_frames, 3, 3).
 

@@ -179,8 +179,9 @@ class Observation:
     def changed(self, **fields: Any) -> Observation:
         """Return the observation with some fields replaced."""
         other = replace(self, **fields)
-        if other.tree is self.tree and other.joint_angles is self.joint_angles:
-            other.__dict__["geometry"] = self.geometry
+        if other.joint_angles is self.joint_angles:
+            same = other.tree is self.tree
+            other.__dict__["geometry"] = self.geometry if same else self.geometry.with_lengths(other.tree)
         return other
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from tulip_testbed.identification.kinematics import (
     Tree,
+    alike_in_turns,
     frame_positions,
     joint_axes,
     link_rotations,
@@ -29,12 +30,18 @@ class PostureGeometry:
         tree: kinematics with the assumed lengths.
         joint_angles: joint angles, (m, n_joints) [rad].
         standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
+        like: the same postures of links with other lengths; None: not known.
     """
 
     nominal: Nominal
     tree: Tree
     joint_angles: np.ndarray
     standard: np.ndarray
+    like: PostureGeometry | None = None
+
+    def with_lengths(self, tree: Tree) -> PostureGeometry:
+        """Return the geometry with another tree; lengths leave rotations and regressor as they are."""
+        return replace(self, tree=tree, like=(self.like or self) if alike_in_turns(tree, self.tree) else None)
 
     @property
     def base(self) -> int:
@@ -42,10 +49,17 @@ class PostureGeometry:
         return self.nominal.parameters.base
 
     @cached_property
+    def rotations(self) -> np.ndarray:
+        """Compute the rotations of all frames, (m, n_frames, 3, 3)."""
+        if self.like is not None:
+            return self.like.rotations
+        return link_rotations(self.tree, self.base, self.joint_angles)
+
+    @cached_property
     def frames(self) -> tuple[np.ndarray, np.ndarray]:
-        """Compute rotations (m, n_frames, 3, 3) and origins (m, n_frames, 3) [m] of all frames."""
-        rotations = link_rotations(self.tree, self.base, self.joint_angles)
-        return rotations, frame_positions(self.tree, self.base, rotations, -self.nominal.points[0])
+        """Return rotations (m, n_frames, 3, 3) and compute origins (m, n_frames, 3) [m] of all frames."""
+        origins = frame_positions(self.tree, self.base, self.rotations, -self.nominal.points[0])
+        return self.rotations, origins
 
     @cached_property
     def axes(self) -> np.ndarray:
@@ -99,13 +113,17 @@ class PostureGeometry:
     @cached_property
     def regressor(self) -> np.ndarray:
         """Compute the regressor of the base parameters (eq. 6), (m, 2, p) [-]."""
+        if self.like is not None:
+            return self.like.regressor
         return self.nominal.parameters.regressor(self.joint_angles, self._nominal_rotations)
 
     @cached_property
     def slope(self) -> np.ndarray:
         """Differentiate the regressor with respect to the joint angles, (m, 2, n_joints, p) [1/rad]."""
+        if self.like is not None:
+            return self.like.slope
         return self.nominal.parameters.slope(self.joint_angles, self._nominal_rotations)
 
     @property
     def _nominal_rotations(self) -> np.ndarray | None:
-        return self.frames[0] if self.tree is self.nominal.parameters.tree else None
+        return self.rotations if alike_in_turns(self.tree, self.nominal.parameters.tree) else None
