@@ -143,8 +143,10 @@ def linearised(state: State, families: Families, noise: Noise) -> tuple[Problem,
     excess = np.zeros((len(phi), len(phi)))
     each = _excess(at_loads, yields.rate, reach[..., at["cells"].start :], scaled, weights)
     np.add.at(excess, (yields.member[:, None], yields.member), each)
+    whole = np.concatenate([base, members @ mixing, output[..., None]], axis=2)
+    whole *= used
     problem = Problem(
-        whole=used * np.concatenate([base, members @ mixing, output[..., None]], axis=2),
+        whole=whole,
         flat=p + 1,
         noise=found.structure,
         information=information,

@@ -142,14 +142,13 @@ def parts_of_variance(problem: Problem, found: Fit) -> np.ndarray:
     that covariance.
     """
     noise, p = _noise(problem, np.log(found.scales)), problem.flat
-    across, width = noise.weighted[..., :-1], len(found.conditional)
-    flat = across.reshape(-1, width)
-    # Z' V_0^-1 K_k V_0^-1 Z times sigma_k^2.
-    spreads = [flat.T @ pushed.reshape(-1, width) for pushed in noise.weights.parts(across)]
-    of_nu, information = found.conditional[:p], np.zeros((width, width))
-    information[:p, :p] = problem.information
-    fixed = flat.T @ (problem.noise.fixed @ across).reshape(-1, width)
-    parts = [of_nu @ middle @ of_nu.T for middle in (information, fixed, *spreads)]
+    # C Z' V_0^-1 K_k V_0^-1 Z C times sigma_k^2, in the rows of nu.
+    of_nu = found.conditional[:p]
+    across = noise.weighted[..., :-1] @ of_nu.T
+    flat = across.reshape(-1, p)
+    parts = [of_nu[:, :p] @ problem.information @ of_nu[:, :p].T]
+    for pushed in (problem.noise.fixed @ across, *noise.weights.parts(across)):
+        parts.append(flat.T @ pushed.reshape(-1, p))
     for part, one, size in zip(problem.parts, problem.roots, found.spreads, strict=True):
         half = np.linalg.solve(size * one, found.conditional[p:, :p][part])
         parts.append(half.T @ half)
