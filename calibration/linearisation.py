@@ -135,15 +135,17 @@ def linearised(state: State, families: Families, noise: Noise) -> tuple[Problem,
         + [member_columns(smooth, theta, slope, _at(f, part)) for f, part in split_members(families, phi)],
         axis=2,
     )
-    members += _by_sharing(smooth, slope[..., at["angles"]], families, phi)
+    there, by_sharing = _by_sharing(smooth, slope[..., at["angles"]], families, phi)
+    members[..., there] += by_sharing
     output = left + base[..., :p] @ theta + members @ phi
+    members = members @ mixing
 
     information = np.zeros((p + 1, p + 1))
     information[-1, -1] = weighed_precision(clean) ** 2
     excess = np.zeros((len(phi), len(phi)))
     each = _excess(at_loads, yields.rate, reach[..., at["cells"].start :], scaled, weights)
     np.add.at(excess, (yields.member[:, None], yields.member), each)
-    whole = np.concatenate([base, members @ mixing, output[..., None]], axis=2)
+    whole = np.concatenate([base, members, output[..., None]], axis=2)
     whole *= used
     problem = Problem(
         whole=whole,
@@ -161,22 +163,23 @@ def linearised(state: State, families: Families, noise: Noise) -> tuple[Problem,
 
 def _by_sharing(
     observed: Observation, by_angles: np.ndarray, families: Families, phi: np.ndarray
-) -> np.ndarray:
-    """Differentiate the residuals by the compliances through the loads, (m, 11, q).
+) -> tuple[np.ndarray, np.ndarray]:
+    """Differentiate the residuals by the compliances of joints through the loads.
 
     The closed legs take load off a joint that yields, and every joint yields to its load.
 
     Args:
         by_angles: derivative of the residuals by the joint angles, (m, 11, n_joints).
+
+    Returns:
+        the compliances' numbers among the members, (c,), and the derivative, (m, 11, c).
     """
-    out = np.zeros((len(observed), by_angles.shape[1], len(phi)))
-    joints = observed.tree.joints
+    joints, loads = observed.tree.joints, observed.loads
     compliance = joint_compliance(families, phi, joints)
     member = joint_compliance(families, 1 + np.arange(len(phi)), joints).astype(int) - 1
-    loads, there = observed.loads, np.flatnonzero(member >= 0)
+    there = np.flatnonzero(member >= 0)
     less = -loads.sharing[..., there] * loads.torques[:, None, there]
-    out[..., member[there]] = -(by_angles * compliance) @ less
-    return out
+    return member[there], -(by_angles * compliance) @ less
 
 
 @dataclass(frozen=True)

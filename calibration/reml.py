@@ -21,6 +21,7 @@ noise, G' V_0^-1 G is corrected for it (Nakamura 1990).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -103,19 +104,34 @@ def fit(problem: Problem, start: tuple[np.ndarray, np.ndarray] | None = None) ->
         step = newton_step(gradient, hessian)
         if abs(gradient @ step) < CONVERGED:
             break
-        for shrink in 0.5 ** np.arange(HALVINGS):
-            trial = _noise(problem, np.clip(noise.log_scale + shrink * step[:k], QUIETEST, LIMIT))
-            widths = spread.log_spread + shrink * step[k:]
-            found = best_spreads(problem, trial.reduced, trial.moment, widths)
-            gained = noise.value + spread.value - trial.value - found.value
-            if gained >= 0:
-                break
-        else:
+        at, value = noise.log_scale, noise.value + spread.value
+        del noise  # it is large: one at a time
+        found = _on_the_way(problem, at, spread.log_spread, step, value)
+        if found is None:
+            noise = _noise(problem, at)
             break
-        noise, spread = trial, found
-        if gained < CONVERGED:
+        noise, spread = found
+        del found
+        if value - noise.value - spread.value < CONVERGED:
             break
     return _result(problem, noise, spread)
+
+
+def _on_the_way(
+    problem: Problem, log_scale: np.ndarray, log_spread: np.ndarray, step: np.ndarray, value: float
+) -> tuple[_Noise, Spread] | None:
+    """Return the first point on a step, halved again and again, that is no worse than its beginning.
+
+    Args:
+        value: at the beginning.
+    """
+    for shrink in 0.5 ** np.arange(HALVINGS):
+        part = shrink * step
+        noise = _noise(problem, np.clip(log_scale + part[: len(log_scale)], QUIETEST, LIMIT))
+        spread = best_spreads(problem, noise.reduced, noise.moment, log_spread + part[len(log_scale) :])
+        if noise.value + spread.value <= value:
+            return noise, spread
+    return None
 
 
 def given(problem: Problem, scales: np.ndarray, spreads: np.ndarray) -> Fit:
@@ -146,9 +162,9 @@ def parts_of_variance(problem: Problem, found: Fit) -> np.ndarray:
     of_nu = found.conditional[:p]
     across = noise.weighted[..., :-1] @ of_nu.T
     flat = across.reshape(-1, p)
+    pushed = chain([problem.noise.fixed @ across], noise.weights.parts(across))
     parts = [of_nu[:, :p] @ problem.information @ of_nu[:, :p].T]
-    for pushed in (problem.noise.fixed @ across, *noise.weights.parts(across)):
-        parts.append(flat.T @ pushed.reshape(-1, p))
+    parts += [flat.T @ one.reshape(-1, p) for one in pushed]
     for part, one, size in zip(problem.parts, problem.roots, found.spreads, strict=True):
         half = np.linalg.solve(size * one, found.conditional[p:, :p][part])
         parts.append(half.T @ half)

@@ -12,6 +12,7 @@ the columns are computed anew, until nothing moves (Gauss-Newton).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -107,7 +108,9 @@ def self_calibrate(
         if moved < STANDS:
             break
         if not noisy and (best is None or solved.log_evidence > best[1].log_evidence):
-            best = state, solved, clean, moved
+            # Without what they have computed, for the sake of memory.
+            bare = replace(state, clean=replace(state.clean), smooth=replace(state.smooth))
+            best = bare, solved, clean, moved
     assert found is not None
     # Where nothing came to rest, the steps may have led away, as they do with a large play. Where it did, an
     # earlier state has nothing to say: its noise was that of other compliances.

@@ -117,11 +117,12 @@ class PostureGeometry:
             return self.like.regressor
         return self.nominal.parameters.regressor(self.joint_angles, self._nominal_rotations)
 
-    @cached_property
+    @property
     def slope(self) -> np.ndarray:
-        """Differentiate the regressor with respect to the joint angles, (m, 2, n_joints, p) [1/rad]."""
-        if self.like is not None:
-            return self.like.slope
+        """Differentiate the regressor with respect to the joint angles, (m, 2, n_joints, p) [1/rad].
+
+        It is large and not kept.
+        """
         return self.nominal.parameters.slope(self.joint_angles, self._nominal_rotations)
 
     @property
