@@ -160,7 +160,7 @@ def parts_of_variance(problem: Problem, found: Fit) -> np.ndarray:
     noise, p = _noise(problem, np.log(found.scales)), problem.flat
     # C Z' V_0^-1 K_k V_0^-1 Z C times sigma_k^2, in the rows of nu.
     of_nu = found.conditional[:p]
-    across = noise.weighted[..., :-1] @ of_nu.T
+    across = noise.weighted @ np.column_stack([of_nu, np.zeros(p)]).T
     flat = across.reshape(-1, p)
     pushed = chain([problem.noise.fixed @ across], noise.weights.parts(across))
     parts = [of_nu[:, :p] @ problem.information @ of_nu[:, :p].T]
@@ -247,12 +247,12 @@ def _joint(
     k, p = len(problem.noise), problem.flat
     estimate, covariance = _posterior(problem, noise, spread)
     weighted = noise.weighted @ np.append(-estimate, 1.0)
-    across = noise.weighted[..., :-1]
-    width = across.shape[2]
+    width = noise.weighted.shape[2]
     pushed = np.concatenate(
         [np.zeros((*weighted.shape, 0)), *noise.weights.parts(weighted[..., None])], axis=2
     )
-    score = noise.weights.traces(across, covariance) - np.tensordot(weighted, pushed, axes=2)
+    score = noise.weights.traces(noise.weighted[..., :-1], covariance)
+    score -= np.tensordot(weighted, pushed, axes=2)
     score += noise.log_scale / problem.doubt**2
     phi = estimate[p:]
     each = np.zeros((len(phi), len(problem.roots)))
@@ -261,13 +261,13 @@ def _joint(
     pushed = np.concatenate([pushed, problem.members @ each], axis=2)
     solved = noise.weights(pushed).reshape(-1, pushed.shape[2])
     q = pushed.reshape(-1, pushed.shape[2])
-    on_columns = across.reshape(-1, width).T @ q
+    on_columns = (noise.weighted.reshape(-1, width).T @ q)[:-1]
     hessian = 2 * (q.T @ solved - on_columns.T @ covariance @ on_columns)
     hessian[:k, :k] += np.diag(problem.doubt**-2.0)
     known = [k + number for number in problem.known]
     hessian[known] = hessian[:, known] = 0.0
     hessian[k:, k:] = spread.hessian
-    slope = np.empty((width, k + each.shape[1]))
+    slope = np.empty((width - 1, k + each.shape[1]))
     slope[:, :k] = -2 * covariance @ on_columns[:, :k]
     for j, part in enumerate(problem.parts):
         u = np.zeros(len(phi))

@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
-AT_ONCE = 32  # columns, for the sake of memory
+AT_ONCE, POSTURES = 32, 1000  # columns and postures, for the sake of memory
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,10 @@ class Weights:
             covariance: C, (n, n).
         """
         structure = self.structure
-        left = self.of_postures - (across @ covariance) @ across.mT
+        left = self.of_postures.copy()
+        for first in range(0, len(left), POSTURES):
+            some = across[first : first + POSTURES]
+            left[first : first + POSTURES] -= (some @ covariance) @ some.mT
         out = [
             square * float(np.vdot(kernel, left))
             for square, kernel in zip(self.square, structure.own, strict=False)

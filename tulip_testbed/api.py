@@ -135,11 +135,11 @@ def identify(
     robot = robot or load_robot()
     adopted = _corrections(corrections, robot)
     given = _measurements(measurements)
-    found = _identify(given, robot, estimator=estimator, adopted=adopted, tolerances=tolerances)
+    source = None if isinstance(measurements, Measurements | Run) else str(measurements)
     if not isinstance(measurements, Run):  # a simulated one has the faults that were asked for
-        source = None if isinstance(measurements, Measurements) else str(measurements)
         warn_of_faults(given, robot, adopted, source)
-        warn_of_unrest(found, source or "measurements")
+    found = _identify(given, robot, estimator=estimator, adopted=adopted, tolerances=tolerances)
+    warn_of_unrest(found, source or "measurements")
     return found
 
 
