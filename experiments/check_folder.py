@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,7 +18,7 @@ from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.example import example_manifest, example_row
 from tulip_testbed.experiments.preflight_tables import advice_table, complaint_lines, finding_table
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
-from tulip_testbed.identification.preflight import RESULTS, Finding, preflight, quick_faults, worst_of
+from tulip_testbed.identification.preflight import RESULTS, Finding, preflight, worst_of
 from tulip_testbed.identification.preflight.plate_checks import plate_poses
 from tulip_testbed.identification.regressor import check_robot
 from tulip_testbed.sim.errors import MOST_LISTED, InputError, listed, shortened, warn
@@ -136,11 +136,13 @@ def warn_of_faults(
     robot: Robot,
     corrections: Sequence[EffectInstance] = (),
     source: str | None = None,
+    tolerances: Mapping[str, float] | None = None,
 ) -> None:
-    """Warn of measurements that fail a check which takes milliseconds.
+    """Warn of measurements that fail the preflight.
 
     Args:
         corrections: see `check_folder`. source: folder of the measurements.
+        tolerances: of families, in place of those of the measurements and those that fit the sensors [SI].
 
     Raises:
         InputError: measurements that do not fit the robot.
@@ -149,7 +151,9 @@ def warn_of_faults(
     check_robot(nominal.parameters, measurements, robot, source or "measurements")
     if corrections:
         measurements, _ = without(measurements, nominal, corrections)
-    if faults := quick_faults(measurements, nominal, partial(usual_changes, measurements, nominal)):
+    usual = partial(usual_changes, measurements, nominal, tolerances)
+    findings = preflight(measurements, nominal, usual_changes=usual)
+    if faults := [finding for finding in findings if finding.result == "fail"]:
         call = f"`tt.check({'measurements' if source is None else repr(source)})`"
         warn(
             f"{source or 'measurements'}: found faults in {listed(repr(f.name) for f in faults)}; "

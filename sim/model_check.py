@@ -20,8 +20,8 @@ def check_model(model: mujoco.MjModel, where: str) -> None:
 
     Raises:
         InputError: too many bodies, an unnamed body or joint, other than one root body on a free joint,
-            no hinge, a length, mass, gravity or time step out of range, or a feature that acts in the full
-            dynamics alone.
+            no hinge, a length, mass, gravity or time step out of range, an actuator that acts on no joint, or
+            a feature that acts in the full dynamics alone.
     """
     if model.nbody - 1 > MOST_BODIES:
         raise InputError(f"{where}: found {model.nbody - 1} bodies, expected at most {MOST_BODIES}")
@@ -49,6 +49,11 @@ def check_model(model: mujoco.MjModel, where: str) -> None:
     mass = model.body_mass[1:]
     _within(where, bodies, "mass", mass, 0.0, MOST_MASS, "kg")
     _within(where, [bodies[0]], "mass of the whole robot", mass.sum()[None], LEAST_MASS, MOST_MASS, "kg")
+    for i in np.flatnonzero(model.actuator_trntype != mujoco.mjtTrn.mjTRN_JOINT).tolist():
+        kind = mujoco.mjtTrn(model.actuator_trntype[i]).name.removeprefix("mjTRN_").lower()
+        raise InputError(
+            f"{where}: actuator '{model.actuator(i).name}': found one that acts on a {kind}, expected a joint"
+        )
     check_options(model, where)
     check_features(model, where)
 

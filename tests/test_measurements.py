@@ -63,6 +63,31 @@ def test_an_edited_twin_is_not_passed_over(folder):
         read_measurements(folder)
 
 
+def test_twins_with_other_numbers_are_refused_even_if_both_hashes_are_right(folder):
+    path = folder / "postures.csv"
+    table = pyarrow.csv.read_csv(path)
+    table = replace_column(table, "q.right_knee", table["q.right_knee"].to_numpy() + 0.1)
+    pyarrow.csv.write_csv(table, path)
+    content = json.loads((folder / "manifest.json").read_text())
+    content["tables"][path.name] = sha256(path)
+    (folder / "manifest.json").write_text(json.dumps(content))
+    with pytest.raises(
+        InputError, match=r"postures\.csv: beside postures\.parquet: column 'q\.right_knee', row 1: found"
+    ):
+        read_measurements(folder)
+
+
+@pytest.mark.parametrize("end", ["\r", "\r\n"])
+def test_any_line_end_will_do(wii, folder, end):
+    (folder / "postures.parquet").unlink()
+    path = folder / "postures.csv"
+    path.write_bytes(path.read_bytes().replace(b"\n", end.encode()))
+    content = json.loads((folder / "manifest.json").read_text())
+    content["tables"] = {path.name: sha256(path)}
+    (folder / "manifest.json").write_text(json.dumps(content))
+    same(wii.run.measurements, read_measurements(folder))
+
+
 def test_optional_columns_may_be_absent_and_unknown_spreads_null(folder):
     def strip(table):
         table = table.select([n for n in table.column_names if not n.startswith(("motor.", "q_command."))])

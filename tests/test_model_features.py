@@ -76,6 +76,17 @@ def own(tmp_path):
             "frictionloss 2 in the free joint 'torso'",
         ),
         ('<mujoco model="tulip">', '<mujoco model="t"><compiler settotalmass="9"/>', "settotalmass 9"),
+        ("</actuator>", '<general name="a" site="imu" gear="0 0 1 0 0 0"/></actuator>', "acts on a site"),
+        (
+            "</actuator>",
+            '<adhesion name="a" body="right_foot" ctrlrange="0 1"/></actuator>',
+            "acts on a body",
+        ),
+        (
+            "</actuator>",
+            '<motor name="a" tendon="t"/></actuator>' + TENDON.format("").removesuffix("<actuator>"),
+            "acts on a tendon",
+        ),
     ],
 )
 @pytest.mark.filterwarnings("ignore:compiler attribute")

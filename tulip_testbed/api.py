@@ -137,7 +137,7 @@ def identify(
     given = _measurements(measurements)
     source = None if isinstance(measurements, Measurements | Run) else str(measurements)
     if not isinstance(measurements, Run):  # a simulated one has the faults that were asked for
-        warn_of_faults(given, robot, adopted, source)
+        warn_of_faults(given, robot, adopted, source, tolerances)
     found = _identify(given, robot, estimator=estimator, adopted=adopted, tolerances=tolerances)
     warn_of_unrest(found, source or "measurements")
     return found
@@ -171,9 +171,13 @@ def discover(
         InputError: measurements that do not fit the robot, in wrong units, or too few placements; an unknown
             family or an impossible tolerance.
     """
+    robot, given = robot or load_robot(), _measurements(measurements)
+    if not isinstance(measurements, Run):  # a simulated one has the faults that were asked for
+        source = None if isinstance(measurements, Measurements) else str(measurements)
+        warn_of_faults(given, robot, source=source, tolerances=tolerances)
     return discover_effects(
-        _measurements(measurements),
-        robot or load_robot(),
+        given,
+        robot,
         seed,
         check,
         processes(workers),

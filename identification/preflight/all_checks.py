@@ -86,25 +86,6 @@ def preflight(
     return [*findings, identifiable(m, nominal, noise)]
 
 
-def quick_faults(
-    measurements: Measurements, nominal: Nominal, usual_changes: UsualChanges | None = None
-) -> list[Finding]:
-    """Return what fails of the checks that take milliseconds, for measurements of the nominal robot.
-
-    Args:
-        usual_changes: see `preflight`.
-    """
-    m = measurements
-    findings = [units(m, nominal)]
-    if findings[0].result != "fail":
-        findings += [joint_limits(m, nominal), stuck(m), cell_loads(m)]
-        usual = _usual(m, findings[3], usual_changes)
-        findings += [weight_balance(m, usual), constant_weight(m, usual), drift(m, nominal)]
-        if (m.support == "double").all() and findings[3].result != "fail":
-            findings += [feet_on_plates(m, nominal), load_in_soles(m, nominal)]
-    return [finding for finding in findings if finding.result == "fail"]
-
-
 def _usual(m: Measurements, loads: Finding, usual_changes: UsualChanges | None) -> Usual:
     """Return what is usual; cells whose loads are wrong say nothing about how much yields."""
     return exact(len(m)) if usual_changes is None or loads.result == "fail" else usual_changes()

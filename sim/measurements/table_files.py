@@ -26,6 +26,7 @@ MOST_DEPTH = 32  # of a JSON document
 MOST_DIGITS = 300  # of a whole number in JSON: a float still holds it
 MOST_ROWS = 10_000
 MOST_COLUMNS = 1_000
+TWINS = 1e-6  # relative, and of a unit: difference of two tables that are one, written with fewer digits
 EDITED = "; if it was edited on purpose, remove 'tables' from manifest.json and the other table"
 MOST_UNPACKED = 256 * 2**20  # bytes of a Parquet file after unpacking, by its own metadata
 
@@ -166,7 +167,8 @@ class Table:
         return types, file.read(columns=chosen, use_threads=False)
 
     def _csv(self, content: bytes) -> tuple[dict[str, pa.DataType], pa.Table]:
-        self._limit("lines", max(content.count(b"\n"), content.count(b"\r")), self.most_rows + 1)
+        content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+        self._limit("lines", content.count(b"\n"), self.most_rows + 1)
         widest = max(max(line.count(b","), line.count(b";")) for line in content.split(b"\n"))
         self._limit("columns", widest + 1, MOST_COLUMNS)
         content = plain_csv(self.path, content)
@@ -328,7 +330,8 @@ def checked_table(
         advice: what to do about a table that was edited, for the message.
 
     Raises:
-        InputError: there is no table, a table differs from the manifest, or there are two without hashes.
+        InputError: there is no table, a table differs from the manifest, there are two without hashes, or two
+            with other numbers.
     """
     paths = [folder / f"{name}.{suffix}" for suffix in ("parquet", "csv")]
     found = [path for path in paths if present(path)]
@@ -349,7 +352,34 @@ def checked_table(
                 f"{path}: found beside {twin} and without a sha256 in the manifest's 'tables', "
                 "expected one of the two tables or both hashes"
             )
-    return Table(found[0], contents[0], most_rows)
+    table = Table(found[0], contents[0], most_rows)
+    if len(found) > 1:
+        _check_twin(table, found[1], contents[1])
+    return table
+
+
+def _check_twin(table: Table, path: Path, content: bytes) -> None:
+    """Refuse two tables of which it is unclear which is right.
+
+    Args:
+        path, content: of the CSV file beside a Parquet file.
+    """
+    twin = Table(path, content, table.most_rows)
+    of_both = f"{path}: beside {table.path.name}"
+    if len(twin) != len(table):
+        raise InputError(f"{of_both}: found {len(twin)} rows, expected its {len(table)}")
+    for name, kind in table.types.items():
+        if not _is_number(kind):
+            continue
+        if not twin.has(name):
+            raise InputError(f"{of_both}: column '{shortened(name)}' is missing")
+        values = [one.numbers(name, missing_allowed=True) for one in (table, twin)]
+        if not (same := np.isclose(*values, rtol=TWINS, atol=TWINS, equal_nan=True)).all():
+            row = int(same.argmin())
+            raise InputError(
+                f"{of_both}: column '{shortened(name)}', row {row + 1}: found {values[1][row]:g}, "
+                f"expected its {values[0][row]:g}; keep the table that is right"
+            )
 
 
 def tables_beside(folder: Path) -> str:

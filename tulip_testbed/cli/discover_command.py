@@ -47,6 +47,7 @@ def discover_command(
 
     from tulip_testbed.calibration.families import read_tolerances
     from tulip_testbed.cli.terminal import print_json, progress, say, show, show_verdict
+    from tulip_testbed.experiments.check_folder import warn_of_faults
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.discovering import discover_effects
     from tulip_testbed.experiments.discovery_record import discovery_record, write_discovery
@@ -57,7 +58,8 @@ def discover_command(
     out = out or Path("runs") / f"discover-{datetime.now():%Y%m%d-%H%M%S-%f}"
     check_new(out)
     described = described_robot(robot)
-    measurements = read_measurements(folder)
+    measurements, stated = read_measurements(folder), read_tolerances(tolerance)
+    warn_of_faults(measurements, described, source=str(folder), tolerances=stated)
     with ExitStack() as bars:
         found = discover_effects(
             measurements,
@@ -66,7 +68,7 @@ def discover_command(
             not no_check,
             workers,
             str(folder),
-            read_tolerances(tolerance),
+            stated,
             lambda what, total: bars.enter_context(progress(what, total)),
         )
     record = write_discovery(out, discovery_record(found, str(folder), seed, no_check))
