@@ -21,7 +21,7 @@ from tulip_testbed.discovery.patterns import Pattern, in_channels, patterns
 from tulip_testbed.discovery.pure_error import PureError, pure_error
 from tulip_testbed.discovery.selection import LEVEL, Selection, select
 from tulip_testbed.discovery.undetectable import Undetectable, undetectable
-from tulip_testbed.discovery.unusual_members import STANDS_OUT, SURE
+from tulip_testbed.discovery.unusual_members import STANDS_OUT, SURE, too_wide
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.nominal import nominal_robot
@@ -209,6 +209,11 @@ def _reasons(selection: Selection, clearest: Pattern, validation: HeldOut | None
         out.append(f"A pattern remains: {clearest.words} ({in_channels(clearest)}).")
     if not selection.complete:
         out.append("Another effect would still be decisive.")
+    out += [
+        f"The family {one.family.name} is {one.spread:.0f} times as wide as its tolerance, and it is not "
+        "clear which of its members are off."
+        for one in too_wide(selection.calibration)
+    ]
     if validation is not None and not validation.holds:
         bad = [key for key in validation.after if validation.after[key] > validation.floor[key]]
         out.append(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ndtri
 
-from tulip_testbed.calibration.calibration_result import SelfCalibration
+from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
 from tulip_testbed.discovery.candidate_search import DECISIVE, MOST_TERMS, Search, at_estimate
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.effects.instance import effect_label
@@ -22,25 +22,52 @@ def with_unusual_members(
 
     A few members say little about the spread of a family: it grows with one of them, and the evidence hardly
     prefers an effect of its own, still less if there are two. What is usual is said by the tolerance and the
-    other members then. Those of one family are added together, or else the largest alone.
+    other members then. Those of one family are added together, or else the largest alone. Of a family that
+    is too wide, and whose members the data hardly tell apart, the one with the most evidence is added.
     """
     refused: set[str] = set()
-    while True:
+    while len(terms) < MOST_TERMS:
+        room = MOST_TERMS - len(terms)
         found = [one for one in _unusual_members(search, calibration) if one.label not in refused]
-        if not found or len(terms) >= MOST_TERMS:
-            return calibration, terms
+        together = [one for one in found if one.candidate.effect is found[0].candidate.effect][:room]
+        wide = [one for one in _of_wide_families(search, calibration) if one.label not in refused]
+        if found:
+            tries = [together, together[:1]] if len(together) > 1 else [together]
+            tried_in_vain = {found[0].label}
+        elif wide:
+            tries = [[one] for one in wide]
+            tried_in_vain = {one.label for one in wide}
+        else:
+            break
         plain = search.tried(terms, calibration)
         if plain is None:
-            return calibration, terms
-        alike = [one for one in found if one.candidate.effect is found[0].candidate.effect]
-        together = alike[: MOST_TERMS - len(terms)]
-        for added in [together, together[:1]] if len(together) > 1 else [together]:
-            tried = search.tried((*terms, *added), calibration)
-            if tried is not None and tried.possible and tried.evidence > plain.evidence - DECISIVE:
-                calibration = search.calibrated(tried)
-                terms = at_estimate(tried.terms, calibration)
-                break
-        refused.add(found[0].label)
+            break
+        tried = [search.tried((*terms, *added), calibration) for added in tries]
+        good = [one for one in tried if one is not None and one.possible]
+        good = [one for one in good if one.evidence > plain.evidence - DECISIVE]
+        if not good:
+            refused |= tried_in_vain
+        else:
+            best = good[0] if found else max(good, key=lambda one: (one.steady, one.evidence))
+            calibration = search.calibrated(best)
+            terms = at_estimate(best.terms, calibration)
+    return calibration, terms
+
+
+def too_wide(calibration: SelfCalibration) -> list[CalibratedFamily]:
+    """List the families whose members as a whole are surely larger than is usual."""
+    return [one for one in calibration.families if one.spread95[0] > STANDS_OUT]
+
+
+def _of_wide_families(search: Search, calibration: SelfCalibration) -> list[Fitted]:
+    """List the members of the families that are too wide."""
+    out = []
+    for one in too_wide(calibration):
+        values = one.value.reshape(len(one.family.targets), -1)
+        for target, value in zip(one.family.targets, values, strict=True):
+            label = effect_label(one.family.name, target)
+            out += [Fitted(c, 0, value) for c in search.candidates if c.label == label]
+    return out
 
 
 def _unusual_members(search: Search, calibration: SelfCalibration) -> list[Fitted]:

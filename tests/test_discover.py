@@ -414,6 +414,17 @@ def test_a_member_is_an_effect_if_it_is_surely_unusual(robot, plan, nominal, siz
     assert stands_out(selection, term) == outside
 
 
+def test_a_family_far_wider_than_usual_is_not_calibrated(robot, plan):
+    """Vertical cells do not tell which plate lies 15 mm off; it is no ordinary imperfection."""
+    hidden = ("plate-translation", "right", (0.012, -0.010))
+    found = discover(measured(robot, plan, "force-plate", hidden), robot, hold_out=False)
+    assert found.verdict == "ambiguous"
+    labels = {one.label for one in found.equivalents[0]}
+    assert {"plate-translation:right", "plate-translation:left"} <= labels
+    (wide,) = [c for c in found.families if c.family.name == "plate-translation"]
+    assert wide.spread < 2
+
+
 def test_times_of_change_are_believed_as_far_as_95_percent_ask():
     """The likelihood ratio of a change point: the largest of two random walks that drift down."""
     rng = np.random.default_rng(11)
