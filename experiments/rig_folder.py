@@ -111,7 +111,7 @@ def read_rig(folder: Path, robot: Robot) -> tuple[EffectInstance, ...]:
 
     Raises:
         InputError: broken, of another robot, an effect or a target that does not exist, a file that was
-            changed.
+            changed or does not belong to the effects.
     """
     folder = Path(folder)
     if not is_folder(folder):
@@ -134,6 +134,12 @@ def read_rig(folder: Path, robot: Robot) -> tuple[EffectInstance, ...]:
         _check_hash(folder / name, sha256(folder / name), expected, f"{where}: key 'files'")
     found = tuple(EffectInstance.from_document(entry, robot, str(where)) for entry in manifest.effects)
     check_different(found, f"{where}: key 'effects'")
+    if manifest.software == software():  # another version may write the same scene in other words
+        for name, text in rig_files(robot, found, manifest.preset).items():
+            if name != RIG_FILE and hashlib.sha256(text.encode()).hexdigest() != manifest.files.get(name):
+                raise InputError(
+                    f"{folder / name}: found another one than the effects and the preset of {RIG_FILE} make"
+                )
     return found
 
 

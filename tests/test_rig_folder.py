@@ -1,6 +1,7 @@
 """The rig folder: what was found becomes the laboratory, and nothing broken does."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -55,6 +56,16 @@ def plain(robot, plan):
 
 def test_what_is_written_is_read(rig, found, robot):
     assert read_rig(rig, robot) == found
+
+
+def test_a_scene_that_its_effects_do_not_make_is_refused(rig, robot, tmp_path):
+    work = tmp_path / "rig"
+    shutil.copytree(rig, work)
+    content = json.loads((work / "rig.json").read_text())
+    content["effects"] = content["effects"][:1]
+    (work / "rig.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match="found another one than the effects and the preset"):
+        read_rig(work, robot)
 
 
 def test_intervals_are_kept(found, robot, tmp_path):
