@@ -59,7 +59,7 @@ def test_what_is_written_is_read(rig, found, robot):
 
 
 def test_a_scene_that_its_effects_do_not_make_is_refused(rig, robot, tmp_path):
-    work = tmp_path / "rig"
+    work = tmp_path / "other"
     shutil.copytree(rig, work)
     content = json.loads((work / "rig.json").read_text())
     content["effects"] = content["effects"][:1]
