@@ -10,7 +10,7 @@ import numpy as np
 from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, log_choices
-from tulip_testbed.discovery.columns import candidate_columns
+from tulip_testbed.discovery.columns import candidate_blocks
 from tulip_testbed.discovery.evidence import ranked
 from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
 from tulip_testbed.discovery.shortlist import fit_in_addition, shortlist
@@ -89,7 +89,7 @@ class Search:
         """Rank all other candidates in addition to the adopted terms."""
         others = [candidate for candidate in self.candidates if candidate.label not in adopted.labels]
         linear = adopted.partialled_out
-        return ranked(candidate_columns(linear, others), linear.residual)
+        return ranked(candidate_blocks(linear, others), linear.residual)
 
     def best(self, calibration: SelfCalibration, terms: Sequence[Fitted]) -> list[Fitted]:
         """List the candidates that may explain most in addition to the terms, the best first.

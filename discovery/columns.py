@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import SIZE, difference, residuals
 
 STEP = 1e-2  # prior s.d., of the difference quotient
+AT_ONCE = 2e7  # numbers in the columns of several candidates
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,21 @@ def candidate_columns(linear: LinearModel, candidates: list[Candidate]) -> Candi
     whole = linear.project(np.concatenate(flat, axis=1))
     parts = iter(np.split(whole, np.cumsum([column.shape[1] for column in flat])[:-1], axis=1))
     return CandidateColumns(candidates, [[next(parts) for _ in c.settings] for c in candidates])
+
+
+def candidate_blocks(linear: LinearModel, candidates: list[Candidate]) -> Iterator[CandidateColumns]:
+    """Compute the columns of many candidates, as many at a time as memory holds."""
+    block: list[Candidate] = []
+    numbers = 0
+    for candidate in candidates:
+        added = len(linear.basis) * len(candidate.settings) * max(len(candidate.effect.sizes), 1)
+        if block and numbers + added > AT_ONCE:
+            yield candidate_columns(linear, block)
+            block, numbers = [], 0
+        block.append(candidate)
+        numbers += added
+    if block:
+        yield candidate_columns(linear, block)
 
 
 def whitened_columns(linear: LinearModel, candidates: list[Candidate]) -> list[np.ndarray]:

@@ -7,7 +7,7 @@ b = G'r. A size that cannot be negative has half a normal as its prior.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from scipy.special import chdtrc, log_ndtr
@@ -19,9 +19,10 @@ DETECTABLE = 0.5  # smallest singular value times prior s.d. that an experiment 
 DRAWS = 400
 
 
-def ranked(columns: CandidateColumns, residual: np.ndarray) -> list[Fitted]:
+def ranked(blocks: Iterable[CandidateColumns], residual: np.ndarray) -> list[Fitted]:
     """Fit each candidate alone to a projected residual, (r + 1,); the best first."""
-    return sorted(marginal_fits(columns, residual), key=lambda fitted: -fitted.log_bayes_factor)
+    fits = [fitted for columns in blocks for fitted in marginal_fits(columns, residual)]
+    return sorted(fits, key=lambda fitted: -fitted.log_bayes_factor)
 
 
 def marginal_fits(columns: CandidateColumns, residual: np.ndarray) -> list[Fitted]:
@@ -98,21 +99,25 @@ def _without_sizes(pairs: list[tuple[Candidate, list[np.ndarray]]], residual: np
         yield Fitted(candidate, point, np.zeros(0), average, np.zeros((0, 0)), gain, p)
 
 
-def effective_tests(columns: CandidateColumns, rng: np.random.Generator, draws: int = DRAWS) -> float:
+def effective_tests(
+    blocks: Iterable[CandidateColumns], rng: np.random.Generator, draws: int = DRAWS
+) -> float:
     """Estimate the effective number of independent tests among correlated candidates.
 
     The smallest of n independent p-values has the median 1 - 2^(-1/n). That of the candidates is simulated
     on noise alone and solved for n.
     """
-    blocks = [
+    every = (
         (column, candidate)
+        for columns in blocks
         for candidate, points in zip(columns.candidates, columns.projected, strict=True)
         for column in points
-    ]
-    noise = rng.standard_normal((blocks[0][0].shape[0], draws))
+    )
+    noise: np.ndarray | None = None
     # Largest gain in each draw, by degrees of freedom and number of sides of the test.
     largest: dict[tuple[int, int], np.ndarray] = {}
-    for column, candidate in blocks:
+    for column, candidate in every:
+        noise = rng.standard_normal((len(column), draws)) if noise is None else noise
         gram, pull = column.T @ column, column.T @ noise
         if not candidate.effect.sizes:
             gain, sides = 2 * pull[0] - gram[0, 0], 1

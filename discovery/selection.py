@@ -8,7 +8,7 @@ of its own.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,8 +27,8 @@ from tulip_testbed.discovery.candidate_search import (
     first_calibration,
 )
 from tulip_testbed.discovery.candidates import MOST_PLACEMENTS, Candidate, Fitted
-from tulip_testbed.discovery.columns import candidate_columns
-from tulip_testbed.discovery.evidence import effective_tests, ranked, sidak
+from tulip_testbed.discovery.columns import CandidateColumns, candidate_blocks
+from tulip_testbed.discovery.evidence import effective_tests, marginal_fits, sidak
 from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
 from tulip_testbed.discovery.pure_error import pure_error, widened
 from tulip_testbed.discovery.shortlist import at_best_time, fit_in_addition, shortlist
@@ -112,11 +112,17 @@ def select(
     repeats = pure_error(calibration.observed, calibration.theta, stated)
     exact = Data(observed, widened(calibration.observed, stated, repeats))
     null = exact.null
-    columns = candidate_columns(null.linear, search.candidates)
-    first = ranked(columns, null.residual)
+    fits: list[Fitted] = []
+
+    def fitted() -> Iterator[CandidateColumns]:
+        for columns in candidate_blocks(null.linear, search.candidates):
+            fits.extend(marginal_fits(columns, null.residual))
+            yield columns
+
     count = len(np.unique(observed.measurements.placement))
     # Placements that are not sought one by one were tests too: those that are stood out among them.
-    tests = effective_tests(columns, rng) + max(count - MOST_PLACEMENTS, 0)
+    tests = effective_tests(fitted(), rng) + max(count - MOST_PLACEMENTS, 0)
+    first = sorted(fits, key=lambda one: -one.log_bayes_factor)
     selection = Selection(
         calibration=calibration,
         tolerances=search.tolerances,

@@ -51,7 +51,7 @@ def drawn(
         length = TIMES * np.sqrt(noncentrality(len(way), level))
         signal = column @ way
         noise = linear.project(rng.standard_normal(len(signal) - 1))
-        ranking = ranked(columns, signal * length / np.linalg.norm(signal) + noise)
+        ranking = ranked([columns], signal * length / np.linalg.norm(signal) + noise)
         mine = next(s for s in ranking if s.candidate.label == candidate.label)
         right = ranking[0] is mine
         wrong = ranking[0].log_bayes_factor - mine.log_bayes_factor > DECISIVE

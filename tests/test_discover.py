@@ -366,7 +366,7 @@ def test_columns_hold_no_noise_of_the_residuals(solved_plan, nominal):
 
 
 def _in_order(columns, plain):
-    by_label = {one.label: one for one in ranked(columns, plain.residual)}
+    by_label = {one.label: one for one in ranked([columns], plain.residual)}
     return [by_label[c.label] for c in columns.candidates]
 
 

@@ -114,7 +114,7 @@ def atlas(planned: Planned, rng: np.random.Generator) -> Atlas:
     among = candidates(planned.observed)
     columns = candidate_columns(linear_model(planned.observed, planned.noise), among)
     single = {c: candidate_columns(linear_model(planned.observed, planned.noise, c), among) for c in CHANNELS}
-    tests = effective_tests(columns, rng)
+    tests = effective_tests([columns], rng)
     level = single_level(LEVEL, tests)
     estimator, rows = weights(planned), []
     for k, candidate in enumerate(among):

@@ -170,7 +170,7 @@ def _clear(
     """
     linear = calibrated_data(observed, self_calibrate(observed)).null.linear
     columns = candidate_columns(linear, candidates(observed))
-    level = single_level(LEVEL, effective_tests(columns, rng))
+    level = single_level(LEVEL, effective_tests([columns], rng))
     every = zip(columns.candidates, columns.projected, strict=True)
     bases = [[visible(candidate, column) for column in each] for candidate, each in every]
     tolerance = usual_tolerances(observed, None).value.get(kind, 0.0)

@@ -132,7 +132,7 @@ def board(preset: str, folder: Path = DEFAULT_PLAN) -> Board:
     observed = observe(measured, nominal_robot(robot))
     linear = linear_model(observed, noise_of(observed))
     columns = candidate_columns(linear, candidates(observed))
-    level = single_level(LEVEL, effective_tests(columns, np.random.default_rng(0)))
+    level = single_level(LEVEL, effective_tests([columns], np.random.default_rng(0)))
     bases = [
         [visible(candidate, column) for column in points]
         for candidate, points in zip(columns.candidates, columns.projected, strict=True)
