@@ -44,7 +44,10 @@ def with_unusual_members(
             break
         tried = [search.tried((*terms, *added), calibration) for added in tries]
         good = [one for one in tried if one is not None and one.possible]
-        good = [one for one in good if one.evidence > plain.evidence - DECISIVE]
+        # Of a family with one member there is no doubt which is off, however implausible its size.
+        name = tries[0][0].candidate.effect.name
+        if any(len(one.family.targets) > 1 for one in calibration.families if one.family.name == name):
+            good = [one for one in good if one.evidence > plain.evidence - DECISIVE]
         if not good:
             refused |= tried_in_vain
         else:
@@ -60,9 +63,9 @@ def too_wide(calibration: SelfCalibration) -> list[CalibratedFamily]:
 
 
 def _of_wide_families(search: Search, calibration: SelfCalibration) -> list[Fitted]:
-    """List the members of the families that are too wide."""
+    """List the members of the first family that is too wide."""
     out = []
-    for one in too_wide(calibration):
+    for one in too_wide(calibration)[:1]:
         values = one.value.reshape(len(one.family.targets), -1)
         for target, value in zip(one.family.targets, values, strict=True):
             label = effect_label(one.family.name, target)
