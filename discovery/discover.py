@@ -210,8 +210,7 @@ def _reasons(selection: Selection, clearest: Pattern, validation: HeldOut | None
     if not selection.complete:
         out.append("Another effect would still be decisive.")
     out += [
-        f"The family {one.family.name} is {one.spread:.0f} times as wide as its tolerance, and it is not "
-        "clear which of its members are off."
+        f"The family {one.family.name} is {one.spread:.0f} times as wide as its tolerance: that is not usual."
         for one in too_wide(selection.calibration)
     ]
     if validation is not None and not validation.holds:

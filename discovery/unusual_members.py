@@ -58,8 +58,8 @@ def with_unusual_members(
 
 
 def too_wide(calibration: SelfCalibration) -> list[CalibratedFamily]:
-    """List the families whose members as a whole are surely larger than is usual."""
-    return [one for one in calibration.families if one.spread95[0] > STANDS_OUT]
+    """List the families whose members as a whole are larger than is usual."""
+    return [one for one in calibration.families if one.spread > STANDS_OUT and one.spread95[0] > 1]
 
 
 def _of_wide_families(search: Search, calibration: SelfCalibration) -> list[Fitted]:

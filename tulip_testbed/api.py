@@ -136,9 +136,9 @@ def identify(
     adopted = _corrections(corrections, robot)
     given = _measurements(measurements)
     source = None if isinstance(measurements, Measurements | Run) else str(measurements)
+    found = _identify(given, robot, estimator=estimator, adopted=adopted, tolerances=tolerances)
     if not isinstance(measurements, Run):  # a simulated one has the faults that were asked for
         warn_of_faults(given, robot, adopted, source, tolerances)
-    found = _identify(given, robot, estimator=estimator, adopted=adopted, tolerances=tolerances)
     warn_of_unrest(found, source or "measurements")
     return found
 
@@ -172,17 +172,11 @@ def discover(
             family or an impossible tolerance.
     """
     robot, given = robot or load_robot(), _measurements(measurements)
+    found = discover_effects(given, robot, seed, check, processes(workers), tolerances=tolerances)
     if not isinstance(measurements, Run):  # a simulated one has the faults that were asked for
         source = None if isinstance(measurements, Measurements) else str(measurements)
         warn_of_faults(given, robot, source=source, tolerances=tolerances)
-    return discover_effects(
-        given,
-        robot,
-        seed,
-        check,
-        processes(workers),
-        tolerances=tolerances,
-    )
+    return found
 
 
 @checked

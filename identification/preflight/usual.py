@@ -72,7 +72,7 @@ class Beyond:
     def words(self) -> str:
         """Name the imperfection if it is larger than usual, with a separator before it."""
         return (
-            f"; most unusual: {self.name}, {self.sizes:.1f} times its usual size"
+            f"; most unusual: {self.name}, {self.sizes:.1f} s.d. of what is usual"
             if self.sizes > UNUSUAL
             else ""
         )

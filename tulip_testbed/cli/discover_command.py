@@ -59,7 +59,6 @@ def discover_command(
     check_new(out)
     described = described_robot(robot)
     measurements, stated = read_measurements(folder), read_tolerances(tolerance)
-    warn_of_faults(measurements, described, source=str(folder), tolerances=stated)
     with ExitStack() as bars:
         found = discover_effects(
             measurements,
@@ -71,6 +70,7 @@ def discover_command(
             stated,
             lambda what, total: bars.enter_context(progress(what, total)),
         )
+    warn_of_faults(measurements, described, source=str(folder), tolerances=stated)
     record = write_discovery(out, discovery_record(found, str(folder), seed, no_check))
     document = record.report.plain()
     if as_json:

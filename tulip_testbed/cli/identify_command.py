@@ -55,8 +55,8 @@ def identify_command(
     measurements = read_measurements(folder)
     adopted = () if rig is None else read_rig(rig, described)
     stated = read_tolerances(tolerance)
-    warn_of_faults(measurements, described, adopted, str(folder), stated)
     found = identify(measurements, described, str(folder), estimator, adopted=adopted, tolerances=stated)
+    warn_of_faults(measurements, described, adopted, str(folder), stated)
     warn_of_unrest(found, str(folder))
     document = identification_document(found, measurements, None if rig is None else str(rig))
     if as_json:
