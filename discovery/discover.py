@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +27,7 @@ from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.residual_noise import Noise
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
 
@@ -144,14 +144,12 @@ def _discover(
     progress(1)
     left = patterns(fit.linear, fit.residual, fit.columns)
     validation = held_out(search, selection.calibration, fit.terms) if hold_out else None
-    reasons = _reasons(selection, left[0], validation)
-    outside = tuple(
-        k
-        for k, term in enumerate(fit.terms)
-        if stands_out(selection, term) and equivalents[k][0].log_bayes_factor > DECISIVE
-    )
-    verdict = _verdict(selection, reasons, [equivalents[k] for k in outside])
     final = as_calibrated(fit, selection.fit, selection.calibration, shared)
+    standing = [k for k, term in enumerate(final.terms) if stands_out(selection, term, final.errors[k])]
+    outside = tuple(k for k in standing if equivalents[k][0].log_bayes_factor > DECISIVE)
+    lost = [fit.terms[k].label for k in standing if k not in outside]
+    reasons = _reasons(selection, left[0], validation, lost)
+    verdict = _verdict(selection, reasons, [equivalents[k] for k in outside])
     adopted = tuple(with_intervals(final, k) for k in range(len(fit.terms)))
     progress(1)
     null, clearest = selection.null, left[0]
@@ -186,27 +184,37 @@ def _support(measurements: Measurements) -> str:
     return "double" if (measurements.support == "double").all() else "right"
 
 
-def stands_out(selection: Selection, term: Fitted) -> bool:
-    """Whether an effect is no member of a family, or surely too large for one."""
+def stands_out(selection: Selection, term: Fitted, error: np.ndarray) -> bool:
+    """Whether an effect is no member of a family, or surely too large for one.
+
+    Args:
+        error: standard errors of its sizes, (s,).
+    """
     name = term.candidate.effect.name
     tolerances = usual_tolerances(selection.null.data.observed, selection.tolerances)
     tolerance = tolerances.value.get(name, 0.0)
     if not tolerance or not len(term.sizes):
         return True
     spreads = [one.spread for one in selection.calibration.families if one.family.name == name]
-    labels = [one.label for one in selection.fit.terms]
-    errors = dict(zip(labels, selection.calibration.effect_errors, strict=True))
-    least = np.abs(term.sizes) - SURE * errors.get(term.label, np.zeros(1))
+    least = np.abs(term.sizes) - SURE * error
     return bool((least > STANDS_OUT * max([1.0, *spreads]) * tolerance).any())
 
 
-def _reasons(selection: Selection, clearest: Pattern, validation: HeldOut | None) -> tuple[str, ...]:
-    """Say why what was found does not suffice; empty: it does."""
+def _reasons(
+    selection: Selection, clearest: Pattern, validation: HeldOut | None, lost: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Say why what was found does not suffice; empty: it does.
+
+    Args:
+        lost: effects for which there is no evidence any more.
+    """
     if not selection.lacks_fit:
         return ()
     out = []
     if clearest.p < LEVEL:
         out.append(f"A pattern remains: {clearest.words} ({in_channels(clearest)}).")
+    if lost:
+        out.append(f"Fitted through the laboratory, the evidence for {listed(lost)} is gone.")
     if not selection.complete:
         out.append("Another effect would still be decisive.")
     out += [

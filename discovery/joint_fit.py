@@ -95,6 +95,12 @@ class JointFit:
         """Return which sizes cannot be negative, (s,) bool."""
         return _joined([term.candidate.positive for term in self.terms]).astype(bool)
 
+    @property
+    def errors(self) -> list[np.ndarray]:
+        """Return the standard errors of each term's sizes, (s,) each."""
+        ends = np.cumsum([len(term.sizes) for term in self.terms])[:-1]
+        return np.split(np.sqrt(np.diag(self.covariance)), ends)
+
     @cached_property
     def repeated(self) -> JointFit:
         """Fit the same terms again, starting from their sizes."""

@@ -408,10 +408,9 @@ def test_a_member_is_an_effect_if_it_is_surely_unusual(robot, plan, nominal, siz
     selection: Any = SimpleNamespace(
         null=SimpleNamespace(data=SimpleNamespace(observed=observed)),
         tolerances=None,
-        fit=SimpleNamespace(terms=(term,)),
-        calibration=SimpleNamespace(families=(), effect_errors=(np.array([error * tolerance]),)),
+        calibration=SimpleNamespace(families=()),
     )
-    assert stands_out(selection, term) == outside
+    assert stands_out(selection, term, np.array([error * tolerance])) == outside
 
 
 def test_a_family_far_wider_than_usual_is_not_calibrated(robot, plan):
