@@ -10,15 +10,14 @@ from pydantic import ValidationError
 
 from tulip_testbed.sim.errors import IncompleteError, InputError
 from tulip_testbed.sim.files import new_folder, present
+from tulip_testbed.sim.measurements.checked_table import checked_table, tables_beside
 from tulip_testbed.sim.measurements.contract import SUPPORTS, WHOLE, check_contract
 from tulip_testbed.sim.measurements.data import Measurements, SensorSheet
 from tulip_testbed.sim.measurements.folder_kind import check_kind
 from tulip_testbed.sim.measurements.manifest import Manifest, manifest_of
 from tulip_testbed.sim.measurements.table_files import (
     Table,
-    checked_table,
     read_json,
-    tables_beside,
     write_json,
     write_table,
 )

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from tulip_testbed.sim.files import present
+from tulip_testbed.sim.measurements.checked_table import checked_table
 from tulip_testbed.sim.measurements.data import Measurements
 from tulip_testbed.sim.measurements.measurement_folder import read_manifest
-from tulip_testbed.sim.measurements.table_files import checked_table
 from tulip_testbed.sim.robot import CELLS
 
 MOST_SAMPLES = 5_000_000

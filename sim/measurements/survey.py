@@ -10,10 +10,11 @@ from pydantic import ValidationError
 
 from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.files import present
+from tulip_testbed.sim.measurements.checked_table import checked_table
 from tulip_testbed.sim.measurements.contract import SUPPORTS, WHOLE
 from tulip_testbed.sim.measurements.manifest import Manifest
 from tulip_testbed.sim.measurements.measurement_folder import MAY_LACK, required_columns
-from tulip_testbed.sim.measurements.table_files import Table, checked_table, read_json
+from tulip_testbed.sim.measurements.table_files import Table, read_json
 from tulip_testbed.sim.validation_message import missing_keys, wrong_values
 
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from tulip_testbed.sim.errors import IncompleteError, InputError, close_to, listed, shortened
-from tulip_testbed.sim.files import present, read_bytes, read_text, write_text
+from tulip_testbed.sim.files import read_text, write_text
 from tulip_testbed.sim.measurements.spreadsheet import plain_csv
 
 Columns = dict[str, np.ndarray]
@@ -26,8 +25,6 @@ MOST_DEPTH = 32  # of a JSON document
 MOST_DIGITS = 300  # of a whole number in JSON: a float still holds it
 MOST_ROWS = 10_000
 MOST_COLUMNS = 1_000
-TWINS = 1e-6  # relative, and of a unit: difference of two tables that are one, written with fewer digits
-EDITED = "; if it was edited on purpose, remove 'tables' from manifest.json and the other table"
 MOST_UNPACKED = 256 * 2**20  # bytes of a Parquet file after unpacking, by its own metadata
 
 
@@ -162,7 +159,7 @@ class Table:
         self._unique([said.schema.column(k).path for k in range(said.num_columns)])
         types = self._unique(schema.names, schema.types)
         texts = [name for name in ("support",) if name in types and not pa.types.is_nested(types[name])]
-        chosen = texts + [name for name, kind in types.items() if _is_number(kind) and name not in texts]
+        chosen = texts + [name for name, kind in types.items() if is_number(kind) and name not in texts]
         file = pyarrow.parquet.ParquetFile(pa.BufferReader(content), read_dictionary=texts)
         return types, file.read(columns=chosen, use_threads=False)
 
@@ -210,6 +207,15 @@ class Table:
             lacks = listed(f"'{shortened(name)}'" for name in missing)
             are = f"column {lacks} is" if len(missing) == 1 else f"columns {lacks} are"
             raise IncompleteError(f"{self.path}: {are} missing{found}")
+
+    def as_csv(self) -> bytes:
+        """Return the table as `write_table` writes it; nothing if it has columns that are not read."""
+        if set(self.types) != set(self.table.column_names):
+            return b""
+        schema = pa.schema(self.types.items())
+        sink = pa.BufferOutputStream()
+        pyarrow.csv.write_csv(self.table.select(list(self.types)).cast(schema), sink)
+        return sink.getvalue().to_pybytes()
 
     def _type(self, name: str) -> pa.DataType:
         self.require([name])
@@ -300,7 +306,7 @@ class Table:
         return np.column_stack(columns)
 
 
-def _is_number(kind: pa.DataType) -> bool:
+def is_number(kind: pa.DataType) -> bool:
     return pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_null(kind)
 
 
@@ -313,87 +319,3 @@ def software() -> dict[str, str]:
         except PackageNotFoundError:
             versions[package] = "not installed"
     return versions
-
-
-def checked_table(
-    folder: Path,
-    name: str,
-    tables: Mapping[str, str | None] | None,
-    most_rows: int = MOST_ROWS,
-    advice: str = EDITED,
-) -> Table:
-    """Read NAME.parquet, or else NAME.csv, and verify it by the hashes in the manifest.
-
-    With both tables present it is unclear which one is meant, unless the manifest lists both hashes.
-
-    Args:
-        advice: what to do about a table that was edited, for the message.
-
-    Raises:
-        InputError: there is no table, a table differs from the manifest, there are two without hashes, or two
-            with other numbers.
-    """
-    paths = [folder / f"{name}.{suffix}" for suffix in ("parquet", "csv")]
-    found = [path for path in paths if present(path)]
-    if not found:
-        raise IncompleteError(
-            f"{folder}: found neither {name}.parquet nor {name}.csv, expected one of them"
-            f"{tables_beside(folder)}"
-        )
-    contents = [read_bytes(path) for path in found]
-    hashes = tables or {}
-    for path, content in zip(found, contents, strict=True):
-        expected = hashes.get(path.name)
-        if expected is not None:
-            _check_hash(path, content, expected, advice)
-        elif len(found) > 1:
-            twin = next(other.name for other in found if other != path)
-            raise InputError(
-                f"{path}: found beside {twin} and without a sha256 in the manifest's 'tables', "
-                "expected one of the two tables or both hashes"
-            )
-    table = Table(found[0], contents[0], most_rows)
-    if len(found) > 1:
-        _check_twin(table, found[1], contents[1])
-    return table
-
-
-def _check_twin(table: Table, path: Path, content: bytes) -> None:
-    """Refuse two tables of which it is unclear which is right.
-
-    Args:
-        path, content: of the CSV file beside a Parquet file.
-    """
-    twin = Table(path, content, table.most_rows)
-    of_both = f"{path}: beside {table.path.name}"
-    if len(twin) != len(table):
-        raise InputError(f"{of_both}: found {len(twin)} rows, expected its {len(table)}")
-    for name, kind in table.types.items():
-        if not _is_number(kind):
-            continue
-        if not twin.has(name):
-            raise InputError(f"{of_both}: column '{shortened(name)}' is missing")
-        values = [one.numbers(name, missing_allowed=True) for one in (table, twin)]
-        if not (same := np.isclose(*values, rtol=TWINS, atol=TWINS, equal_nan=True)).all():
-            row = int(same.argmin())
-            raise InputError(
-                f"{of_both}: column '{shortened(name)}', row {row + 1}: found {values[1][row]:g}, "
-                f"expected its {values[0][row]:g}; keep the table that is right"
-            )
-
-
-def tables_beside(folder: Path) -> str:
-    """Name the tables in a folder for a message that something else is missing."""
-    try:
-        names = sorted(path.name for path in folder.iterdir() if path.suffix in (".csv", ".parquet"))
-    except OSError:  # a folder that may be searched but not listed
-        names = []
-    return f"; found {shortened(listed(names), 200)}" if names else ""
-
-
-def _check_hash(path: Path, content: bytes, expected: str, advice: str) -> None:
-    if (found := hashlib.sha256(content).hexdigest()) != expected.lower():
-        raise InputError(
-            f"{path}: hash mismatch: found sha256 {found[:12]}..., "
-            f"expected {shortened(expected[:12])}... by the manifest{advice}"
-        )
