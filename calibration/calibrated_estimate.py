@@ -45,8 +45,7 @@ def calibrated_estimates(
         families = "" if not excess else f" with all families; leave out {listed(excess)} (tolerance 0), or"
         raise InputError(
             f"{data.source}: found {len(observed)} postures, too few or too much alike (or a stated noise "
-            f"that is too small) for estimator "
-            f"{SELF_CALIBRATING}{families or ';'} choose another estimator"
+            f"that is too small) for estimator {SELF_CALIBRATING}{families or ';'} choose another estimator"
         ) from None
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -50,18 +50,13 @@ def usual_changes(
     names = [name for family in families for part in family.parts for name in _names(family, part)]
     known = tuple(name for name, use in zip(names, used, strict=True) if use)
     whole = whole[..., used]
-    tolerance = usual_compliance(families, observed.tree.joints)
+    sizes = np.concatenate([np.zeros(0), *(np.full(len(family), family.tolerance) for family in families)])
+    compliance = joint_compliance(families, sizes, observed.tree.joints)
     by_angles = slope[:, LEVEL, fields(nominal)["angles"]]
-    unseen = by_angles @ (tolerance[:, None] * observed.loads.levers) * SYSTEMATIC * UNSEEN
+    unseen = by_angles @ (compliance[:, None] * observed.loads.levers) * SYSTEMATIC * UNSEEN
     return Usual(known, whole[:, :2], whole[:, 2], whole[:, 3:], unseen)
 
 
 def _names(family: Family, part: np.ndarray) -> tuple[str, ...]:
     """Name the columns of a part of a family: its members, or all of them together."""
     return family.labels if part.shape[1] == len(family) else (family.name,) * part.shape[1]
-
-
-def usual_compliance(families: Sequence[Family], joints: Sequence[str]) -> np.ndarray:
-    """Return the tolerance of each joint's compliance, (n_joints,) [rad/Nm]; zero where it is exact."""
-    sizes = np.concatenate([np.zeros(0), *(np.full(len(family), family.tolerance) for family in families)])
-    return joint_compliance(families, sizes, joints)

@@ -12,7 +12,7 @@ from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.member_columns import member_columns
 from tulip_testbed.calibration.self_calibration import least_determined, self_calibrate
 from tulip_testbed.effects.instance import removed
-from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.identify import identify, warn_of_unrest
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.estimators import DEFAULT
@@ -252,3 +252,12 @@ def test_too_few_postures_name_the_families_to_leave_out(ordinary, robot, nomina
     if named:
         stated = dict.fromkeys(named, 0.0)
         identify(ordinary[0].measurements, robot, estimator="self-calibrating", tolerances=stated)
+
+
+def test_an_estimate_that_does_not_come_to_rest_is_warned_of(ordinary, robot):
+    """Cells without noise by their sheet: nothing explains the noise that the readings have."""
+    measured = ordinary[0].measurements
+    sharp = dataclasses.replace(measured, sensors=dataclasses.replace(measured.sensors, cell_sd=0.0))
+    warn_of_unrest(identify(measured, robot), "rested")  # a warning would be an error here
+    with pytest.warns(InputWarning, match="restless: the estimate did not come to rest"):
+        warn_of_unrest(identify(sharp, robot), "restless")

@@ -135,7 +135,7 @@ def identify(
     robot = robot or load_robot()
     adopted = _corrections(corrections, robot)
     given = _measurements(measurements)
-    source = None if isinstance(measurements, Measurements | Run) else str(measurements)
+    source = _source(measurements)
     found = _identify(given, robot, estimator=estimator, adopted=adopted, tolerances=tolerances)
     if not isinstance(measurements, Run):  # a simulated one has the faults that were asked for
         warn_of_faults(given, robot, adopted, source, tolerances)
@@ -174,8 +174,7 @@ def discover(
     robot, given = robot or load_robot(), _measurements(measurements)
     found = discover_effects(given, robot, seed, check, processes(workers), tolerances=tolerances)
     if not isinstance(measurements, Run):  # a simulated one has the faults that were asked for
-        source = None if isinstance(measurements, Measurements) else str(measurements)
-        warn_of_faults(given, robot, source=source, tolerances=tolerances)
+        warn_of_faults(given, robot, source=_source(measurements), tolerances=tolerances)
     return found
 
 
@@ -312,6 +311,11 @@ def _corrections(corrections: Effects, robot: Robot) -> tuple[EffectInstance, ..
     found = instances_of(corrections, robot, "corrections")
     check_different(found, "corrections")
     return found
+
+
+def _source(measurements: Measured) -> str | None:
+    """Return the folder of measurements, for messages."""
+    return None if isinstance(measurements, Measurements | Run) else str(measurements)
 
 
 def _measurements(measured: Measured, likely: bool = True) -> Measurements:

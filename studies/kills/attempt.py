@@ -143,5 +143,9 @@ def attempt(
 
 
 def at_work(place: Path) -> set[Path]:
-    """Return what is hidden and holds something; commands look at once whether they may make a folder."""
-    return {path for path in place.glob(".*") if path.is_file() or (path.is_dir() and any(path.iterdir()))}
+    """Return what is hidden and holds something; commands look at once whether they may make a folder.
+
+    It lies in the folder or, as a view's recording, among the temporary files.
+    """
+    hidden = [*place.glob(".*"), *(place / "tmp").glob(".*")]
+    return {path for path in hidden if path.is_file() or (path.is_dir() and any(path.iterdir()))}
