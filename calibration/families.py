@@ -18,6 +18,7 @@ from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import MOST_PRIORS, EffectInstance, effect_label
 from tulip_testbed.sim.errors import InputError, look_up, shortened
 from tulip_testbed.sim.measurements import SensorSheet
+from tulip_testbed.sim.measurements.manifest import LEAST_DEVIATION
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.sensors import PRESETS
 
@@ -170,11 +171,12 @@ def check_tolerances(given: Mapping[str, float], where: str = "tolerance") -> No
         look_up("family", name, TOLERANCES, where)
         parameter = catalogue()[name].parameters[0]
         most = MOST_PRIORS * parameter.prior
-        if not isinstance(value, Real) or isinstance(value, bool) or not 0 <= value <= most:
+        plausible = isinstance(value, Real) and not isinstance(value, bool) and 0 <= value <= most
+        if not plausible or 0 < value < LEAST_DEVIATION:
             unit = f" {parameter.unit}" if parameter.unit else ""
             raise InputError(
-                f"{where}: {name}: found {shortened(repr(value))}, expected a number, 0 or more (0: exact) "
-                f"and at most {most:.3g}{unit} (SI units)"
+                f"{where}: {name}: found {shortened(repr(value))}, expected 0 (exact) or a number "
+                f"within [{LEAST_DEVIATION:g}, {most:.3g}]{unit} (SI units)"
             )
 
 

@@ -25,6 +25,7 @@ from tulip_testbed.identification.residual_noise import Noise, Whitening, whiten
 
 RANK = 1e-9  # of the largest diagonal element of R
 LARGEST = 4.0  # s.d. of a reading's noise
+FINEST_SCALE = 1e-3  # kg
 UNWEIGHED = 0.3  # of the nominal mass: s.d. of the mass of a robot that was not weighed
 
 
@@ -245,7 +246,5 @@ def weighing(observed: Observation) -> np.ndarray:
 def weighed_precision(observed: Observation) -> float:
     """Return one over the s.d. of the weight as it was weighed [1/N]."""
     weighed = observed.measurements.weighed_mass
-    sd = (
-        weighed[1] if weighed and weighed[1] else (UNWEIGHED * observed.nominal.mass if not weighed else 1e-3)
-    )
+    sd = max(weighed[1], FINEST_SCALE) if weighed else UNWEIGHED * observed.nominal.mass
     return 1.0 / (sd * observed.measurements.gravity)

@@ -26,6 +26,7 @@ from tulip_testbed.identification.variance_components import MARK_RATIO
 # Residuals of the simulated laboratory with exact sensors in full dynamics, due to compliant contacts. They
 # take the place of noise where there is none.
 FLOOR = np.array([1.5e-5] * 2 + [2e-3] + [2e-3] * 2 + [5e-6] + [1e-5] * 2 + [5e-6] * 2 + [1e-5])
+FINEST_ENCODER, FINEST_CELL = 1e-8, 1e-5  # rad, N: finer sensors are exact beside these residuals
 ASSUMED_ENCODER = 5e-4  # rad
 ASSUMED_CELL = 1.0  # N
 OUTLYING = 4.0  # s.d. beyond which a twist is an outlier
@@ -182,7 +183,7 @@ class Whitening:
 
 def floor(noise: Noise) -> np.ndarray:
     """Return the covariance of a posture's residuals without noise, (11, 11); zero for noisy sensors."""
-    exact = noise.encoder == 0 or noise.cell == 0
+    exact = noise.encoder < FINEST_ENCODER or noise.cell < FINEST_CELL
     return np.diag(FLOOR**2) if exact else np.zeros((SIZE, SIZE))
 
 

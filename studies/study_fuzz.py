@@ -6,6 +6,7 @@ on stderr.
 
 from __future__ import annotations
 
+import sys
 import tempfile
 import traceback
 from collections import Counter
@@ -50,6 +51,7 @@ def cases(place: str, target: str, kind: str, examples: int, stream: str) -> Cou
     try:
         messages = drawn(partial(judge_of(get_ident(), place).message, target, kind), examples, stream)
     except Exception:
+        print(f"\n{target}: {kind}", file=sys.stderr)
         traceback.print_exc()
         return Counter({"FAILED": 1})
     return Counter("refused" if message else "accepted, right" for message in messages)

@@ -99,7 +99,7 @@ def test_a_tolerance_of_zero_leaves_the_family_out(ordinary, nominal):
     assert not self_calibrate(observed, exact).families
     only = self_calibrate(observed, exact | {"encoder-offset": 0.01})
     assert [one.family.name for one in only.families] == ["encoder-offset"]
-    with pytest.raises(InputError, match="expected a number, 0 or more"):
+    with pytest.raises(InputError, match=r"expected 0 \(exact\) or a number"):
         self_calibrate(observed, {"encoder-offset": -1.0})
     with pytest.raises(InputError, match="unknown family 'magic'"):
         self_calibrate(observed, {"magic": 1.0})
@@ -121,7 +121,7 @@ def test_identify_takes_tolerances(ordinary, robot):
         tt.identify(measurements, robot, "mixed-model", tolerances=stated)
     with pytest.raises(InputError, match=r"tolerances: found list, expected a dictionary or None"):
         tt.identify(measurements, robot, tolerances=["tilt=0"])  # pyrefly: ignore
-    with pytest.raises(InputError, match=r"tolerance: tilt: found 'small', expected a number"):
+    with pytest.raises(InputError, match=r"tolerance: tilt: found 'small', expected 0"):
         tt.identify(measurements, robot, tolerances={"tilt": "small"})  # pyrefly: ignore
 
 
@@ -130,9 +130,10 @@ def test_identify_takes_tolerances(ordinary, robot):
     [
         ("encoder-ofset=1", "tolerance: unknown family 'encoder-ofset'; did you mean 'encoder-offset'"),
         ("tilt", "tolerance: tilt: found 'tilt', expected tilt=VALUE"),
-        ("tilt=nan", "tolerance: tilt: found nan, expected a number, 0 or more"),
+        ("tilt=nan", r"tolerance: tilt: found nan, expected 0 \(exact\) or a number within"),
         ("tilt=-1", "tolerance: tilt: found -1.0, expected"),
-        ("cell-tare=1000", "at most 100 N"),
+        ("tilt=1e-300", "tolerance: tilt: found 1e-300, expected"),
+        ("cell-tare=1000", r"within \[1e-12, 100\] N"),
     ],
 )
 def test_tolerances_that_cannot_be_read_are_named(text, message):
@@ -261,3 +262,19 @@ def test_an_estimate_that_does_not_come_to_rest_is_warned_of(ordinary, robot):
     warn_of_unrest(identify(measured, robot), "rested")  # a warning would be an error here
     with pytest.warns(InputWarning, match="restless: the estimate did not come to rest"):
         warn_of_unrest(identify(sharp, robot), "restless")
+
+
+def test_sensors_finer_than_contacts_are_exact(ordinary, robot):
+    """A stated noise of 1e-12 N is none: the laboratory's own residuals take its place."""
+    measured = ordinary[0].measurements
+    fits = []
+    for cell_sd in (0.0, 1e-12):
+        sheet = dataclasses.replace(measured.sensors, encoder_sd=0.0, cell_sd=cell_sd)
+        fits.append(identify(dataclasses.replace(measured, sensors=sheet), robot).full.value)
+    np.testing.assert_allclose(fits[0], fits[1], atol=1e-6)  # m
+
+
+def test_a_weighed_mass_of_another_robot_is_refused(ordinary, robot):
+    heavy = dataclasses.replace(ordinary[0].measurements, weighed_mass=(1e5, 0.01))
+    with pytest.raises(InputError, match="'weighed_mass': found 100000 kg, expected about 23"):
+        identify(heavy, robot)

@@ -34,9 +34,12 @@ def test_plain_stays_plain():
         max_size=5,
     ),
     last=st.booleans(),
+    top=st.sampled_from(["", "sep=", "SEP="]),
 )
 @settings(max_examples=200, deadline=None)
-def test_every_spelling_means_the_same(separator, comma, spaces, end, mark, quoted, columns, between, last):
+def test_every_spelling_means_the_same(
+    separator, comma, spaces, end, mark, quoted, columns, between, last, top
+):
     def value(text):
         text = text.replace(".", ",") if comma and separator == ";" and text not in NAMES else text
         return " " * spaces + (f'"{text}"' if quoted else text) + " " * spaces
@@ -44,6 +47,8 @@ def test_every_spelling_means_the_same(separator, comma, spaces, end, mark, quot
     lines = [separator.join([*map(value, row), *[""] * columns]) for row in (NAMES, *ROWS)]
     for at, extra in between:
         lines.insert(at, extra if extra.strip() else separator * (columns + 2))
+    if top:
+        lines.insert(0, top + separator)
     text = end.join(lines) + (end if last else "")
     assert plain_csv(PATH, (b"\xef\xbb\xbf" if mark else b"") + text.encode()) == PLAIN
 

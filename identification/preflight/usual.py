@@ -108,10 +108,12 @@ def beyond(
     parts = [float(chi2_sf(max(left, 0.0), dof)) if dof > 0 else 1.0, bonferroni(chi2_sf(rows, rank))]
     if directions is not None:
         flat_too = directions.reshape(white.size, -1)
-        information = (flat_too**2).sum(axis=0) - ((flat_too.T @ flat @ inverse) * (flat_too.T @ flat)).sum(
-            axis=1
-        )
-        parts.append(bonferroni(2 * normal_sf(np.abs(flat_too.T @ weighted.ravel()) / np.sqrt(information))))
+        flat_too = flat_too / np.maximum(np.linalg.norm(flat_too, axis=0), 1e-300)
+        common = flat_too.T @ flat
+        information = 1 - ((common @ inverse) * common).sum(axis=1)
+        told = information > RANK  # imperfections leave nothing of the others
+        score = np.abs(flat_too.T @ weighted.ravel()) / np.sqrt(np.maximum(information, RANK))
+        parts.append(bonferroni(2 * normal_sf(np.where(told, score, 0.0))))
     return singly(flat.T @ weighted.ravel(), np.diag(gram - gram @ inverse @ gram), names, parts)
 
 

@@ -11,8 +11,7 @@ from tulip_testbed.sim.errors import InputError
 
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?")
-
-
+SEPARATOR_LINE = re.compile(r'"?sep=[,;]"?', re.IGNORECASE)
 NOT_VALUES = str.maketrans("", "", ',;"')  # without them an empty line is only space
 
 
@@ -20,7 +19,8 @@ def plain_csv(path: Path, content: bytes) -> bytes:
     """Return a CSV with commas between values, points within numbers and one line per posture.
 
     Also accepted are a byte order mark, any line ends, spaces around names and values, empty lines and
-    columns, lines that begin with #, semicolons between values and, with semicolons, decimal commas.
+    columns, lines that begin with #, Excel's first line `sep=;`, semicolons between values and, with
+    semicolons, decimal commas.
 
     Args:
         path: path of the file, for messages only.
@@ -34,6 +34,8 @@ def plain_csv(path: Path, content: bytes) -> bytes:
         for number, line in enumerate(_text(path, content).split("\n"), 1)
         if not line.lstrip(' "').startswith("#") and line.translate(NOT_VALUES).strip()
     ]
+    if lines and SEPARATOR_LINE.fullmatch(lines[0][1].strip()):
+        del lines[0]
     if not lines:
         raise InputError(f"{path}: found no line with column names")
     header = lines[0][1]

@@ -82,6 +82,12 @@ def start(
         prefix: of the command line. before: called in the new process.
     """
     mark = uuid.uuid4().hex
+
+    def prepare() -> None:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # which a study under `nohup` would pass on ignored
+        if before is not None:
+            before()
+
     (place / "tmp").mkdir(exist_ok=True)
     here = dict.fromkeys(("TMPDIR", "JOBLIB_TEMP_FOLDER"), str(place / "tmp"))
     descriptor, name = tempfile.mkstemp()
@@ -94,7 +100,7 @@ def start(
         stderr=descriptor,
         env=os.environ | here | {MARK: mark},
         start_new_session=True,
-        preexec_fn=before,
+        preexec_fn=prepare,
     )
     return Started(process, mark, descriptor)
 

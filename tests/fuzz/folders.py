@@ -159,7 +159,7 @@ MANY = 10_000_000
 JOINTS = ("q.right_ankle_roll", "q.left_ankle_roll", "q.right_knee", "q.left_hip_pitch")
 NO_TEXTS = (1, None, b"double", ["double"], True, {"a": "double", "b": 1})
 GRAVITIES = (-9.81, 0, 1e-300, 1e300, "9.81", None, True, [9.81])
-MASSES = (None, {"value": 1e-3, "sd": 0.0}, {"value": 1e5, "sd": 1e-12})
+WRONG_MASSES = ({"value": 1e-3, "sd": 0.0}, {"value": 1e5, "sd": 1e-12})
 TOLERANCES = (None, {}, {"tilt": 0}, {"encoder-offset": 1e-3, "link-length": 1e-12})
 WRONG_TOLERANCES = (
     {"tilt": -1.0},
@@ -248,7 +248,8 @@ MEASURED_CONTENTS: dict[str, tuple] = {
     "wrong joints": (put("joints", make=wrong_joints), refused(WHOLE), JSON[0]),
     "degenerate plates": (put("plates.left.cells", make=degenerate), refused("plates.left.cells"), JSON[0]),
     "strange gravity": (put("gravity", *GRAVITIES), refused("key 'gravity'"), JSON[0]),
-    "weighed mass": (put("weighed_mass", *MASSES), SAME, JSON[0]),
+    "no weighed mass": (put("weighed_mass", None), SAME, JSON[0]),
+    "wrong weighed mass": (put("weighed_mass", *WRONG_MASSES), refused(WHOLE, "'weighed_mass'"), JSON[0]),
     "cell spread": (put("sensors.cell_sd", *SHEET), SAME, JSON[0]),
     "no cell spread": (put("sensors.cell_sd", *NO_SHEET), refused("sensors.cell_sd"), JSON[0]),
     "no encoder spread": (put("sensors.encoder_sd", *NO_SHEET), refused("sensors.encoder_sd"), JSON[0]),
