@@ -7,6 +7,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
+from typing import Any
 
 import jinja2
 import numpy as np
@@ -37,6 +38,7 @@ from tulip_testbed.pages import figures as drawn
 from tulip_testbed.pages import words
 from tulip_testbed.pages.figures import Figure
 from tulip_testbed.rendering import rendered
+from tulip_testbed.sim.column import printable
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.rig import preset_rig
@@ -98,7 +100,11 @@ def html(page: Page) -> str:
     """The page as one file that asks the network for nothing."""
     template = files("tulip_testbed.pages").joinpath(TEMPLATE).read_text(encoding="utf-8")
     environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=_shown,
     )
     figures = [figure for section in page.sections for figure in section.figures]
     return environment.from_string(template).render(
@@ -107,6 +113,13 @@ def html(page: Page) -> str:
         plotly=Markup(drawn.plotly_script()),
         script=Markup,
     )
+
+
+def _shown(value: Any) -> Any:
+    """Return a value without control characters, which a name or a text of a file may hold."""
+    if not isinstance(value, str) or isinstance(value, Markup):
+        return value
+    return "\n".join(map(printable, value.split("\n")))
 
 
 def title_of(run: Record) -> str:
