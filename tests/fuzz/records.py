@@ -225,8 +225,9 @@ RESUME_KINDS: dict[str, Change] = {
 RIG_KINDS: dict[str, Change] = {
     **documents_of(RIG),
     **others(RIG, "scene.xml", "diff.txt"),
-    "another scene": sealed(content(changes.flipped, refused("another one"), "scene.xml", "nominal.xml")),
-    "another comparison": sealed(content(changes.flipped, SAME, "diff.txt")),
+    "another scene": sealed(
+        content(changes.flipped, refused("another one"), "scene.xml", "nominal.xml", "diff.txt")
+    ),
     "other values": content(put("effects.0.parameters.0.value", 0.0, 0.01, -0.02, 1e-300, 1), EITHER, RIG),
     "other targets": content(put("effects.0.target", "left_knee", "nose", "", None, "\x1b"), EITHER, RIG),
 }
