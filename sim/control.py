@@ -93,13 +93,22 @@ def torque_limits(robot: Robot) -> np.ndarray:
     Raises:
         InputError: a limit that allows a single direction only.
     """
-    spec, names = robot.spec, joint_names(robot.model)
-    limits = dict.fromkeys(names, np.inf)
+    limits = drive_torques(robot.spec)
+    return np.array([limits.get(name, np.inf) for name in joint_names(robot.model)])
+
+
+def drive_torques(spec: mujoco.MjSpec) -> dict[str, float]:
+    """Return the largest torque of the motors on each joint that has one [Nm]; infinite where none is given.
+
+    Raises:
+        InputError: a limit that allows a single direction only.
+    """
+    limits: dict[str, float] = {}
     for actuator in spec.actuators:
-        if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT and actuator.target in limits:
-            torques = _torques(spec, actuator)
-            limits[actuator.target] = min([limits[actuator.target], *torques])
-    return np.array([limits[name] for name in names])
+        if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
+            limit = min([np.inf, *_torques(spec, actuator)])
+            limits[actuator.target] = min(limits.get(actuator.target, np.inf), limit)
+    return limits
 
 
 def remove_servos(spec: mujoco.MjSpec) -> None:

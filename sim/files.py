@@ -6,6 +6,7 @@ import errno
 import fcntl
 import functools
 import glob
+import hashlib
 import os
 import shutil
 import stat
@@ -20,6 +21,7 @@ from tulip_testbed.sim.errors import InputError, shortened
 MOST_BYTES = 64 * 2**20  # of any file that is read
 NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EXDEV)
 MOST_NAME = 255  # bytes of a part of a path, on every usual file system
+LONGEST_STEM = 200  # bytes of it that are found again in hidden names
 MEASURED = b'"tulip-measurements"'  # what the manifest of a measurement folder says of itself
 KINDS = {
     stat.S_IFDIR: "a folder",
@@ -151,7 +153,7 @@ def check_new(path: Path, ending: str = "") -> None:
         _check_outside(real)
     parent = next(folder for folder in real.parents if present(folder))
     try:
-        probe = tempfile.mkdtemp(dir=parent, prefix=f".{path.name}.", suffix=".partial")
+        probe = tempfile.mkdtemp(dir=parent, prefix=f".{_stem(path)}.", suffix=".partial")
         with suppress(FileNotFoundError):  # another writer of the name took it for stale
             os.rmdir(probe)
     except OSError as error:
@@ -265,9 +267,15 @@ def _partial(path: Path, make: Callable[[Path], int]) -> Iterator[Path]:
         raise InputError(f"{path}: cannot write ({error_text(error)})") from None
 
 
+def _stem(path: Path) -> str:
+    """Return what hidden names of a result begin with; a name of almost 255 bytes leaves no room for more."""
+    name = os.fsencode(path.name)
+    return path.name if len(name) <= LONGEST_STEM else hashlib.sha256(name).hexdigest()
+
+
 def _make_locked(path: Path, make: Callable[[Path], int]) -> tuple[Path, int]:
     while True:
-        working = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.partial")
+        working = path.with_name(f".{_stem(path)}.{uuid.uuid4().hex[:8]}.partial")
         try:
             lock = make(working)
         except FileNotFoundError:
@@ -282,7 +290,7 @@ def _make_locked(path: Path, make: Callable[[Path], int]) -> tuple[Path, int]:
 
 
 def _remove_stale(path: Path) -> None:
-    for stale in path.parent.glob(f".{glob.escape(path.name)}.????????.partial"):
+    for stale in path.parent.glob(f".{glob.escape(_stem(path))}.????????.partial"):
         with suppress(OSError):
             lock = os.open(stale, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
             try:

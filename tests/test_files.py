@@ -179,3 +179,10 @@ def test_names_that_no_file_can_have(tmp_path):
 def test_a_byte_order_mark_is_no_text(tmp_path):
     (tmp_path / "a").write_bytes(b"\xef\xbb\xbf{}")
     assert read_text(tmp_path / "a") == "{}"
+
+
+def test_a_name_that_leaves_no_room_for_more_is_written(tmp_path):
+    for name in ("\u00e4" * 120, "x" * 255):
+        with new_folder(tmp_path / name) as folder:
+            (folder / "one").write_text("1")
+        assert os.listdir(tmp_path / name) == ["one"]
