@@ -279,7 +279,8 @@ PLATE_KINDS: dict[str, Change] = {  # what only a simulation reads
     **{f"{edit} in a scene": content(tree(edit), EITHER, SCENE, PLATE) for edit in TREE_EDITS},
     "flipped bytes in a scene": content(changes.flipped, EITHER, SCENE, PLATE),
     "spoiled scene": content(changes.spoiled, REFUSED, SCENE, PLATE),
-    "wrong scene": content(wrong_mjcf, REFUSED, SCENE, PLATE),
+    "wrong scene": content(wrong_mjcf, REFUSED, SCENE),
+    "wrong plate": content(wrong_mjcf, refused(WHOLE), PLATE),  # the scene that loads it may be named
     "no scene": content(swap(NO_SCENE), refused(WHOLE, "scene"), SCENE),
     "no plate": content(swap(NO_PLATE), refused(WHOLE, "scene"), PLATE),
     "a scene elsewhere": elsewhere("xml", TOML, f'"{SCENE}"', '"{}"'),
