@@ -32,6 +32,7 @@ MOST_TOML = 2**20  # bytes
 # Exceptions of MuJoCo's compiler.
 BROKEN = (ValueError, RuntimeError, mujoco.FatalError, mujoco.UnexpectedError)
 DESCRIBED = ("scene_file", "plate_file", "stance_foot", "swing_foot", "settings")  # fields not compiled
+PUBLISHED = (".urdf", ".xml")  # endings of models as people publish them
 CORNERS = ("front_left", "front_right", "rear_right", "rear_left")
 PLATES = ("right", "left")
 CELLS = tuple(f"{plate}.{corner}" for plate in PLATES for corner in CORNERS)
@@ -187,6 +188,10 @@ def _load(
 
 def _description(path: Path) -> dict[str, Any]:
     """Read a robot's description and check its most important keys."""
+    if path.suffix.lower() in PUBLISHED and present(path):
+        raise InputError(
+            f"{path}: found a model, expected a description (TOML): `tulip robot` makes one of it"
+        )
     try:
         settings = tomllib.loads(read_text(path, MOST_TOML))
     except tomllib.TOMLDecodeError as error:

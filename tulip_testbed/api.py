@@ -5,6 +5,8 @@ Every function uses one thread for linear algebra, so that a notebook and the co
 
 from __future__ import annotations
 
+import atexit
+import shutil
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -32,6 +34,7 @@ from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo, Plac
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.planning_run import PlanSettings, optimal_plan
 from tulip_testbed.experiments.records import read_record, record_of
+from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.experiments.usable_plan import check_plan
 from tulip_testbed.experiments.validate import Validation
 from tulip_testbed.experiments.validate import validate as _validate
@@ -44,7 +47,7 @@ from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.measurements import read_measurements as _read_measurements
 from tulip_testbed.sim.measurements import write_measurements as _write_measurements
 from tulip_testbed.sim.measurements.contract import check_contract
-from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.robot import PUBLISHED, Robot
 from tulip_testbed.sim.shipped import TULIP
 from tulip_testbed.sim.threads import one_blas_thread, processes
 
@@ -75,12 +78,18 @@ def load_robot(path: str | Path = TULIP) -> Robot:
     """Load a robot and check its description and its model against each other.
 
     Args:
-        path: of the description (TOML); TULip's if left out.
+        path: of the description (TOML), or of a published MJCF or URDF, of which a description is made in a
+            temporary folder (`tulip robot` writes one to keep); TULip's if left out.
 
     Raises:
         InputError: names the file, the key, what was found and what was expected.
     """
-    return described_robot(Path(path))
+    path = Path(path)
+    if path.suffix.lower() not in PUBLISHED:
+        return described_robot(path)
+    folder = Path(tempfile.mkdtemp(prefix="tulip-robot-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return described_robot(import_robot(path).write(folder / path.stem).path)
 
 
 @checked

@@ -13,6 +13,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.postures import planning_ranges
 from tulip_testbed.polygons import inset, nearest_on
 from tulip_testbed.rendering import rendered
@@ -29,6 +30,7 @@ GAP, HEAD, LEGEND = 16, 22, 64  # pixels
 BOARD, SOLE, POLYGON, COM = "#c3cbd3", "#5b6770", "#1f5fa8", "#c4461b"
 THUMB = (168, 224)  # pixels, of a rendered posture
 SHEET_COLUMNS = 10
+PORTRAIT = (480, 640)  # pixels
 
 
 def write_pictures(folder: Path, robot: Robot, plan: PosturePlan) -> InputError | None:
@@ -127,6 +129,21 @@ def contact_sheet(robot: Robot, plan: PosturePlan) -> bytes:
     file = io.BytesIO()
     sheet.save(file, "PNG", optimize=True)
     return file.getvalue()
+
+
+def standing_picture(robot: Robot) -> bytes:
+    """Draw the keyframe `stand` on the plates; a PNG.
+
+    Raises:
+        InputError: nothing draws here.
+    """
+    angles = robot.model.key("stand").qpos[7:][None]
+    pose = nominal_robot(robot).swing_sole(angles)[:, [0, 1, 5]]
+    boards = boards_under(preset_rig("ideal", robot), pose)
+    image = rendered(robot, angles, boards, *PORTRAIT)[0]
+    out = io.BytesIO()
+    Image.fromarray(image).save(out, "png")
+    return out.getvalue()
 
 
 def _pixels(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -33,6 +33,7 @@ COMMANDS: dict[str, str] = {
     "identify": "Identify the robot's base parameters from a measurement folder.",
     "postures": "Draw random feasible postures, or describe a plan.",
     "plan": "Search for optimal postures (section IV of the paper).",
+    "robot": "Prepare a published MJCF or URDF for every other command.",
     "model": "Show a model's standard parameters and its base parameters.",
     "discover": "Find physical effects that the model lacks.",
     "effects": "List the physical effects that can be simulated, or explain one.",

@@ -1,0 +1,249 @@
+"""Find the feet, their soles and the directions of a robot by its geometry."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from tulip_testbed.experiments.robot_import.skeleton import Array, Skeleton
+from tulip_testbed.sim.errors import InputError, listed
+
+UP = np.array([0.0, 0.0, 1.0])
+SOLE = 0.004  # m: points no higher above the lowest one belong to the sole
+TOE = 0.015  # m: a foot whose toes have a joint of their own is not much higher than these
+LEVEL = np.radians(30.0)  # a sole that is steeper at zero angles is none
+ROUGH = np.radians(1.0)  # meshes are not flatter than this
+STRAIGHT = np.radians(10.0)  # a frame that differs less keeps its direction about the vertical
+LOPSIDED = 0.25  # of a sole's length: a foot that reaches so much farther points to the front
+LEAST_SOLE = 0.01  # m, length and width
+REFINED = 3  # times that the plane of a sole is fitted again
+
+
+@dataclass(frozen=True)
+class Foot:
+    """A foot.
+
+    Attributes:
+        link: its number.
+        axes: x forward, y left, z up out of the sole, in the world at zero angles, (3, 3), columns.
+        origin: over the ankle, (3,) [m].
+        corners: of the sole, in the order of `CORNERS`, in these axes from the origin, (4, 3) [m].
+    """
+
+    link: int
+    axes: Array
+    origin: Array
+    corners: Array
+
+
+@dataclass(frozen=True)
+class Stance:
+    """What a robot stands on, and where its front is.
+
+    Attributes:
+        feet: right and left.
+        axes: of the root: x forward, y left, z up, (3, 3), columns.
+        toes: hinges between a foot and its toes, which are fixed.
+        turned: links whose frames are not those of the file.
+    """
+
+    feet: tuple[Foot, Foot]
+    axes: Array
+    toes: frozenset[str]
+    turned: tuple[str, ...]
+
+
+def stance_of(
+    skeleton: Skeleton, names: tuple[str, str] | None = None, sole: tuple[float, ...] = ()
+) -> Stance:
+    """Find feet and directions.
+
+    Args:
+        names: of right and left foot, if the geometry does not tell.
+        sole: reach in front of the ankle and behind it, width, height of the ankle, if it does not tell [m].
+
+    Raises:
+        InputError: no two feet with soles.
+    """
+    pair, toes = _pair(skeleton, names)
+    ankles = [skeleton.links[link].hinges[-1].anchor for link in pair]
+    if sole:
+        soles = [(_stated(ankle, sole), UP) for ankle in ankles]
+    else:
+        soles = [_sole(skeleton, link) for link in pair]
+    sides = [_side(skeleton.links[link].name) for link in pair]
+    known = (
+        1 if names is not None or sides == ["right", "left"] else -1 if sides == ["left", "right"] else None
+    )
+    forward = _forward(soles, ankles, known)
+    left = np.cross(UP, forward)
+    if names is None and (ankles[1] - ankles[0]) @ left < 0:
+        pair, soles, ankles = pair[::-1], soles[::-1], ankles[::-1]
+    root = skeleton.links[0]
+    axes = _axes(root.turn, UP, forward)
+    turned = [root.name] if not np.allclose(axes, root.turn, atol=1e-6) else []
+    feet = []
+    for link, (points, normal), ankle in zip(pair, soles, ankles, strict=True):
+        foot, frame_kept = _foot(skeleton, link, points, normal, ankle, forward)
+        feet.append(foot)
+        if not frame_kept:
+            turned.append(skeleton.links[link].name)
+    return Stance((feet[0], feet[1]), axes, toes, tuple(turned))
+
+
+def _pair(skeleton: Skeleton, names: tuple[str, str] | None) -> tuple[list[int], frozenset[str]]:
+    """Return the links of both feet and the hinges of their toes."""
+    links = skeleton.links
+    if names is not None:
+        known = [one.name for one in links]
+        for name in names:
+            if name not in known:
+                raise InputError(f"feet: found '{name}', expected two of the links {listed(known)}")
+        return [skeleton.number(name) for name in names], frozenset()
+    heights = np.array([one.lowest(UP) for one in links])
+    order = [int(k) for k in np.argsort(heights) if np.isfinite(heights[k]) and k > 0]
+    if not order:
+        raise InputError("found no geometry of any link, expected that of feet; state them by name")
+    first = order[0]
+    own = set(skeleton.path(first))
+    others = [k for k in order if k not in own and first not in skeleton.path(k)]
+    # The other foot hangs on a leg of its own: it shares no hinge with the first one below the root's branch.
+    others = [k for k in others if len(skeleton.path(k)) > 2 or len(links) < 5]
+    if not others or heights[others[0]] - heights[first] > 0.1:
+        raise InputError(
+            f"found one lowest link, '{links[first].name}', and no other at its height; expected two feet"
+        )
+    pair, toes = [first, others[0]], set()
+    for k, foot in enumerate(pair):
+        above = links[foot].parent
+        toe = _is_toe(skeleton, foot, heights)
+        if toe and above not in skeleton.path(pair[1 - k]):
+            toes |= {hinge.name for hinge in links[foot].hinges}
+            pair[k] = above
+    return pair, frozenset(toes)
+
+
+def _is_toe(skeleton: Skeleton, foot: int, heights: np.ndarray) -> bool:
+    """Return whether the link above is a foot of its own right: as low, and long."""
+    above = skeleton.links[foot].parent
+    if above <= 0 or heights[above] - heights[foot] > TOE:
+        return False
+    points, _ = _lowest_points(skeleton, above, UP)
+    return bool(np.ptp(points[:, :2], axis=0).max() > 4 * LEAST_SOLE)
+
+
+def _lowest_points(skeleton: Skeleton, link: int, up: Array) -> tuple[Array, float]:
+    """Return the points of a link that touch a plane below it, (k, 3) [m], and the plane's height."""
+    balls = [shape.points() for shape in skeleton.links[link].solid()]
+    points = np.concatenate([p - r * up for p, r in balls])
+    heights = points @ up
+    return points[heights < heights.min() + SOLE], float(heights.min())
+
+
+def _sole(skeleton: Skeleton, link: int) -> tuple[Array, Array]:
+    """Return the points of a sole, (k, 3) [m], and its normal, (3,), out of the ground."""
+    name = skeleton.links[link].name
+    if not skeleton.links[link].solid():
+        raise InputError(f"foot '{name}': found no geometry, expected a sole; state its corners")
+    normal = UP
+    for _ in range(REFINED):
+        points, _ = _lowest_points(skeleton, link, normal)
+        spread = points - points.mean(axis=0)
+        _, size, axes = np.linalg.svd(spread, full_matrices=False)
+        flat = len(points) >= 3 and size[1] > 0.1 * size[0]
+        if not flat:
+            break
+        fitted = axes[2] * np.sign(axes[2] @ UP)
+        if np.arccos(np.clip(fitted @ UP, -1, 1)) > LEVEL:
+            break
+        normal = UP if fitted @ UP > np.cos(ROUGH) else fitted
+    points, _ = _lowest_points(skeleton, link, normal)
+    length = (
+        np.sort(np.linalg.svd(points - points.mean(axis=0), compute_uv=False))[-2] if len(points) > 2 else 0
+    )
+    if length < LEAST_SOLE / 2:
+        raise InputError(
+            f"foot '{name}': found {len(points)} points that touch the ground, on a line or narrower than "
+            f"{1e3 * LEAST_SOLE:g} mm; expected a sole with an area"
+        )
+    return points, normal
+
+
+def _stated(ankle: Array, sole: tuple[float, ...]) -> Array:
+    """Return the corners of a sole that is stated, with x forward, (4, 3) [m] in the world."""
+    front, rear, width, height = sole
+    corners = [[x, y, -height] for x in (front, -rear) for y in (width / 2, -width / 2)]
+    return ankle + np.array(corners)
+
+
+def _forward(soles: list[tuple[Array, Array]], ankles: list[Array], known: int | None) -> Array:
+    """Return the horizontal direction across the line of the ankles in which the soles reach farther.
+
+    Args:
+        known: 1 if the second foot is known to be the left one, -1 if the first one is, else None.
+    """
+    line = (ankles[1] - ankles[0]) * [1, 1, 0]
+    if np.linalg.norm(line) < 1e-3:
+        raise InputError("found both ankles above one another, expected feet side by side at zero angles")
+    forward = np.cross(line / np.linalg.norm(line), UP)
+    reach = length = 0.0
+    for (points, _), ankle in zip(soles, ankles, strict=True):
+        along = (points - ankle) @ forward
+        reach += along.max() + along.min()
+        length += np.ptp(along)
+    axis = np.eye(3)[int(np.abs(forward).argmax())]
+    near = axis * np.sign(axis @ forward)
+    if near @ forward > np.cos(STRAIGHT):
+        forward = near
+    if known is not None:
+        return forward * known
+    if abs(reach) < LOPSIDED * length:  # feet that reach almost as far back: x is the front, as is usual
+        return forward * (np.sign(forward[0]) or 1.0)
+    return forward * np.sign(reach)
+
+
+def _side(name: str) -> str:
+    """Return 'left' or 'right' if a name says so, else nothing."""
+    words = re.split(r"[^a-z]+|(?<=[a-z])(?=[A-Z])", name.lower())
+    for side in ("left", "right"):
+        if side in name.lower() or side[0] in words:
+            return side
+    return ""
+
+
+def _axes(old: Array, up: Array, forward: Array) -> Array:
+    """Return axes with z up and x forward, the file's own direction about z if it is nearly so."""
+    x = old[:, 0] - (old[:, 0] @ up) * up
+    wanted = forward - (forward @ up) * up
+    wanted /= np.linalg.norm(wanted)
+    if np.linalg.norm(x) > 0.5 and x @ wanted / np.linalg.norm(x) > np.cos(STRAIGHT):
+        wanted = x / np.linalg.norm(x)
+    return np.column_stack([wanted, np.cross(up, wanted), up])
+
+
+def _foot(
+    skeleton: Skeleton, link: int, points: Array, normal: Array, ankle: Array, forward: Array
+) -> tuple[Foot, bool]:
+    """Return a foot, and whether it keeps its frame."""
+    old = skeleton.links[link]
+    axes = _axes(old.turn, normal, forward)
+    flat = (points - ankle) @ axes
+    low, high = flat[:, :2].min(axis=0), flat[:, :2].max(axis=0)
+    own = ((old.place - ankle) @ axes)[:2]
+    inside = bool((own > low).all() and (own < high).all())
+    origin = old.place if inside else ankle
+    corners = _corners((points - origin) @ axes)
+    kept = inside and np.allclose(axes, old.turn, atol=1e-6)
+    return Foot(link, axes, origin.copy(), corners), kept
+
+
+def _corners(points: Array) -> Array:
+    """Return the four outermost points of a sole: front left, front right, rear right, rear left."""
+    center = (points[:, :2].max(axis=0) + points[:, :2].min(axis=0)) / 2
+    half = np.maximum(np.ptp(points[:, :2], axis=0) / 2, 1e-6)
+    scaled = (points[:, :2] - center) / half
+    signs = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
+    chosen = [points[int((scaled @ sign).argmax()), :2] for sign in signs]
+    return np.column_stack([chosen, np.full(4, points[:, 2].min())])

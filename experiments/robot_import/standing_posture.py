@@ -1,0 +1,197 @@
+"""Find the posture in which a robot stands: knees bent, soles level, centre of mass between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import scipy
+
+from tulip_testbed.experiments.robot_import.skeleton import Array
+from tulip_testbed.sim.errors import InputError, listed
+
+BENT = (0.94, 0.97, 0.985)  # heights of the root over the soles that are tried, of that with straight legs
+STARTS = 6
+CLOSE = 1e-4  # m, rad: largest error of a posture that stands
+LIMIT = np.radians(3.0)  # distance from the joints' limits
+# Weights of what is only wished for, against equations with weight one [m, rad].
+STAY, CENTER = 1e-4, 3e-3
+TRIES = 400  # of postures of the arms
+SPREAD = 0.6  # rad, s.d. of these about the first one
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A posture that stands.
+
+    Attributes:
+        qpos: of the model, root first, (nq,).
+        height: of the root's origin over the soles, and with straight legs (at zero angles) [m].
+        spacing: of the feet's origins to the side [m].
+        leg: from the hip (first hinge of a leg) to the sole, with straight legs [m].
+    """
+
+    qpos: Array
+    height: float
+    straight: float
+    spacing: float
+    leg: float
+
+
+def standing(
+    model: mujoco.MjModel,
+    feet: tuple[str, str],
+    soles: tuple[Array, Array],
+    reference: dict[str, float],
+    clearance: Callable[[mujoco.MjData], float],
+) -> Standing:
+    """Find a posture that stands.
+
+    Args:
+        model: the robot alone; its root and feet have x forward, y left, z up.
+        feet: right and left. soles: middle of each sole in its foot's frame, (3,) [m].
+        reference: angles near which the joints stay, by name [rad].
+        clearance: smallest distance between links that should not touch [m].
+
+    Raises:
+        InputError: none was found, with what is missed.
+    """
+    data = mujoco.MjData(model)
+    ids = [model.body(foot).id for foot in feet]
+    dofs = np.arange(6, model.nv)
+    names = [model.joint(int(model.dof_jntid[d])).name for d in dofs]
+    low, high = np.array([_limits(model, name) for name in names]).T
+    wanted = np.clip([reference.get(name, 0.0) for name in names], low, high)
+    straight, spacing, leg = _at_zero(model, data, ids, soles)
+    legs = np.array([_carries(model, name, ids) for name in names])
+
+    def place(x: Array) -> None:
+        data.qpos[:3], data.qpos[3:7], data.qpos[7:] = [x[0], 0, x[1]], [1, 0, 0, 0], x[2:]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+
+    def equations(x: Array) -> Array:
+        place(x)
+        out = []
+        for k, side in ((0, -1), (1, 1)):
+            turn = data.xmat[ids[k]].reshape(3, 3)
+            point = data.xpos[ids[k]] + turn @ soles[k]
+            out += [*(point - [0, side * spacing / 2, 0]), turn[2, 0], turn[2, 1], turn[1, 0]]
+        return np.array(out)
+
+    def residuals(x: Array) -> Array:
+        found = equations(x)
+        return np.concatenate([found, CENTER * data.subtree_com[1, :2], STAY * (x[2:] - wanted)])
+
+    rng = np.random.default_rng(0)
+
+    def solved(height: float, share: float, spread: float) -> Array:
+        """Begin between the joints' zeros and the middle of their ranges: that bends knees as they go."""
+        middle = np.clip((low + high) / 2, -1.0, 1.0)
+        start = np.where(legs, (1 - share) * wanted + share * middle, wanted)
+        start = np.clip(start + spread * rng.standard_normal(len(start)) * legs, low + 1e-6, high - 1e-6)
+        bounds = (np.array([-1.0, height - 1e-9, *low]), np.array([1.0, height + 1e-9, *high]))
+        first = np.array([0.0, height, *start])
+        return scipy.optimize.least_squares(residuals, first, bounds=bounds, max_nfev=200).x
+
+    best, missed = np.zeros(0), np.inf
+    for bent in BENT:
+        tries = [solved(bent * straight, 0.3, 0.0)]
+        tries += [solved(bent * straight, rng.uniform(0.1, 0.5), 0.1 * k) for k in range(1, STARTS)]
+        best = min(tries, key=lambda x: float(np.square(residuals(x)).sum()))
+        if (missed := float(np.abs(equations(best)).max())) < CLOSE:
+            break
+    if missed > CLOSE:
+        raise InputError(
+            f"found no posture that stands with level soles: the best one misses by {1e3 * missed:.1f} mm "
+            f"or mrad, with {_at_limits(names, best[2:], low, high)}; expected legs that can put both feet "
+            "flat on the ground with bent knees"
+        )
+    best = _apart(best, place, lambda: clearance(data), ~legs, (low, high), rng)
+    place(best)
+    return Standing(data.qpos.copy(), float(best[1]), straight, spacing, leg)
+
+
+def _at_limits(names: list[str], angles: Array, low: Array, high: Array) -> str:
+    """Name the joints that have come to a limit."""
+    stuck = np.minimum(angles - low, high - angles) < 1e-3
+    found = [
+        f"{name} [{np.degrees(a):.0f}, {np.degrees(b):.0f}] deg"
+        for name, a, b, is_stuck in zip(names, low - LIMIT, high + LIMIT, stuck, strict=True)
+        if is_stuck
+    ]
+    return f"{listed(found)} at their limits" if found else "no joint at its limit"
+
+
+def _apart(
+    x: Array,
+    place: Callable[[Array], None],
+    clearance: Callable[[], float],
+    free: np.ndarray,
+    limits: tuple[Array, Array],
+    rng: np.random.Generator,
+) -> Array:
+    """Move the joints that are not between the feet until the links are apart, as little as will do."""
+    place(x)
+    best, most = x, clearance()
+    for k in range(TRIES):
+        if most >= 0.02 or not free.any():
+            break
+        trial = x.copy()
+        step = SPREAD * (k + 1) / TRIES * rng.standard_normal(int(free.sum()))
+        trial[2:][free] = np.clip(x[2:][free] + step, limits[0][free], limits[1][free])
+        place(trial)
+        if (found := clearance()) > most:
+            best, most = trial, found
+    return best
+
+
+def _limits(model: mujoco.MjModel, name: str) -> tuple[float, float]:
+    joint = model.joint(name)
+    low, high = joint.range if joint.limited[0] else (-np.pi, np.pi)
+    margin = min(LIMIT, 0.1 * (high - low))
+    return float(low + margin), float(high - margin)
+
+
+def _at_zero(
+    model: mujoco.MjModel, data: mujoco.MjData, feet: list[int], soles: tuple[Array, Array]
+) -> tuple[float, float, float]:
+    """Return, with straight legs, heights of root and hip over the soles and the feet's distance [m].
+
+    Returns:
+        the root's height, the distance, the hip's height.
+    """
+    data.qpos[:] = 0.0
+    data.qpos[3] = 1.0
+    mujoco.mj_kinematics(model, data)
+    points = [data.xpos[k] + data.xmat[k].reshape(3, 3) @ sole for k, sole in zip(feet, soles, strict=True)]
+    ground = float(np.mean([point[2] for point in points]))
+    hip = feet[0]
+    while model.body_parentid[hip] > 1 and not _both_below(model, int(model.body_parentid[hip]), feet):
+        hip = int(model.body_parentid[hip])
+    joint = int(model.body_jntadr[hip])
+    return (
+        float(data.xpos[1, 2] - ground),
+        float(points[1][1] - points[0][1]),
+        float(data.xanchor[joint, 2] - ground),
+    )
+
+
+def _both_below(model: mujoco.MjModel, body: int, feet: list[int]) -> bool:
+    return all(body in _path(model, foot) for foot in feet)
+
+
+def _path(model: mujoco.MjModel, body: int) -> list[int]:
+    path = []
+    while body:
+        path.append(body)
+        body = int(model.body_parentid[body])
+    return path
+
+
+def _carries(model: mujoco.MjModel, joint: str, feet: list[int]) -> bool:
+    """Return whether a joint lies between the feet."""
+    body = int(model.joint(joint).bodyid[0])
+    return sum(body in _path(model, foot) for foot in feet) == 1

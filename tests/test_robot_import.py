@@ -1,0 +1,221 @@
+"""Published robots, as MJCF and URDF, become robots that the laboratory takes."""
+
+import json
+import tomllib
+
+import mujoco
+import numpy as np
+import pytest
+
+import tulip_testbed as tt
+from tests.published_robot import MASS, SOLE, center_of_mass, write_published
+from tulip_testbed.cli.main import main
+from tulip_testbed.experiments.robot_import.robot_import import import_robot
+from tulip_testbed.experiments.usable_plan import random_plan
+from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.robot import load_robot, sole_corners
+
+
+@pytest.fixture(scope="module")
+def urdf(tmp_path_factory):
+    return write_published(tmp_path_factory.mktemp("published") / "humanoid")
+
+
+@pytest.fixture(scope="module")
+def prepared(urdf, tmp_path_factory):
+    found = import_robot(urdf)
+    return found, found.write(tmp_path_factory.mktemp("prepared") / "robot")
+
+
+def test_what_a_urdf_says_is_found(prepared):
+    found, robot = prepared
+    assert found.found["feet"] == ["right_ankle_roll_link", "left_ankle_roll_link"]
+    assert found.found["mass"] == pytest.approx(MASS)
+    assert robot.model.body_mass.sum() == pytest.approx(MASS)
+    assert found.found["joints"] == 12 + 1 + 4  # legs, waist, arms; the head is light
+    front, rear, outer, inner, height = SOLE
+    left = sole_corners(robot.model, "left_ankle_roll_link")
+    wanted = [
+        [front, outer, -height],
+        [front, inner, -height],
+        [rear, inner, -height],
+        [rear, outer, -height],
+    ]
+    np.testing.assert_allclose(left, wanted, atol=1e-6)
+    assert found.found["leg"] == pytest.approx(0.3 + 0.3 + height)
+    assert found.found["torque"]["left_knee"] == 60
+
+
+def test_what_a_file_does_not_say_is_assumed_and_told(prepared):
+    found, _ = prepared
+    text = "\n".join((*found.assumed, *found.problems))
+    for words in (
+        "joints that follow another one: right_finger, left_finger",
+        "joints that move less than 0.5 % of the mass: neck",
+        "rotor inertia 0.003 kg m2 per Nm of torque limit for all joints",
+        "range of 90 deg either way for right_elbow, left_elbow",
+        "1 meshes are missing or cannot be read: package://humanoid/meshes/lidar.stl",
+    ):
+        assert words in text
+    assert json.loads(json.dumps(found.plain())).keys() == {"found", "assumed", "problems"}
+
+
+def test_the_centre_of_mass_is_that_of_hand_written_kinematics(prepared):
+    _, robot = prepared
+    data, rng = mujoco.MjData(robot.model), np.random.default_rng(3)
+    names = [robot.model.joint(j).name for j in range(1, robot.model.njnt)]
+    for _ in range(5):
+        angles = rng.uniform(-0.5, 0.5, len(names))
+        data.qpos[:] = [0, 0, 0, 1, 0, 0, 0, *angles]
+        mujoco.mj_kinematics(robot.model, data)
+        mujoco.mj_comPos(robot.model, data)
+        wanted = center_of_mass(dict(zip(names, angles, strict=True)))
+        np.testing.assert_allclose(data.subtree_com[1], wanted, atol=1e-5)  # the MJCF has six digits
+
+
+def test_it_stands_on_level_soles_with_bent_knees(prepared):
+    _, robot = prepared
+    model, data = robot.model, mujoco.MjData(robot.model)
+    data.qpos[:] = model.key("stand").qpos
+    mujoco.mj_forward(model, data)
+    heights = [
+        (data.body(foot).xpos + data.body(foot).xmat.reshape(3, 3) @ corner)[2]
+        for foot in robot.feet
+        for corner in sole_corners(model, foot)
+    ]
+    np.testing.assert_allclose(heights, 0.0, atol=2e-4)
+    assert abs(data.subtree_com[1, 0]) < 0.05
+    assert data.qpos[model.joint("left_knee").qposadr[0]] > 0.2
+
+
+@pytest.mark.parametrize("turn", [np.pi, np.pi / 2])
+def test_a_robot_that_faces_another_way_is_the_same_robot(turn, prepared, tmp_path):
+    """iCub's x points to the back; the names of the sides tell."""
+    _, robot = prepared
+    found = import_robot(write_published(tmp_path / "turned", turn))
+    other = found.write(tmp_path / "robot")
+    assert any("frames turned to x forward" in text for text in found.assumed)
+    for foot in robot.feet:
+        np.testing.assert_allclose(
+            sole_corners(other.model, foot), sole_corners(robot.model, foot), atol=1e-6
+        )
+    centers = []
+    for one in (robot, other):
+        data = mujoco.MjData(one.model)
+        data.qpos[:] = one.model.key("stand").qpos
+        mujoco.mj_kinematics(one.model, data)
+        mujoco.mj_comPos(one.model, data)
+        centers.append(data.subtree_com[1].copy())
+    np.testing.assert_allclose(*centers, atol=1e-3)
+
+
+def test_feet_that_point_forward_tell_the_front_without_names(tmp_path):
+    found = import_robot(write_published(tmp_path / "turned", np.pi, names=("alpha", "beta")))
+    assert found.found["feet"] == ["alpha_ankle_roll_link", "beta_ankle_roll_link"]
+
+
+def test_the_published_files_are_not_changed_and_its_description_can_be_edited(urdf, prepared, tmp_path):
+    before = {path: path.read_bytes() for path in urdf.parent.rglob("*.*")}
+    found = import_robot(urdf)
+    assert before == {path: path.read_bytes() for path in urdf.parent.rglob("*.*")}
+    assert found.model == prepared[0].model  # the same again
+    table = tomllib.loads(found.description)
+    assert table["stance_foot"] == "right_ankle_roll_link"
+    assert set(table["planning"]["joints_deg"]) == {
+        *("waist", "right_shoulder", "right_elbow", "left_shoulder", "left_elbow"),
+    }
+    with pytest.raises(InputError, match=r"found a model, expected a description .*: `tulip robot` makes"):
+        load_robot(urdf)
+
+
+def test_it_goes_through_the_laboratory(urdf):
+    robot = tt.load_robot(urdf)
+    plan = random_plan(robot, 12, 5, seed=1)
+    run = tt.Laboratory(robot, "ideal").run(plan, seed=1, engine="statics")
+    found = tt.identify(run, robot, "least-squares").full
+    parameters = base_parameters(robot)
+    true = parameters.values(standard_parameters(robot.model))
+    assert np.abs(found.value - true).max() < 1e-3  # m
+
+
+BOX = '<geom type="box" size=".1 .04 .01" pos=".03 0 -.05"/>'
+ROD = '<geom type="capsule" size=".01" fromto="-.05 0 -.05 .1 0 -.05"/>'
+
+
+def mjcf(
+    legs: int = 6, more: str = "", foot: str = '<geom type="box" size=".1 .04 .01" pos=".03 0 -.05"/>'
+) -> str:
+    """An MJCF humanoid with `legs` hinges a leg."""
+    axes = ("0 0 1", "1 0 0", "0 1 0", "0 1 0", "0 1 0", "1 0 0")[:legs]
+    chains = []
+    for side, y in (("right", -0.1), ("left", 0.1)):
+        text = end = ""
+        for k, axis in enumerate(axes):
+            place = f"0 {y} 0" if k == 0 else "0 0 -.3" if k in (3, 4) else "0 0 0"
+            shape = foot if k == len(axes) - 1 else ""
+            text += (
+                f'<body name="{side}{k}" pos="{place}">'
+                f'<joint name="{side}{k}" axis="{axis}" range="-60 100"/>'
+                f'<inertial pos="0 0 -.1" mass="1" diaginertia=".01 .01 .01"/>{shape}'
+            )
+            end += "</body>"
+        chains.append(text + end)
+    return f"""<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/>
+<body name="trunk" pos="0 0 .7"><freejoint/><inertial pos="0 0 .2" mass="10" diaginertia=".2 .2 .1"/>
+{"".join(chains)}</body></worldbody>{more}</mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (mjcf(5), "the leg of foot 'right4' has 5 hinges .*expected six or more: with fewer a foot"),
+        (
+            mjcf(more='<equality><connect body1="left3" body2="right3" anchor="0 0 0"/></equality>'),
+            r"found closed loops \(<equality> left3 and right3\): statics does not determine their forces",
+        ),
+        (
+            mjcf(foot='<geom type="capsule" size=".01" fromto="-.05 0 -.05 .1 0 -.05"/>'),
+            "on a line or narrower than",
+        ),
+        (mjcf(foot=""), "found no geometry of any link, expected that of feet; state them by name"),
+        ("<sdf><model/></sdf>", "found an SDF, expected an MJCF or a URDF"),
+        ("<robot><link name='a'/></robot>", "found no hinge joint, expected a robot on two legs"),
+        ("<robot", "not a URDF file"),
+        ("", "expected an MJCF or a URDF"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><robot/>', "found a document type declaration"),
+    ],
+)
+def test_what_cannot_work_is_refused_with_its_reason(content, message, tmp_path):
+    path = tmp_path / ("robot.xml" if content.startswith("<mujoco") else "robot.model")
+    path.write_text(content)
+    with pytest.raises(InputError, match=message) as problem:
+        import_robot(path)
+    assert str(problem.value).startswith(str(path))
+
+
+def test_an_mjcf_with_a_floor_no_motors_and_soles_that_are_stated(tmp_path):
+    path = tmp_path / "plain.xml"
+    path.write_text(mjcf())
+    found = import_robot(path)
+    assert found.found["feet"] == ["right5", "left5"]
+    assert any(text.startswith("torque limit 0.4 of") or "torque limit" in text for text in found.assumed)
+    path.write_text(mjcf(foot=""))
+    stated = import_robot(path, ("right5", "left5"), (0.12, 0.08, 0.07, 0.05))
+    robot = stated.write(tmp_path / "out")
+    corners = sole_corners(robot.model, "left5")
+    np.testing.assert_allclose(corners[0], [0.12, 0.035, -0.05], atol=1e-6)
+    with pytest.raises(InputError, match="feet: found 'nose', expected two of the links trunk, right0"):
+        import_robot(path, ("nose", "left5"))
+
+
+def test_the_command(urdf, tmp_path, capsys):
+    assert main(["robot", str(urdf), "--json", "--out", str(tmp_path / "out")]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["found"]["joints"] == 17
+    assert {"robot.toml", "robot.xml"} <= {path.name for path in (tmp_path / "out").iterdir()}
+    assert main(["robot", str(urdf)]) == 0
+    assert "rotor inertia" in capsys.readouterr().out
+    assert main(["robot", str(urdf), "--out", str(tmp_path / "out")]) == 2
+    assert main(["model", "--robot", str(urdf)]) == 2
+    assert "`tulip robot` makes one of it" in capsys.readouterr().err
