@@ -220,6 +220,7 @@ def test_every_command_has_its_function():
         "atlas": tt.atlas,
         "view": tt.view,
         "report": tt.report,
+        "robot": tt.load_robot,
     }
     assert all(callable(function) for function in offered.values())
     assert set(COMMANDS) - set(offered) == {"model", "tolerance", "compare", "benchmark"}
