@@ -2,12 +2,13 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 ORACLE := .venv-oracle
+ROBOTS := .venv-robots
 
 # Measured on two cores: 4 minutes with a process each, 7 with one. More than four repeat too much.
 SHARED := --numprocesses auto --maxprocesses 4 --dist worksteal
 STUDIES := $(patsubst studies/study_%.py,study-%,$(wildcard studies/study_*.py))
 
-.PHONY: setup validate demo test test-all lint bench oracle studies $(STUDIES) study-plan pictures constraints clean
+.PHONY: setup validate demo test test-all lint bench oracle test-robots studies $(STUDIES) study-plan pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -53,6 +54,15 @@ $(ORACLE)/.done: constraints.txt pyproject.toml
 	$(ORACLE)/bin/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[oracle]'
 	@touch $@
 
+test-robots: $(ROBOTS)/.done  ## published robots (131 MB) through every command; TULIP_ROBOTS: folder of more
+	$(ROBOTS)/bin/python -m studies robots
+
+$(ROBOTS)/.done: constraints.txt pyproject.toml
+	$(PYTHON) -m venv $(ROBOTS)
+	$(ROBOTS)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r constraints.txt
+	$(ROBOTS)/bin/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[robots]'
+	@touch $@
+
 studies: setup  ## list the studies, each with the page that it is for and its time
 	@$(BIN)/python -m studies --help
 
@@ -71,4 +81,4 @@ constraints: setup  ## pin the dependencies anew
 	  --python-version 3.11 -o constraints.txt
 
 clean:
-	rm -rf $(VENV) $(ORACLE) build *.egg-info
+	rm -rf $(VENV) $(ORACLE) $(ROBOTS) build *.egg-info
