@@ -93,13 +93,24 @@ def torque_limits(robot: Robot) -> np.ndarray:
     Raises:
         InputError: a limit that allows a single direction only.
     """
-    spec, names = robot.spec, joint_names(robot.model)
-    limits = dict.fromkeys(names, np.inf)
+    torques = joint_torques(robot.spec)
+    return np.array([torques.get(name, np.inf) for name in joint_names(robot.model)])
+
+
+def joint_torques(spec: mujoco.MjSpec) -> dict[str, float]:
+    """Return the largest torque on every hinge whose motors have a limit, by joint [Nm].
+
+    Raises:
+        InputError: a limit that allows a single direction only.
+    """
+    limits: dict[str, float] = {}
     for actuator in spec.actuators:
-        if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT and actuator.target in limits:
-            torques = _torques(spec, actuator)
-            limits[actuator.target] = min([limits[actuator.target], *torques])
-    return np.array([limits[name] for name in names])
+        joint = spec.joint(actuator.target) if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT else None
+        if joint is None or joint.type != mujoco.mjtJoint.mjJNT_HINGE:
+            continue
+        if torques := _torques(spec, actuator):
+            limits[joint.name] = min([limits.get(joint.name, np.inf), *torques])
+    return limits
 
 
 def remove_servos(spec: mujoco.MjSpec) -> None:
