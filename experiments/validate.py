@@ -12,6 +12,7 @@ import numpy as np
 
 from tulip_testbed.experiments.checks import (
     Check,
+    balance_check,
     below,
     check_table,
     correlation_checks,
@@ -167,7 +168,17 @@ def evaluate(run: Run, found: Identification, truth: np.ndarray) -> list[Check]:
         source = f"the paper: {paper['postures_used']} of {paper['postures_planned']}"
         checks.append(below("share of dropped postures", 1 - usable, 1 - rate, source))
     checks.append(mass_check(*found.mass, run.truth.mass, len(run.measurements), noisy))
-    return checks
+    return [*checks, *balance_checks(run)]
+
+
+def balance_checks(run: Run) -> list[Check]:
+    """Check that every hold is in balance; empty in statics, and for a robot that is read before it rests."""
+    worst, rig = worst_balance(run), run.laboratory.rig
+    if worst is None or not np.isfinite(rig.protocol.speed_gate):
+        return []
+    weight = float(run.truth.mass * -rig.robot.model.opt.gravity[2])
+    effects = run.laboratory.known or run.laboratory.hidden or rig.edit is not None
+    return [balance_check(worst, weight, whole=not effects)]
 
 
 def planned_correlations(run: Run, parameters: BaseParameters) -> np.ndarray:
