@@ -18,6 +18,7 @@ from tulip_testbed.experiments.identify import Identification, identify
 from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight.units import units
+from tulip_testbed.identification.regressor import check_robot
 from tulip_testbed.sim.errors import InputError, at_least
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
@@ -104,7 +105,9 @@ def discover_effects(
     """
     at_least("seed", seed, 0)
     processes(workers)
-    found = units(measurements, nominal_robot(robot))
+    nominal = nominal_robot(robot)
+    check_robot(nominal.parameters, measurements, robot, source)
+    found = units(measurements, nominal)
     if found.result == "fail":
         raise InputError(f"{source}: found {found.seen}; expected {found.expected} (the preflight says more)")
     check_tolerances(tolerances or {})
