@@ -119,7 +119,9 @@ def _start(robot: Robot) -> list[RobotFinding]:
     keys = [model.key(k).name for k in range(model.nkey)]
     if STAND not in keys:
         straight = _straight_legs(robot, model.qpos0)
-        legs = f" with straight legs ({_some(straight)}), a singular start" if straight else ""
+        legs = (
+            f" with straight legs ({_some(straight)}) and may find few postures or none" if straight else ""
+        )
         return [
             RobotFinding(
                 "stand",

@@ -124,7 +124,11 @@ def test_a_frame_without_mass_is_no_target_and_draws_no_numbers(pair_of_robots):
 
 @pytest.mark.parametrize(
     "texts",
-    [[(OPTION, ODD_OPTION)], [("<actuator>", PAIR)], [(GEOM, ODD_GEOM), (SITE, ODD_DEFAULT)]],
+    [
+        [(OPTION, ODD_OPTION)],
+        [("<actuator>", PAIR)],
+        [(GEOM, ODD_GEOM), (SITE, ODD_DEFAULT)],
+    ],
     ids=["options", "contacts", "defaults"],
 )
 def test_what_is_set_in_the_robots_file_does_not_act_in_its_scene(own, plan, texts):
@@ -137,7 +141,7 @@ def test_what_is_set_in_the_robots_file_does_not_act_in_its_scene(own, plan, tex
 
 
 def test_options_sizes_and_flags_of_a_built_scene_are_the_shipped_scenes(own, robot):
-    built = own((OPTION, ODD_OPTION.replace("/></option>", "/></option>")))
+    built = own((OPTION, ODD_OPTION))
     models = [laboratory_scene(preset_rig("ideal", r), POSES).compile() for r in (robot, built)]
     for name in dir(models[0].opt):
         value = getattr(models[0].opt, name)
