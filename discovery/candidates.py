@@ -70,6 +70,8 @@ class Fitted:
         covariance: of the sizes, (s, s); None: not known.
         gain: decrease of chi-square by the best sizes.
         p: probability of as large a gain without the effect, at this point of the grid alone.
+        visible: change of the residuals by one prior s.d. over their noise, at the point of the grid and in
+            the direction of the sizes where it is largest.
     """
 
     candidate: Candidate
@@ -79,6 +81,7 @@ class Fitted:
     covariance: np.ndarray | None = None
     gain: float = np.nan
     p: float = np.nan
+    visible: float = np.nan
 
     @property
     def label(self) -> str:

@@ -52,7 +52,8 @@ def _with_sizes(pairs: list[tuple[Candidate, list[np.ndarray]]], residual: np.nd
     gram = np.array([column.T @ column for _, column in flat])
     pull = np.array([column.T @ residual for _, column in flat])
     scaled = prior[:, :, None] * gram * prior[:, None, :]
-    detectable = np.linalg.eigvalsh(scaled).max(axis=1) > DETECTABLE**2
+    visible = np.linalg.eigvalsh(scaled).max(axis=1)
+    detectable = visible > DETECTABLE**2
     spread = np.eye(prior.shape[1]) + scaled
     covariance = prior[:, :, None] * np.linalg.inv(spread) * prior[:, None, :]
     sizes = _times(covariance, pull)
@@ -73,7 +74,8 @@ def _with_sizes(pairs: list[tuple[Candidate, list[np.ndarray]]], residual: np.nd
         point = int((logs if detectable[at].any() else log[at]).argmax())
         k, first = first + point, at.stop
         average = float(np.logaddexp.reduce(logs) - np.log(len(logs)))
-        yield Fitted(candidate, point, sizes[k], average, covariance[k], float(gain[k]), float(p[k]))
+        most = float(np.sqrt(max(visible[at].max(), 0.0)))
+        yield Fitted(candidate, point, sizes[k], average, covariance[k], float(gain[k]), float(p[k]), most)
 
 
 def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
@@ -96,7 +98,8 @@ def _without_sizes(pairs: list[tuple[Candidate, list[np.ndarray]]], residual: np
         average = -np.inf
         if detectable.any():
             average = float(np.logaddexp.reduce(logs[detectable]) - np.log(detectable.sum()))
-        yield Fitted(candidate, point, np.zeros(0), average, np.zeros((0, 0)), gain, p)
+        most = float(np.sqrt(size.max()))
+        yield Fitted(candidate, point, np.zeros(0), average, np.zeros((0, 0)), gain, p, most)
 
 
 def effective_tests(

@@ -28,10 +28,12 @@ from tulip_testbed.discovery.candidate_search import (
 )
 from tulip_testbed.discovery.candidates import MOST_PLACEMENTS, Candidate, Fitted
 from tulip_testbed.discovery.columns import CandidateColumns, candidate_blocks
+from tulip_testbed.discovery.detectability import single_level
 from tulip_testbed.discovery.evidence import effective_tests, marginal_fits, sidak
 from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
 from tulip_testbed.discovery.pure_error import pure_error, widened
 from tulip_testbed.discovery.shortlist import at_best_time, fit_in_addition, shortlist
+from tulip_testbed.discovery.undetectable import WeaklyDetectable, weakly_detectable
 from tulip_testbed.discovery.unusual_members import with_unusual_members
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.residual_noise import Noise, noise_of
@@ -66,6 +68,7 @@ class Selection:
         p: probability of as strong an effect among noise alone, over all candidates.
         tests: effective number of independent tests among the candidates.
         undetectable: candidates that the experiment cannot show.
+        weak: candidates that it shows only if they are larger than plausible.
     """
 
     calibration: SelfCalibration
@@ -78,6 +81,7 @@ class Selection:
     p: float
     tests: float
     undetectable: tuple[Candidate, ...]
+    weak: tuple[WeaklyDetectable, ...]
 
     @property
     def lacks_fit(self) -> bool:
@@ -134,6 +138,7 @@ def select(
         p=min((sidak(one.p, tests) for one in first), default=1.0),
         tests=tests,
         undetectable=tuple(one.candidate for one in first if not one.detectable),
+        weak=weakly_detectable(fits, single_level(LEVEL, tests)),
     )
     progress(1)
     if selection.lacks_fit:

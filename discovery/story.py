@@ -10,6 +10,7 @@ from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.discover import AMBIGUOUS, CALIBRATED, NAMED, NONE, Discovery
 from tulip_testbed.discovery.effect_intervals import with_intervals
 from tulip_testbed.discovery.proposals import Proposal
+from tulip_testbed.discovery.undetectable import by_kind
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.sim.numbers import number
 
@@ -17,6 +18,7 @@ MANY = 2  # effects that often occur together
 LARGE = 5.0  # prior s.d., beyond which predictions were not tested
 SHOWN = 0.01  # p-value of a channel's lack of fit that is reported
 SHOWN_MEMBERS = 4  # ordinary imperfections
+SHOWN_TARGETS = 12  # of one kind of effect
 PLACES = {
     "A": "the centre of pressure",
     "F": "the sum of the cells",
@@ -172,12 +174,30 @@ def _size_of_experiment(found: Discovery) -> str:
         f"The experiment has {len(np.unique(m.posture))} postures in {len(np.unique(found.observed.stance))} "
         f"set-ups, {len(m)} readings in all."
     )
-    return " ".join([size, *_undetectable(found)])
+    return " ".join([size, *_undetectable(found), *_weak(found)])
 
 
 def _undetectable(found: Discovery) -> list[str]:
-    names = [f"`{name}`" for name in sorted({u.candidate.effect.name for u in found.undetectable})]
+    """Name the effects that leave no residual, with their targets where others can be detected."""
+    alike: dict[tuple[str, ...], list[str]] = {}
+    names = []
+    for name, targets in by_kind([u.candidate for u in found.undetectable], found.observed).items():
+        if targets:
+            alike.setdefault(tuple(targets), []).append(name)
+        else:
+            names.append(f"`{name}`")
+    for targets, kinds in alike.items():
+        more = f" and {len(targets) - SHOWN_TARGETS} more" if len(targets) > SHOWN_TARGETS else ""
+        names.append(f"`{', '.join(kinds)}: {', '.join(targets[:SHOWN_TARGETS])}{more}`")
     if not names:
         return []
     *several, last = names
     return [f"These postures cannot detect {', '.join(several)}{' or ' if several else ''}{last}."]
+
+
+def _weak(found: Discovery) -> list[str]:
+    """Name the effects that a plausible size may hide."""
+    names = [f"`{name}`" for name in sorted({one.candidate.effect.name for one in found.selection.weak})]
+    if not names:
+        return []
+    return [f"On some targets or all, these would show only if larger than plausible: {', '.join(names)}."]

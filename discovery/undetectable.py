@@ -1,15 +1,17 @@
-"""Effects that an experiment cannot show, and how far they would bias the base parameters."""
+"""Effects that an experiment cannot show or hardly shows, and how far they would bias the base parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from tulip_testbed.calibration.linear_model import LinearModel, nuisances, weighing
-from tulip_testbed.discovery.candidates import Candidate
+from tulip_testbed.discovery.candidates import Candidate, Fitted, standing_out
 from tulip_testbed.discovery.columns import effect_columns
+from tulip_testbed.discovery.detectability import least_multiple
 from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.errors import InputError
@@ -28,6 +30,60 @@ class Undetectable:
     candidate: Candidate
     parameter: int
     bias: float
+
+
+@dataclass(frozen=True)
+class WeaklyDetectable:
+    """An effect that the experiment shows only if it is larger than plausible.
+
+    Attributes:
+        multiple: least size that is found with 90 % probability, in prior s.d.; more than 1.
+    """
+
+    candidate: Candidate
+    multiple: float
+
+    @property
+    def least(self) -> float | None:
+        """Return that size in SI units; None for an effect of several sizes."""
+        prior = self.candidate.prior
+        return self.multiple * float(prior[0]) if len(prior) == 1 else None
+
+    def document(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        effect = self.candidate.effect
+        return {
+            "name": effect.name,
+            "target": self.candidate.target or None,
+            "least_over_prior": self.multiple,
+            "least": self.least,
+            "unit": None if self.least is None else effect.parameters[effect.sizes[0]].unit,
+        }
+
+
+def weakly_detectable(fits: Sequence[Fitted], level: float) -> tuple[WeaklyDetectable, ...]:
+    """List the effects that an experiment shows only if they are larger than plausible.
+
+    Args:
+        fits: of all candidates, each alone.
+        level: of a single test among them.
+    """
+    sized = [one for one in fits if one.detectable and one.candidate.effect.sizes]
+    least = [(one.candidate, least_multiple(one.candidate, one.visible, level)) for one in sized]
+    return tuple(WeaklyDetectable(candidate, multiple) for candidate, multiple in least if multiple > 1)
+
+
+def by_kind(listed: Sequence[Candidate], observed: Observation) -> dict[str, list[str]]:
+    """Group effects by their kind: targets by name; none where every target of the experiment is listed."""
+    numbers = standing_out(observed)
+    out: dict[str, list[str]] = {}
+    for one in listed:
+        out.setdefault(one.effect.name, []).append(one.target)
+    targets = {one.effect.name: one.effect.targets for one in listed}
+    return {
+        name: [] if len(found) == len(targets[name].of(observed.nominal.robot, numbers)) else found
+        for name, found in sorted(out.items())
+    }
 
 
 def undetectable(linear: LinearModel, candidates: Sequence[Candidate]) -> tuple[Undetectable, ...]:

@@ -30,20 +30,21 @@ class Targets:
 
 
 def links(robot: Robot) -> tuple[str, ...]:
-    """Return the names of the robot's bodies in MJCF order."""
+    """Return the names of the robot's bodies that have a mass, in MJCF order."""
     model = robot.model
-    return tuple(model.body(k).name for k in range(1, model.nbody))
+    return tuple(model.body(k).name for k in range(1, model.nbody) if model.body_mass[k] > 0)
 
 
 def leg_links(robot: Robot) -> tuple[str, ...]:
     """Return the links between the feet that carry exactly one more joint, at a distance from their own."""
     tree = tree_of(robot.model)
     moved = moved_frames(tree, tree.frame(robot.stance_foot))[:, tree.frame(robot.swing_foot)]
+    weightless = {tree.frame(name) for name in tree.links} - {tree.frame(name) for name in links(robot)}
     return tuple(
         link
         for link, frame in zip(tree.links, tree.frame_of_link, strict=True)
         if any(edge.child == frame and edge.joint >= 0 and moved[edge.joint] for edge in tree.edges)
-        and len(after := [edge for edge in tree.edges if edge.parent == frame]) == 1
+        and len(after := [e for e in tree.edges if e.parent == frame and e.child not in weightless]) == 1
         and after[0].joint >= 0
         and moved[after[0].joint]
         and np.linalg.norm(next_joint(tree, link)[1]) > LEAST_LENGTH
@@ -57,7 +58,9 @@ def next_joint(tree: Tree, link: str) -> tuple[int, np.ndarray]:
         index: of the edge to the next joint. vector: in the link's frame, (3,) [m].
     """
     frame = tree.frame(link)
-    number, edge = next((k, edge) for k, edge in enumerate(tree.edges) if edge.parent == frame)
+    number, edge = next(
+        (k, edge) for k, edge in enumerate(tree.edges) if edge.parent == frame and edge.joint >= 0
+    )
     own = next(edge for edge in tree.edges if edge.child == frame)
     return number, edge.anchor[0] - own.anchor[1]
 

@@ -165,17 +165,19 @@ def _refuse_other_robot(folder: Path, nominal: Nominal) -> None:
     """Another robot's folder would lack column after column; name the robot instead.
 
     Raises:
-        InputError: another model file and other joints.
+        InputError: another model, by its hash or else by its name, and other joints.
     """
     try:
         manifest = read_manifest(folder)
     except InputError:
         return  # the complaints say more
     robot, joints = nominal.robot, nominal.parameters.tree.joints
-    if manifest.robot.model != robot.model_file.name and set(manifest.joints) != set(joints):
+    sha256, model = manifest.robot.sha256, manifest.robot.model
+    other = model != robot.model_file.name if sha256 is None else sha256.lower() != robot.model_hash
+    if other and set(manifest.joints) != set(joints):
         raise InputError(
-            f"{folder / 'manifest.json'}: found robot '{shortened(manifest.robot.model)}' with other joints, "
-            f"expected {robot.model_file.name}; give the robot that was measured"
+            f"{folder / 'manifest.json'}: found robot '{shortened(model)}' with other joints, "
+            f"expected {robot.model_file.name} of {robot.name}; give the robot that was measured"
         )
 
 

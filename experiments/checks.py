@@ -20,6 +20,16 @@ IDEAL_MASS_ERROR = 1e-3  # kg, noise-free data only
 CORRELATION_TOLERANCE = 0.01
 CORRELATION_LIMIT = -0.95  # the paper: -0.9928 and -0.9882
 
+# Largest imbalance of a hold, as a share of the weight [N], of the weight at 1 m [Nm] and of 1 m: what is
+# larger moves the centre of pressure by more than 0.1 mm.
+IMBALANCE = 1e-4
+BALANCES = {
+    "weight": ("cells against weight", "N"),
+    "moments": ("plates' moments against the feet's wrench", "Nm"),
+    "torques": ("torques against statics", "Nm or N"),
+    "centre": ("CoP against CoM", "m"),
+}
+
 # Residual sigma per axis (eq. 14) without noise: middle and half-width [mm]. With noise it depends on the
 # robot's weight and size, so its description gives it, for 30 placements. The fewer the placements, the
 # more it scatters: as the root of their number.
@@ -187,6 +197,21 @@ def data_correlation_checks(
         else:
             checks.append(skipped(name, f"plan predicts {planned[place]:.4f}"))
     return checks
+
+
+def balance_check(worst: dict[str, float], weight: float, whole: bool) -> Check:
+    """The forces and moments that every hold leaves over, against a bound that no real hold comes near.
+
+    Args:
+        worst: see `validate.worst_balance`. weight: of the robot [N].
+        whole: judge cells and centre of mass as well, which a known or hidden effect may set apart.
+    """
+    force = IMBALANCE * weight
+    bounds = {"torques": force} | ({"weight": force, "moments": force, "centre": IMBALANCE} if whole else {})
+    name = max(bounds, key=lambda key: worst[key] / bounds[key])
+    what, unit = BALANCES[name]
+    source = f"{what} {worst[name]:.2g} {unit}, bound {bounds[name]:.2g} {unit}"
+    return below("imbalance of forces over its bound", worst[name] / bounds[name], 1.0, source)
 
 
 def mass_check(value: float, standard_error: float, truth: float, count: int, noisy: bool) -> Check:

@@ -9,15 +9,17 @@ from typing import Any
 
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.calibration.families import check_tolerances
-from tulip_testbed.discovery.discover import AMBIGUOUS, CALIBRATED, NAMED, Discovery, discover
+from tulip_testbed.discovery.discover import AMBIGUOUS, CALIBRATED, NAMED, NONE, Discovery, discover
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck, check_in_dynamics
 from tulip_testbed.discovery.proposals import Proposal, proposals
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.experiments.discovery_tables import weak_table
 from tulip_testbed.experiments.identify import Identification, identify
 from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight.units import units
+from tulip_testbed.identification.regressor import check_robot
 from tulip_testbed.sim.errors import InputError, at_least
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
@@ -68,8 +70,10 @@ class Discovered(Shown):
         return story(self.discovery, self.proposals)
 
     def parts(self) -> list[Table | str]:
-        """Return the verdict and the story."""
-        return [f"Verdict: {self.verdict}", *self.story]
+        """Return the verdict and the story; without a gap, which effects may hide as well."""
+        words: list[Table | str] = [f"Verdict: {self.verdict}", *self.story]
+        weak = weak_table([one.document() for one in self.discovery.selection.weak])
+        return [*words, weak] if self.verdict == NONE and weak.rows else words
 
     def to_frame(self) -> Any:
         """Return a pandas DataFrame with one row a parameter, identified before and after."""
@@ -104,7 +108,9 @@ def discover_effects(
     """
     at_least("seed", seed, 0)
     processes(workers)
-    found = units(measurements, nominal_robot(robot))
+    nominal = nominal_robot(robot)
+    check_robot(nominal.parameters, measurements, robot, source)
+    found = units(measurements, nominal)
     if found.result == "fail":
         raise InputError(f"{source}: found {found.seen}; expected {found.expected} (the preflight says more)")
     check_tolerances(tolerances or {})

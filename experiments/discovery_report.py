@@ -62,6 +62,16 @@ class Undetectable(Document):
     bias_mm_per_prior_sd: Figure
 
 
+class WeaklyDetectable(Document):
+    """An effect that would show only if larger than plausible: least size in prior s.d. and in SI units."""
+
+    name: str
+    target: str | None
+    least_over_prior: float
+    least: Figure
+    unit: str | None
+
+
 class Ratio(Document):
     """Residuals on held-out placements over their noise; floor: what `after` may be by chance."""
 
@@ -138,6 +148,7 @@ class DiscoveryReport(Document):
     families: list[FamilySpread] = Field(default_factory=list)
     candidates: list[Explanation]
     undetectable: list[Undetectable]
+    weakly_detectable: list[WeaklyDetectable] = Field(default_factory=list)
     where: str
     gap: dict[Gap, Ratio | None]
     next_experiment: list[NextExperiment]
@@ -178,6 +189,7 @@ def discovery_report(result: Discovered, rig: str | None = None) -> DiscoveryRep
             }
             for u in found.undetectable
         ],
+        "weakly_detectable": [weak.document() for weak in found.selection.weak],
         "where": found.where,
         "gap": _gap(found),
         "next_experiment": [{"do": p.words, "separation_gain": p.gain} for p in result.proposals],

@@ -6,11 +6,13 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from tulip_testbed.discovery.discover import NONE
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Parameter
 from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.experiments.family_tables import SPREAD
 from tulip_testbed.sim.column import Column
+from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.table import Cell, Table
 
 MOVED = 0.5  # standard errors from which on a parameter's change is marked
@@ -206,6 +208,39 @@ def undetectable_table(entries: list[dict[str, Any]]) -> Table:
     return Table("Effects that these postures cannot detect", columns, rows)
 
 
+def weak_table(entries: list[dict[str, Any]]) -> Table:
+    """Return the effects that show only if larger than plausible, one kind a row.
+
+    Args:
+        entries: of `WeaklyDetectable`, as a report has them.
+    """
+    columns = (
+        Column("effect"),
+        Column("targets"),
+        Column("shows from (90 %)"),
+        Column("over the plausible size"),
+    )
+    by_name: dict[str, list[dict[str, Any]]] = {}
+    for entry in sorted(entries, key=lambda entry: entry["least_over_prior"]):
+        by_name.setdefault(entry["name"], []).append(entry)
+    rows = []
+    for name, of in by_name.items():
+        effect, ends = catalogue()[name], (of[0], of[-1])
+        sizes = [
+            effect.parameters[effect.sizes[0]].text(entry["least"])
+            for entry in ends
+            if entry["least"] is not None
+        ]
+        multiples = [number(entry["least_over_prior"], ".2g") for entry in ends]
+        targets = [entry["target"] for entry in of if entry["target"]]
+        rows.append([name, targets, _from_to(sizes) if sizes else "several numbers", _from_to(multiples)])
+    return Table("Effects that show only if larger than plausible", columns, rows)
+
+
+def _from_to(ends: list[str]) -> str:
+    return ends[0] if ends[0] == ends[1] else " to ".join(ends)
+
+
 def dynamics_line(check: dict[str, Any]) -> str:
     """Describe how the adopted effects compare with a simulation in full dynamics."""
     if check["reason"] is not None:
@@ -223,6 +258,8 @@ def discovery_summary(document: dict[str, Any], story: Sequence[str]) -> list[Ta
         document: its report as JSON. story: the finding in sentences.
     """
     parts: list[Table | str] = [*story, ""]
+    if document["verdict"] == NONE and (weak := weak_table(document.get("weakly_detectable", []))).rows:
+        parts.append(weak)
     if any(entry and entry["after"] is not None for entry in document["gap"].values()):
         parts.append(gap_table(document["gap"]))
     if document["candidates"]:

@@ -36,6 +36,7 @@ from tulip_testbed.sim.outcome import Outcome, Truth
 from tulip_testbed.sim.procedure import check_support
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
+from tulip_testbed.sim.robot_check import warn_of_robot
 from tulip_testbed.sim.scene_check import check_scene
 from tulip_testbed.sim.sensors import PRESETS
 from tulip_testbed.sim.statics.solved_plan import solve_plan
@@ -142,6 +143,7 @@ class Laboratory:
         count = processes(workers)
         at_least("seed", seed, 0)
         self.check(plan, engine)
+        warn_of_robot(self.robot)
         if engine == "statics":
             (outcome,) = run_statics(solve_plan(self.rig, plan), [np.random.SeedSequence(seed)])
         else:

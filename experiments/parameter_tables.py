@@ -183,6 +183,13 @@ def standard_table(model: str, links: list[dict[str, Any]], visible: str) -> Tab
     return Table("Masses and centres of mass of the links", tuple(columns), rows, note)
 
 
+def robot_finding_table(rows: list[dict[str, str]]) -> Table:
+    """Return what a robot lacks for the laboratory, as `tulip model` has it in its JSON."""
+    columns = (Column("about"), Column("found"), Column("what goes wrong"), Column("what is done"))
+    names = ("name", "found", "consequence", "assumed")
+    return Table("What this robot lacks for the laboratory", columns, [[r[n] for n in names] for r in rows])
+
+
 def nominal_link_table(rows: list[dict[str, Any]]) -> Table:
     """Return the standard parameters of the links, as `tulip model` has them in its JSON."""
     columns = (

@@ -42,6 +42,7 @@ from tulip_testbed.sim.measurements.plan_folder import check_model
 from tulip_testbed.sim.measurements.table_files import MOST_ROWS, read_json
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, sha256
+from tulip_testbed.sim.robot_check import warn_of_robot
 from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.scene_check import check_scene
 
@@ -143,6 +144,7 @@ def set_up_search(
             raise InputError("solver: found ipopt for a plan after measurements, expected slsqp")
         casadi_module()
     check_scene(preset_rig("ideal", robot))
+    warn_of_robot(robot)
     support = "double" if measured is None else common_support(measured.support, "measurements: postures")
     problem = planning_problem(robot, nominal_plates(robot)[0], support=support)
     goal = objective_by_name(problem, settings.objective, 1e-3 * SIGMA_MM)

@@ -18,6 +18,7 @@ from tulip_testbed.sim.measurements.table_files import MOST_ROWS
 from tulip_testbed.sim.procedure import check_support
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
+from tulip_testbed.sim.robot_check import warn_of_robot
 from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.scene_check import check_scene
 from tulip_testbed.sim.shipped import PLANS
@@ -47,6 +48,7 @@ def check_plan(robot: Robot, plan: PosturePlan, source: str = "plan") -> None:
     """
     check_fits(source, plan, robot)
     check_scene(preset_rig("ideal", robot))
+    warn_of_robot(robot)
     check_support(plan)
     identifiable_regressor(source, robot, plan)
 
@@ -101,5 +103,6 @@ def random_plan(
     at_most("placements, per_placement", placements * per_placement, MOST_ROWS)
     enough("placements, per_placement", placements * per_placement, base_parameters(robot))
     check_scene(preset_rig("ideal", robot))
+    warn_of_robot(robot)
     plate = nominal_plates(robot)[0]
     return random_postures(robot, plate, placements, per_placement, seed, progress=progress)

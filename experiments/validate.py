@@ -12,6 +12,7 @@ import numpy as np
 
 from tulip_testbed.experiments.checks import (
     Check,
+    balance_check,
     below,
     check_table,
     correlation_checks,
@@ -36,6 +37,8 @@ from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.identification.statistics import correlations
 from tulip_testbed.sim.errors import at_least, look_up
 from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.outcome import Truth
+from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.sensors import Sensors
 from tulip_testbed.sim.table import Shown, Table
 
@@ -167,7 +170,27 @@ def evaluate(run: Run, found: Identification, truth: np.ndarray) -> list[Check]:
         source = f"the paper: {paper['postures_used']} of {paper['postures_planned']}"
         checks.append(below("share of dropped postures", 1 - usable, 1 - rate, source))
     checks.append(mass_check(*found.mass, run.truth.mass, len(run.measurements), noisy))
-    return checks
+    return [*checks, *balance_checks(run)]
+
+
+def balance_checks(run: Run) -> list[Check]:
+    """Check that every hold is in balance; empty in statics."""
+    laboratory = run.laboratory
+    effects = laboratory.known or laboratory.hidden or laboratory.rig.edit is not None
+    return held_balance(run.truth, laboratory.rig, whole=not effects)
+
+
+def held_balance(truth: Truth, rig: Rig, whole: bool) -> list[Check]:
+    """Check that every hold is in balance; empty without holds, and for a robot that is read before it rests.
+
+    Args:
+        whole: see `balance_check`.
+    """
+    worst = _worst_balance(truth)
+    if worst is None or not np.isfinite(rig.protocol.speed_gate):
+        return []
+    weight = float(truth.mass * -rig.robot.model.opt.gravity[2])
+    return [balance_check(worst, weight, whole)]
 
 
 def planned_correlations(run: Run, parameters: BaseParameters) -> np.ndarray:
@@ -185,7 +208,11 @@ def correlations_at(parameters: BaseParameters, joint_angles: np.ndarray) -> np.
 
 def worst_balance(run: Run) -> dict[str, float] | None:
     """Find the worst of every balance kept in the dynamics, over all held postures; None in statics."""
-    books = [dataclasses.asdict(held.balance) for held in run.truth.held]
+    return _worst_balance(run.truth)
+
+
+def _worst_balance(truth: Truth) -> dict[str, float] | None:
+    books = [dataclasses.asdict(held.balance) for held in truth.held]
     if not books:
         return None
     worst = {

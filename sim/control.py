@@ -93,21 +93,23 @@ def torque_limits(robot: Robot) -> np.ndarray:
     Raises:
         InputError: a limit that allows a single direction only.
     """
-    limits = drive_torques(robot.spec)
-    return np.array([limits.get(name, np.inf) for name in joint_names(robot.model)])
+    torques = joint_torques(robot.spec)
+    return np.array([torques.get(name, np.inf) for name in joint_names(robot.model)])
 
 
-def drive_torques(spec: mujoco.MjSpec) -> dict[str, float]:
-    """Return the largest torque of the motors on each joint that has one [Nm]; infinite where none is given.
+def joint_torques(spec: mujoco.MjSpec) -> dict[str, float]:
+    """Return the largest torque on every hinge whose motors have a limit, by joint [Nm].
 
     Raises:
         InputError: a limit that allows a single direction only.
     """
     limits: dict[str, float] = {}
     for actuator in spec.actuators:
-        if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
-            limit = min([np.inf, *_torques(spec, actuator)])
-            limits[actuator.target] = min(limits.get(actuator.target, np.inf), limit)
+        joint = spec.joint(actuator.target) if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT else None
+        if joint is None or joint.type != mujoco.mjtJoint.mjJNT_HINGE:
+            continue
+        if torques := _torques(spec, actuator):
+            limits[joint.name] = min([limits.get(joint.name, np.inf), *torques])
     return limits
 
 

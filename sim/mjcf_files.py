@@ -82,7 +82,11 @@ def _inside(search: _Search, where: str, start: Path, name: str) -> Path:
     """Return the path of a name, which has to lie inside the robot's folder."""
     path = start / name
     if os.path.isabs(name) or not Path(os.path.realpath(path)).is_relative_to(search.folder):
-        raise InputError(f"{where}: found '{shortened(name)}', expected a path inside {search.folder}")
+        raise InputError(
+            f"{where}: found '{shortened(name)}', expected a path inside {search.folder}, the folder of the "
+            "robot's description: copy the files into it and name them from there, or move the description "
+            "to a folder that holds them all"
+        )
     return Path(os.path.normpath(path))
 
 

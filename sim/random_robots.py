@@ -34,9 +34,11 @@ def draw_robot(model: mujoco.MjModel, spread: float, rng: np.random.Generator) -
     """
     if not 0 < spread <= 1:
         raise InputError(f"spread of random robots: found {spread}, expected more than 0 and at most 1")
-    count = model.nbody - 1
-    factor = np.exp(spread * rng.standard_normal(count) - spread**2 / 2)
-    deviate = spread * scipy.stats.truncnorm.ppf(rng.random((count, 3)), -1 / spread, 1 / spread)
+    heavy = model.body_mass[1:] > 0
+    factor, deviate = np.ones(len(heavy)), np.zeros((len(heavy), 3))
+    factor[heavy] = np.exp(spread * rng.standard_normal(heavy.sum()) - spread**2 / 2)
+    drawn = rng.random((heavy.sum(), 3))
+    deviate[heavy] = spread * scipy.stats.truncnorm.ppf(drawn, -1 / spread, 1 / spread)
     mass = factor * model.body_mass[1:]
     place = model.body_ipos[1:] + _turned(model, deviate * half_edges(model))
     return np.column_stack([mass, mass[:, None] * place])

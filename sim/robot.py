@@ -103,7 +103,7 @@ class Robot:
     @cached_property
     def visual_model(self) -> mujoco.MjModel:
         """Return the model of the robot alone with all its geometry."""
-        whole = mujoco.MjSpec.from_file(str(self.model_file))
+        whole = _read_spec(self.model_file)
         return self.model if not whole.meshes else compile_spec(whole, str(self.model_file))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Robot:
@@ -260,10 +260,17 @@ def _joint_hash(files: list[tuple[str, str]]) -> str:
 
 
 def _read_spec(path: Path) -> mujoco.MjSpec:
+    """Parse an MJCF; a free joint without a name takes that of its body."""
     try:
-        return mujoco.MjSpec.from_file(str(path))
+        spec = mujoco.MjSpec.from_file(str(path))
     except BROKEN as error:
         raise InputError(f"{path}: broken MJCF: {shortened(error, 300)}") from None
+    names = {joint.name for joint in spec.joints}
+    for joint in spec.joints:
+        if joint.type == mujoco.mjtJoint.mjJNT_FREE and not joint.name:
+            body = joint.parent.name
+            joint.name = body if body not in names else f"{body}_free"
+    return spec
 
 
 def without_meshes(spec: mujoco.MjSpec, where: str) -> mujoco.MjSpec:

@@ -9,6 +9,7 @@ import numpy as np
 
 from tulip_testbed.sim.compliance import Compliance, add_compliance
 from tulip_testbed.sim.control import add_servos
+from tulip_testbed.sim.drive_needs import supply_drives
 from tulip_testbed.sim.drives import Drives, add_drives
 from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.measurements.data import PlateGeometry, lay_boards
@@ -24,10 +25,8 @@ from tulip_testbed.sim.robot import (
     sole_corners,
     without_meshes,
 )
+from tulip_testbed.sim.scene_options import make_plain, set_solver
 
-TIMESTEP = 0.001  # s
-# With MuJoCo's default of 1e-8 the solver stops early, so that forces fluctuate and feet creep faster.
-SOLVER_TOLERANCE = 1e-12
 PLATE_GAP = 0.01  # m, between the boards' long edges until `place_plates` moves them
 # As in the hand-written scene; docs/contact-study.md gives the reasons.
 SOLE_ON_BOARD = {
@@ -83,8 +82,7 @@ def plate_masses(robot: Robot) -> tuple[float, float]:
 def build_scene(robot: Robot) -> mujoco.MjSpec:
     """Build a scene of the robot and two plates, for a robot whose description names none.
 
-    Only the sole corners of the robot make contact. Integrator, time step and friction cone are the
-    laboratory's, not the robot's.
+    Only the sole corners of the robot make contact. All options but gravity are the laboratory's.
 
     Raises:
         InputError: a file is missing, is no MJCF, or lacks a required element.
@@ -93,14 +91,11 @@ def build_scene(robot: Robot) -> mujoco.MjSpec:
     if spec.worldbody.geoms:
         names = listed(f"'{geom.name}'" for geom in spec.worldbody.geoms)
         raise InputError(f"{robot.model_file}: found geoms {names} in the world, expected the robot alone")
-    spec.option.timestep = TIMESTEP
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    make_plain(spec)
     soles = [f"{foot}_{corner}" for foot in robot.feet for corner in CORNERS]
     for geom in spec.geoms:
         geom.contype, geom.conaffinity = int(geom.name in soles), 0
-    for pair in list(spec.pairs):
-        spec.delete(pair)
+        geom.margin = geom.gap = 0.0
     for plate in PLATES:
         frame = spec.worldbody.add_frame(name=f"{plate}_plate_place")
         frame.attach_body(_load_plate(robot), f"{plate}_", "")
@@ -134,7 +129,7 @@ def _load_plate(robot: Robot) -> mujoco.MjsBody:
 
 
 def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
-    """Return the rig's scene: drives, servos, compliance, plates at their poses, and the rig's edit.
+    """Return the rig's scene: drives, servos, compliance, plates at their poses, solver, and the rig's edit.
 
     Args:
         plate_poses: poses of the right and left plate in the base frame, (2, 3) [m, m, rad].
@@ -143,6 +138,7 @@ def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
         InputError: the scene is missing or is no MJCF, or a motor has no torque limit.
     """
     spec = load_scene(rig.robot)
+    supply_drives(spec)
     add_drives(spec, rig.drives)
     add_compliance(spec, rig.robot, rig.compliance)
     if rig.drives != Drives() or rig.compliance != Compliance():
@@ -150,7 +146,7 @@ def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
             spec.delete(key)
     add_servos(spec, rig.controller)
     place_plates(spec, plate_poses)
-    spec.option.tolerance = SOLVER_TOLERANCE
+    set_solver(spec)
     if rig.edit is not None:
         rig.edit(spec)
     return spec

@@ -15,6 +15,7 @@ from tulip_testbed.sim.plates import cell_names, plate_geometry
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import CORNERS, PLATES, compile_spec, joint_names
 from tulip_testbed.sim.scene import laboratory_scene
+from tulip_testbed.sim.scene_options import check_pairs
 
 
 def check_scene(rig: Rig) -> None:
@@ -50,6 +51,7 @@ def check_scene(rig: Rig) -> None:
         if cutoff := float(model.sensor(name).cutoff[0]):
             raise InputError(f"{where}: sensor '{name}': found a cutoff of {cutoff:g} N, expected none")
     _check_drives(where, model, joint_names(nominal))
+    check_pairs(model, nominal.body(1).name, soles, where)
 
 
 def _check_drives(where: str, model: mujoco.MjModel, joints: tuple[str, ...]) -> None:

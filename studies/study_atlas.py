@@ -15,9 +15,9 @@ from studies.runner import Settings, header, row
 from tulip_testbed.calibration.linear_model import LinearModel, linear_model
 from tulip_testbed.discovery.candidate_search import DECISIVE
 from tulip_testbed.discovery.columns import CandidateColumns, candidate_columns
+from tulip_testbed.discovery.detectability import noncentrality
 from tulip_testbed.discovery.evidence import ranked
 from tulip_testbed.effects.targets import PLACEMENTS
-from tulip_testbed.experiments.atlases.detectability import noncentrality
 from tulip_testbed.experiments.atlases.effect_atlas import Atlas, atlas
 from tulip_testbed.experiments.atlases.planned_experiment import planned
 from tulip_testbed.experiments.usable_plan import plan_for

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tulip_testbed.cli.main import main
+from tulip_testbed.discovery.detectability import noncentrality
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import split_label
-from tulip_testbed.experiments.atlases.detectability import noncentrality
 from tulip_testbed.experiments.atlases.isolability import ISOLABLE
 from tulip_testbed.experiments.benchmark import benchmark_run as run
 from tulip_testbed.experiments.benchmark import cases as arms

@@ -10,12 +10,12 @@ import numpy as np
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.discovery.candidates import Candidate, candidates
 from tulip_testbed.discovery.columns import CandidateColumns, candidate_columns
+from tulip_testbed.discovery.detectability import POWER, detectable_size, single_level
 from tulip_testbed.discovery.evidence import DETECTABLE, effective_tests
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.effect import Parameter
 from tulip_testbed.effects.instance import MOST_PRIORS
 from tulip_testbed.experiments.atlases.bias import bias, weights
-from tulip_testbed.experiments.atlases.detectability import POWER, detectable_size, single_level
 from tulip_testbed.experiments.atlases.isolability import ISOLABLE, angles, groups
 from tulip_testbed.experiments.atlases.planned_experiment import Planned
 from tulip_testbed.identification.distributions import chi2_isf, normal_isf

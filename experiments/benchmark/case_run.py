@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2, ncx2
 
+from tulip_testbed.discovery.detectability import noncentrality
 from tulip_testbed.discovery.discover import Discovery, discover
 from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, effect_label, injected
 from tulip_testbed.effects.true_robot import true_base_parameters
-from tulip_testbed.experiments.atlases.detectability import noncentrality
 from tulip_testbed.experiments.benchmark import cases as arms
 from tulip_testbed.experiments.benchmark.case_outcome import Bias, Outcome
 from tulip_testbed.experiments.benchmark.cases import Case

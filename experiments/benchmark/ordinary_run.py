@@ -12,6 +12,7 @@ from tulip_testbed.calibration.self_calibration import self_calibrate, usual_tol
 from tulip_testbed.discovery.candidate_search import calibrated_data
 from tulip_testbed.discovery.candidates import Candidate, candidates
 from tulip_testbed.discovery.columns import candidate_columns
+from tulip_testbed.discovery.detectability import single_level
 from tulip_testbed.discovery.discover import discover
 from tulip_testbed.discovery.evidence import effective_tests
 from tulip_testbed.discovery.selection import LEVEL
@@ -20,7 +21,6 @@ from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance, effect_label
 from tulip_testbed.effects.random_effects import draw_of_kind
-from tulip_testbed.experiments.atlases.detectability import single_level
 from tulip_testbed.experiments.atlases.isolability import ISOLABLE
 from tulip_testbed.experiments.benchmark import judged
 from tulip_testbed.experiments.benchmark.case_outcome import Outcome

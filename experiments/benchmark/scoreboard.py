@@ -15,11 +15,11 @@ import numpy as np
 from tulip_testbed.calibration.linear_model import LinearModel, linear_model
 from tulip_testbed.discovery.candidates import Candidate, candidates
 from tulip_testbed.discovery.columns import candidate_columns
+from tulip_testbed.discovery.detectability import noncentrality, single_level
 from tulip_testbed.discovery.evidence import DETECTABLE, effective_tests
 from tulip_testbed.discovery.refit import exact_rig, measured_plan, simulated, without_noise
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.instance import split_label
-from tulip_testbed.experiments.atlases.detectability import noncentrality, single_level
 from tulip_testbed.experiments.atlases.isolability import ISOLABLE
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.nominal import nominal_robot

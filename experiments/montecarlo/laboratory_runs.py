@@ -13,6 +13,7 @@ from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.experiments.imperfections import drawn
 from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.validate import held_balance
 from tulip_testbed.identification.base_parameters import common_support, standard_parameters
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.errors import InputError
@@ -95,6 +96,7 @@ def _hold_one(
 ) -> Outcome | str:
     try:
         held = run_dynamics(edited(rig, edit_of(model, standard)), plan, _number_of(stream))
+        _check_balance(held, rig)
     except InputError as error:
         return str(error)
     return replace(held, truth=replace(held.truth, standard=standard))
@@ -161,10 +163,22 @@ def _ordinary_one(
     rig = laboratory.rig if edit is None else edited(laboratory.rig, edit)
     if engine == "dynamics":
         outcome = run_dynamics(rig, plan, _number_of(stream))
+        _check_balance(outcome, rig)
     else:
         (outcome,) = run_statics(solve_plan(rig, plan), [stream])
     base = true_base_parameters(rig, common_support(plan.support, "plan"))
     return OrdinaryOutcome(outcome.measurements, outcome.truth, base)
+
+
+def _check_balance(held: Outcome, rig: Rig) -> None:
+    """Refuse a run whose holds are out of balance, so that it counts as one that could not be identified.
+
+    Raises:
+        InputError: names the balance and its bound.
+    """
+    for check in held_balance(held.truth, rig, whole=False):
+        if check.result == "fail":
+            raise InputError(f"{check.name}: {check.source}")
 
 
 def _number_of(stream: np.random.SeedSequence) -> int:

@@ -31,6 +31,7 @@ from tulip_testbed.experiments.montecarlo.summary import errors_mm, summarise
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.robot_check import warn_of_robot
 from tulip_testbed.sim.table import Shown, Table
 from tulip_testbed.sim.threads import processes
 
@@ -126,6 +127,7 @@ def montecarlo(
     check_ordinary(laboratory, settings.ordinary)
     processes(place.workers)
     laboratory.check(plan, settings.engine)
+    warn_of_robot(laboratory.robot)
     if laboratory.sensors == "ideal":
         raise InputError(
             "sensors ideal: found no noise, so no standard errors to judge; valid: wii, force-plate"

@@ -11,7 +11,7 @@ import numpy as np
 
 from tulip_testbed.experiments.robot_import.skeleton import Source
 from tulip_testbed.experiments.robot_import.urdf import read_urdf
-from tulip_testbed.sim.control import drive_torques
+from tulip_testbed.sim.control import joint_torques
 from tulip_testbed.sim.errors import InputError, listed, shortened
 from tulip_testbed.sim.files import present, read_bytes
 from tulip_testbed.sim.mjcf_files import mjcf_files
@@ -40,7 +40,7 @@ def read_published(path: Path) -> Source:
         raise InputError(f"{path}: found {kind}, expected an MJCF or a URDF")
     model = compile_spec(spec, str(path))
     root = _root(model, path)
-    torque = {name: value for name, value in drive_torques(spec).items() if np.isfinite(value)}
+    torque = dict(joint_torques(spec))
     for j in range(model.njnt):  # a URDF's effort
         if model.jnt_actfrclimited[j]:
             name, limit = model.joint(j).name, float(model.jnt_actfrcrange[j, 1])

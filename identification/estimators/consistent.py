@@ -44,7 +44,9 @@ def physically_consistent(data: Regression) -> Estimate:
 
 
 def corner_parameters(data: Regression) -> np.ndarray:
-    """Return the base parameters of robots with all mass on one corner of a link's box, (p, 8 n_links) [m].
+    """Return the base parameters of robots with all mass on one corner of a link's box, (p, 8 n) [m].
+
+    The n links are those that have a mass.
 
     Raises:
         InputError: the regression has no robot.
@@ -53,10 +55,10 @@ def corner_parameters(data: Regression) -> np.ndarray:
         raise InputError(f"{data.source}: found no robot, expected one, whose link boxes are the bounds")
     boxes = link_boxes(data.robot.visual_model)
     corners = np.where(SIDES[None] < 0, boxes[:, None, 0], boxes[:, None, 1])  # (n, 8, 3)
-    count = len(boxes)
-    standard = np.zeros((count, 4, count, 8))
-    for link in range(count):
-        standard[link, 0, link] = 1.0
-        standard[link, 1:, link] = corners[link].T
+    heavy = np.flatnonzero(data.robot.model.body_mass[1:] > 0)
+    standard = np.zeros((len(boxes), 4, len(heavy), 8))
+    for k, link in enumerate(heavy):
+        standard[link, 0, k] = 1.0
+        standard[link, 1:, k] = corners[link].T
     rows = data.parameters.from_standard[data.numbers - 1]
-    return rows @ standard.reshape(4 * count, 8 * count)
+    return rows @ standard.reshape(4 * len(boxes), 8 * len(heavy))

@@ -50,8 +50,12 @@ def preflight(
     rest = (*READINGS, *LEGS, *FORCES, "identifiable")
     if m.joints != nominal.parameters.tree.joints:
         return [*findings, *_skip(("units", *rest), "correct the joints first: they are not the robot's")]
-    findings.append(units(m, nominal))
-    if findings[-1].result == "fail":
+    found = units(m, nominal)
+    if found.result == findings[0].result == "fail":
+        reason = "correct the robot first"
+        return [*findings, *_skip(("units",), f"{reason}: by this one {found.seen}"), *_skip(rest, reason)]
+    findings.append(found)
+    if found.result == "fail":
         return [*findings, *_skip(rest, "correct the units first")]
     loads = cell_loads(m)
     usual = _usual(m, loads, usual_changes)

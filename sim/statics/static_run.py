@@ -236,7 +236,9 @@ def _bodies(
     mass = np.tile(m.mass, (len(standard), 1))
     center = np.tile(m.center, (len(standard), 1, 1))
     mass[:, solved_plan.links] = standard[:, :, 0]
-    center[:, solved_plan.links] = standard[:, :, 1:] / standard[:, :, :1]
+    heavy = standard[0, :, 0] > 0
+    links = solved_plan.links[heavy]
+    center[:, links] = standard[:, heavy, 1:] / standard[:, heavy, :1]
     return mass[run], center[run]
 
 

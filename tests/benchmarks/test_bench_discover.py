@@ -38,6 +38,7 @@ def seconds(checkout: Path, robot: Path | None, folder: Path, out: Path) -> floa
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
+@pytest.mark.filterwarnings("ignore::tulip_testbed.sim.errors.InputWarning")  # of what such a robot lacks
 @pytest.mark.parametrize("name", ["TULip", "29 joints with meshes"])
 def test_discover_against_another_checkout(benchmark, tmp_path, name):
     other = os.environ.get("OTHER")

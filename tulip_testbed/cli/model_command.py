@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Literal
 
 from tulip_testbed.cli.options import Json, RobotFile
@@ -16,14 +17,20 @@ def model_command(
 ) -> int:
     """Show a model's standard parameters and its base parameters.
 
-    Every base parameter is listed with the standard parameters that it groups.
+    Every base parameter is listed with the standard parameters that it groups. If the robot lacks something
+    for the laboratory, it is listed below.
 
     Example: tulip model --support double
     """
     from tulip_testbed.cli.terminal import print_json, show
     from tulip_testbed.experiments.description import described_robot
-    from tulip_testbed.experiments.parameter_tables import nominal_base_table, nominal_link_table
+    from tulip_testbed.experiments.parameter_tables import (
+        nominal_base_table,
+        nominal_link_table,
+        robot_finding_table,
+    )
     from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+    from tulip_testbed.sim.robot_check import robot_findings
 
     described = described_robot(robot)
     model = described.model
@@ -57,6 +64,7 @@ def model_command(
                 zip(parameters.names, values, parameters.groups, strict=True), 1
             )
         ],
+        "findings": [dataclasses.asdict(finding) for finding in robot_findings(described)],
     }
     if as_json:
         print_json(document)
@@ -67,5 +75,6 @@ def model_command(
         "",
         nominal_link_table(document["standard"]),
         nominal_base_table(document["base"], document["total_mass"]),
+        *([robot_finding_table(document["findings"])] if document["findings"] else []),
     )
     return 0

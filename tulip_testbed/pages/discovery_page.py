@@ -22,6 +22,7 @@ from tulip_testbed.experiments.discovery_tables import (
     repeat_table,
     spread_table,
     undetectable_table,
+    weak_table,
 )
 from tulip_testbed.experiments.residual_curves import Curve, residual_curves, time_order
 from tulip_testbed.experiments.rig_folder import DIFF
@@ -136,6 +137,7 @@ def _doubts(report: dict[str, Any]) -> tuple[Section, ...]:
         pattern_table(report["left"]),
         repeat_table(report["repeats"]),
         undetectable_table(report["undetectable"]),
+        weak_table(report.get("weakly_detectable", [])),
     ]
     words = tuple(f"Noise not as stated: {text}." for text in report["noise"]["not_as_stated"])
     if not tables[0].rows:

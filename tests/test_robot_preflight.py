@@ -1,0 +1,345 @@
+"""Robots as people bring them: what the laboratory supplies, warns of or refuses, at once and by name."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+import warnings
+
+import mujoco
+import numpy as np
+import pytest
+
+import tulip_testbed as tt
+from tests.meshed_robot import write_meshed_robot
+from tulip_testbed.cli.main import main
+from tulip_testbed.effects.targets import LEG_LINKS, LINKS
+from tulip_testbed.experiments.checks import IMBALANCE, verdict
+from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
+from tulip_testbed.experiments.usable_plan import random_plan
+from tulip_testbed.experiments.validate import balance_checks
+from tulip_testbed.sim.drive_needs import LEAST_ARMATURE
+from tulip_testbed.sim.dynamics.stand import Stand
+from tulip_testbed.sim.errors import InputError, InputWarning
+from tulip_testbed.sim.measurements import PosturePlan, write_measurements
+from tulip_testbed.sim.random_robots import draw_robot
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.robot_check import robot_findings
+from tulip_testbed.sim.scene import laboratory_scene
+from tulip_testbed.sim.scene_check import check_scene
+from tulip_testbed.sim.shipped import TULIP
+
+POSES = np.array([[0.03, -0.16, 0.02], [0.05, 0.17, -0.01]])
+FREE = '<freejoint name="torso"/>'
+OPTION = '<option timestep="0.001" integrator="Euler" cone="elliptic"/>'
+ODD_OPTION = (
+    '<option timestep="0.005" integrator="RK4" cone="pyramidal" iterations="1" ls_iterations="1" '
+    'solver="CG" impratio="50" noslip_iterations="3" density="1.2" jacobian="sparse">'
+    '<flag warmstart="disable" island="disable"/></option><size memory="100K"/>'
+)
+PAIR = (
+    '<contact><pair geom1="right_foot_front_left" geom2="left_foot_front_left"/>'
+    '<exclude body1="torso" body2="right_foot"/></contact><actuator>'
+)
+GEOM, SITE = '<geom contype="0" conaffinity="0"/>', '<site group="4" size="0.005"/>'
+ODD_GEOM = '<geom contype="0" conaffinity="0" margin="0.01"/>'
+ODD_DEFAULT = f'{SITE}<equality solref="0.5 1"/><pair margin="0.01"/><tendon stiffness="3"/>'
+FRAME = '<body name="imu" pos="0 0 0.1"><site name="imu_site"/></body><body name="right_ankle"'
+DRIVE = '<joint armature="0.0148" damping="0.4" frictionloss="0.51"/>'
+SOFT_DRIVE = (
+    '<joint armature="0.001" damping="0.4" frictionloss="0.51" solreffriction="0.02 1" '
+    'solimpfriction="0.9 0.95 0.001"/>'
+)
+
+
+@pytest.fixture
+def own(tmp_path):
+    """Load TULip with other texts in its model; its scene is built."""
+
+    def loaded(*texts: tuple[str, str], built: bool = True, name: str = "own") -> Robot:
+        folder = shutil.copytree(TULIP.parent, tmp_path / name)
+        edits = [("tulip.xml", *pair) for pair in texts]
+        if built:
+            edits.append(("tulip.toml", 'scene = "scene_plates.xml"', 'plate = "plate.xml"'))
+        for file, old, new in edits:
+            text = (folder / file).read_text()
+            assert old in text
+            (folder / file).write_text(text.replace(old, new, 1))
+        return tt.load_robot(folder / "tulip.toml")
+
+    return loaded
+
+
+def planned(plan: PosturePlan, robot: Robot, placements: int) -> PosturePlan:
+    """The first placements of a plan, for a robot with the same joints."""
+    few = plan.take(np.flatnonzero(plan.placement <= placements))
+    return dataclasses.replace(few, robot={"model": robot.model_file.name, "sha256": robot.model_hash})
+
+
+def without_keyframe(text: str) -> str:
+    start, end = text.index("<keyframe>"), text.index("</keyframe>") + len("</keyframe>")
+    return text[start:end]
+
+
+# --- frames without mass -----------------------------------------------------------------------
+
+
+@pytest.fixture
+def pair_of_robots(own):
+    """TULip, and TULip with an IMU's frame at its right shank."""
+    return own(name="plain"), own(('<body name="right_ankle"', FRAME), name="framed")
+
+
+def test_a_frame_without_mass_changes_no_result(pair_of_robots, plan):
+    results = []
+    for robot in pair_of_robots:
+        few = planned(plan, robot, 5)
+        laboratory = tt.Laboratory(robot, "force-plate").with_effects("encoder-offset:right_knee=0.02")
+        run = laboratory.run(few, 3, "statics", 1)
+        repeated = tt.monte_carlo(tt.Laboratory(robot), few, runs=2, workers=1)
+        frames = [tt.identify(run, robot, estimator=name).to_frame() for name in ("consistent", "prior")]
+        results.append((run, [repeated.to_frame(), *frames], tt.discover(run, robot, check=False, workers=1)))
+    (plain, tables, found), (framed, others, again) = results
+    assert np.array_equal(plain.measurements.cell_forces, framed.measurements.cell_forces)
+    for one, other in zip(tables, others, strict=True):
+        numbers = [table.select_dtypes("number").to_numpy() for table in (one, other)]
+        assert np.allclose(*numbers, rtol=1e-9, atol=1e-9, equal_nan=True)
+    assert found.verdict == again.verdict
+    assert found.story == again.story
+
+
+def test_a_frame_without_mass_is_no_target_and_draws_no_numbers(pair_of_robots):
+    plain, framed = pair_of_robots
+    for targets in (LINKS, LEG_LINKS):
+        assert targets.of(plain, ()) == targets.of(framed, ())
+    drawn = [draw_robot(robot.model, 0.1, np.random.default_rng(1)) for robot in pair_of_robots]
+    names = [[robot.model.body(k).name for k in range(1, robot.model.nbody)] for robot in pair_of_robots]
+    assert np.array_equal(drawn[0], np.delete(drawn[1], names[1].index("imu"), axis=0))
+
+
+# --- the laboratory's own options --------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "texts",
+    [
+        [(OPTION, ODD_OPTION)],
+        [("<actuator>", PAIR)],
+        [(GEOM, ODD_GEOM), (SITE, ODD_DEFAULT)],
+    ],
+    ids=["options", "contacts", "defaults"],
+)
+def test_what_is_set_in_the_robots_file_does_not_act_in_its_scene(own, plan, texts):
+    forces = []
+    for robot in (own(name="plain"), own(*texts, name="odd")):
+        one = planned(plan, robot, 1).take(np.arange(1))
+        run = tt.Laboratory(robot, "ideal").run(one, 1, "dynamics", 1)
+        forces.append(run.measurements.cell_forces)
+    assert np.array_equal(forces[0], forces[1])
+
+
+def test_options_sizes_and_flags_of_a_built_scene_are_the_shipped_scenes(own, robot):
+    built = own((OPTION, ODD_OPTION))
+    models = [laboratory_scene(preset_rig("ideal", r), POSES).compile() for r in (robot, built)]
+    for name in dir(models[0].opt):
+        value = getattr(models[0].opt, name)
+        if not name.startswith("_") and isinstance(value, int | float | np.ndarray):
+            assert np.array_equal(value, getattr(models[1].opt, name)), name
+
+
+def test_gravity_stays_the_robots(own):
+    moon = own((OPTION, OPTION.replace("/>", ' gravity="0 0 -1.62"/>')))
+    assert laboratory_scene(preset_rig("ideal", moon), POSES).option.gravity[2] == -1.62
+
+
+def test_a_scene_written_by_hand_keeps_its_time_step_and_takes_the_solver(own):
+    spec = laboratory_scene(preset_rig("ideal", own((OPTION, ODD_OPTION), built=False)), POSES)
+    assert spec.option.timestep == 0.005
+    assert spec.option.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
+    assert (spec.option.iterations, spec.option.tolerance) == (100, 1e-12)
+    assert spec.option.solver == mujoco.mjtSolver.mjSOL_NEWTON
+
+
+def test_a_pair_of_the_robot_in_a_scene_written_by_hand_is_refused(own):
+    robot = own(("<actuator>", PAIR), built=False)
+    with pytest.raises(InputError, match="found a pair of 'right_foot_front_left' and 'left_foot_front_left"):
+        check_scene(preset_rig("ideal", robot))
+
+
+# --- the verdict on imbalance ------------------------------------------------------------------
+
+
+def test_an_imbalance_fails_the_verdict(robot, two):
+    run = tt.Laboratory(robot, "ideal").run(two.take(np.arange(2)), 1, "dynamics", 1)
+    (check,) = balance_checks(run)
+    assert check.result == "pass"
+    assert check.value is not None
+    assert check.value < 0.01
+    held = run.truth.held[0]
+    bound = IMBALANCE * run.truth.mass * 9.81
+    for name, size in (("torques", 19.0), ("weight", -1.1 * bound), ("centre", 1.1 * IMBALANCE)):
+        worse = dataclasses.replace(held, balance=dataclasses.replace(held.balance, **{name: size}))
+        first, *rest = run.truth.attempts
+        truth = dataclasses.replace(run.truth, attempts=(dataclasses.replace(first, held=worse), *rest))
+        (check,) = balance_checks(dataclasses.replace(run, truth=truth))
+        assert verdict([check]) == "fail"
+        assert check.value is not None
+        assert check.value > 1
+
+
+def test_effects_are_judged_by_what_statics_leaves_over_alone(robot, two):
+    """Cells that stand elsewhere set the centre of pressure apart: the effect, no fault of the simulation."""
+    laboratory = tt.Laboratory(robot, "ideal").with_effects("cell-position-scale=0.05")
+    (check,) = balance_checks(laboratory.run(two.take(np.arange(2)), 1, "dynamics", 1))
+    assert check.result == "pass"
+    assert check.source.startswith("torques")
+    assert balance_checks(laboratory.run(two, 1, "statics", 1)) == []
+
+
+def test_a_collision_of_limbs_in_a_scene_written_by_hand_fails_the_verdict(own, plan):
+    """The shanks touch by a soft geom of each that may collide: their force is in no static balance."""
+    bump = (
+        '<geom name="{}_bump" type="sphere" size="0.12" contype="4" conaffinity="4" condim="1" '
+        'solref="-20 -5" solimp="0.9 0.9 0.01"/>'
+    )
+    texts = [
+        (f'<body name="{side}_ankle"', f'{bump.format(side)}<body name="{side}_ankle"')
+        for side in ("right", "left")
+    ]
+    robot = own(*texts, built=False)
+    run = tt.Laboratory(robot, "ideal").run(planned(plan, robot, 1).take(np.arange(2)), 1, "dynamics", 1)
+    (check,) = balance_checks(run)
+    assert check.result == "fail"
+
+
+# --- findings on a robot -----------------------------------------------------------------------
+
+
+def test_tulip_and_the_humanoids_lack_nothing(robot, foreign):
+    for one in (robot, *foreign.values()):
+        assert robot_findings(one) == ()
+
+
+def test_too_little_armature_and_soft_friction_are_supplied_and_said(own):
+    robot = own((DRIVE, SOFT_DRIVE))
+    found = {finding.name: finding for finding in robot_findings(robot)}
+    assert list(found) == ["armature", "friction"]
+    assert "right_hip_yaw (0.001 of 0.014)" in found["armature"].found
+    assert "chatter" in found["armature"].consequence
+    assert "right_hip_yaw" in found["friction"].found
+    scene = laboratory_scene(preset_rig("ideal", robot), POSES)
+    joint = scene.joint("right_hip_yaw")
+    assert joint.armature == pytest.approx(LEAST_ARMATURE * 10.1)
+    assert joint.solref_friction.tolist() == [0.002, 1.0]
+    assert joint.solimp_friction[:3].tolist() == [0.9999, 0.9999, 0.001]
+    assert robot.spec.joint("right_hip_yaw").armature == 0.001
+    assert scene.joint("right_knee").armature == 0.0862
+
+
+def test_a_missing_or_straight_stand_is_said(own, tmp_path):
+    key = without_keyframe(TULIP.with_name("tulip.xml").read_text())
+    (finding,) = robot_findings(own((key, "")))
+    assert finding.name == "stand"
+    assert "zero posture" in finding.assumed
+    assert "straight legs (right_foot, left_foot)" in finding.consequence
+    straight = '<keyframe><key name="stand" qpos="0 0 0.69 1 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0"/></keyframe>'
+    (finding,) = robot_findings(own((key, straight), name="straight"))
+    assert "straight legs (right_foot, left_foot) in the keyframe" in finding.found
+
+
+def test_a_joint_without_a_motor_is_said(own):
+    text = TULIP.with_name("tulip.xml").read_text()
+    motor = next(line for line in text.splitlines() if 'joint="right_knee"' in line)
+    (finding,) = robot_findings(own((motor, "")))
+    assert "no motor with a torque limit on right_knee" in finding.found
+
+
+def test_findings_are_warned_of_once(own, plan):
+    robot = own((DRIVE, SOFT_DRIVE))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        random_plan(robot, 4, 4, 1)
+        tt.Laboratory(robot).run(planned(plan, robot, 1), 1, "statics", 1)
+    assert [warning.category for warning in caught] == [InputWarning, InputWarning]
+    assert "tulip.xml: found an armature below" in str(caught[0].message)
+    assert "frictionloss softer than" in str(caught[1].message)
+
+
+def test_the_command_shows_them(own, capsys):
+    robot = own((DRIVE, SOFT_DRIVE))
+    assert main(["model", "--robot", str(robot.path), "--json"]) == 0
+    findings = json.loads(capsys.readouterr().out)["findings"]
+    assert [finding["name"] for finding in findings] == ["armature", "friction"]
+    assert main(["model", "--robot", str(robot.path)]) == 0
+    assert "What this robot lacks for the laboratory" in capsys.readouterr().out
+    assert main(["model", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["findings"] == []
+
+
+def test_a_meshed_humanoids_arms_get_what_they_lack(tmp_path):
+    robot = write_meshed_robot(tmp_path / "meshed")
+    names = [finding.name for finding in robot_findings(robot)]
+    assert names == ["armature", "stand"]
+    stand = Stand(preset_rig("ideal", robot), POSES)
+    dof = int(stand.model.joint("left_elbow").dofadr[0])
+    assert stand.model.dof_armature[dof] == pytest.approx(10 * LEAST_ARMATURE)
+
+
+# --- names, folders, another robot -------------------------------------------------------------
+
+
+def test_a_free_joint_without_a_name_takes_its_bodys(own, plan, robot):
+    nameless = own((FREE, "<freejoint/>"))
+    assert nameless.model.joint(0).name == "torso"
+    few = planned(plan, nameless, 1)
+    run = tt.Laboratory(nameless, "ideal").run(few, 1, "statics", 1)
+    shipped = tt.Laboratory(robot, "ideal").run(planned(plan, robot, 1), 1, "statics", 1)
+    assert np.array_equal(run.measurements.cell_forces, shipped.measurements.cell_forces)
+
+
+def test_a_mesh_folder_outside_says_what_to_do(own):
+    with pytest.raises(InputError, match=r"'meshdir': found '\.\./meshes', .*copy the files into it"):
+        own(("<compiler ", '<compiler meshdir="../meshes" '))
+
+
+def test_data_of_another_robot_are_said_to_be_first(robot, foreign, plan, tmp_path):
+    run = tt.Laboratory(robot).run(planned(plan, robot, 6), 1, "statics", 1)
+    write_measurements(tmp_path / "data", run.measurements)
+    for function in (tt.discover, tt.identify):
+        with pytest.raises(InputError, match="made with another robot than humanoid: hash mismatch of the"):
+            function(tmp_path / "data", foreign["humanoid"])
+    with pytest.raises(InputError, match=r"with other joints, expected robot\.xml of humanoid"):
+        tt.check(tmp_path / "data", foreign["humanoid"])
+
+
+def test_a_robot_of_the_same_file_name_but_other_joints_is_another_one(robot, foreign, plan, tmp_path):
+    run = tt.Laboratory(robot).run(planned(plan, robot, 1), 1, "statics", 1)
+    named = run.measurements.robot | {"model": "robot.xml"}
+    write_measurements(tmp_path / "data", dataclasses.replace(run.measurements, robot=named))
+    with pytest.raises(InputError, match=r"found robot 'robot\.xml' with other joints"):
+        tt.check(tmp_path / "data", foreign["humanoid"])
+
+
+def test_the_preflight_guesses_no_units_by_another_robots_ranges(own, plan, robot):
+    run = tt.Laboratory(robot).run(planned(plan, robot, 1), 1, "statics", 1)
+    stiff = own(('range="0 120"', 'range="0 5"'))
+    checks = {check["name"]: check for check in tt.check(run.measurements, stiff).document["checks"]}
+    assert checks["robot"]["result"] == "fail"
+    assert checks["units"]["result"] == "not evaluated"
+    assert checks["units"]["seen"].startswith("correct the robot first")
+
+
+def test_the_whole_verdict_has_the_balance(wii):
+    assert wii.checks[-1].name == "imbalance of forces over its bound"
+    assert wii.checks[-1].result == "pass"
+
+
+def test_a_monte_carlo_counts_a_run_out_of_balance_as_failed(robot, two, monkeypatch):
+    """A bound that no hold keeps stands for a hold that keeps no bound."""
+    source = source_of(tt.Laboratory(robot), two.take(np.arange(2)), None, "dynamics", None)
+    monkeypatch.setattr("tulip_testbed.experiments.checks.IMBALANCE", 1e-30)
+    (failure,) = source([np.random.SeedSequence(1)])
+    assert isinstance(failure, str)
+    assert failure.startswith("imbalance of forces over its bound: torques against statics")
