@@ -211,7 +211,7 @@ def balance_check(worst: dict[str, float], weight: float, whole: bool) -> Check:
     name = max(bounds, key=lambda key: worst[key] / bounds[key])
     what, unit = BALANCES[name]
     source = f"{what} {worst[name]:.2g} {unit}, bound {bounds[name]:.2g} {unit}"
-    return below("imbalance of forces over its bound", worst[name] / bounds[name], 1.0, source)
+    return below("imbalance over its bound", worst[name] / bounds[name], 1.0, source)
 
 
 def mass_check(value: float, standard_error: float, truth: float, count: int, noisy: bool) -> Check:

@@ -308,7 +308,7 @@ def test_data_of_another_robot_are_said_to_be_first(robot, foreign, plan, tmp_pa
     run = tt.Laboratory(robot).run(planned(plan, robot, 6), 1, "statics", 1)
     write_measurements(tmp_path / "data", run.measurements)
     for function in (tt.discover, tt.identify):
-        with pytest.raises(InputError, match="made with another robot than humanoid: hash mismatch of the"):
+        with pytest.raises(InputError, match="made for another robot than humanoid: hash mismatch of the"):
             function(tmp_path / "data", foreign["humanoid"])
     with pytest.raises(InputError, match=r"with other joints, expected robot\.xml of humanoid"):
         tt.check(tmp_path / "data", foreign["humanoid"])
@@ -332,7 +332,7 @@ def test_the_preflight_guesses_no_units_by_another_robots_ranges(own, plan, robo
 
 
 def test_the_whole_verdict_has_the_balance(wii):
-    assert wii.checks[-1].name == "imbalance of forces over its bound"
+    assert wii.checks[-1].name == "imbalance over its bound"
     assert wii.checks[-1].result == "pass"
 
 
@@ -342,4 +342,4 @@ def test_a_monte_carlo_counts_a_run_out_of_balance_as_failed(robot, two, monkeyp
     monkeypatch.setattr("tulip_testbed.experiments.checks.IMBALANCE", 1e-30)
     (failure,) = source([np.random.SeedSequence(1)])
     assert isinstance(failure, str)
-    assert failure.startswith("imbalance of forces over its bound: torques against statics")
+    assert failure.startswith("imbalance over its bound: torques against statics")
