@@ -22,7 +22,7 @@ from tulip_testbed.identification.planning.objectives import OBJECTIVES, conditi
 from tulip_testbed.identification.planning.optimal_plan import optimize_plan, smallest_margins
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.search import design_of, repair_start, search
-from tulip_testbed.identification.postures import planning_ranges
+from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.errors import InputError

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
-from tulip_testbed.identification.postures import planning_ranges, random_postures
+from tulip_testbed.identification.planning_ranges import planning_ranges
+from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.robot import sole_corners

@@ -24,7 +24,6 @@ from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.sim.errors import InputError, most_frequent
 from tulip_testbed.sim.measurements import PosturePlan, lay_boards
 
-LIFTED = 0.02  # m, of the swing sole's lowest corner over the plates
 DRAWS = 5000  # per round
 MOST_ROUNDS, HOPELESS = 60, 6  # largest number of rounds; the same without any feasible posture
 POOL = 8  # candidates for each wanted posture
@@ -80,7 +79,7 @@ def single_support_margins(problem: Problem, angles: np.ndarray, swing: np.ndarr
             1e3 * (leg_stretch(problem, chain)[0] - [margins.stretch * leg[2] for leg in problem.legs]),
             "mm",
         ),
-        "swing foot lifted": (1e3 * (lifted - LIFTED), "mm"),
+        "swing foot lifted": (1e3 * (lifted - margins.lifted), "mm"),
         "swing foot to its side": (1e3 * (side - ranges.swing_y[0])[:, None], "mm"),
     }
     return {
@@ -127,6 +126,7 @@ def single_support_plan(
     order, group = _sequences(problem, chosen, swing, int(sizes.max()))
     number = plan.placement.max() + 1 + group
     torques = open_chain_torques(problem, chain_at(problem, chosen[order]))
+    made = {"postures": count, "candidates": len(pool), "lifted": problem.margins.lifted}
     return dataclasses.replace(
         plan,
         joint_angles=np.concatenate([plan.joint_angles, chosen[order]]),
@@ -135,7 +135,7 @@ def single_support_plan(
         support=np.append(plan.support, np.full(count, "right")),
         swing_pose=np.concatenate([plan.swing_pose, np.tile(swing, (count, 1))]),
         torques=np.concatenate([plan.feed_forward, torques]),
-        made=plan.made | {"single_support": {"postures": count, "candidates": len(pool), "lifted": LIFTED}},
+        made=plan.made | {"single_support": made},
     )
 
 
