@@ -19,6 +19,9 @@ from tulip_testbed.identification.feasibility import (
     support_polygon,
 )
 from tulip_testbed.identification.inverse_kinematics import InverseKinematics
+from tulip_testbed.identification.link_clearances import LinkPairs, clearances_at, link_pairs, moving_pairs
+from tulip_testbed.identification.link_paths import blocked, too_near
+from tulip_testbed.identification.margins import Margins, planning_margins
 from tulip_testbed.identification.planning_ranges import (
     PlanningRanges,
     Range,
@@ -27,14 +30,17 @@ from tulip_testbed.identification.planning_ranges import (
 )
 from tulip_testbed.sim.errors import InputError, most_frequent
 from tulip_testbed.sim.measurements import PlateGeometry, PosturePlan, lay_boards
+from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.robot import (
     Robot,
+    between_feet,
     joint_names,
     joint_ranges,
     sole_corners,
 )
 
 ATTEMPTS = 3000  # without a feasible posture, after which the ranges are considered infeasible
+REDRAWS = 100  # of the joints that are not between the feet, for one posture
 ATTEMPTS_HERE = 200  # for the next posture of a placement, after which the placement is given up
 
 
@@ -46,18 +52,22 @@ def random_postures(
     seed: int,
     ranges: PlanningRanges | None = None,
     progress: Callable[[int], None] = lambda count: None,
+    margins: Margins | None = None,
 ) -> PosturePlan:
     """Draw feasible postures, `per_placement` on each of `placements` foot placements.
 
     Args:
         plate: geometry of the boards.
+        ranges: planning ranges; None means those of the robot's description.
         progress: called with the number of postures each time a placement is complete.
+        margins: margins; None means those of the robot's description.
 
     Raises:
         InputError: no posture is feasible; the message names the violated constraints and their counts.
     """
     model = robot.model
-    search = _Search(robot, model, plate, ranges or planning_ranges(robot), np.random.default_rng(seed))
+    ranges, margins = ranges or planning_ranges(robot), margins or planning_margins(robot)
+    search = _Search(robot, model, plate, ranges, margins, np.random.default_rng(seed))
     angles, poses = [], []
     while len(angles) < placements * per_placement:
         found = search.placement(per_placement)
@@ -94,6 +104,7 @@ class _Search:
         model: mujoco.MjModel,
         plate: PlateGeometry,
         ranges: PlanningRanges,
+        margins: Margins,
         rng: np.random.Generator,
     ):
         self.ranges, self.rng, self.plate, self.model = ranges, rng, plate, model
@@ -105,6 +116,10 @@ class _Search:
         self.free_joints = free_joint_ranges(robot, model, ranges)
         self.weight = float(model.body_subtreemass[0] * -model.opt.gravity[2])
         self.guess = self._bent_knees()
+        self.chain = ClosedChain(model, robot)
+        self.pairs = link_pairs(robot, margins.link_clearance)
+        # Whatever joints between the feet do not move is known before inverse kinematics.
+        self.fixed = self.pairs.take(~moving_pairs(self.pairs, between_feet(model, robot)))
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         ground = _lowest_sole(model, data, robot)
@@ -125,7 +140,7 @@ class _Search:
                 continue
             accepted, tries = [], 0
             while len(accepted) < wanted:
-                angles = self._posture(pose, soles)
+                angles = self._posture(pose, soles, accepted[-1][0] if accepted else None)
                 tries = 0 if angles is not None else tries + 1
                 if angles is not None:
                     accepted.append((angles, pose))
@@ -145,25 +160,26 @@ class _Search:
             return False
         return True
 
-    def _posture(self, pose: np.ndarray, soles: np.ndarray) -> np.ndarray | None:
+    def _posture(self, pose: np.ndarray, soles: np.ndarray, before: np.ndarray | None) -> np.ndarray | None:
         """Attempt steps 3 and 4 once: return joint angles, or None."""
-        found = self._try(pose, soles)
+        found = self._try(pose, soles, before)
         if isinstance(found, str):
             self._reject(found)
             return None
         self.attempts += 1
         return found
 
-    def _try(self, pose: np.ndarray, soles: np.ndarray) -> np.ndarray | str:
-        """Return the joint angles of one random draw, or the violated constraint."""
+    def _try(self, pose: np.ndarray, soles: np.ndarray, before: np.ndarray | None) -> np.ndarray | str:
+        """Return the joint angles of one random draw, or the violated constraint.
+
+        Args:
+            before: joint angles of the posture from which the robot moves here, None at the first one.
+        """
         r = self.ranges
         polygon = support_polygon(soles)
         com = self.rng.uniform(polygon.min(axis=0), polygon.max(axis=0))
         height = self._draw(self.com_height)
         rpy = np.array([self._draw(x) for x in (r.torso_roll, r.torso_pitch, r.torso_yaw)])
-        guess = self.guess.copy()
-        for name, interval in self.free_joints.items():
-            guess[self.model.joint(name).qposadr[0]] = self._draw(interval)
         if stability_margin(com, polygon) < r.stability_margin:
             return "stability margin"
         share, cop = predicted_foot_loads(com, np.array([np.zeros(2), pose[:2]]))
@@ -171,6 +187,9 @@ class _Search:
             return "a sole would lift"
         if predicted_cell_loads(share, cop, self.boards, self.plate, self.weight).min() < r.least_cell_load:
             return "a cell would unload"
+        guess, links = self._free_joints()
+        if links:
+            return f"self-collision {links}"
         angles = self.solver.solve(pose, np.array([*com, height]), rpy, guess)
         if angles is None:
             return "out of reach"
@@ -179,7 +198,32 @@ class _Search:
             return f"joint limit {self.names[int(outside.argmax())]}"
         if self.solver.height(self.solver.torso) < r.least_height:
             return "least height"
+        if links := self._too_near(angles, self.pairs):
+            return f"self-collision {links}"
+        if before is not None and (links := blocked(self.pairs, self.chain.path, before, angles)):
+            return f"self-collision on the way {links}"
         return angles
+
+    def _free_joints(self) -> tuple[np.ndarray, str | None]:
+        """Draw the joints that are not between the feet until what they alone move keeps its distance.
+
+        Returns:
+            The configuration for inverse kinematics to start from, (nq,), and the links that remain too near.
+        """
+        guess, links = self.guess.copy(), None
+        for _ in range(REDRAWS):
+            for name, interval in self.free_joints.items():
+                guess[self.model.joint(name).qposadr[0]] = self._draw(interval)
+            links = self._too_near(guess[self.solver.joints], self.fixed)
+            if links is None:
+                break
+        return guess, links
+
+    def _too_near(self, angles: np.ndarray, pairs: LinkPairs) -> str | None:
+        if not pairs.names:
+            return None
+        found = clearances_at(pairs, angles[None], pairs.needed.max(initial=0.0))
+        return too_near(pairs, found, pairs.needed)
 
     def _draw(self, interval: Range) -> float:
         return float(self.rng.uniform(*interval))

@@ -10,6 +10,7 @@ import numpy as np
 
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations, moved_frames, walk
+from tulip_testbed.identification.link_clearances import LinkPairs, link_pairs
 from tulip_testbed.identification.margins import Margins, leg_length, planning_margins
 from tulip_testbed.identification.nominal import outline
 from tulip_testbed.identification.planning_ranges import PlanningRanges, planning_ranges
@@ -44,6 +45,7 @@ class Problem:
         parameter_covariance: covariance of the nominal base parameters, (p, p) [m2].
         limbs: limbs of the two legs as pairs of frames and radii [m], at least two per leg.
         legs: frames at hip and ankle, and their distance with a straight knee [m].
+        pairs: pairs of links that must keep a distance.
         nominal: nominal base parameters, (p,) [m].
     """
 
@@ -67,6 +69,7 @@ class Problem:
     parameter_covariance: np.ndarray
     limbs: tuple[Leg, Leg]
     legs: tuple[Limb, ...]
+    pairs: LinkPairs
     nominal: np.ndarray
 
     @property
@@ -133,6 +136,7 @@ def planning_problem(
         parameter_covariance=_parameter_covariance(model, parameters, standard, margins.mass_sd),
         limbs=limbs,
         legs=legs,
+        pairs=link_pairs(robot, margins.link_clearance),
         nominal=parameters.values(standard),
     )
 
