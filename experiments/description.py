@@ -9,7 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
 
 from tulip_testbed.experiments.parameter_tables import read_reported
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
-from tulip_testbed.identification.postures import planning_ranges
+from tulip_testbed.identification.margins import planning_margins
+from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.sensors import PRESETS
@@ -63,6 +64,7 @@ def described_robot(path: Path) -> Robot:
         raise InputError(f"{path}: key 'swing_foot': found '{robot.swing_foot}', which is the stance foot")
     if tables.planning is not None:
         planning_ranges(robot)
+        planning_margins(robot)
     model = robot.model
     try:
         parameters = base_parameters(robot, model)

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table, united_links
+from tulip_testbed.experiments.plan_clearances import clearance_table, clearances_of
 from tulip_testbed.experiments.planning_run import joined
 from tulip_testbed.experiments.usable_plan import planned_parameters
 from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
@@ -71,6 +72,7 @@ def described_plan(
         "well_identified": int((relative < WELL_IDENTIFIED).sum()),
         "correlations": [{"a": a, "b": b, "rho": rho} for a, b, rho in pairs],
         "margins": margins_of(robot, new),
+        "clearances": clearances_of(robot, new),
     }
 
 
@@ -185,6 +187,7 @@ def plan_report(document: dict[str, Any], parameters: BaseParameters, plan: Post
         prediction_table(document, parameters),
         correlation_table("full", pairs, parameters, plan.joint_angles) if pairs else NO_CORRELATION,
         "Margins are known for six joints a leg only." if margins is None else margin_table(margins),
+        clearance_table(document["clearances"]),
     ]
 
 

@@ -7,6 +7,8 @@ import scipy
 
 from tulip_testbed.sim.measurements import PlateGeometry
 
+SHARING = 0.75  # change of the load share over that of the CoM's relative position between the feet
+
 
 def place_polygon(corners: np.ndarray, pose: np.ndarray) -> np.ndarray:
     """Return a foot's sole corners at a planar pose, (k, 2) [m].
@@ -64,6 +66,26 @@ def predicted_foot_loads(com: np.ndarray, ankles: np.ndarray) -> tuple[np.ndarra
     share = np.array([1 - left, left])
     lever = com - ankles[0] - left * line
     return share, ankles + lever / (2 * share[:, None])
+
+
+def planned_foot_loads(
+    weight: float, com: np.ndarray, stance: np.ndarray, swing: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the vertical forces (m, 2) [N] and centres of pressure (m, 2, 2) [m] that feed-forward chooses.
+
+    Statics determines only their mean, which is at the CoM. The load share depends on the position of the
+    CoM between the centres of the soles; the remaining offset is the same for both centres of pressure.
+
+    Args:
+        weight: weight of the robot [N].
+        com: projections of the centre of mass, (m, 2) [m]; complex numbers are accepted.
+        stance, swing: centres of the soles, (m, 2) [m].
+    """
+    line = swing - stance
+    part = ((com - stance) * line).sum(axis=1) / (line**2).sum(axis=1)
+    share = 0.5 + SHARING * (part - 0.5)
+    off = com - stance - share[:, None] * line
+    return weight * np.stack([1 - share, share], axis=1), np.stack([stance + off, swing + off], axis=1)
 
 
 def predicted_cell_loads(

@@ -224,6 +224,20 @@ def joint_axes(tree: Tree, base: int, rotations: np.ndarray) -> np.ndarray:
     return axes
 
 
+def joint_pivots(tree: Tree, base: int, rotations: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    """Return a point on the axis of each joint in the base frame, (m, n_joints, 3) [m].
+
+    Args:
+        rotations, positions: results of `link_rotations` and `frame_positions`.
+    """
+    pivots = np.zeros((len(rotations), len(tree.joints), 3))
+    for step in walk(tree, base):
+        if step.edge.joint >= 0:
+            turned = (rotations[:, step.new] @ step.anchor_new[:, None])[..., 0]
+            pivots[:, step.edge.joint] = positions[:, step.new] + turned
+    return pivots
+
+
 def moved_frames(tree: Tree, base: int) -> np.ndarray:
     """Return which frames each joint moves relative to the base, (n_joints, n_frames) bool."""
     moved = np.zeros((len(tree.joints), len(tree.frames)), dtype=bool)

@@ -101,20 +101,25 @@ def link_boxes(model: mujoco.MjModel) -> np.ndarray:
     A box encloses the link's geoms and its centre of mass; without geoms it is the box of uniform density
     with the link's inertia. Links are in MJCF order.
     """
-    boxes = []
-    for body in range(1, model.nbody):
-        points = [model.body_ipos[body][None]]
-        first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
-        for geom in range(first, first + count):
-            corners = model.geom_aabb[geom, :3] + SIDES * model.geom_aabb[geom, 3:]
-            points.append(corners @ _rotation(model.geom_quat[geom]).T + model.geom_pos[geom])
-        if not count and model.body_mass[body] > 0:
-            inertia = model.body_inertia[body]
-            half = np.sqrt(1.5 * np.maximum(inertia.sum() - 2 * inertia, 0.0) / model.body_mass[body])
-            points.append(SIDES * half @ _rotation(model.body_iquat[body]).T + model.body_ipos[body])
-        every = np.vstack(points)
-        boxes.append([every.min(axis=0), every.max(axis=0)])
-    return np.array(boxes)
+    every = [outline(model, body) for body in range(1, model.nbody)]
+    return np.array([[points.min(axis=0), points.max(axis=0)] for points in every])
+
+
+def outline(model: mujoco.MjModel, body: int) -> np.ndarray:
+    """Return the corners of a body's geoms and its centre of mass in its frame, (k, 3) [m].
+
+    Without geoms they are the corners of the box of uniform density with the body's inertia.
+    """
+    points = [model.body_ipos[body][None]]
+    first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+    for geom in range(first, first + count):
+        corners = model.geom_aabb[geom, :3] + SIDES * model.geom_aabb[geom, 3:]
+        points.append(corners @ _rotation(model.geom_quat[geom]).T + model.geom_pos[geom])
+    if not count and model.body_mass[body] > 0:
+        inertia = model.body_inertia[body]
+        half = np.sqrt(1.5 * np.maximum(inertia.sum() - 2 * inertia, 0.0) / model.body_mass[body])
+        points.append(SIDES * half @ _rotation(model.body_iquat[body]).T + model.body_ipos[body])
+    return np.vstack(points)
 
 
 def _rotation(quaternion: np.ndarray) -> np.ndarray:

@@ -12,9 +12,9 @@ from tulip_testbed.identification.kinematics import (
     alike_in_turns,
     frame_positions,
     joint_axes,
+    joint_pivots,
     link_rotations,
     moved_frames,
-    walk,
 )
 from tulip_testbed.identification.nominal import Nominal
 
@@ -69,13 +69,7 @@ class PostureGeometry:
     @cached_property
     def pivots(self) -> np.ndarray:
         """Compute a point on the axis of each joint, (m, n_joints, 3) [m]."""
-        rotations, positions = self.frames
-        pivots = np.zeros((len(rotations), len(self.tree.joints), 3))
-        for step in walk(self.tree, self.base):
-            if step.edge.joint >= 0:
-                turned = (rotations[:, step.new] @ step.anchor_new[:, None])[..., 0]
-                pivots[:, step.edge.joint] = positions[:, step.new] + turned
-        return pivots
+        return joint_pivots(self.tree, self.base, *self.frames)
 
     @cached_property
     def moved(self) -> np.ndarray:

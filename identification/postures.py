@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,14 +13,25 @@ from tulip_testbed.identification.feasibility import (
     boards_fit,
     foot_clearance,
     place_polygon,
+    planned_foot_loads,
     predicted_cell_loads,
     predicted_foot_loads,
     stability_margin,
     support_polygon,
 )
 from tulip_testbed.identification.inverse_kinematics import InverseKinematics
-from tulip_testbed.sim.errors import InputError, choices, look_up, most_frequent, shortened
+from tulip_testbed.identification.link_clearances import LinkPairs, clearances_at, link_pairs, moving_pairs
+from tulip_testbed.identification.link_paths import blocked, too_near
+from tulip_testbed.identification.margins import Margins, planning_margins
+from tulip_testbed.identification.planning_ranges import (
+    PlanningRanges,
+    Range,
+    free_joint_ranges,
+    planning_ranges,
+)
+from tulip_testbed.sim.errors import InputError, most_frequent
 from tulip_testbed.sim.measurements import PlateGeometry, PosturePlan, lay_boards
+from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.robot import (
     Robot,
     between_feet,
@@ -32,114 +41,8 @@ from tulip_testbed.sim.robot import (
 )
 
 ATTEMPTS = 3000  # without a feasible posture, after which the ranges are considered infeasible
+REDRAWS = 100  # of the joints that are not between the feet, for one posture
 ATTEMPTS_HERE = 200  # for the next posture of a placement, after which the placement is given up
-MOST_NUMBER = 1e6  # m, rad, deg, N: bound of any robot's ranges
-
-Range = tuple[float, float]
-
-
-@dataclass(frozen=True)
-class PlanningRanges:
-    """Ranges from which postures are drawn, and the margins that they keep [m, rad, N].
-
-    Attributes:
-        swing_x, swing_y, swing_yaw: pose of the swing foot in the base frame.
-        torso_roll, torso_pitch, torso_yaw: orientation of the torso.
-        least_height: smallest height of the torso's origin (hip) over the soles.
-        stability_margin: distance d_s of the centre of mass inside the support polygon.
-        foot_clearance: distance d_f between the feet.
-        sole_margin: distance of each foot's predicted centre of pressure inside its sole.
-        least_cell_load: smallest load of any cell, its share of the board included.
-        plate_gap: gap between the boards.
-        joints: ranges of joints that are not between the feet, by name; the model's own range if not named.
-    """
-
-    swing_x: Range
-    swing_y: Range
-    swing_yaw: Range
-    torso_roll: Range
-    torso_pitch: Range
-    torso_yaw: Range
-    least_height: float
-    stability_margin: float
-    foot_clearance: float
-    sole_margin: float
-    least_cell_load: float
-    plate_gap: float = 0.01
-    joints: dict[str, Range] = dataclasses.field(default_factory=dict)
-
-
-def planning_ranges(robot: Robot) -> PlanningRanges:
-    """Read the [planning] table of the robot's description.
-
-    Raises:
-        InputError: a key is missing or unknown, or its value is no number or range low <= high.
-    """
-    where, table = f"{robot.path}: [planning]", robot.settings.get("planning", {})
-    fields = {f.name: f for f in dataclasses.fields(PlanningRanges) if f.name != "joints"}
-    values: dict[str, Any] = {}
-    for key, value in table.items():
-        name = key.removesuffix("_deg")
-        if name == "joints" and key != name:
-            values[name] = _joint_table(where, value)
-            continue
-        if name not in fields:
-            raise InputError(f"{where}: unknown key '{key}'; {choices(key, [*fields, 'joints_deg'])}")
-        if name in values:
-            raise InputError(f"{where}: found '{name}' and '{name}_deg', expected one of them")
-        numbers = _numbers(f"{where}: key '{key}'", value, is_range=fields[name].type == "Range")
-        in_rad = numbers if key == name else np.deg2rad(numbers).tolist()
-        values[name] = tuple(in_rad) if isinstance(in_rad, list) else in_rad
-    for name, f in fields.items():
-        if name not in values and f.default is dataclasses.MISSING:
-            raise InputError(f"{where}: key '{name}' is missing; add it to the table")
-    return PlanningRanges(**values)
-
-
-def _joint_table(where: str, table: Any) -> dict[str, Range]:
-    if not isinstance(table, dict):
-        raise InputError(
-            f"{where}: key 'joints_deg': found {table!r}, expected a table of JOINT = [low, high]"
-        )
-    ranges = {}
-    for joint, value in table.items():
-        low, high = _numbers(f"{where}: key 'joints_deg.{joint}'", value, is_range=True)
-        ranges[joint] = (float(np.deg2rad(low)), float(np.deg2rad(high)))
-    return ranges
-
-
-def _numbers(where: str, value: Any, is_range: bool) -> Any:
-    """Return the value as a float, or as a list of two in ascending order."""
-    numbers = value if is_range and isinstance(value, list) else [value]
-    plain = all(type(v) in (int, float) and abs(v) < MOST_NUMBER for v in numbers)  # neither bool nor NaN
-    if not plain or len(numbers) != 1 + is_range or numbers[0] > numbers[-1]:
-        expected = "[low, high] with low <= high" if is_range else "a number"
-        raise InputError(f"{where}: found {shortened(repr(value))}, expected {expected}")
-    return [float(v) for v in numbers] if is_range else float(value)
-
-
-def free_joint_ranges(robot: Robot, model: mujoco.MjModel, ranges: PlanningRanges) -> dict[str, Range]:
-    """Return the ranges of the joints that are not between the feet [rad].
-
-    Raises:
-        InputError: a range is given for another joint or outside of the model's range, or a joint has no
-            range at all.
-    """
-    where = f"{robot.path}: [planning]: key 'joints_deg"
-    free = ~between_feet(model, robot)
-    limits = {name: tuple(r) for name, r in zip(joint_names(model), joint_ranges(model), strict=True)}
-    drawn = {name: limits[name] for name, is_free in zip(limits, free, strict=True) if is_free}
-    for name, (low, high) in ranges.joints.items():
-        look_up("joint", name, drawn, f"{where}' (joints that are not between the feet)")
-        if low < limits[name][0] - 1e-9 or high > limits[name][1] + 1e-9:
-            raise InputError(
-                f"{where}.{name}': found {np.rad2deg([low, high]).tolist()}, expected within the model's "
-                f"range {np.round(np.rad2deg(limits[name]), 3).tolist()}"
-            )
-        drawn[name] = (low, high)
-    if endless := [name for name, interval in drawn.items() if not np.isfinite(interval).all()]:
-        raise InputError(f"{where}': found no range for joint '{endless[0]}', and the model gives it none")
-    return drawn
 
 
 def random_postures(
@@ -150,18 +53,22 @@ def random_postures(
     seed: int,
     ranges: PlanningRanges | None = None,
     progress: Callable[[int], None] = lambda count: None,
+    margins: Margins | None = None,
 ) -> PosturePlan:
     """Draw feasible postures, `per_placement` on each of `placements` foot placements.
 
     Args:
         plate: geometry of the boards.
+        ranges: planning ranges; None means those of the robot's description.
         progress: called with the number of postures each time a placement is complete.
+        margins: margins; None means those of the robot's description.
 
     Raises:
         InputError: no posture is feasible; the message names the violated constraints and their counts.
     """
     model = robot.model
-    search = _Search(robot, model, plate, ranges or planning_ranges(robot), np.random.default_rng(seed))
+    ranges, margins = ranges or planning_ranges(robot), margins or planning_margins(robot)
+    search = _Search(robot, model, plate, ranges, margins, np.random.default_rng(seed))
     angles, poses = [], []
     while len(angles) < placements * per_placement:
         found = search.placement(per_placement)
@@ -198,6 +105,7 @@ class _Search:
         model: mujoco.MjModel,
         plate: PlateGeometry,
         ranges: PlanningRanges,
+        margins: Margins,
         rng: np.random.Generator,
     ):
         self.ranges, self.rng, self.plate, self.model = ranges, rng, plate, model
@@ -209,6 +117,10 @@ class _Search:
         self.free_joints = free_joint_ranges(robot, model, ranges)
         self.weight = float(model.body_subtreemass[0] * -model.opt.gravity[2])
         self.guess = self._bent_knees()
+        self.chain = ClosedChain(model, robot)
+        self.pairs = link_pairs(robot, margins.link_clearance)
+        # Whatever joints between the feet do not move is known before inverse kinematics.
+        self.fixed = self.pairs.take(~moving_pairs(self.pairs, between_feet(model, robot)))
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         ground = _lowest_sole(model, data, robot)
@@ -229,7 +141,7 @@ class _Search:
                 continue
             accepted, tries = [], 0
             while len(accepted) < wanted:
-                angles = self._posture(pose, soles)
+                angles = self._posture(pose, soles, accepted[-1][0] if accepted else None)
                 tries = 0 if angles is not None else tries + 1
                 if angles is not None:
                     accepted.append((angles, pose))
@@ -249,32 +161,40 @@ class _Search:
             return False
         return True
 
-    def _posture(self, pose: np.ndarray, soles: np.ndarray) -> np.ndarray | None:
+    def _posture(self, pose: np.ndarray, soles: np.ndarray, before: np.ndarray | None) -> np.ndarray | None:
         """Attempt steps 3 and 4 once: return joint angles, or None."""
-        found = self._try(pose, soles)
+        found = self._try(pose, soles, before)
         if isinstance(found, str):
             self._reject(found)
             return None
         self.attempts += 1
         return found
 
-    def _try(self, pose: np.ndarray, soles: np.ndarray) -> np.ndarray | str:
-        """Return the joint angles of one random draw, or the violated constraint."""
+    def _try(self, pose: np.ndarray, soles: np.ndarray, before: np.ndarray | None) -> np.ndarray | str:
+        """Return the joint angles of one random draw, or the violated constraint.
+
+        Args:
+            before: joint angles of the posture from which the robot moves here, None at the first one.
+        """
         r = self.ranges
         polygon = support_polygon(soles)
         com = self.rng.uniform(polygon.min(axis=0), polygon.max(axis=0))
         height = self._draw(self.com_height)
         rpy = np.array([self._draw(x) for x in (r.torso_roll, r.torso_pitch, r.torso_yaw)])
-        guess = self.guess.copy()
-        for name, interval in self.free_joints.items():
-            guess[self.model.joint(name).qposadr[0]] = self._draw(interval)
         if stability_margin(com, polygon) < r.stability_margin:
             return "stability margin"
         share, cop = predicted_foot_loads(com, np.array([np.zeros(2), pose[:2]]))
-        if min(map(stability_margin, cop, map(support_polygon, soles))) < r.sole_margin:
-            return "a sole would lift"
+        # Without feed-forward the feet's loads follow neither model, so that both keep the margin.
+        centers = soles.mean(axis=1)
+        _, planned = planned_foot_loads(self.weight, com[None], *centers[:, None])
+        for points in (cop, planned[0]):
+            if min(map(stability_margin, points, map(support_polygon, soles))) < r.sole_margin:
+                return "a sole would lift"
         if predicted_cell_loads(share, cop, self.boards, self.plate, self.weight).min() < r.least_cell_load:
             return "a cell would unload"
+        guess, links = self._free_joints()
+        if links:
+            return f"self-collision {links}"
         angles = self.solver.solve(pose, np.array([*com, height]), rpy, guess)
         if angles is None:
             return "out of reach"
@@ -283,7 +203,32 @@ class _Search:
             return f"joint limit {self.names[int(outside.argmax())]}"
         if self.solver.height(self.solver.torso) < r.least_height:
             return "least height"
+        if links := self._too_near(angles, self.pairs):
+            return f"self-collision {links}"
+        if before is not None and (links := blocked(self.pairs, self.chain.path, before, angles)):
+            return f"self-collision on the way {links}"
         return angles
+
+    def _free_joints(self) -> tuple[np.ndarray, str | None]:
+        """Draw the joints that are not between the feet until what they alone move keeps its distance.
+
+        Returns:
+            The configuration for inverse kinematics to start from, (nq,), and the links that remain too near.
+        """
+        guess, links = self.guess.copy(), None
+        for _ in range(REDRAWS):
+            for name, interval in self.free_joints.items():
+                guess[self.model.joint(name).qposadr[0]] = self._draw(interval)
+            links = self._too_near(guess[self.solver.joints], self.fixed)
+            if links is None:
+                break
+        return guess, links
+
+    def _too_near(self, angles: np.ndarray, pairs: LinkPairs) -> str | None:
+        if not pairs.names:
+            return None
+        found = clearances_at(pairs, angles[None], pairs.needed.max(initial=0.0))
+        return too_near(pairs, found, pairs.needed)
 
     def _draw(self, interval: Range) -> float:
         return float(self.rng.uniform(*interval))

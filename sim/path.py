@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import mujoco
 import numpy as np
+import scipy
 
 from tulip_testbed.sim.robot import Robot, between_feet, joint_names, sole_point
 
 NEWTON_STEPS = 12
+PATH_KNOTS = 30
 TOLERANCE = 1e-8  # of the feet's poses [m, rad]
 
 
@@ -97,6 +101,24 @@ class ClosedChain:
         jacobian = np.zeros((6, self.model.nv))
         mujoco.mj_jac(self.model, self.data, jacobian[:3], jacobian[3:], point, foot)
         return jacobian
+
+
+def smooth_path(
+    start: np.ndarray,
+    path_between: Callable[[np.ndarray, np.ndarray, int], np.ndarray],
+    end: np.ndarray,
+    duration: float,
+) -> scipy.interpolate.CubicSpline:
+    """Return the joint angles over time from `start` to `end`, as the laboratory moves.
+
+    Args:
+        start, end: joint angles, (n,) [rad].
+        path_between: `ClosedChain.path` or `straight_path`.
+        duration: time of the movement [s].
+    """
+    knots = np.vstack([start, path_between(start, end, PATH_KNOTS)])
+    time = np.linspace(0, duration, PATH_KNOTS + 1)
+    return scipy.interpolate.CubicSpline(time, knots, bc_type="clamped")
 
 
 def straight_path(start: np.ndarray, end: np.ndarray, steps: int) -> np.ndarray:

@@ -326,7 +326,7 @@ def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:
 
 def between_feet(model: mujoco.MjModel, robot: Robot) -> np.ndarray:
     """Return which hinges lie between the feet and form a closed chain, (n_joints,) bool."""
-    paths = [set(_to_root(model, model.body(foot).id)) for foot in robot.feet]
+    paths = [set(bodies_to_root(model, model.body(foot).id)) for foot in robot.feet]
     bodies = paths[0] ^ paths[1]
     return np.array([int(model.joint(name).bodyid[0]) in bodies for name in joint_names(model)])
 
@@ -378,7 +378,8 @@ def sha256(path: Path) -> str:
     return hashlib.sha256(read_bytes(Path(path))).hexdigest()
 
 
-def _to_root(model: mujoco.MjModel, body: int) -> Iterator[int]:
+def bodies_to_root(model: mujoco.MjModel, body: int) -> Iterator[int]:
+    """Yield the numbers of a body and of those above it, up to the free body."""
     while body:
         yield body
         body = int(model.body_parentid[body])

@@ -11,7 +11,8 @@ import pytest
 from tests.foreign_robots import ROBOTS, original_model, write_robot
 from tulip_testbed.cli.main import main
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
-from tulip_testbed.identification.postures import free_joint_ranges, planning_ranges, random_postures
+from tulip_testbed.identification.planning_ranges import free_joint_ranges, planning_ranges
+from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.path import ClosedChain

@@ -27,7 +27,8 @@ from tulip_testbed.identification.planning.single_support import (
     single_support_margins,
     single_support_plan,
 )
-from tulip_testbed.identification.postures import planning_ranges, random_postures
+from tulip_testbed.identification.planning_ranges import planning_ranges
+from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.identification.statistics import standard_errors

@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
-from tulip_testbed.identification.postures import planning_ranges, random_postures
+from tulip_testbed.identification.margins import planning_margins
+from tulip_testbed.identification.planning.footing import footing
+from tulip_testbed.identification.planning.problem import planning_problem
+from tulip_testbed.identification.planning.search import design_of
+from tulip_testbed.identification.planning_ranges import planning_ranges
+from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.robot import sole_corners
@@ -58,6 +63,16 @@ def test_same_seed_same_plan(robot, plate):
     assert first.joint_angles.tobytes() == second.joint_angles.tobytes()
     assert not np.array_equal(first.joint_angles, other.joint_angles)
     assert first.placement.tolist() == [1, 1, 1, 2, 2, 2]
+
+
+def test_soles_keep_their_margin_by_the_planners_loads_too(robot, plate):
+    """Centres of pressure as feed-forward chooses them, without what it allows for friction."""
+    margins = dataclasses.replace(planning_margins(robot), foot_moment=0.0)
+    problem = planning_problem(robot, plate, margins=margins)
+    plan = random_postures(robot, plate, 6, 5, 431)
+    design = design_of(problem, plan.joint_angles, plan.swing_pose)
+    foot = footing(problem, np.column_stack([design[:, [0, 1, 6, 7, 8]], np.zeros((len(plan), 3))]))
+    assert foot.soles.min() >= problem.ranges.sole_margin - 1e-9
 
 
 def test_progress_counts_every_posture(robot, plate):

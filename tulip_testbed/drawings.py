@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.identification.postures import planning_ranges
+from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.polygons import inset, nearest_on
 from tulip_testbed.rendering import rendered
 from tulip_testbed.sim.errors import InputError

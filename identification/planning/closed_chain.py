@@ -10,7 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.identification.kinematics import frame_positions, joint_axes, link_rotations, walk
+from tulip_testbed.identification.kinematics import (
+    frame_positions,
+    joint_axes,
+    joint_pivots,
+    link_rotations,
+)
 from tulip_testbed.identification.planning.problem import Problem
 
 TOLERANCE = 1e-11  # of every equation [m, rad]
@@ -47,21 +52,14 @@ def chain_at(problem: Problem, angles: np.ndarray) -> Chain:
     tree, base = problem.parameters.tree, problem.parameters.base
     rotations = link_rotations(tree, base, angles)
     positions = frame_positions(tree, base, rotations, -problem.points[0])
-    axes = joint_axes(tree, base, rotations)
-    pivots = np.zeros_like(axes)
-    for step in walk(tree, base):
-        if step.edge.joint >= 0:
-            pivots[:, step.edge.joint] = (
-                positions[:, step.new] + (rotations[:, step.new] @ step.anchor_new[:, None])[..., 0]
-            )
     places = positions + (rotations @ problem.center[..., None])[..., 0]
     weighted = problem.mass[:, None] * places
     return Chain(
         angles=angles,
         rotations=rotations,
         positions=positions,
-        axes=axes,
-        pivots=pivots,
+        axes=joint_axes(tree, base, rotations),
+        pivots=joint_pivots(tree, base, rotations, positions),
         beyond=problem.moved @ problem.mass,
         moment=problem.moved @ weighted,
         com=weighted.sum(axis=1) / problem.mass.sum(),

@@ -12,6 +12,7 @@ from tulip_testbed.identification.planning.closed_chain import (
     point_jacobian,
     solve_chain,
 )
+from tulip_testbed.identification.planning.collisions import link_room, nearest_count
 from tulip_testbed.identification.planning.footing import PLAN, ROOMS, footing_slopes
 from tulip_testbed.identification.planning.legs import holding_torques, leg_stretch, limb_distances
 from tulip_testbed.identification.planning.problem import Problem
@@ -62,6 +63,7 @@ def inequality_names(problem: Problem) -> tuple[str, ...]:
         *(f"torque {name}" for j, name in enumerate(names) for k in range(2) if limited[j, k]),
         *["leg clearance"] * pairs,
         *["straight leg"] * len(problem.legs),
+        *["link clearance"] * nearest_count(problem),
     )
 
 
@@ -103,6 +105,7 @@ def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluat
     relative_slope = np.stack([torque_slope / limits[:, :1], torque_slope / limits[:, 1:]], axis=2)
     limb, limb_slope = limb_distances(problem, chain)
     room, room_slope = leg_stretch(problem, chain)
+    link, link_slope = link_room(problem, chain, reached)
     straight = np.array([length for _, _, length in problem.legs])
 
     count = len(design)
@@ -117,6 +120,7 @@ def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluat
         (margins.torque_share - relative) / TORQUE,
         (limb - margins.leg_clearance) / LENGTH,
         (room - margins.stretch * straight) / LENGTH,
+        link / LENGTH,
     ]
     slopes = [
         joint_slopes.reshape(count, -1, DESIGN) / ANGLE,
@@ -129,6 +133,7 @@ def evaluate(problem: Problem, design: np.ndarray, guess: np.ndarray) -> Evaluat
         -relative_slope[:, limited] / TORQUE,
         limb_slope @ dq / LENGTH,
         room_slope @ dq / LENGTH,
+        link_slope @ dq / LENGTH,
     ]
     inequalities = np.concatenate(values, axis=1) - margins.rounding
     jacobian = np.concatenate(slopes, axis=1)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.identification.feasibility import planned_foot_loads
 from tulip_testbed.identification.planning.problem import Problem
 
 STEP = 1e-30
@@ -21,7 +22,6 @@ LEAST_FORCE = 1.0  # N, on each foot; avoids a division by zero far outside of t
 # Inputs: CoM x, y; swing foot x, y, yaw; variance of the CoM's x, covariance, variance of y.
 PLAN = 8
 ROOMS = 42
-SHARING = 0.75  # change of the load share over that of the CoM's relative position between the feet
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def footing(problem: Problem, plan: np.ndarray) -> Footing:
     turn = np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
     swing_sole = (turn[:, None] @ problem.soles[1][..., None])[..., 0] + swing[:, None, :2]
     stance_sole = np.broadcast_to(problem.soles[0], swing_sole.shape)
-    force, cop = _foot_loads(problem.weight, com, stance_sole.mean(axis=1), swing_sole.mean(axis=1))
+    force, cop = planned_foot_loads(problem.weight, com, stance_sole.mean(axis=1), swing_sole.mean(axis=1))
     soles = []
     for foot, corners in enumerate((stance_sole, swing_sole)):
         distance, _ = _edges(cop[:, foot, None], _ccw(corners), _ccw(np.roll(corners, 1, axis=1)))
@@ -90,21 +90,6 @@ def footing_slopes(problem: Problem, plan: np.ndarray) -> tuple[Footing, Footing
 def _ccw(corners: np.ndarray) -> np.ndarray:
     """Return corners counter-clockwise; `CORNERS` are clockwise seen from above."""
     return corners[:, ::-1]
-
-
-def _foot_loads(
-    weight: float, com: np.ndarray, stance: np.ndarray, swing: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the vertical forces (m, 2) and centres of pressure (m, 2, 2) that the plan chooses.
-
-    Statics determines only their mean, which is at the CoM. The load share depends on the position of the
-    CoM between the centres of the soles; the remaining offset is the same for both centres of pressure.
-    """
-    line = swing - stance
-    part = ((com - stance) * line).sum(axis=1) / (line**2).sum(axis=1)
-    share = 0.5 + SHARING * (part - 0.5)
-    off = com - stance - share[:, None] * line
-    return weight * np.stack([1 - share, share], axis=1), np.stack([stance + off, swing + off], axis=1)
 
 
 def _edges(

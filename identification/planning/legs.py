@@ -6,6 +6,7 @@ import numpy as np
 
 from tulip_testbed.identification.planning.closed_chain import Chain, cross, point_jacobian
 from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.segments import nearest_on_segments, on_segments
 
 
 def holding_torques(
@@ -71,7 +72,7 @@ def limb_distances(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarr
         for c, d, other in problem.limbs[1]:
             first, second = chain.positions[:, [a, b]], chain.positions[:, [c, d]]
             s, t = nearest_on_segments(first, second)
-            away = _between(second, t) - _between(first, s)
+            away = on_segments(second, t) - on_segments(first, s)
             length = np.linalg.norm(away, axis=1)
             normal = away / np.maximum(length, 1e-9)[:, None]
             slope = (1 - t)[:, None, None] * slopes[c] + t[:, None, None] * slopes[d]
@@ -96,18 +97,3 @@ def leg_stretch(problem: Problem, chain: Chain) -> tuple[np.ndarray, np.ndarray]
     if not room:
         return np.zeros((len(chain.angles), 0)), np.zeros((len(chain.angles), 0, chain.angles.shape[1]))
     return np.stack(room, axis=1), np.stack(slopes, axis=1)
-
-
-def nearest_on_segments(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nearest points of two segments (m, 2, 3) as fractions of their lengths (Ericson 2005)."""
-    u, v, w = first[:, 1] - first[:, 0], second[:, 1] - second[:, 0], first[:, 0] - second[:, 0]
-    uu, uv, vv, uw, vw = ((x * y).sum(axis=1) for x, y in ((u, u), (u, v), (v, v), (u, w), (v, w)))
-    cross = np.maximum(uu * vv - uv**2, 1e-12)
-    s = np.clip((uv * vw - vv * uw) / cross, 0, 1)
-    t = np.clip((uv * s + vw) / vv, 0, 1)
-    s = np.clip((uv * t - uw) / uu, 0, 1)
-    return s, t
-
-
-def _between(segment: np.ndarray, fraction: np.ndarray) -> np.ndarray:
-    return segment[:, 0] + fraction[:, None] * (segment[:, 1] - segment[:, 0])

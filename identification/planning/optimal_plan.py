@@ -19,6 +19,7 @@ from tulip_testbed.identification.planning.constraints import (
 from tulip_testbed.identification.planning.interior_point import SOLVERS
 from tulip_testbed.identification.planning.interrupted import resumed
 from tulip_testbed.identification.planning.objectives import OBJECTIVES, Objective, objectives
+from tulip_testbed.identification.planning.path_order import with_free_paths
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.identification.planning.search import (
     HOPS,
@@ -60,7 +61,15 @@ def initial_state(
     Raises:
         InputError: no posture is feasible, or too few can be repaired to keep the margins.
     """
-    drawn = random_postures(problem.robot, problem.plate, SPARE * placements, per, seed, problem.ranges)
+    drawn = random_postures(
+        problem.robot,
+        problem.plate,
+        SPARE * placements,
+        per,
+        seed,
+        problem.ranges,
+        margins=problem.margins,
+    )
     where = f"{problem.robot.path}: planning ranges, seed {seed}"
     state = repair_start(problem, objective, drawn.joint_angles, drawn.swing_pose, per, placements, where)
     count = placements * per
@@ -153,13 +162,14 @@ def plan_from_state(
         "margins": dataclasses.asdict(problem.margins),
     }
     best = evaluate(problem, state.best_design, state.best_angles)
-    return dataclasses.replace(
+    plan = dataclasses.replace(
         drawn,
         joint_angles=best.chain.angles,
         swing_pose=state.best_design[:, 6:],
         made=made,
         torques=best.torque,
     )
+    return with_free_paths(problem, plan)
 
 
 def smallest_margins(problem: Problem, plan: PosturePlan) -> dict[str, dict[str, Any]]:

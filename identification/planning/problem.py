@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import mujoco
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations, moved_frames, walk
-from tulip_testbed.identification.nominal import link_boxes
-from tulip_testbed.identification.postures import PlanningRanges, planning_ranges
+from tulip_testbed.identification.link_clearances import LinkPairs, link_pairs
+from tulip_testbed.identification.margins import Margins, leg_length, planning_margins
+from tulip_testbed.identification.nominal import outline
+from tulip_testbed.identification.planning_ranges import PlanningRanges, planning_ranges
 from tulip_testbed.sim.control import torque_limits
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PlateGeometry
@@ -19,44 +22,8 @@ from tulip_testbed.sim.robot import Robot, between_feet, sole_corners, sole_poin
 CLOSING = 12  # joints between the feet, as many as the equations of swing foot, torso and CoM
 Limb = tuple[int, int, float]
 Leg = tuple[Limb, ...]
-LEAST_LIMB = 0.1  # m, between joint centres; shorter links lie inside their neighbours' capsules
-
-
-@dataclass(frozen=True)
-class Margins:
-    """Margins in addition to the planning ranges.
-
-    Attributes:
-        mass_sd: s.d. of every link's mass relative to the nominal one, and of its centre of mass relative to
-            the half edges of its inertia box, all independent [-].
-        assurance: number of standard deviations of the centre of mass that every edge of the support
-            polygon keeps in addition to d_s; 1.645 means 95 % probability for each edge [-].
-        torque_share: largest predicted holding torque relative to the drive's limit [-].
-        foot_load: smallest load of each foot [N].
-        foot_moment: s.d. of each foot's tilting moment about its prediction, by dry friction and tracking
-            errors in a stiff closed chain; soles keep it with the same assurance [N m]. TULip's drives (0.8
-            of their dry friction, command errors of 0.5 mrad) give 0.5 about x and 0.6 about y.
-        board: distance between a sole and the edge of its board, since boards are laid with errors of some
-            millimetres and a corner beyond the edge carries no load [m].
-        joint: distance from both ends of a joint's range, since a joint at its stop takes load from the feet
-            [rad].
-        stretch: shortening of the distance from hip to ankle relative to a straight leg; straight knees are
-            singular, and paths between such postures may be out of reach [-].
-        leg_clearance: distance between the capsules around the limbs of the two legs [m].
-        rounding: distance from every bound in the constraint's own scale, so that rounding by solver and
-            file format violates none [-].
-    """
-
-    mass_sd: float = 0.10
-    assurance: float = 1.645
-    torque_share: float = 0.85
-    foot_load: float = 25.0
-    foot_moment: float = 0.55
-    board: float = 0.01
-    joint: float = 0.002
-    stretch: float = 0.01
-    leg_clearance: float = 0.01
-    rounding: float = 1e-5
+# Of the leg's length, between joint centres; shorter links lie inside their neighbours' capsules.
+LEAST_LIMB = 0.155
 
 
 @dataclass(frozen=True)
@@ -78,6 +45,7 @@ class Problem:
         parameter_covariance: covariance of the nominal base parameters, (p, p) [m2].
         limbs: limbs of the two legs as pairs of frames and radii [m], at least two per leg.
         legs: frames at hip and ankle, and their distance with a straight knee [m].
+        pairs: pairs of links that must keep a distance.
         nominal: nominal base parameters, (p,) [m].
     """
 
@@ -101,6 +69,7 @@ class Problem:
     parameter_covariance: np.ndarray
     limbs: tuple[Leg, Leg]
     legs: tuple[Limb, ...]
+    pairs: LinkPairs
     nominal: np.ndarray
 
     @property
@@ -122,13 +91,13 @@ def planning_problem(
         robot: the robot.
         plate: geometry of the boards.
         ranges: planning ranges; None means those of the robot's description.
-        margins: margins; None means the defaults.
+        margins: margins; None means those of the robot's description.
         support: support whose base parameters are optimised, see `base_parameters`.
 
     Raises:
         InputError: the files are broken, or a leg has other than six joints.
     """
-    model, margins = robot.model, margins or Margins()
+    model, margins = robot.model, margins or planning_margins(robot)
     parameters = base_parameters(robot, model, support)
     tree, base = parameters.tree, parameters.base
     between = np.flatnonzero(between_feet(model, robot))
@@ -167,6 +136,7 @@ def planning_problem(
         parameter_covariance=_parameter_covariance(model, parameters, standard, margins.mass_sd),
         limbs=limbs,
         legs=legs,
+        pairs=link_pairs(robot, margins.link_clearance),
         nominal=parameters.values(standard),
     )
 
@@ -195,28 +165,38 @@ def _parameter_covariance(
 def _limbs(
     model: mujoco.MjModel, robot: Robot, parameters: BaseParameters
 ) -> tuple[tuple[Leg, Leg], tuple[Limb, ...]]:
-    """Return the limbs between torso and feet that are long enough to collide, and the whole legs.
+    """Return the limbs of each leg alone that are long enough to collide, and the whole legs.
 
-    A limb is a capsule between the origins of its own and of the next frame; its radius is the lateral
-    extent of its box.
+    Links that both legs hang from, as below a waist, are part of neither. A limb is a capsule between the
+    origins of its own and of the next frame; its radius is the reach of its shape to the side.
     """
     tree = parameters.tree
     rotations = link_rotations(tree, tree.frame_of_link[0], np.zeros((1, len(tree.joints))))
     places = frame_positions(tree, tree.frame_of_link[0], rotations, np.zeros(3))[0]
     before = {step.new: step.known for step in walk(tree, tree.frame_of_link[0])}
-    boxes = link_boxes(model)
+    ways = [_inward(before, tree.frame(foot)) for foot in robot.feet]
+    shared, least = set(ways[0]) & set(ways[1]), LEAST_LIMB * leg_length(robot)
     limbs, legs = [], []
-    for foot in robot.feet:
-        leg, length, frame = [], 0.0, tree.frame(foot)
-        while frame in before:
-            parent = before[frame]
+    for way in ways:
+        leg, length = [], 0.0
+        for frame, parent in pairwise(way):
             long = float(np.linalg.norm(places[frame] - places[parent]))
-            if parent in before and long >= LEAST_LIMB:
+            if parent not in shared and long >= least:
                 link = tree.frame_of_link.index(parent)
-                leg.append((parent, frame, float(np.abs(boxes[link, :, 1]).max())))
+                along = (places[frame] - places[parent]) / long
+                side = np.array([0.0, 1.0, 0.0]) - along[1] * along
+                side = rotations[0, parent].T @ side / np.linalg.norm(side)
+                leg.append((parent, frame, float(np.abs(outline(model, link + 1) @ side).max())))
                 length += long
-            frame = parent
         limbs.append(tuple(leg))
         if len(leg) > 1:
             legs.append((leg[-1][0], leg[0][1], length))
     return (limbs[0], limbs[1]), tuple(legs)
+
+
+def _inward(before: dict[int, int], frame: int) -> list[int]:
+    """List the frames from a foot's to the free body's."""
+    frames = [frame]
+    while frames[-1] in before:
+        frames.append(before[frames[-1]])
+    return frames

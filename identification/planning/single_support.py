@@ -17,20 +17,21 @@ from tulip_testbed.identification.feasibility import place_polygon, predicted_ce
 from tulip_testbed.identification.kinematics import roll_pitch_yaw
 from tulip_testbed.identification.planning.blocks import Block
 from tulip_testbed.identification.planning.closed_chain import Chain, chain_at, com_jacobian
+from tulip_testbed.identification.planning.collisions import link_room
 from tulip_testbed.identification.planning.exchange import exchange
 from tulip_testbed.identification.planning.legs import leg_stretch, limb_distances
 from tulip_testbed.identification.planning.objectives import Objective
+from tulip_testbed.identification.planning.path_order import sequences
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.sim.errors import InputError, most_frequent
 from tulip_testbed.sim.measurements import PosturePlan, lay_boards
 
-LIFTED = 0.02  # m, of the swing sole's lowest corner over the plates
 DRAWS = 5000  # per round
 MOST_ROUNDS, HOPELESS = 60, 6  # largest number of rounds; the same without any feasible posture
 POOL = 8  # candidates for each wanted posture
 NEWTON_STEPS = 6
 PATH_POINTS = 7  # points checked between two postures
-ON_THE_PATH = ("stability margin", "torques", "leg clearance", "swing foot lifted")
+ON_THE_PATH = ("stability margin", "torques", "leg clearance", "link clearance", "swing foot lifted")
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,8 @@ def single_support_margins(problem: Problem, angles: np.ndarray, swing: np.ndarr
             1e3 * (leg_stretch(problem, chain)[0] - [margins.stretch * leg[2] for leg in problem.legs]),
             "mm",
         ),
-        "swing foot lifted": (1e3 * (lifted - LIFTED), "mm"),
+        "link clearance": (1e3 * link_room(problem, chain, np.ones(len(angles), bool))[0], "mm"),
+        "swing foot lifted": (1e3 * (lifted - margins.lifted), "mm"),
         "swing foot to its side": (1e3 * (side - ranges.swing_y[0])[:, None], "mm"),
     }
     return {
@@ -127,6 +129,7 @@ def single_support_plan(
     order, group = _sequences(problem, chosen, swing, int(sizes.max()))
     number = plan.placement.max() + 1 + group
     torques = open_chain_torques(problem, chain_at(problem, chosen[order]))
+    made = {"postures": count, "candidates": len(pool), "lifted": problem.margins.lifted}
     return dataclasses.replace(
         plan,
         joint_angles=np.concatenate([plan.joint_angles, chosen[order]]),
@@ -135,7 +138,7 @@ def single_support_plan(
         support=np.append(plan.support, np.full(count, "right")),
         swing_pose=np.concatenate([plan.swing_pose, np.tile(swing, (count, 1))]),
         torques=np.concatenate([plan.feed_forward, torques]),
-        made=plan.made | {"single_support": {"postures": count, "candidates": len(pool), "lifted": LIFTED}},
+        made=plan.made | {"single_support": made},
     )
 
 
@@ -162,16 +165,7 @@ def _sequences(
     least = np.min([margins[name].values for name in ON_THE_PATH if name in margins], axis=0)
     room = np.full((count, count), -np.inf)
     room[first, second] = room[second, first] = least.reshape(-1, PATH_POINTS).min(axis=1)
-    left, order, group = list(range(count)), [], []
-    while left:
-        ahead = room[order[-1], left] if order else np.array([-np.inf])
-        if ahead.max() >= 0 and group.count(group[-1]) < most:
-            order.append(left.pop(int(ahead.argmax())))
-            group.append(group[-1])
-        else:
-            order.append(left.pop(0))
-            group.append(group[-1] + 1 if group else 0)
-    return np.array(order), np.array(group)
+    return sequences(room, most)
 
 
 def _pool(problem: Problem, swing: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:

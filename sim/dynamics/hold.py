@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from tulip_testbed.sim.dynamics.balance import Balance, balance_of, mechanical_energy
 from tulip_testbed.sim.dynamics.stand import Stand
-from tulip_testbed.sim.path import straight_path
+from tulip_testbed.sim.path import smooth_path, straight_path
 
 CONTROL_PERIOD = 0.02  # s, between checks of the gates of a hold
 LANDING_TIME = 0.1  # s
@@ -19,7 +18,6 @@ STILL_PERIODS = 10  # control periods in which no cell's force may change
 STICKING_PERIODS = 500  # most control periods for dry friction to take over the load
 CREATED_ENERGY = 1e-3  # J, more than contacts store; a larger gain of energy is a fault of the simulation
 SERVO_PERIOD = 0.002  # s, between updates of the commanded angles while moving
-PATH_KNOTS = 30
 
 
 @dataclass(frozen=True)
@@ -78,8 +76,7 @@ def move(stand: Stand, start: np.ndarray, end: np.ndarray, command: np.ndarray) 
     _clamp(stand)
     duration = stand.protocol.move_time
     path_between = stand.chain.path if stand.foot_contact.all() else straight_path
-    knots = np.vstack([start, path_between(start, end, PATH_KNOTS)])
-    path = scipy.interpolate.CubicSpline(np.linspace(0, duration, PATH_KNOTS + 1), knots, bc_type="clamped")
+    path = smooth_path(start, path_between, end, duration)
     time = np.arange(1, round(duration / SERVO_PERIOD) + 1) * SERVO_PERIOD
     part = time[:, None] / duration
     noise = (1 - part) * (stand.command - start) + part * (command - end)

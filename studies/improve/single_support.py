@@ -16,7 +16,7 @@ from tulip_testbed.experiments.montecarlo.laboratory_runs import stream_of
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations, roll_pitch_yaw
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
-from tulip_testbed.identification.postures import planning_ranges
+from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED, correlations, standard_errors
 from tulip_testbed.sim.control import torque_limits

@@ -1,0 +1,79 @@
+"""The smallest distances between the links of a robot in a plan's postures and on the paths between them."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from tulip_testbed.identification.link_clearances import LinkPairs, clearances_at, link_pairs
+from tulip_testbed.identification.link_paths import path_clearances
+from tulip_testbed.identification.margins import planning_margins
+from tulip_testbed.sim.column import Column
+from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.path import ClosedChain, straight_path
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.table import Table
+
+WITHIN = 0.03  # m, larger distances are not listed
+LISTED = 5  # pairs of links
+
+
+def clearances_of(robot: Robot, plan: PosturePlan) -> dict[str, list[dict[str, Any]]]:
+    """Find the pairs of links that come nearest to each other, the ground included, as JSON.
+
+    Args:
+        robot: the robot.
+        plan: its postures; the paths are the laboratory's between the postures of a placement.
+
+    Returns:
+        "postures" and "paths": links, distance [mm] and the posture, or the two that the path connects.
+    """
+    pairs = link_pairs(robot, planning_margins(robot).link_clearance)
+    held = clearances_at(pairs, plan.joint_angles, WITHIN).distance
+    chain = ClosedChain(robot.model, robot)
+    same = (plan.placement[1:] == plan.placement[:-1]) & (plan.support[1:] == plan.support[:-1])
+    ways, steps = [], [step for step, kept in zip(pairwise(range(len(plan))), same, strict=True) if kept]
+    for start, end in steps:
+        path = chain.path if plan.support[start] == "double" else straight_path
+        found = path_clearances(pairs, path, plan.joint_angles[start], plan.joint_angles[end], WITHIN)
+        ways.append(found.distance.min(axis=0, initial=WITHIN))
+    on_paths = np.array(ways).reshape(-1, len(pairs.names))
+    return {
+        "postures": _nearest(pairs, held, [[int(number)] for number in plan.posture]),
+        "paths": _nearest(pairs, on_paths, [[int(plan.posture[k]) for k in step] for step in steps]),
+    }
+
+
+def clearance_table(clearances: dict[str, list[dict[str, Any]]]) -> Table | str:
+    """Return the table of `clearances_of`, or a sentence if all links are far from each other."""
+    rows = [
+        [" and ".join(entry["links"]), entry["distance_mm"], where, " to ".join(map(str, entry["at"]))]
+        for where, entries in (("posture", clearances["postures"]), ("path", clearances["paths"]))
+        for entry in entries
+    ]
+    if not rows:
+        return f"No links come nearer to each other than {1e3 * WITHIN:.0f} mm."
+    columns = (
+        Column("links"),
+        Column("distance", "mm", ".1f"),
+        Column("in a"),
+        Column("posture"),
+    )
+    note = "Negative: the shapes of the links overlap."
+    return Table(
+        "Smallest distances between links, in postures and on the paths between them", columns, rows, note
+    )
+
+
+def _nearest(pairs: LinkPairs, distance: np.ndarray, places: list[list[int]]) -> list[dict[str, Any]]:
+    """List the smallest distances by pair of links, from (k, p) [m], nearest first."""
+    if not distance.size:
+        return []
+    least, at = distance.min(axis=0), distance.argmin(axis=0)
+    order = [int(k) for k in np.argsort(least, kind="stable")[:LISTED] if least[k] < WITHIN]
+    return [
+        {"links": list(pairs.names[k]), "distance_mm": float(1e3 * least[k]), "at": places[at[k]]}
+        for k in order
+    ]

@@ -1,0 +1,130 @@
+"""The planning ranges of a robot's description: from where postures are drawn, and what they keep."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from tulip_testbed.sim.errors import InputError, choices, look_up, shortened
+from tulip_testbed.sim.robot import Robot, between_feet, joint_names, joint_ranges
+
+MOST_NUMBER = 1e6  # m, rad, deg, N: bound of any robot's ranges
+# Keys of the same table that `planning_margins` reads.
+MARGIN_KEYS = ("foot_load", "foot_moment", "board", "leg_clearance", "link_clearance", "lifted")
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class PlanningRanges:
+    """Ranges from which postures are drawn, and the margins that they keep [m, rad, N].
+
+    Attributes:
+        swing_x, swing_y, swing_yaw: pose of the swing foot in the base frame.
+        torso_roll, torso_pitch, torso_yaw: orientation of the torso.
+        least_height: smallest height of the torso's origin (hip) over the soles.
+        stability_margin: distance d_s of the centre of mass inside the support polygon.
+        foot_clearance: distance d_f between the feet.
+        sole_margin: distance of each foot's predicted centre of pressure inside its sole.
+        least_cell_load: smallest load of any cell, its share of the board included.
+        plate_gap: gap between the boards.
+        joints: ranges of joints that are not between the feet, by name; the model's own range if not named.
+    """
+
+    swing_x: Range
+    swing_y: Range
+    swing_yaw: Range
+    torso_roll: Range
+    torso_pitch: Range
+    torso_yaw: Range
+    least_height: float
+    stability_margin: float
+    foot_clearance: float
+    sole_margin: float
+    least_cell_load: float
+    plate_gap: float = 0.01
+    joints: dict[str, Range] = dataclasses.field(default_factory=dict)
+
+
+def planning_ranges(robot: Robot) -> PlanningRanges:
+    """Read the [planning] table of the robot's description.
+
+    Raises:
+        InputError: a key is missing or unknown, or its value is no number or range low <= high.
+    """
+    where, table = f"{robot.path}: [planning]", robot.settings.get("planning", {})
+    fields = {f.name: f for f in dataclasses.fields(PlanningRanges) if f.name != "joints"}
+    values: dict[str, Any] = {}
+    for key, value in table.items():
+        name = key.removesuffix("_deg")
+        if name == "joints" and key != name:
+            values[name] = _joint_table(where, value)
+            continue
+        if key in MARGIN_KEYS:
+            continue
+        if name not in fields:
+            known = [*fields, "joints_deg", *MARGIN_KEYS]
+            raise InputError(f"{where}: unknown key '{key}'; {choices(key, known)}")
+        if name in values:
+            raise InputError(f"{where}: found '{name}' and '{name}_deg', expected one of them")
+        numbers = numbers_of(f"{where}: key '{key}'", value, is_range=fields[name].type == "Range")
+        in_rad = numbers if key == name else np.deg2rad(numbers).tolist()
+        values[name] = tuple(in_rad) if isinstance(in_rad, list) else in_rad
+    for name, f in fields.items():
+        if name not in values and f.default is dataclasses.MISSING:
+            raise InputError(f"{where}: key '{name}' is missing; add it to the table")
+    return PlanningRanges(**values)
+
+
+def _joint_table(where: str, table: Any) -> dict[str, Range]:
+    if not isinstance(table, dict):
+        raise InputError(
+            f"{where}: key 'joints_deg': found {table!r}, expected a table of JOINT = [low, high]"
+        )
+    ranges = {}
+    for joint, value in table.items():
+        low, high = numbers_of(f"{where}: key 'joints_deg.{joint}'", value, is_range=True)
+        ranges[joint] = (float(np.deg2rad(low)), float(np.deg2rad(high)))
+    return ranges
+
+
+def numbers_of(where: str, value: Any, is_range: bool) -> Any:
+    """Return the value as a float, or as a list of two in ascending order.
+
+    Raises:
+        InputError: it is neither; the message begins with `where`.
+    """
+    numbers = value if is_range and isinstance(value, list) else [value]
+    plain = all(type(v) in (int, float) and abs(v) < MOST_NUMBER for v in numbers)  # neither bool nor NaN
+    if not plain or len(numbers) != 1 + is_range or numbers[0] > numbers[-1]:
+        expected = "[low, high] with low <= high" if is_range else "a number"
+        raise InputError(f"{where}: found {shortened(repr(value))}, expected {expected}")
+    return [float(v) for v in numbers] if is_range else float(value)
+
+
+def free_joint_ranges(robot: Robot, model: mujoco.MjModel, ranges: PlanningRanges) -> dict[str, Range]:
+    """Return the ranges of the joints that are not between the feet [rad].
+
+    Raises:
+        InputError: a range is given for another joint or outside of the model's range, or a joint has no
+            range at all.
+    """
+    where = f"{robot.path}: [planning]: key 'joints_deg"
+    free = ~between_feet(model, robot)
+    limits = {name: tuple(r) for name, r in zip(joint_names(model), joint_ranges(model), strict=True)}
+    drawn = {name: limits[name] for name, is_free in zip(limits, free, strict=True) if is_free}
+    for name, (low, high) in ranges.joints.items():
+        look_up("joint", name, drawn, f"{where}' (joints that are not between the feet)")
+        if low < limits[name][0] - 1e-9 or high > limits[name][1] + 1e-9:
+            raise InputError(
+                f"{where}.{name}': found {np.rad2deg([low, high]).tolist()}, expected within the model's "
+                f"range {np.round(np.rad2deg(limits[name]), 3).tolist()}"
+            )
+        drawn[name] = (low, high)
+    if endless := [name for name, interval in drawn.items() if not np.isfinite(interval).all()]:
+        raise InputError(f"{where}': found no range for joint '{endless[0]}', and the model gives it none")
+    return drawn
