@@ -35,15 +35,8 @@ def calibrated_estimates(
         tolerances: see `self_calibrate`.
 
     Raises:
-        InputError: the postures do not determine all parameters, an impossible tolerance, or a weighed mass
-            that cannot be this robot's.
+        InputError: the postures do not determine all parameters, or an impossible tolerance.
     """
-    weighed, expected = observed.measurements.weighed_mass, observed.nominal.mass
-    if weighed and not 0.5 < weighed[0] / expected < 2:
-        raise InputError(
-            f"{data.source}: key 'weighed_mass': found {weighed[0]:g} kg, expected about {expected:.4g} kg, "
-            "the mass of the robot's model"
-        )
     require_identifiable(data.matrix, labels(data.numbers, data.names), data.source, data.blur)
     try:
         return _estimates(observed, data, kept, tolerances)

@@ -163,8 +163,8 @@ def identify(
             those of the measurements and those that fit the sensors [SI]; zero: exact.
 
     Raises:
-        InputError: the measurements do not fit the robot or do not suffice, an unknown estimator, an unknown
-            family or an impossible tolerance.
+        InputError: the measurements do not fit the robot or do not suffice, a weighed mass that cannot be
+            this robot's, an unknown estimator, an unknown family or an impossible tolerance.
     """
     look_up("estimator", estimator, ESTIMATORS, "estimator")
     check_tolerances(measurements.tolerances, f"{source}: key 'tolerances'")
@@ -183,6 +183,7 @@ def identify(
         measurements, observed = without(measurements, nominal_robot(robot, parameters.support), adopted)
         parameters = dataclasses.replace(parameters, tree=observed.tree)
     data = regression(parameters, measurements, robot, source)
+    _check_weighed_mass(measurements, float(robot.model.body_mass.sum()), source)
     kept = simplified_numbers(robot, parameters)
     mass = total_mass(measurements)
     if estimator == SELF_CALIBRATING:
@@ -192,3 +193,13 @@ def identify(
     full = estimate_by(data, estimator)
     simplified = full if len(kept) == len(data.numbers) else estimate_by(data.keep(kept), estimator)
     return Identification(parameters, full, simplified, mass, estimator)
+
+
+def _check_weighed_mass(measurements: Measurements, mass: float, source: str) -> None:
+    """Refuse a weighed mass that is less than half or more than twice that of the model [kg]."""
+    weighed = measurements.weighed_mass
+    if weighed and not 0.5 < weighed[0] / mass < 2:
+        raise InputError(
+            f"{source}: key 'weighed_mass': found {weighed[0]:g} kg, expected about {mass:.4g} kg, the mass "
+            "of the robot's model"
+        )
