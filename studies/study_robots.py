@@ -119,8 +119,8 @@ def taken_through(robot: Published, file: Path, settings: Settings) -> tuple[lis
             "validate": ("validate", "plan", "--out", "run", "--seed", seed, *own),
             "discover": ("discover", "run/measurements", "--no-check", "--out", "found", *own),
             "montecarlo": ("montecarlo", "plan", "--runs", runs, "--seed", seed, "--out", "mc", *own),
-            "view": ("view", "run", "--save", "run.rrd"),
-            "report": ("report", "run", "--out", "run.html"),
+            "view": ("view", "run", "--save", "run.rrd", *own),
+            "report": ("report", "run", "--out", "run.html", *own),
         }
         cells, reason = [], ""
         for command, line in lines.items():
