@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,11 +18,13 @@ from tulip_testbed.experiments.robot_import.planning_table import planning_table
 from tulip_testbed.experiments.robot_import.published import read_published
 from tulip_testbed.experiments.robot_import.skeleton import Skeleton, fixed, skeleton_of
 from tulip_testbed.experiments.robot_import.standing_posture import Standing, standing
+from tulip_testbed.identification.link_clearances import clearances_at, link_pairs
 from tulip_testbed.sim.errors import InputError, listed, shortened
 from tulip_testbed.sim.files import new_folder, write_bytes, write_text
 from tulip_testbed.sim.robot import Robot, compile_spec, load_robot
 
 LIGHT = 0.005  # of the robot's mass: a joint that moves less is fixed
+NEAR = 0.1  # m: links farther apart are not looked at
 LEAST_CHAIN = 12  # hinges between the feet
 
 
@@ -179,7 +182,20 @@ def _stand(spec: mujoco.MjSpec, skeleton: Skeleton, stance: Stance, reference: d
     model = compile_spec(spec, "the prepared robot")
     names = tuple(skeleton.links[foot.link].name for foot in stance.feet)
     right, left = (_middle(foot) for foot in stance.feet)
-    return standing(model, (names[0], names[1]), (right, left), reference, lambda data: 1.0)
+    clearance = _clearance(spec, names)
+    return standing(model, (names[0], names[1]), (right, left), reference, clearance)
+
+
+def _clearance(spec: mujoco.MjSpec, feet: tuple[str, ...]) -> Callable[[np.ndarray], float]:
+    """Return the smallest distance between links that are no neighbours [m], by the joint angles (n,) [rad].
+
+    Links that overlap at zero angles, as rough hulls do, count as neighbours.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        write_text(Path(folder) / "robot.xml", spec.to_xml())
+        write_text(Path(folder) / "robot.toml", _description("robot", Path("robot.xml"), *feet, ""))
+        pairs = link_pairs(load_robot(Path(folder) / "robot.toml"), NEAR)
+    return lambda angles: float(clearances_at(pairs, angles[None], NEAR).distance.min(initial=NEAR))
 
 
 def _middle(foot: Foot) -> np.ndarray:

@@ -18,6 +18,7 @@ CLOSE = 1e-4  # m, rad: largest error of a posture that stands
 LIMIT = np.radians(3.0)  # distance from the joints' limits
 # Weights of what is only wished for, against equations with weight one [m, rad].
 STAY, CENTER = 1e-4, 3e-3
+ROOM = 0.03  # of a leg's length, between links that are not neighbours
 TRIES = 400  # of postures of the arms
 SPREAD = 0.6  # rad, s.d. of these about the first one
 
@@ -45,7 +46,7 @@ def standing(
     feet: tuple[str, str],
     soles: tuple[Array, Array],
     reference: dict[str, float],
-    clearance: Callable[[mujoco.MjData], float],
+    clearance: Callable[[Array], float],
 ) -> Standing:
     """Find a posture that stands.
 
@@ -53,7 +54,7 @@ def standing(
         model: the robot alone; its root and feet have x forward, y left, z up.
         feet: right and left. soles: middle of each sole in its foot's frame, (3,) [m].
         reference: angles near which the joints stay, by name [rad].
-        clearance: smallest distance between links that should not touch [m].
+        clearance: smallest distance between links that should not touch, by the joint angles (n,) [m].
 
     Raises:
         InputError: none was found, with what is missed.
@@ -109,7 +110,7 @@ def standing(
             f"or mrad, with {_at_limits(names, best[2:], low, high)}; expected legs that can put both feet "
             "flat on the ground with bent knees"
         )
-    best = _apart(best, place, lambda: clearance(data), ~legs, (low, high), rng)
+    best = _apart(best, clearance, ROOM * leg, ~legs, (low, high), rng)
     place(best)
     return Standing(data.qpos.copy(), float(best[1]), straight, spacing, leg)
 
@@ -127,23 +128,25 @@ def _at_limits(names: list[str], angles: Array, low: Array, high: Array) -> str:
 
 def _apart(
     x: Array,
-    place: Callable[[Array], None],
-    clearance: Callable[[], float],
+    clearance: Callable[[Array], float],
+    room: float,
     free: np.ndarray,
     limits: tuple[Array, Array],
     rng: np.random.Generator,
 ) -> Array:
-    """Move the joints that are not between the feet until the links are apart, as little as will do."""
-    place(x)
-    best, most = x, clearance()
+    """Move the joints that are not between the feet until the links are apart, as little as will do.
+
+    Args:
+        x: place and height of the root, then the joint angles. free: which of these may be moved.
+    """
+    best, most = x, clearance(x[2:])
     for k in range(TRIES):
-        if most >= 0.02 or not free.any():
+        if most >= room or not free.any():
             break
         trial = x.copy()
         step = SPREAD * (k + 1) / TRIES * rng.standard_normal(int(free.sum()))
         trial[2:][free] = np.clip(x[2:][free] + step, limits[0][free], limits[1][free])
-        place(trial)
-        if (found := clearance()) > most:
+        if (found := clearance(trial[2:])) > most:
             best, most = trial, found
     return best
 
