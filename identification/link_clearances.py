@@ -84,7 +84,7 @@ class Clearances:
     normal: np.ndarray
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=2)
 def link_pairs(robot: Robot, margin: float) -> LinkPairs:
     """Select the pairs of links that must keep a distance.
 

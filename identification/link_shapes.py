@@ -50,7 +50,7 @@ class LinkShapes:
     radius: np.ndarray
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=2)
 def link_shapes(robot: Robot) -> LinkShapes:
     """Read the shapes of a robot's links from its files.
 

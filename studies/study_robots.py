@@ -22,7 +22,7 @@ import mujoco
 
 from studies.runner import Settings, header, row
 from tulip_testbed.sim.measurements import read_plan
-from tulip_testbed.sim.robot import Robot, load_robot
+from tulip_testbed.sim.robot import CORNERS, Robot, load_robot
 
 TULIP = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"]
 PACKAGE = "example-robot-data 6.0.0"
@@ -165,14 +165,19 @@ def outcome(place: Path, command: str) -> str:
 
 
 def penetration(robot: Robot, plan: Path) -> float:
-    """Return how deep two links are in each other in any posture of a plan [m], by MuJoCo's own contacts.
+    """Return the deepest penetration of two links in any posture of a plan [m], by MuJoCo's contacts.
 
-    Links at most `NEIGHBOURS` joints apart, and those that touch in the keyframe `stand`, do not count.
+    Links at most `NEIGHBOURS` joints apart, and those that touch in the keyframe `stand`, do not count. A
+    link is what its collision geometry says, or all its geometry if it has none.
     """
     spec = mujoco.MjSpec.from_file(str(robot.model_file))
-    for geom in spec.geoms:
-        geom.contype = geom.conaffinity = 1
-        geom.margin = 0.0
+    corners = {f"{foot}_{corner}" for foot in robot.feet for corner in CORNERS}
+    for body in spec.bodies[1:]:
+        shapes = [geom for geom in body.geoms if geom.name not in corners]
+        solid = [geom for geom in shapes if geom.contype or geom.conaffinity] or shapes
+        for geom in body.geoms:
+            geom.contype = geom.conaffinity = int(any(geom is one for one in solid))
+            geom.margin = 0.0
     model = spec.compile()
     data = mujoco.MjData(model)
     data.qpos[:] = model.key("stand").qpos

@@ -26,7 +26,10 @@ from tests.fuzz.records import CHUNK
 from tests.fuzz.targets import KINDS, ON_PAGES, PAGES, Intact, commands
 from tulip_testbed.cli.main import main
 
-SECONDS, MEMORY = 240, 2**31  # of one command [s]; of the process that runs them [bytes]
+SECONDS, MEMORY = (
+    240,
+    3 * 2**30,
+)  # of one command [s]; of the process that runs them, half of it libraries [bytes]
 NOBODY = 65534
 NOTE = re.compile(r"((Run|Plan|Measurement) folder|Report|View|Atlas|Left out): ")
 JUDGING = ("montecarlo", "validate", "check")  # commands whose exit code 1 is a verdict
