@@ -124,7 +124,7 @@ def link_pairs(robot: Robot, margin: float) -> LinkPairs:
         begin=np.cumsum([0, *map(len, parts)]),
         needed=np.full(len(parts), margin),
     )
-    at_reference = clearances_at(pairs, _reference(robot)[None], FAR).distance[0]
+    at_reference = clearances_at(pairs, reference_posture(robot)[None], FAR).distance[0]
     pairs = replace(pairs, needed=np.minimum(margin, REFERENCE * at_reference))
     return pairs.take(at_reference > 0)
 
@@ -217,7 +217,7 @@ def _balls(shapes: LinkShapes, owners: dict[int, np.ndarray]) -> tuple[np.ndarra
     return center, reach
 
 
-def _reference(robot: Robot) -> np.ndarray:
+def reference_posture(robot: Robot) -> np.ndarray:
     """Return the joint angles of the keyframe `stand`, or of the zero pose if there is none, (n,) [rad]."""
     model = robot.model
     keys = [model.key(i).name for i in range(model.nkey)]

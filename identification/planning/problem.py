@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 import mujoco
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations, moved_frames, walk
-from tulip_testbed.identification.link_clearances import LinkPairs, link_pairs
+from tulip_testbed.identification.link_clearances import LinkPairs, link_pairs, reference_posture
 from tulip_testbed.identification.margins import Margins, leg_length, planning_margins
 from tulip_testbed.identification.nominal import outline
 from tulip_testbed.identification.planning_ranges import PlanningRanges, planning_ranges
+from tulip_testbed.identification.segments import segment_distances
 from tulip_testbed.sim.control import torque_limits
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PlateGeometry
@@ -115,6 +116,7 @@ def planning_problem(
     limits = torque_limits(robot)
     torques = np.column_stack([-limits, limits])
     limbs, legs = _limbs(model, robot, parameters)
+    limbs = _slim(limbs, robot, parameters, margins.leg_clearance)
     return Problem(
         robot=robot,
         parameters=parameters,
@@ -192,6 +194,28 @@ def _limbs(
         if len(leg) > 1:
             legs.append((leg[-1][0], leg[0][1], length))
     return (limbs[0], limbs[1]), tuple(legs)
+
+
+def _slim(
+    limbs: tuple[Leg, Leg], robot: Robot, parameters: BaseParameters, clearance: float
+) -> tuple[Leg, Leg]:
+    """Return limbs no thicker than leaves the legs apart in the reference posture; link shapes say the rest.
+
+    A capsule around a link that is not straight is much thicker than the link.
+    """
+    tree = parameters.tree
+    rotations = link_rotations(tree, tree.frame_of_link[0], reference_posture(robot)[None])
+    places = frame_positions(tree, tree.frame_of_link[0], rotations, np.zeros(3))
+    share = [np.ones(len(leg)) for leg in limbs]
+    for (i, (a, b, first)), (k, (c, d, second)) in product(*(list(enumerate(leg)) for leg in limbs)):
+        apart = segment_distances(places[:, [a, b]], places[:, [c, d]])[0] - 2 * clearance
+        fits = max(apart, 0.0) / max(first + second, 1e-9)
+        share[0][i], share[1][k] = min(share[0][i], fits), min(share[1][k], fits)
+    right, left = (
+        tuple((a, b, radius * float(part)) for (a, b, radius), part in zip(leg, parts, strict=True))
+        for leg, parts in zip(limbs, share, strict=True)
+    )
+    return right, left
 
 
 def _inward(before: dict[int, int], frame: int) -> list[int]:
