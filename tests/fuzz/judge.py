@@ -14,6 +14,7 @@ import traceback
 import warnings
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -48,6 +49,7 @@ class Run(NamedTuple):
 def limit() -> None:
     """Prepare the process that runs the commands."""
     warnings.simplefilter("error")
+    import_module("typeguard")  # tyro loads it late, when a case may run as one who cannot read it
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, resource.getrlimit(resource.RLIMIT_DATA)[1]))
 
 
