@@ -180,20 +180,20 @@ def _check_chain(skeleton: Skeleton, stance: Stance) -> None:
 
 def _stand(spec: mujoco.MjSpec, skeleton: Skeleton, stance: Stance, reference: dict[str, float]) -> Standing:
     model = compile_spec(spec, "the prepared robot")
-    names = tuple(skeleton.links[foot.link].name for foot in stance.feet)
+    first, second = (skeleton.links[foot.link].name for foot in stance.feet)
     right, left = (_middle(foot) for foot in stance.feet)
-    clearance = _clearance(spec, names)
-    return standing(model, (names[0], names[1]), (right, left), reference, clearance)
+    feet = first, second
+    return standing(model, feet, (right, left), reference, _clearance(spec, feet))
 
 
-def _clearance(spec: mujoco.MjSpec, feet: tuple[str, ...]) -> Callable[[np.ndarray], float]:
+def _clearance(spec: mujoco.MjSpec, feet: tuple[str, str]) -> Callable[[np.ndarray], float]:
     """Return the smallest distance between links that are no neighbours [m], by the joint angles (n,) [rad].
 
     Links that overlap at zero angles, as rough hulls do, count as neighbours.
     """
     with tempfile.TemporaryDirectory() as folder:
         write_text(Path(folder) / "robot.xml", spec.to_xml())
-        write_text(Path(folder) / "robot.toml", _description("robot", Path("robot.xml"), *feet, ""))
+        write_text(Path(folder) / "robot.toml", _description("robot", Path("robot.xml"), feet[0], feet[1], ""))
         pairs = link_pairs(load_robot(Path(folder) / "robot.toml"), NEAR)
     return lambda angles: float(clearances_at(pairs, angles[None], NEAR).distance.min(initial=NEAR))
 
