@@ -193,8 +193,9 @@ def _clearance(spec: mujoco.MjSpec, feet: tuple[str, str]) -> Callable[[np.ndarr
     """
     with tempfile.TemporaryDirectory() as folder:
         write_text(Path(folder) / "robot.xml", spec.to_xml())
-        write_text(Path(folder) / "robot.toml", _description("robot", Path("robot.xml"), feet[0], feet[1], ""))
-        pairs = link_pairs(load_robot(Path(folder) / "robot.toml"), NEAR)
+        path = Path(folder) / "robot.toml"
+        write_text(path, _description("robot", Path("robot.xml"), feet[0], feet[1], ""))
+        pairs = link_pairs(load_robot(path), NEAR)
     return lambda angles: float(clearances_at(pairs, angles[None], NEAR).distance.min(initial=NEAR))
 
 
