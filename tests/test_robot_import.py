@@ -205,8 +205,16 @@ def test_an_mjcf_with_a_floor_no_motors_and_soles_that_are_stated(tmp_path):
     robot = stated.write(tmp_path / "out")
     corners = sole_corners(robot.model, "left5")
     np.testing.assert_allclose(corners[0], [0.12, 0.035, -0.05], atol=1e-6)
-    with pytest.raises(InputError, match="feet: found 'nose', expected two of the links trunk, right0"):
-        import_robot(path, ("nose", "left5"))
+    for names, message in (
+        (("nose", "left5"), "feet: found 'nose', expected two of the links right0"),
+        (("trunk", "left5"), "feet: found 'trunk'"),
+        (("left5", "left5"), "feet: found 'left5' twice"),
+    ):
+        with pytest.raises(InputError, match=message):
+            import_robot(path, names)
+    for sole in ((np.nan, 0.1, 0.1, 0.1), (-0.2, 0.1, 0.1, 0.1), (0.1, 0.1, 0.0, 0.1), (5.0, 0.1, 0.1, 0.1)):
+        with pytest.raises(InputError, match=r"sole: found .* m, expected reach in front of the ankle"):
+            import_robot(path, ("right5", "left5"), sole)
 
 
 def test_the_command(urdf, tmp_path, capsys):

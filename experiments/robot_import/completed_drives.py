@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tulip_testbed.experiments.robot_import.skeleton import Array, Hinge, Skeleton
+from tulip_testbed.sim.drive_needs import LEAST_ARMATURE
 from tulip_testbed.sim.errors import listed, shortened
 
 # Per Nm of torque limit, as TULip's drives.
 ARMATURE, DAMPING, FRICTION = 0.003, 0.04, 0.05  # kg m2, Nm s, Nm
-LEAST_ARMATURE = 0.0015  # kg m2 per Nm: with less a stiff servo chatters
 STRENGTH = 0.4  # torque limit over weight times length of a leg, where the file gives none
 UNLIMITED = np.radians(90.0)  # either way, for hinges without limits
 

@@ -17,7 +17,7 @@ LEVEL = np.radians(30.0)  # a sole that is steeper at zero angles is none
 ROUGH = np.radians(1.0)  # meshes are not flatter than this
 STRAIGHT = np.radians(10.0)  # a frame that differs less keeps its direction about the vertical
 LOPSIDED = 0.25  # of a sole's length: a foot that reaches so much farther points to the front
-LEAST_SOLE = 0.01  # m, length and width
+LEAST_SOLE, MOST_SOLE = 0.01, 1.0  # m, length and width
 REFINED = 3  # times that the plane of a sole is fitted again
 
 
@@ -97,10 +97,12 @@ def _pair(skeleton: Skeleton, names: tuple[str, str] | None) -> tuple[list[int],
     """Return the links of both feet and the hinges of their toes."""
     links = skeleton.links
     if names is not None:
-        known = [one.name for one in links]
+        movable = [one.name for one in links if one.hinges]
         for name in names:
-            if name not in known:
-                raise InputError(f"feet: found '{name}', expected two of the links {listed(known)}")
+            if name not in movable:
+                raise InputError(f"feet: found '{name}', expected two of the links {listed(movable)}")
+        if names[0] == names[1]:
+            raise InputError(f"feet: found '{names[0]}' twice, expected the right and the left one")
         return [skeleton.number(name) for name in names], frozenset()
     heights = np.array([one.lowest(UP) for one in links])
     order = [int(k) for k in np.argsort(heights) if np.isfinite(heights[k]) and k > 0]
@@ -174,6 +176,12 @@ def _sole(skeleton: Skeleton, link: int) -> tuple[Array, Array]:
 def _stated(ankle: Array, sole: tuple[float, ...]) -> Array:
     """Return the corners of a sole that is stated, with x forward, (4, 3) [m] in the world."""
     front, rear, width, height = sole
+    possible = np.isfinite(sole).all() and max(np.abs(sole)) <= MOST_SOLE and height >= 0
+    if not possible or min(front + rear, width) < LEAST_SOLE:
+        raise InputError(
+            f"sole: found {listed(f'{value:g}' for value in sole)} m, expected reach in front of the ankle "
+            f"and behind it, together {LEAST_SOLE:g} m or more, width and height, each at most {MOST_SOLE:g} m"
+        )
     corners = [[x, y, -height] for x in (front, -rear) for y in (width / 2, -width / 2)]
     return ankle + np.array(corners)
 
