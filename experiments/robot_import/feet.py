@@ -180,7 +180,7 @@ def _stated(ankle: Array, sole: tuple[float, ...]) -> Array:
     if not possible or min(front + rear, width) < LEAST_SOLE:
         raise InputError(
             f"sole: found {listed(f'{value:g}' for value in sole)} m, expected reach in front of the ankle "
-            f"and behind it, together {LEAST_SOLE:g} m or more, width and height, each at most {MOST_SOLE:g} m"
+            f"and behind it (together {LEAST_SOLE:g} m or more), width and height, at most {MOST_SOLE:g} m"
         )
     corners = [[x, y, -height] for x in (front, -rear) for y in (width / 2, -width / 2)]
     return ankle + np.array(corners)
