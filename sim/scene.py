@@ -120,8 +120,8 @@ def _load_plate(robot: Robot) -> mujoco.MjsBody:
     path = robot.plate_file
     check_unchanged(robot, path)
     spec = load_spec(path, robot.folder)
-    wanted = {"body": ["plate"], "geom": ["plate_top"]}
-    wanted |= {kind: [f"plate_{corner}" for corner in CORNERS] for kind in ("site", "sensor")}
+    cells = [f"plate_{corner}" for corner in CORNERS]
+    wanted = {"body": ["plate"], "geom": ["plate_top", *cells], "site": cells, "sensor": cells}
     for kind, names in wanted.items():
         if missing := [name for name in names if getattr(spec, kind)(name) is None]:
             raise InputError(f"{path}: no {kind} named {listed(missing)}")

@@ -39,7 +39,7 @@ def check_scene(rig: Rig) -> None:
     soles = [f"{foot}_{corner}" for foot in rig.robot.feet for corner in CORNERS]
     for kind, names in (
         ("body", [*rig.robot.feet, *(f"{plate}_plate" for plate in PLATES)]),
-        ("geom", ["floor", *soles]),
+        ("geom", ["floor", *soles, *cell_names()]),
         ("site", cell_names()),
         ("sensor", cell_names()),
         ("joint", joint_names(nominal)),

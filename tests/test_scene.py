@@ -111,6 +111,7 @@ def test_own_plate(folder):
         ("tulip.xml", 'range="-40 40"', 'range="40 -40"',
          r"tulip.xml: joint 'right_hip_yaw': found range \[40, -40\], expected low < high"),
         ("plate.xml", '"plate_top"', '"board"', "plate.xml: no geom named plate_top"),
+        ("plate.xml", 'geom name="plate_rear_left"', 'geom name="foot"', "no geom named plate_rear_left"),
         ("plate.xml", '<touch name="plate_rear_left"', '<touch name="4th"', "no sensor named plate_rear"),
         ("tulip.xml", 'pos="0.13 0.05 -0.058"', 'pos="-0.13 0.05 -0.058"', "expected x forward and y to the"),
     ],

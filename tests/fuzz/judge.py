@@ -49,7 +49,11 @@ class Run(NamedTuple):
 def limit() -> None:
     """Prepare the process that runs the commands."""
     warnings.simplefilter("error")
-    import_module("typeguard")  # tyro loads it late, when a case may run as one who cannot read it
+    for late in (
+        "typeguard",
+        "tulip_testbed.cli.terminal",
+    ):  # when a case may run as one who cannot read them
+        import_module(late)
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, resource.getrlimit(resource.RLIMIT_DATA)[1]))
 
 
