@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import json
 import os
 import re
@@ -54,6 +55,7 @@ def limit() -> None:
         "tulip_testbed.cli.terminal",
     ):  # when a case may run as one who cannot read them
         import_module(late)
+    codecs.lookup("utf-8-sig")
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, resource.getrlimit(resource.RLIMIT_DATA)[1]))
 
 
