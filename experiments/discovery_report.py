@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.discover import Discovery
 from tulip_testbed.discovery.effect_intervals import with_intervals
+from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectDocument, ParameterDocument, effect_label
 from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.document import Document, Figure
@@ -19,6 +20,22 @@ from tulip_testbed.sim.measurements.manifest import MOST_FORCE
 
 Channel = Literal["A", "F", "T", "C"]
 Gap = Channel | Literal["all", "heldout_rms_mm"]
+
+
+def _known(name: str) -> str:
+    if name not in catalogue():
+        raise ValueError(f"one of {', '.join(catalogue())}")
+    return name
+
+
+def _sized(name: str) -> str:
+    if not catalogue()[_known(name)].sizes:
+        raise ValueError("an effect that has a size")
+    return name
+
+
+EffectName = Annotated[str, AfterValidator(_known)]
+SizedName = Annotated[str, AfterValidator(_sized)]
 Deviation = Annotated[float, Field(ge=0, le=MOST_FORCE)]
 
 
@@ -46,7 +63,7 @@ class Explanation(Document):
 class FamilySpread(Document):
     """A family of ordinary imperfections and the spread of its members, in tolerances [SI]."""
 
-    name: str
+    name: SizedName
     tolerance: Annotated[float, Field(gt=0)]
     spread: Annotated[float, Field(ge=0)]
     low95: Annotated[float, Field(ge=0)]
@@ -56,7 +73,7 @@ class FamilySpread(Document):
 class Undetectable(Document):
     """An effect that these postures cannot detect; parameter: number of the one that it biases most."""
 
-    name: str
+    name: EffectName
     target: str | None
     parameter: int | None
     bias_mm_per_prior_sd: Figure
@@ -65,7 +82,7 @@ class Undetectable(Document):
 class WeaklyDetectable(Document):
     """An effect that would show only if larger than plausible: least size in prior s.d. and in SI units."""
 
-    name: str
+    name: SizedName
     target: str | None
     least_over_prior: float
     least: Figure

@@ -96,7 +96,7 @@ def _table(path: Path, names: list[str], rows: int) -> pa.Table | None:
             if sum(said.row_group(k).total_byte_size for k in groups) > MOST_UNPACKED:
                 return None
             return file.read(columns=names)
-    except (OSError, pa.ArrowException) as error:
+    except (OSError, ValueError, pa.ArrowException) as error:  # ValueError: a name that is not UTF-8
         raise InputError(f"{path}: cannot read ({' '.join(str(error).split())[:200]})") from None
 
 

@@ -16,12 +16,11 @@ from tulip_testbed.experiments.robot_import.skeleton import (
     Skeleton,
     quaternion,
 )
+from tulip_testbed.sim.drive_needs import SOLIMP_FRICTION, SOLREF_FRICTION
 from tulip_testbed.sim.robot import CORNERS
 
 CORNER_RADIUS = 0.002  # m
 DARKEST = 0.35  # colours are lightened, so that black robots can be seen
-# Friction rows this stiff hold a joint in place; MuJoCo's defaults let it creep.
-STICTION = {"solref_friction": [0.002, 1], "solimp_friction": [0.9999, 0.9999, 0.001, 0.5, 2]}
 
 
 def compose(name: str, skeleton: Skeleton, stance: Stance, drives: dict[str, Drive]) -> mujoco.MjSpec:
@@ -57,7 +56,8 @@ def compose(name: str, skeleton: Skeleton, stance: Stance, drives: dict[str, Dri
                 armature=drive.armature,
                 damping=[drive.damping, 0, 0],
                 frictionloss=drive.friction,
-                **STICTION,
+                solref_friction=SOLREF_FRICTION,
+                solimp_friction=SOLIMP_FRICTION,
             )
         for number, shape in enumerate(link.shapes):
             _add_shape(spec, body, shape, frames[k], f"{link.name}_shape{number}", meshes)

@@ -18,6 +18,7 @@ ROUGH = np.radians(1.0)  # meshes are not flatter than this
 STRAIGHT = np.radians(10.0)  # a frame that differs less keeps its direction about the vertical
 LOPSIDED = 0.25  # of a sole's length: a foot that reaches so much farther points to the front
 LEAST_SOLE, MOST_SOLE = 0.01, 1.0  # m, length and width
+SIDES = {("right", "left"): 1, ("left", "right"): -1}  # of two feet: 1 if the second one is the left
 REFINED = 3  # times that the plane of a sole is fitted again
 
 
@@ -74,9 +75,7 @@ def stance_of(
     else:
         soles = [_sole(skeleton, link) for link in pair]
     sides = [_side(skeleton.links[link].name) for link in pair]
-    known = (
-        1 if names is not None or sides == ["right", "left"] else -1 if sides == ["left", "right"] else None
-    )
+    known = 1 if names is not None else SIDES.get((sides[0], sides[1]))
     forward = _forward(soles, ankles, known)
     left = np.cross(UP, forward)
     if names is None and (ankles[1] - ankles[0]) @ left < 0:
@@ -111,8 +110,6 @@ def _pair(skeleton: Skeleton, names: tuple[str, str] | None) -> tuple[list[int],
     first = order[0]
     own = set(skeleton.path(first))
     others = [k for k in order if k not in own and first not in skeleton.path(k)]
-    # The other foot hangs on a leg of its own: it shares no hinge with the first one below the root's branch.
-    others = [k for k in others if len(skeleton.path(k)) > 2 or len(links) < 5]
     if not others or heights[others[0]] - heights[first] > 0.1:
         raise InputError(
             f"found one lowest link, '{links[first].name}', and no other at its height; expected two feet"
@@ -162,10 +159,8 @@ def _sole(skeleton: Skeleton, link: int) -> tuple[Array, Array]:
             break
         normal = UP if fitted @ UP > np.cos(ROUGH) else fitted
     points, _ = _lowest_points(skeleton, link, normal)
-    length = (
-        np.sort(np.linalg.svd(points - points.mean(axis=0), compute_uv=False))[-2] if len(points) > 2 else 0
-    )
-    if length < LEAST_SOLE / 2:
+    width = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1] if len(points) > 2 else 0.0
+    if width < LEAST_SOLE / 2:
         raise InputError(
             f"foot '{name}': found {len(points)} points that touch the ground, on a line or narrower than "
             f"{1e3 * LEAST_SOLE:g} mm; expected a sole with an area"

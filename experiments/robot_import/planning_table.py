@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import mujoco
 import numpy as np
 
@@ -49,7 +51,7 @@ def planning_table(
         lines += ["", "[planning.joints_deg]       # joints that are not between the feet"]
         for name in free:
             low, high = _range(model, name, standing)
-            lines.append(f'"{name}" = [{low:.1f}, {high:.1f}]')
+            lines.append(f"{json.dumps(name)} = [{low:.1f}, {high:.1f}]")
     return "\n".join(lines) + "\n"
 
 

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.experiments.robot_import.skeleton import Source
-from tulip_testbed.experiments.robot_import.urdf import read_urdf
+from tulip_testbed.experiments.robot_import.urdf import Parsed, read_urdf
 from tulip_testbed.sim.control import joint_torques
 from tulip_testbed.sim.errors import InputError, listed, shortened
 from tulip_testbed.sim.files import present, read_bytes
@@ -19,6 +19,7 @@ from tulip_testbed.sim.robot import compile_spec
 from tulip_testbed.sim.sandbox import try_to_compile
 
 STANDING = ("stand", "home", "standing", "stand_bent_knees", "knees_bent", "default")  # names of keyframes
+EARTH = (0.0, 0.0, -9.81)  # m/s2
 LOOPS = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
 
 
@@ -32,12 +33,15 @@ def read_published(path: Path) -> Source:
         raise InputError(f"{path}: no such file, expected an MJCF or a URDF")
     head = read_bytes(path)[:4096]
     if b"<robot" in head or path.suffix == ".urdf":
-        spec, mimic, assumed, problems = read_urdf(path)
+        parsed = read_urdf(path)
     elif b"<mujoco" in head or path.suffix == ".xml":
-        spec, mimic, assumed, problems = _mjcf(path)
+        parsed = _mjcf(path)
     else:
         kind = "an SDF" if b"<sdf" in head else f"'{path.suffix}'"
         raise InputError(f"{path}: found {kind}, expected an MJCF or a URDF")
+    spec, assumed = parsed.spec, list(parsed.assumed)
+    _name_all(spec)
+    _try(parsed, path)
     model = compile_spec(spec, str(path))
     root = _root(model, path)
     torque = dict(joint_torques(spec))
@@ -46,8 +50,9 @@ def read_published(path: Path) -> Source:
             name, limit = model.joint(j).name, float(model.jnt_actfrcrange[j, 1])
             if limit > 0:
                 torque[name] = min(torque.get(name, np.inf), limit)
-    driven = _driven(model, root, mimic, assumed)
+    driven = _driven(model, root, parsed.followers, assumed)
     reference = _reference(model, assumed)
+    assumed += _left_out(model, root)
     collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
     return Source(
         model=model,
@@ -57,11 +62,11 @@ def read_published(path: Path) -> Source:
         reference=reference,
         collides=collides,
         assumed=tuple(assumed),
-        problems=tuple(problems),
+        problems=parsed.problems,
     )
 
 
-def _mjcf(path: Path) -> tuple[mujoco.MjSpec, frozenset[str], list[str], list[str]]:
+def _mjcf(path: Path) -> Parsed:
     """Parse an MJCF; meshes that are missing are removed with the geoms that show them."""
     folder = path.resolve().parents[min(2, len(path.resolve().parents) - 1)]
     files = mjcf_files(path.resolve(), folder)
@@ -70,17 +75,15 @@ def _mjcf(path: Path) -> tuple[mujoco.MjSpec, frozenset[str], list[str], list[st
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise InputError(f"{path}: broken MJCF: {shortened(error, 300)}") from None
     there = {file.name for file in files}
-    missing = {
-        mesh.name: mesh.file for mesh in spec.meshes if mesh.file and Path(mesh.file).name not in there
-    }
-    problems = []
+    files_of = {mesh.name or Path(mesh.file).stem: mesh.file for mesh in spec.meshes if mesh.file}
+    missing = {name: file for name, file in files_of.items() if Path(file).name not in there}
+    problems = ()
     if missing:
-        problems.append(f"{len(missing)} meshes are missing: {shortened(listed(missing.values()), 200)}")
+        problems = (f"{len(missing)} meshes are missing: {shortened(listed(missing.values()), 200)}",)
         for geom in [one for one in spec.geoms if one.meshname in missing]:
             spec.delete(geom)
-        for mesh in [one for one in spec.meshes if one.name in missing]:
+        for mesh in [one for one in spec.meshes if (one.name or Path(one.file).stem) in missing]:
             spec.delete(mesh)
-    assumed = []
     loops = [one for one in spec.equalities if one.type in LOOPS]
     if loops:
         names = listed(f"{one.name1} and {one.name2}" for one in loops)
@@ -101,23 +104,52 @@ def _mjcf(path: Path) -> tuple[mujoco.MjSpec, frozenset[str], list[str], list[st
             spec.delete(one)
     for geom in list(spec.worldbody.geoms):
         spec.delete(geom)
-    _try(spec, path)
-    return spec, frozenset(coupled), assumed, problems
+    return Parsed(spec, frozenset(coupled), problems=problems)
 
 
-def _try(spec: mujoco.MjSpec, path: Path) -> None:
+def _name_all(spec: mujoco.MjSpec) -> None:
+    """Name bodies and joints that have no name."""
+    for kind, elements in (("body", spec.bodies[1:]), ("joint", spec.joints)):
+        for k, element in enumerate(elements):
+            element.name = element.name or f"{kind}_{k}"
+
+
+def _try(parsed: Parsed, path: Path) -> None:
     """Compile a copy in a separate process, which a file may crash."""
-    copy = spec.copy()
-    copy.compiler.meshdir = str((path.parent / spec.compiler.meshdir).resolve())
-    copy.compiler.texturedir = str((path.parent / spec.compiler.texturedir).resolve())
+    copy = parsed.spec.copy()
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder) / path.name
+        for name, content in parsed.assets.items():
+            (Path(folder) / name).write_bytes(content)
+        beside = Path(folder) if parsed.assets else path.parent
+        copy.compiler.meshdir = str((beside / copy.compiler.meshdir).resolve())
+        copy.compiler.texturedir = str((beside / copy.compiler.texturedir).resolve())
+        place = Path(folder) / f"{path.stem}.xml"
         text = copy.to_xml()
         place.write_text(text, encoding="utf-8")
         try:
             try_to_compile(place, {place: {place: hashlib.sha256(text.encode()).hexdigest()}})
         except InputError as error:
             raise InputError(str(error).replace(str(place), str(path))) from None
+
+
+def _left_out(model: mujoco.MjModel, root: int) -> list[str]:
+    """Say which forces of the file the prepared robot does not have."""
+    own = [j for j in range(model.njnt) if int(model.body_rootid[model.jnt_bodyid[j]]) == root]
+    springs = [model.joint(j).name for j in own if np.any(model.jnt_stiffness[j])]
+    floating = [model.body(b).name for b in np.flatnonzero(model.body_gravcomp).tolist()]
+    strained = [model.tendon(t).name for t in range(model.ntendon) if np.any(model.tendon_stiffness[t])]
+    lines = [
+        f"left out: {what} {shortened(listed(names), 200)}"
+        for what, names in (
+            ("springs of the joints", springs),
+            ("springs of the tendons", strained),
+            ("compensation of the weight of", floating),
+        )
+        if names
+    ]
+    if not np.allclose(model.opt.gravity, EARTH):
+        lines.append(f"left out: gravity {listed(model.opt.gravity)}; it is {listed(EARTH)} m/s2")
+    return lines
 
 
 def _root(model: mujoco.MjModel, path: Path) -> int:

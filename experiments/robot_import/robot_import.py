@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from tulip_testbed.experiments.robot_import.published import read_published
 from tulip_testbed.experiments.robot_import.skeleton import Skeleton, fixed, skeleton_of
 from tulip_testbed.experiments.robot_import.standing_posture import Standing, standing
 from tulip_testbed.identification.link_clearances import clearances_at, link_pairs
+from tulip_testbed.sim.column import printable
 from tulip_testbed.sim.errors import InputError, listed, shortened
 from tulip_testbed.sim.files import new_folder, write_bytes, write_text
 from tulip_testbed.sim.robot import Robot, compile_spec, load_robot
@@ -140,11 +142,11 @@ def _imported(path: Path, feet: tuple[str, ...], sole: tuple[float, ...]) -> Imp
 
 def _description(name: str, path: Path, right: str, left: str, table: str) -> str:
     return (
-        f"# Prepared by `tulip robot` from {path.name}; everything here can be edited.\n"
-        f'name = "{name}"\n'
+        f"# Prepared by `tulip robot` from {printable(path.name)}; everything here can be edited.\n"
+        f"name = {json.dumps(name)}\n"
         'model = "robot.xml"         # the robot alone: links, hinges, motors, sole corners, keyframe stand\n'
-        f'stance_foot = "{right}"\n'
-        f'swing_foot = "{left}"\n\n{table}'
+        f"stance_foot = {json.dumps(right)}\n"
+        f"swing_foot = {json.dumps(left)}\n\n{table}"
     )
 
 
@@ -179,24 +181,22 @@ def _check_chain(skeleton: Skeleton, stance: Stance) -> None:
 
 
 def _stand(spec: mujoco.MjSpec, skeleton: Skeleton, stance: Stance, reference: dict[str, float]) -> Standing:
-    model = compile_spec(spec, "the prepared robot")
-    first, second = (skeleton.links[foot.link].name for foot in stance.feet)
-    right, left = (_middle(foot) for foot in stance.feet)
-    feet = first, second
-    return standing(model, feet, (right, left), reference, _clearance(spec, feet))
-
-
-def _clearance(spec: mujoco.MjSpec, feet: tuple[str, str]) -> Callable[[np.ndarray], float]:
-    """Return the smallest distance between links that are no neighbours [m], by the joint angles (n,) [rad].
+    """Find the posture `stand` of a robot whose links may be anywhere.
 
     Links that overlap at zero angles, as rough hulls do, count as neighbours.
     """
+    right, left = (skeleton.links[foot.link].name for foot in stance.feet)
     with tempfile.TemporaryDirectory() as folder:
-        write_text(Path(folder) / "robot.xml", spec.to_xml())
         path = Path(folder) / "robot.toml"
-        write_text(path, _description("robot", Path("robot.xml"), feet[0], feet[1], ""))
-        pairs = link_pairs(load_robot(path), NEAR)
-    return lambda angles: float(clearances_at(pairs, angles[None], NEAR).distance.min(initial=NEAR))
+        write_text(path.with_name("robot.xml"), spec.to_xml())
+        write_text(path, _description("robot", path, right, left, ""))
+        robot = load_robot(path)
+        pairs = link_pairs(robot, NEAR)
+
+    def clearance(angles: np.ndarray) -> float:
+        return float(clearances_at(pairs, angles[None], NEAR).distance.min(initial=NEAR))
+
+    return standing(robot, (_middle(stance.feet[0]), _middle(stance.feet[1])), reference, clearance)
 
 
 def _middle(foot: Foot) -> np.ndarray:

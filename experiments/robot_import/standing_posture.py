@@ -11,6 +11,7 @@ import scipy
 
 from tulip_testbed.experiments.robot_import.skeleton import Array
 from tulip_testbed.sim.errors import InputError, listed
+from tulip_testbed.sim.robot import Robot, between_feet, bodies_to_root, joint_names, joint_ranges
 
 BENT = (0.94, 0.97, 0.985)  # heights of the root over the soles that are tried, of that with straight legs
 STARTS = 6
@@ -42,8 +43,7 @@ class Standing:
 
 
 def standing(
-    model: mujoco.MjModel,
-    feet: tuple[str, str],
+    robot: Robot,
     soles: tuple[Array, Array],
     reference: dict[str, float],
     clearance: Callable[[Array], float],
@@ -51,22 +51,23 @@ def standing(
     """Find a posture that stands.
 
     Args:
-        model: the robot alone; its root and feet have x forward, y left, z up.
-        feet: right and left. soles: middle of each sole in its foot's frame, (3,) [m].
+        robot: its root and feet have x forward, y left, z up.
+        soles: middle of each sole in its foot's frame, (3,) [m].
         reference: angles near which the joints stay, by name [rad].
         clearance: smallest distance between links that should not touch, by the joint angles (n,) [m].
 
     Raises:
         InputError: none was found, with what is missed.
     """
-    data = mujoco.MjData(model)
-    ids = [model.body(foot).id for foot in feet]
-    dofs = np.arange(6, model.nv)
-    names = [model.joint(int(model.dof_jntid[d])).name for d in dofs]
-    low, high = np.array([_limits(model, name) for name in names]).T
+    model = robot.model
+    data, names = mujoco.MjData(model), joint_names(model)
+    ids = [model.body(foot).id for foot in robot.feet]
+    low, high = joint_ranges(model).T
+    margin = np.minimum(LIMIT, 0.1 * (high - low))
+    low, high = low + margin, high - margin
     wanted = np.clip([reference.get(name, 0.0) for name in names], low, high)
     straight, spacing, leg = _at_zero(model, data, ids, soles)
-    legs = np.array([_carries(model, name, ids) for name in names])
+    legs = between_feet(model, robot)
 
     def place(x: Array) -> None:
         data.qpos[:3], data.qpos[3:7], data.qpos[7:] = [x[0], 0, x[1]], [1, 0, 0, 0], x[2:]
@@ -115,7 +116,7 @@ def standing(
     return Standing(data.qpos.copy(), float(best[1]), straight, spacing, leg)
 
 
-def _at_limits(names: list[str], angles: Array, low: Array, high: Array) -> str:
+def _at_limits(names: tuple[str, ...], angles: Array, low: Array, high: Array) -> str:
     """Name the joints that have come to a limit."""
     stuck = np.minimum(angles - low, high - angles) < 1e-3
     found = [
@@ -151,13 +152,6 @@ def _apart(
     return best
 
 
-def _limits(model: mujoco.MjModel, name: str) -> tuple[float, float]:
-    joint = model.joint(name)
-    low, high = joint.range if joint.limited[0] else (-np.pi, np.pi)
-    margin = min(LIMIT, 0.1 * (high - low))
-    return float(low + margin), float(high - margin)
-
-
 def _at_zero(
     model: mujoco.MjModel, data: mujoco.MjData, feet: list[int], soles: tuple[Array, Array]
 ) -> tuple[float, float, float]:
@@ -171,30 +165,11 @@ def _at_zero(
     mujoco.mj_kinematics(model, data)
     points = [data.xpos[k] + data.xmat[k].reshape(3, 3) @ sole for k, sole in zip(feet, soles, strict=True)]
     ground = float(np.mean([point[2] for point in points]))
-    hip = feet[0]
-    while model.body_parentid[hip] > 1 and not _both_below(model, int(model.body_parentid[hip]), feet):
-        hip = int(model.body_parentid[hip])
+    first, second = (list(bodies_to_root(model, foot)) for foot in feet)
+    hip = [body for body in first if body not in second][-1]
     joint = int(model.body_jntadr[hip])
     return (
         float(data.xpos[1, 2] - ground),
         float(points[1][1] - points[0][1]),
         float(data.xanchor[joint, 2] - ground),
     )
-
-
-def _both_below(model: mujoco.MjModel, body: int, feet: list[int]) -> bool:
-    return all(body in _path(model, foot) for foot in feet)
-
-
-def _path(model: mujoco.MjModel, body: int) -> list[int]:
-    path = []
-    while body:
-        path.append(body)
-        body = int(model.body_parentid[body])
-    return path
-
-
-def _carries(model: mujoco.MjModel, joint: str, feet: list[int]) -> bool:
-    """Return whether a joint lies between the feet."""
-    body = int(model.joint(joint).bodyid[0])
-    return sum(body in _path(model, foot) for foot in feet) == 1

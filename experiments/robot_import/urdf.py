@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import mujoco
@@ -29,20 +30,38 @@ COMPILER = {
 }
 
 
-def read_urdf(path: Path) -> tuple[mujoco.MjSpec, frozenset[str], list[str], list[str]]:
+@dataclass(frozen=True)
+class Parsed:
+    """A model as it was parsed.
+
+    Attributes:
+        spec: not yet compiled.
+        followers: joints that follow others.
+        assets: contents of files that the spec names, by name.
+        assumed, problems: sentences on what was read.
+    """
+
+    spec: mujoco.MjSpec
+    followers: frozenset[str] = frozenset()
+    assets: dict[str, bytes] = field(default_factory=dict)
+    assumed: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
+
+
+def read_urdf(path: Path) -> Parsed:
     """Parse a URDF.
 
-    Returns:
-        the spec; joints that mimic others; what was assumed; what is missing.
-
     Raises:
-        InputError: no URDF.
+        InputError: no URDF, or numbers in it that are none.
     """
     try:
         root = ET.fromstring(_text(path))
     except ET.ParseError as error:
         raise InputError(f"{path}: not a URDF file ({error})") from None
-    assumed, problems = _with_possible_inertia(root), []
+    try:
+        assumed, problems = _with_possible_inertia(root), []
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise InputError(f"{path}: broken URDF: <inertial>: {shortened(error, 100)}") from None
     assets, missing = _with_hulls(root, path)
     if missing:
         problems.append(
@@ -51,14 +70,14 @@ def read_urdf(path: Path) -> tuple[mujoco.MjSpec, frozenset[str], list[str], lis
     for old in root.findall("mujoco"):
         root.remove(old)
     ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", COMPILER)
-    mimic = frozenset(
+    followers = frozenset(
         joint.get("name", "") for joint in root.findall("joint") if joint.find("mimic") is not None
     )
     try:
         spec = mujoco.MjSpec.from_string(ET.tostring(root, encoding="unicode"), assets=assets)
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise InputError(f"{path}: broken URDF: {shortened(error, 300)}") from None
-    return spec, mimic, assumed, problems
+    return Parsed(spec, followers, assets, tuple(assumed), tuple(problems))
 
 
 def _text(path: Path) -> bytes:
