@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.sim.measurements.contacts import Contacts
 from tulip_testbed.sim.robot import CELLS, PLATES
 
 
@@ -98,6 +99,10 @@ class Measurements:
             stated is in proportion to the torque limit.
         tolerances: of families of ordinary imperfections by name, where they are known better than by the
             sensors [SI]; zero: exact.
+        contacts: wrench sensors in place of the plates' cells; None: cells. With them there are no cells:
+            `cell_forces` is (m, 0) and `cells` (2, 0, 2); in the feet, `plate_poses` and `top_height` are 0.
+        wrenches, wrenches_sd: readings of the wrench sensors, right and left, mean and s.d. over the window,
+            (m, 2, c) [N, Nm]; None: cells.
     """
 
     joints: tuple[str, ...]
@@ -122,6 +127,9 @@ class Measurements:
     robot: dict[str, str | None]
     gains: Mapping[str, float] = field(default_factory=dict)
     tolerances: Mapping[str, float] = field(default_factory=dict)
+    contacts: Contacts | None = None
+    wrenches: np.ndarray | None = None
+    wrenches_sd: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.posture)
