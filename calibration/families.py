@@ -18,7 +18,7 @@ from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import MOST_PRIORS, EffectInstance, effect_label
 from tulip_testbed.sim.errors import InputError, look_up, shortened
 from tulip_testbed.sim.measurements import SensorSheet
-from tulip_testbed.sim.measurements.manifest import LEAST_DEVIATION
+from tulip_testbed.sim.measurements.bounds import LEAST_DEVIATION
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.sensors import PRESETS
 
