@@ -197,7 +197,7 @@ def three_cells(m):
 
 def pressure(m):
     """Centre of pressure of vertical wrenches on the ground, (m, 2) [m], from first principles."""
-    total, moment = 0.0, np.zeros((len(m), 2))
+    total, moment = np.zeros(len(m)), np.zeros((len(m), 2))
     for p in (0, 1):
         x, y, yaw = m.plate_poses[:, p].T
         fz, mx, my = m.wrenches[:, p].T

@@ -92,13 +92,13 @@ class MappedTable:
     def __init__(self, table: Table, mapping: Mapping[str, MappingEntry], gravity: float) -> None:
         self.path, self._table = table.path, table
         self._sources = {name: _source(name, entry, gravity) for name, entry in mapping.items()}
+        hidden = {source.column for source in self._sources.values()}
         for name, source in self._sources.items():
-            if source.column != name and table.has(name):
+            if name not in hidden and table.has(name):
                 raise InputError(
                     f"{table.path}: found column '{name}' and, by the manifest's mapping, "
                     f"'{shortened(source.column)}' for it; expected one of them"
                 )
-        hidden = {source.column for source in self._sources.values()}
         self.types = {name: kind for name, kind in table.types.items() if name not in hidden}
         self.types |= {
             name: table.types[source.column]
