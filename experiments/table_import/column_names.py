@@ -15,7 +15,7 @@ SIDES = {"l": "left", "r": "right", "lft": "left", "rgt": "right"}
 FILLING = {  # words that do not tell one column from another
     *("q", "joint", "angle", "angles", "position", "pos", "encoder", "mean", "average", "avg"),
     *("measured", "wrench", "sole", "foot", "ft", "fts", "sensor", "force", "moment", "torque", "plate"),
-    *("cop", "cell"),
+    *("cop", "cell", "max", "maximum", "largest"),
 }
 SPREAD = {"sd", "std", "stdev", "stddev", "sigma"}
 COMMAND = {"command", "commanded", "cmd", "desired", "reference", "ref", "target"}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.identification.center_of_pressure import center_of_pressure
+from tulip_testbed.identification.contact_pressure import contact_pressure
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements
@@ -41,8 +41,10 @@ def check_signs(measurements: Measurements, nominal: Nominal) -> SignCheck:
     """Turn each sign, one at a time, and see whether the robot fits better or worse."""
     confirmed: dict[str, str] = {}
     doubtful: list[str] = []
-    for part in (_by_closed_legs, _by_range, _by_weight, _by_center):
+    for part in (_by_range, _by_closed_legs, _by_weight, _by_center):
         for name, how, doubt in part(measurements, nominal):
+            if doubt and name in confirmed:
+                continue  # by its range: another joint of the closed legs has the wrong sign
             if doubt:
                 doubtful.append(doubt)
             else:
@@ -164,7 +166,7 @@ def _by_center(m: Measurements, nominal: Nominal) -> Iterator[Finding]:
 def _apart(m: Measurements, nominal: Nominal) -> float | None:
     """Return the distance between centre of pressure and nominal centre of mass, r.m.s. [m]."""
     try:
-        apart = center_of_pressure(m) - nominal.center_of_mass(m.joint_angles)
+        apart = contact_pressure(m, nominal).center - nominal.center_of_mass(m.joint_angles)
     except InputError:
         return None
     both = m.support == BOTH
