@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import mujoco
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from studies.study_equilibrium import compare, without_friction
 from tests.test_single_support import STANCE, TO_COME, joined
+from tulip_testbed.drawings import support_polygons
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.center_of_pressure import center_of_pressure, loaded_cells
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
@@ -17,9 +19,12 @@ from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_plan, write_plan
 from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.robot import sole_corners, sole_point
 from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
+from tulip_testbed.standing import link_frames, soles_in_base
+from tulip_testbed.viewer.subject import planned
 
 OVER = np.array([0.03, 0.0])  # m, where the centre of mass is to be, in the frame of the foot that carries
 COUNT = 6
@@ -166,6 +171,25 @@ def test_an_encoders_offset_moves_only_its_reading(robot, on_the_left, engine):
     np.testing.assert_array_equal(found.cell_forces, clean.cell_forces)
 
 
+@pytest.mark.parametrize("engine", ["statics", "dynamics"])
+def test_the_robot_leans_over_a_yielding_left_ankle_and_not_over_the_right_one(
+    robot, model, on_the_left, engine
+):
+    """All above the ankle turns about it by compliance times its weight's moment."""
+    few, compliance = on_the_left.take(np.arange(2)), 2e-4
+    above = model.body_subtreemass[0] - model.body("left_foot").mass[0]
+    sound = Laboratory(robot, "ideal", nominal=still(preset_rig("ideal", robot)))
+    for joint, loaded in (("left_ankle_pitch", True), ("right_ankle_pitch", False)):
+        hidden = sound.with_effects(f"joint-compliance:{joint}={compliance}")
+        found = hidden.run(few, 3, engine, workers=1).measurements
+        ahead, height = np.transpose([lean_of(model, q) for q in found.joint_angles])
+        expected = loaded * compliance * above * 9.81 * ahead * height * above / model.body_subtreemass[0]
+        read = np.array([center_in(model, q, "left_foot") for q in found.joint_angles])
+        moved = center_of_pressure(found) - read
+        np.testing.assert_allclose(moved[:, 0], expected, rtol=0.03, atol=2e-5)
+        assert (not loaded) or (moved[:, 0] > 3e-4).all()
+
+
 def test_two_base_frames_in_a_placement_are_refused(robot, quiet, plan, on_the_right, on_the_left, tmp_path):
     mixed = joined(on_the_right, on_the_left)
     apart = mixed.placement.copy()
@@ -184,6 +208,39 @@ def test_two_base_frames_in_a_placement_are_refused(robot, quiet, plan, on_the_r
     read = read_plan(tmp_path / "apart", robot)
     three = joined(plan.take(plan.placement <= 2), read)
     assert set(statics(quiet, three).support) == {"double", "right", "left"}
+
+
+def test_pictures_show_the_left_foot_on_the_origin(robot, model, on_the_right, on_the_left):
+    both = joined(on_the_right, on_the_left)
+    subject = planned(both, robot)
+    feet = np.array(["right_foot", "left_foot"])[(both.support == "left").astype(int)]
+    own = [center_in(model, q, foot) for q, foot in zip(both.joint_angles, feet, strict=True)]
+    np.testing.assert_allclose(subject.com["nominal model"], own, rtol=0, atol=1e-12)
+    assert (subject.margin > 0.02).all()
+    tree = subject.nominal.parameters.tree
+    rotations, positions = link_frames(subject.nominal, both.joint_angles, both.support)
+    soles = soles_in_base(subject.nominal, both.joint_angles, both.support)
+    for row, (angles, foot) in enumerate(zip(both.joint_angles, feet, strict=True)):
+        height = -sole_point(model, foot)[2]
+        for link, frame in zip(tree.links, tree.frame_of_link, strict=True):
+            place, turn = foot_in(model, angles, link, foot)
+            np.testing.assert_allclose(
+                positions[row, frame], place + np.array([0, 0, height]), rtol=0, atol=1e-12
+            )
+            np.testing.assert_allclose(rotations[row, frame], turn, rtol=0, atol=1e-12)
+        side = list(robot.feet).index(foot)
+        on = sole_corners(model, foot)[:, :2]
+        np.testing.assert_allclose(soles[row, side], on, rtol=0, atol=1e-12)
+    mirrored = soles[:COUNT, ::-1, [1, 0, 3, 2]] * ACROSS
+    np.testing.assert_allclose(soles[COUNT:], mirrored, rtol=0, atol=1e-12)
+
+
+def test_the_picture_of_a_plan_on_the_left_foot_is_the_mirrored_one(robot, on_the_right, on_the_left):
+    pictures = [support_polygons(robot, plan) for plan in (on_the_right, on_the_left)]
+    first, second = (re.findall(r"least margin (\S+) mm", picture) for picture in pictures)
+    assert len(first) == 2
+    assert first == second
+    assert min(map(float, first)) > 20
 
 
 def statics(rig: Rig, plan: PosturePlan) -> Measurements:
@@ -215,6 +272,16 @@ def center_in(model: mujoco.MjModel, angles: np.ndarray, foot: str) -> np.ndarra
     data = posed(model, angles)
     body = data.body(foot)
     return (body.xmat.reshape(3, 3).T @ (data.subtree_com[1] - body.xpos))[:2]
+
+
+def lean_of(model: mujoco.MjModel, angles: np.ndarray) -> tuple[float, float]:
+    """How far the centre of mass of all but the left foot is ahead of and above the left ankle [m]."""
+    data = posed(model, angles)
+    foot = data.body("left_foot")
+    ankle = model.joint("left_ankle_pitch").id
+    mass = model.body_mass * (np.arange(model.nbody) != foot.id)
+    center = foot.xmat.reshape(3, 3).T @ (mass @ data.xipos / mass.sum() - data.xanchor[ankle])
+    return float(center[0]), float(center[2])
 
 
 def foot_in(model: mujoco.MjModel, angles: np.ndarray, foot: str, base: str) -> tuple[np.ndarray, np.ndarray]:
