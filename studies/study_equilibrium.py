@@ -14,14 +14,15 @@ from studies.runner import Settings, header, row, shipped_plan
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.drives import Drives
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
+from tulip_testbed.sim.measurements.contacts import WRENCH
 from tulip_testbed.sim.outcome import Attempt
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import load_robot
+from tulip_testbed.sim.robot import PLATES, load_robot
 from tulip_testbed.sim.statics import Load, State, cell_forces, residual, sole_poses, solve_by_newton
 from tulip_testbed.sim.statics.forces import contact_deflection, rotation_matrix
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_contact, solve_plan
-from tulip_testbed.sim.statics.static_run import Tries, run_statics, solve_tries
+from tulip_testbed.sim.statics.static_run import Tries, run_statics, sensor_wrenches, solve_tries
 
 # A foot whose centre of pressure is nearer to its sole's edge may have begun to tip (up to 20 um of gap).
 EDGE = 2e-3  # m
@@ -40,12 +41,14 @@ class Comparison:
     Attributes:
         held: the postures in the dynamics. angles: differences, (m, n_joints) [rad].
         cells: differences, (m, 8) [N]. center: distance of the centres of pressure, (m,) [m].
+        wrenches: differences of the foot sensors, (m, 2, 6) [N, Nm]; without such sensors (m, 0, 6).
     """
 
     held: list[Attempt]
     angles: np.ndarray
     cells: np.ndarray
     center: np.ndarray
+    wrenches: np.ndarray
 
 
 def without_friction(*edits: Edit) -> Edit:
@@ -149,6 +152,8 @@ def compare(solved_plan: SolvedPlan, attempts: list[Attempt]) -> Comparison:
         solved.state.angles[:, m.joints] - angles,
         forces - actual,
         np.linalg.norm(centers[0] - centers[1], axis=1),
+        sensor_wrenches(solved_plan, solved.state, load)
+        - np.array([a.held.wrenches for a in held if a.held]),
     )
 
 
@@ -246,16 +251,43 @@ def excess_sag(
         the changes in the held postures, (m, n_joints + 1), and those that statics draws,
         (draws m, n_joints + 1).
     """
-    free = without(solved_plan)
-    found = compare(free, held)
+    m = solved_plan.mechanism
+    found = compare(without(solved_plan), held)
     forces = np.array([a.held.cell_forces for a in held if a.held])
     actual = np.column_stack([-found.angles, load_share(forces) - load_share(forces + found.cells)])
+    drawn = []
+    for still, loose, loads in _drawn(solved_plan, held, rng, draws):
+        shares = [load_share(cell_forces(m, state, loads)) for state in (still, loose)]
+        drawn.append(np.column_stack([(still.angles - loose.angles)[:, m.joints], shares[0] - shares[1]]))
+    return actual, np.concatenate(drawn)
+
+
+def excess_wrenches(
+    solved_plan: SolvedPlan, held: list[Attempt], rng: np.random.Generator, draws: int = 5
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compute by how much dry friction changes what the foot sensors read [N, Nm].
+
+    Returns:
+        the changes in the held postures, (m, 2, 6), and those that statics draws, (draws m, 2, 6).
+    """
+    actual = -compare(without(solved_plan), held).wrenches
+    drawn = [
+        sensor_wrenches(solved_plan, still, loads) - sensor_wrenches(solved_plan, loose, loads)
+        for still, loose, loads in _drawn(solved_plan, held, rng, draws)
+    ]
+    return actual, np.concatenate(drawn)
+
+
+def _drawn(
+    solved_plan: SolvedPlan, held: list[Attempt], rng: np.random.Generator, draws: int
+) -> Iterator[tuple[State, State, Load]]:
+    """Draw the held postures in statics: with dry friction, without it, and their loads."""
+    free = without(solved_plan)
     rows = planned_rows(solved_plan, held)
     place = np.array([a.placement for a in held])
     fresh = np.append(True, place[1:] != place[:-1])
     before = np.where(fresh, rows, np.append(0, rows[:-1]))
     m = solved_plan.mechanism
-    drawn = []
     for _ in range(draws):
         tries = Tries(
             run=np.zeros(len(rows), int),
@@ -271,9 +303,7 @@ def excess_sag(
         (still, loads, _), (loose, _, _) = (
             solve_tries(p, tries, m.mass, m.center) for p in (solved_plan, free)
         )
-        shares = [load_share(cell_forces(m, state, loads)) for state in (still, loose)]
-        drawn.append(np.column_stack([(still.angles - loose.angles)[:, m.joints], shares[0] - shares[1]]))
-    return actual, np.concatenate(drawn)
+        yield still, loose, loads
 
 
 def without(solved_plan: SolvedPlan) -> SolvedPlan:
@@ -291,8 +321,9 @@ def study(settings: Settings) -> Iterator[str]:
     """Yield a table without dry friction, one with it, and two figures."""
     robot = load_robot()
     plan, few = shipped_plan(robot), shipped_plan(robot, SOME)
-    yield header("without dry friction", "held", "angles (urad)", "cells (N)", "CoP (mm)")
-    for name, rig in laboratories(preset_rig("ideal", robot)).items():
+    columns = ("held", "angles (urad)", "cells (N)", "CoP (mm)", "ankle forces (N)", "moments (Nm)")
+    yield header("without dry friction", *columns)
+    for name, rig in laboratories(preset_rig("foot-ideal", robot)).items():
         part = plan if name == "as it is" else few
         attempts = run_dynamics(rig, part, settings.seed, settings.workers).truth.attempts
         found = compare(solve_plan(rig, part), list(attempts))
@@ -302,10 +333,12 @@ def study(settings: Settings) -> Iterator[str]:
             f"{1e6 * np.abs(found.angles).max():.1f}",
             f"{np.abs(found.cells).max():.4f}",
             f"{1e3 * found.center.max():.4f}",
+            f"{np.abs(found.wrenches[..., :3]).max():.4f}",
+            f"{np.abs(found.wrenches[..., 3:]).max():.4f}",
         )
 
     yield "\n" + header("with dry friction", "static", "dynamic", "p", "slope")
-    solved_plan = solve_plan(preset_rig("ideal", robot), plan)
+    solved_plan = solve_plan(preset_rig("foot-ideal", robot), plan)
     attempts = run_dynamics(solved_plan.rig, plan, settings.seed, settings.workers).truth.attempts
     held = [a for a in attempts if a.held is not None]
     off = np.linalg.norm(centers_at(solved_plan, held), axis=1)
@@ -321,6 +354,13 @@ def study(settings: Settings) -> Iterator[str]:
         yield row(
             f"{name}, s.d. of what friction adds ({unit})", *spreads, f"{chance:.2f}", f"{slopes[k]:.2f}"
         )
+    actual, drawn = excess_wrenches(solved_plan, held, np.random.default_rng(statics_seed))
+    for side, foot in enumerate(PLATES):
+        for k, channel in enumerate(WRENCH):
+            one, other = actual[:, side, k], drawn[:, side, k]
+            chance = ks_2samp(one, other).pvalue
+            name = f"{foot} ankle, {channel}, s.d. of what friction adds ({'N' if k < 3 else 'Nm'})"
+            yield row(name, f"{other.std():.3f}", f"{one.std():.3f}", f"{chance:.2g}", "")
     streams = np.random.SeedSequence(statics_seed).spawn(settings.count(STATIC_RUNS))
     static = [len(run.truth.dropped) for run in run_statics(solved_plan, streams)]
     dropped = len(plan) - len({a.posture for a in held})

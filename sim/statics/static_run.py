@@ -129,10 +129,16 @@ def _outcome(solved_plan: SolvedPlan, tries: Tries, standard: np.ndarray | None)
     mass, center = _bodies(solved_plan, standard, tries.run)
     state, load, reason = solve_tries(solved_plan, tries, mass, center)
     forces = cell_forces(m, state, load)
-    feet, wrenches = solved_plan.rig.sensors.feet, np.zeros((len(tries.run), 0, 6))
-    if feet is not None:
-        wrenches = in_sensor_frame(feet.mounting, foot_wrenches(m, state, load))
+    wrenches = sensor_wrenches(solved_plan, state, load)
     return Equilibria(state.angles[:, m.joints], state.angles[:, m.motors], forces, wrenches, reason)
+
+
+def sensor_wrenches(solved_plan: SolvedPlan, state: State, load: Load) -> np.ndarray:
+    """Return the true wrenches of the foot sensors, (..., 2, 6) [N, Nm]; (..., 0, 6) without such sensors."""
+    feet = solved_plan.rig.sensors.feet
+    if feet is None:
+        return np.zeros((*state.angles.shape[:-1], 0, 6))
+    return in_sensor_frame(feet.mounting, foot_wrenches(solved_plan.mechanism, state, load))
 
 
 def _in_time(
