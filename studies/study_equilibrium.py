@@ -18,7 +18,7 @@ from tulip_testbed.sim.measurements.contacts import WRENCH
 from tulip_testbed.sim.outcome import Attempt
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import PLATES, load_robot
+from tulip_testbed.sim.robot import PLATES, Robot, load_robot
 from tulip_testbed.sim.statics import Load, State, cell_forces, residual, sole_poses, solve_by_newton
 from tulip_testbed.sim.statics.forces import contact_deflection, rotation_matrix
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_contact, solve_plan
@@ -318,12 +318,11 @@ def load_share(forces: np.ndarray) -> np.ndarray:
 
 
 def study(settings: Settings) -> Iterator[str]:
-    """Yield a table without dry friction, one with it, and two figures."""
+    """Yield a table without dry friction, one with it, two figures, and both tables of foot sensors."""
     robot = load_robot()
     plan, few = shipped_plan(robot), shipped_plan(robot, SOME)
-    columns = ("held", "angles (urad)", "cells (N)", "CoP (mm)", "ankle forces (N)", "moments (Nm)")
-    yield header("without dry friction", *columns)
-    for name, rig in laboratories(preset_rig("foot-ideal", robot)).items():
+    yield header("without dry friction", "held", "angles (urad)", "cells (N)", "CoP (mm)")
+    for name, rig in laboratories(preset_rig("ideal", robot)).items():
         part = plan if name == "as it is" else few
         attempts = run_dynamics(rig, part, settings.seed, settings.workers).truth.attempts
         found = compare(solve_plan(rig, part), list(attempts))
@@ -333,12 +332,10 @@ def study(settings: Settings) -> Iterator[str]:
             f"{1e6 * np.abs(found.angles).max():.1f}",
             f"{np.abs(found.cells).max():.4f}",
             f"{1e3 * found.center.max():.4f}",
-            f"{np.abs(found.wrenches[..., :3]).max():.4f}",
-            f"{np.abs(found.wrenches[..., 3:]).max():.4f}",
         )
 
     yield "\n" + header("with dry friction", "static", "dynamic", "p", "slope")
-    solved_plan = solve_plan(preset_rig("foot-ideal", robot), plan)
+    solved_plan = solve_plan(preset_rig("ideal", robot), plan)
     attempts = run_dynamics(solved_plan.rig, plan, settings.seed, settings.workers).truth.attempts
     held = [a for a in attempts if a.held is not None]
     off = np.linalg.norm(centers_at(solved_plan, held), axis=1)
@@ -354,13 +351,6 @@ def study(settings: Settings) -> Iterator[str]:
         yield row(
             f"{name}, s.d. of what friction adds ({unit})", *spreads, f"{chance:.2f}", f"{slopes[k]:.2f}"
         )
-    actual, drawn = excess_wrenches(solved_plan, held, np.random.default_rng(statics_seed))
-    for side, foot in enumerate(PLATES):
-        for k, channel in enumerate(WRENCH):
-            one, other = actual[:, side, k], drawn[:, side, k]
-            chance = ks_2samp(one, other).pvalue
-            name = f"{foot} ankle, {channel}, s.d. of what friction adds ({'N' if k < 3 else 'Nm'})"
-            yield row(name, f"{other.std():.3f}", f"{one.std():.3f}", f"{chance:.2g}", "")
     streams = np.random.SeedSequence(statics_seed).spawn(settings.count(STATIC_RUNS))
     static = [len(run.truth.dropped) for run in run_statics(solved_plan, streams)]
     dropped = len(plan) - len({a.posture for a in held})
@@ -370,3 +360,31 @@ def study(settings: Settings) -> Iterator[str]:
     )
     rate = f"static {np.mean(static):.1f} ({len(static)} runs), dynamic {dropped}"
     yield f"postures dropped of {len(plan)}: {rate}"
+    yield from _foot_sensors(settings, robot)
+
+
+def _foot_sensors(settings: Settings, robot: Robot) -> Iterator[str]:
+    """Yield the largest differences of the sensors' channels, and what dry friction adds to them."""
+    plan, few = shipped_plan(robot), shipped_plan(robot, SOME)
+    yield "\n" + header("foot sensors, without dry friction", "held", *map(_titled, WRENCH))
+    for name, rig in laboratories(preset_rig("foot-ideal", robot)).items():
+        attempts = run_dynamics(rig, few, settings.seed, settings.workers).truth.attempts
+        found = compare(solve_plan(rig, few), list(attempts))
+        largest = np.abs(found.wrenches).max(axis=(0, 1))
+        yield row(name, len(found.held), *(f"{value:.4f}" for value in largest))
+
+    yield "\n" + header("foot sensors, with dry friction", "in all", "static", "dynamic", "p")
+    solved_plan = solve_plan(preset_rig("foot-ideal", robot), plan)
+    attempts = run_dynamics(solved_plan.rig, plan, settings.seed, settings.workers).truth.attempts
+    held = [a for a in attempts if a.held is not None]
+    actual, drawn = excess_wrenches(solved_plan, held, np.random.default_rng(300 + settings.seed))
+    whole = np.array([a.held.wrenches for a in held if a.held]).std(axis=0)
+    for side, plate in enumerate(PLATES):
+        for k, channel in enumerate(WRENCH):
+            chance = ks_2samp(actual[:, side, k], drawn[:, side, k]).pvalue
+            spreads = (whole[side, k], drawn[:, side, k].std(), actual[:, side, k].std())
+            yield row(f"{plate} {_titled(channel)}", *(f"{sd:.2f}" for sd in spreads), f"{chance:.2g}")
+
+
+def _titled(channel: str) -> str:
+    return f"{channel} ({'N' if channel.startswith('f') else 'Nm'})"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -16,7 +17,7 @@ from tulip_testbed.sim.dynamics.dynamic_run import read_again, run_dynamics
 from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.foot_sensors import add_foot_sensors, foot_addresses, in_sensor_frame
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.measurements.contacts import WRENCH
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig, preset_rig
@@ -27,6 +28,7 @@ from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
 GRAVITY = 9.81
+SHEET: Any = PRESETS["foot-ft"].feet
 TILTED = (0.01, -0.02, 0.03, 0.2, -0.3, 0.4)  # m, rad, a mounting
 # On the right foot, in rad; the left foot hangs turned by up to half a radian about each axis.
 ON_RIGHT = np.array(
@@ -41,9 +43,14 @@ ON_RIGHT = np.array(
 def foot_rig(robot: Robot, preset: str = "foot-ideal", **changes) -> Rig:
     """Return a laboratory with changed foot sensors, in which nothing is measured twice."""
     rig = preset_rig(preset, robot)
-    feet = dataclasses.replace(rig.sensors.feet, **changes)
+    feet = dataclasses.replace(rig.sensors.feet or FootSensors(), **changes)
     protocol = dataclasses.replace(rig.protocol, repeats=0)
     return dataclasses.replace(rig, sensors=dataclasses.replace(rig.sensors, feet=feet), protocol=protocol)
+
+
+def statics(rig: Rig, plan: PosturePlan, runs: int = 1) -> list[Any]:
+    """Run an experiment by statics, as often as asked."""
+    return list(run_statics(solve_plan(rig, plan), np.random.SeedSequence(7).spawn(runs)))
 
 
 def heavy_foot(spec: mujoco.MjSpec) -> None:
@@ -72,8 +79,7 @@ def dynamic(robot, mixed):
 
 @pytest.fixture(scope="module")
 def static(robot, mixed):
-    (run,) = run_statics(solve_plan(foot_rig(robot), mixed), np.random.SeedSequence(7).spawn(1))
-    return run
+    return statics(foot_rig(robot), mixed)[0]
 
 
 @pytest.fixture(scope="module", params=["dynamic", "static"])
@@ -81,7 +87,7 @@ def run(request):
     return request.getfixturevalue(request.param)
 
 
-def grounded(robot: Robot, measured: Measurements, zeros: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def grounded(robot: Robot, measured: Any, zeros: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Turn readings into wrenches of the ground about the base frame's origin, (m, 2, 3) twice [N, Nm].
 
     Poses are MuJoCo's kinematics at the measured angles with the right foot flat on the ground.
@@ -243,7 +249,7 @@ def test_with_dry_friction_forces_between_the_legs_scatter_alike(robot, mixed, d
 
 def test_readings_scatter_by_the_stated_covariance_about_constant_zeros(robot, plan):
     few = plan.take(plan.placement <= 4)
-    runs = run_statics(solve_plan(foot_rig(robot, "foot-ft"), few), np.random.SeedSequence(3).spawn(60))
+    runs = statics(foot_rig(robot, "foot-ft"), few, 60)
     errors = [run.measurements.wrenches - run.truth.wrenches - run.truth.zeros for run in runs]
     sd = np.sqrt(np.diag(runs[0].measurements.contacts.covariance))
     count = sum(len(error) for error in errors) * 2
@@ -252,33 +258,29 @@ def test_readings_scatter_by_the_stated_covariance_about_constant_zeros(robot, p
     means = np.array([error.mean(axis=0) for error in errors]) * np.sqrt(len(few))
     assert (np.abs(means).max(axis=0) < 5 * sd).all()  # nothing else is constant in a run
     zeros = np.array([run.truth.zeros for run in runs])
-    stated = np.array(PRESETS["foot-ft"].feet.zero_sd)
+    stated = np.array(SHEET.zero_sd)
     np.testing.assert_allclose(np.sqrt((zeros**2).mean(axis=(0, 1))) / stated, 1, atol=5 / np.sqrt(240))
 
 
 def test_the_dynamics_read_through_the_same_sensors(robot, mixed, dynamic):
     """The held postures read again: s.d. as stated, zeros those of the experiment."""
     rig = foot_rig(robot, "foot-ft")
-    again = [read_again(rig, mixed, dynamic, np.random.default_rng(seed)) for seed in range(10)]
+    again: list[Any] = [read_again(rig, mixed, dynamic, np.random.default_rng(seed)) for seed in range(10)]
     errors = np.array([m.wrenches - dynamic.truth.wrenches - dynamic.truth.zeros for m in again])
     sd = np.sqrt(np.diag(again[0].contacts.covariance))
     count = errors[..., 0].size
     np.testing.assert_allclose(np.sqrt((errors**2).mean(axis=(0, 1, 2))) / sd, 1, atol=5 / np.sqrt(2 * count))
     spread = again[0].wrenches_sd.mean(axis=(0, 1))
-    feet = rig.sensors.feet
-    expected = np.hypot(feet.noise, np.array(feet.resolution) / np.sqrt(12))
+    expected = np.hypot(SHEET.noise, np.array(SHEET.resolution) / np.sqrt(12))
     np.testing.assert_allclose(spread, expected, rtol=0.02)
 
 
 def test_the_covariance_is_that_of_the_data_sheet(robot, plan):
-    feet = PRESETS["foot-ft"].feet
-    (run,) = run_statics(
-        solve_plan(foot_rig(robot, "foot-ft"), plan.take(np.arange(1))), [np.random.SeedSequence(1)]
-    )
+    (run,) = statics(foot_rig(robot, "foot-ft"), plan.take(np.arange(1)))
     contacts, samples = run.measurements.contacts, int(run.measurements.samples[0])
     assert samples == 3000
     for k, name in enumerate(WRENCH):
-        sd = averaged_sd(feet.repeatability[k], feet.noise[k], feet.resolution[k], samples)
+        sd = averaged_sd(SHEET.repeatability[k], SHEET.noise[k], SHEET.resolution[k], samples)
         assert contacts.covariance[k, k] == pytest.approx(sd**2), name
     assert np.count_nonzero(contacts.covariance) == 6
 
@@ -308,7 +310,7 @@ def test_measurements_say_what_a_user_knows_and_no_more(dynamic, static, robot):
 def test_what_is_below_is_stated_of_the_nominal_foot(robot, mixed):
     """A heavier foot hangs heavier on its sensor; the stated one stays the drawing's."""
     plain = foot_rig(robot, "foot-ft")
-    (run,) = run_statics(solve_plan(edited(plain, heavy_foot), mixed), [np.random.SeedSequence(2)])
+    (run,) = statics(edited(plain, heavy_foot), mixed)
     hanging = run.measurements.support == "right"
     force = np.linalg.norm(run.truth.wrenches[hanging, 1, :3], axis=1)
     np.testing.assert_allclose(force, 0.9 * GRAVITY, atol=1e-9)
@@ -325,8 +327,7 @@ def test_a_robot_it_is_told_of_hangs_on_the_sensors(robot, mixed):
     foot = [m.bodies[k].name for k in solved_plan.links].index("left_foot")
     heavier = standard.copy()
     heavier[foot] *= 2
-    stream = np.random.SeedSequence(6)
-    (run,) = run_statics(solved_plan, [stream], heavier[None])
+    run: Any = run_statics(solved_plan, [np.random.SeedSequence(6)], heavier[None])[0]
     hanging = run.measurements.support == "right"
     force = np.linalg.norm(run.truth.wrenches[hanging, 1, :3], axis=1)
     np.testing.assert_allclose(force, 1.2 * GRAVITY, atol=1e-9)
@@ -338,7 +339,7 @@ def test_what_changes_during_the_experiment_changes_the_wrenches(robot, plan):
 
     few = plan.take(plan.placement <= 4)
     rig = from_then_on(foot_rig(robot), 0.5, lambda one: edited(one, heavier))
-    (run,) = run_statics(solve_plan(rig, few), [np.random.SeedSequence(1)])
+    (run,) = statics(rig, few)
     down = run.truth.wrenches[..., 2].sum(axis=1)
     np.testing.assert_allclose(down[-1] - down[0], GRAVITY, atol=1e-4)  # soles tilt by microradians
 
@@ -346,9 +347,9 @@ def test_what_changes_during_the_experiment_changes_the_wrenches(robot, plan):
 def test_runs_are_the_same_bits_however_they_are_grouped(robot, plan):
     solved_plan = solve_plan(foot_rig(robot, "foot-ft"), plan.take(plan.placement <= 2))
     streams = np.random.SeedSequence(5).spawn(3)
-    together = run_statics(solved_plan, streams)
+    together: list[Any] = list(run_statics(solved_plan, streams))
     for run, stream in zip(together, streams, strict=True):
-        (alone,) = run_statics(solved_plan, [stream])
+        alone: Any = run_statics(solved_plan, [stream])[0]
         assert np.array_equal(alone.measurements.wrenches, run.measurements.wrenches)
         assert np.array_equal(alone.truth.zeros, run.truth.zeros)
     assert not np.array_equal(together[0].truth.zeros, together[1].truth.zeros)
@@ -356,7 +357,7 @@ def test_runs_are_the_same_bits_however_they_are_grouped(robot, plan):
 
 def test_a_tared_sensor_has_no_zeros(robot, plan):
     rig = foot_rig(robot, zero_sd=(0.0,) * 6)
-    (run,) = run_statics(solve_plan(rig, plan.take(np.arange(2))), [np.random.SeedSequence(1)])
+    (run,) = statics(rig, plan.take(np.arange(2)))
     assert not run.measurements.contacts.zero_sd.any()
     np.testing.assert_allclose(run.measurements.wrenches, run.truth.wrenches, atol=1e-9)
     assert not draw_zeros(FootSensors(), np.random.default_rng(1)).any()
@@ -375,6 +376,6 @@ def test_the_sensors_do_not_change_how_the_robot_stands(robot, plan):
 @pytest.mark.parametrize("engine", ["statics", "dynamics"])
 def test_a_laboratory_takes_the_preset(robot, plan, engine):
     few = plan.take(np.arange(2))
-    run = Laboratory(robot, sensors="foot-ft").run(few, seed=2, engine=engine, workers=1)
+    run: Any = Laboratory(robot, sensors="foot-ft").run(few, seed=2, engine=engine, workers=1)
     assert run.measurements.wrenches.shape == (len(run.measurements), 2, 6)
     assert run.measurements.sensors.encoder_sd == pytest.approx(1e-4, rel=0.05)
