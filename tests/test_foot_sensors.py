@@ -13,9 +13,12 @@ from scipy.stats import ks_2samp
 from studies.study_equilibrium import compare, excess_wrenches, laboratories
 from tulip_testbed.effects.injection import edited, from_then_on
 from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.truth_record import truth_of
+from tulip_testbed.sim.composer import laboratory_environment
 from tulip_testbed.sim.dynamics.dynamic_run import read_again, run_dynamics
 from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
+from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.foot_sensors import add_foot_sensors, foot_addresses, in_sensor_frame
 from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.measurements.contacts import WRENCH
@@ -379,3 +382,16 @@ def test_a_laboratory_takes_the_preset(robot, plan, engine):
     run: Any = Laboratory(robot, sensors="foot-ft").run(few, seed=2, engine=engine, workers=1)
     assert run.measurements.wrenches.shape == (len(run.measurements), 2, 6)
     assert run.measurements.sensors.encoder_sd == pytest.approx(1e-4, rel=0.05)
+
+
+def test_the_truth_file_knows_zeros_and_wrenches(robot, plan):
+    run = Laboratory(robot, sensors="foot-ft").run(plan.take(np.arange(2)), engine="statics")
+    document: Any = truth_of(run).plain()
+    assert np.array_equal(document["zeros"], run.truth.zeros)
+    assert np.array_equal(document["wrenches"], run.truth.wrenches)
+    assert document["configuration"]["sensors"]["feet"]["zero_sd"] == list(SHEET.zero_sd)
+
+
+def test_the_composer_refuses_them(robot, plan):
+    with pytest.raises(InputError, match="rig: found sensors in the feet, expected plates"):
+        laboratory_environment(preset_rig("foot-ft", robot), plan.joint_angles[0])
