@@ -145,7 +145,7 @@ def set_up_search(
         casadi_module()
     check_scene(preset_rig("ideal", robot))
     warn_of_robot(robot)
-    support = "double" if measured is None else common_support(measured.support, "measurements: postures")
+    support = "double" if measured is None else common_support(measured.support)
     problem = planning_problem(robot, nominal_plates(robot)[0], support=support)
     goal = objective_by_name(problem, settings.objective, 1e-3 * SIGMA_MM)
     taken = 0 if measured is None else len(measured)
