@@ -52,7 +52,8 @@ class Laboratory:
 
     Attributes:
         robot: the nominal robot.
-        sensors: name of a preset of data-sheet figures: "wii", "force-plate" or "ideal".
+        sensors: name of a preset of data-sheet figures: plates "wii", "force-plate" or "ideal", or sensors in
+            the feet, "foot-ft" or "foot-ideal".
         known: effects that the laboratory is known to have; estimates are corrected for them. Texts are read.
         hidden: effects that nobody is told, likewise.
         nominal: the laboratory without effects; None: the robot's, with the preset's sensors.
