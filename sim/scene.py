@@ -12,6 +12,7 @@ from tulip_testbed.sim.control import add_servos
 from tulip_testbed.sim.drive_needs import supply_drives
 from tulip_testbed.sim.drives import Drives, add_drives
 from tulip_testbed.sim.errors import InputError, listed
+from tulip_testbed.sim.foot_sensors import add_foot_sensors
 from tulip_testbed.sim.measurements.data import PlateGeometry, lay_boards
 from tulip_testbed.sim.plates import place_plates, plate_geometry
 from tulip_testbed.sim.rig import Rig
@@ -129,7 +130,7 @@ def _load_plate(robot: Robot) -> mujoco.MjsBody:
 
 
 def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
-    """Return the rig's scene: drives, servos, compliance, plates at their poses, solver, and the rig's edit.
+    """Return the rig's scene: drives, servos, compliance, foot sensors, plates, solver, and the rig's edit.
 
     Args:
         plate_poses: poses of the right and left plate in the base frame, (2, 3) [m, m, rad].
@@ -145,6 +146,8 @@ def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
         for key in list(spec.keys):  # keyframes do not fit the added joints
             spec.delete(key)
     add_servos(spec, rig.controller)
+    if rig.sensors.feet is not None:
+        add_foot_sensors(spec, rig.robot.feet, rig.sensors.feet.mounting)
     place_plates(spec, plate_poses)
     set_solver(spec)
     if rig.edit is not None:
@@ -152,14 +155,12 @@ def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
     return spec
 
 
-def boards_under(rig: Rig, swing_poses: np.ndarray) -> np.ndarray:
-    """Return intended poses of the two boards for swing foot poses (k, 3), (k, 2, 3) [m, m, rad]."""
+def boards_under(rig: Rig, foot_poses: np.ndarray) -> np.ndarray:
+    """Return intended poses of the two boards for poses of the feet in the base frame, both (k, 2, 3)."""
     size = nominal_plates(rig.robot)[0].size
     model = rig.robot.model
-    right, left = (sole_corners(model, foot)[:, :2] for foot in rig.robot.feet)
-    boards = []
-    for x, y, yaw in swing_poses:
-        c, s = np.cos(yaw), np.sin(yaw)
-        soles = np.array([right, left @ np.array([[c, s], [-s, c]]) + [x, y]])
-        boards.append(lay_boards(soles, size, rig.protocol.plate_gap))
-    return np.array(boards)
+    corners = np.array([sole_corners(model, foot)[:, :2] for foot in rig.robot.feet])
+    c, s = np.cos(foot_poses[..., 2]), np.sin(foot_poses[..., 2])
+    turn = np.moveaxis(np.array([[c, s], [-s, c]]), (0, 1), (-2, -1))
+    soles = corners @ turn + foot_poses[..., None, :2]
+    return np.array([lay_boards(pair, size, rig.protocol.plate_gap) for pair in soles])

@@ -8,6 +8,7 @@ import numpy as np
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.drives import motor_joint
 from tulip_testbed.sim.dynamics.stiction import Stiction
+from tulip_testbed.sim.foot_sensors import foot_addresses
 from tulip_testbed.sim.path import ClosedChain, tipped
 from tulip_testbed.sim.plates import cell_addresses, cell_names, short_feet, tare
 from tulip_testbed.sim.rig import Rig
@@ -51,6 +52,8 @@ class Stand:
         self.clamps = np.array([self.model.equality(f"{foot}_clamp").id for foot in rig.robot.feet])
         self.cells = cell_addresses(self.model)
         self.tare = tare(self.model)
+        feet = rig.robot.feet if rig.sensors.feet is not None else ()
+        self.wrench_channels = foot_addresses(self.model, feet)
         # A board with a short foot rocks: its other cells rise by no more than that.
         self.rise = np.repeat(short_feet(self.model).max(axis=1), len(CORNERS))
         self.sole_points = {foot: sole_point(nominal, foot) for foot in rig.robot.feet}
@@ -60,6 +63,11 @@ class Stand:
         self.stiction = Stiction(self.model, list(zip(self.soles, plates, strict=True)))
         top = spec.geom(f"{PLATES[0]}_plate_top")
         self.top_height = float(top.pos[2] + top.size[2])
+
+    @property
+    def base(self) -> int:
+        """Return the index of the foot that carries the base frame: 0, right, unless it is in the air."""
+        return int(self.foot_contact.argmax())
 
     @property
     def command(self) -> np.ndarray:
@@ -95,6 +103,10 @@ class Stand:
         """Return the true tared cell forces at this moment, (8,) [N]."""
         return self.data.sensordata[self.cells] - self.tare
 
+    def wrenches(self) -> np.ndarray:
+        """Return the true wrenches of the foot sensors at this moment, (2, 6), or (0, 6) without [N, Nm]."""
+        return -self.data.sensordata[self.wrench_channels]
+
     def mark_feet(self) -> None:
         """Store the feet's poses, where the clamps hold them."""
         self.marked_corners = self._corners()
@@ -114,7 +126,7 @@ class Stand:
 
     def centre_of_mass(self) -> np.ndarray:
         """Return MuJoCo's centre of mass in the base frame, (2,) [m]."""
-        x, y, yaw = self._feet()[0]
+        x, y, yaw = self._feet()[self.base]
         east = self.data.subtree_com[self.torso][:2] - [x, y]
         return np.array(
             [np.cos(yaw) * east[0] + np.sin(yaw) * east[1], np.cos(yaw) * east[1] - np.sin(yaw) * east[0]]
@@ -122,7 +134,7 @@ class Stand:
 
     def plates_in_base(self) -> np.ndarray:
         """Return the true poses of both plates in the base frame, (2, 3) [m, m, rad]."""
-        x, y, yaw = self._feet()[0]
+        x, y, yaw = self._feet()[self.base]
         poses = []
         for plate in PLATES:
             body = self.data.body(f"{plate}_plate")
