@@ -236,10 +236,10 @@ def _score(problem: _Problem, split: Split, scores: list[Score], notes: list[str
             problem.residual[test] - problem.residual[train].mean(axis=0) for train, test in split.folds
         ]
     if scales:
-        low, high = (number(end, ".2g") for end in (min(scales), max(scales)))
+        low, high = (number(end, ".2f") for end in (min(scales), max(scales)))
         notes.append(
-            f"Prior by {split.name}: {low} to {high} times {100 * MASS_SD:.0f} % of every link's mass and "
-            f"{1e3 * CENTER_SD:.0f} mm of its centre, by marginal likelihood of the training postures."
+            f"Prior by {split.name}: s.d. of {low} to {high} times {100 * MASS_SD:.0f} % of each link's mass "
+            f"and {1e3 * CENTER_SD:.0f} mm of its centre (0: CAD), by marginal likelihood of the training part."
         )
     block = clusters(m)[rows]
     cad = np.concatenate(found[CAD])
