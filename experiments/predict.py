@@ -239,7 +239,7 @@ def _score(problem: _Problem, split: Split, scores: list[Score], notes: list[str
         low, high = (number(end, ".2f") for end in (min(scales), max(scales)))
         notes.append(
             f"Prior by {split.name}: s.d. of {low} to {high} times {100 * MASS_SD:.0f} % of each link's mass "
-            f"and {1e3 * CENTER_SD:.0f} mm of its centre (0: CAD), by marginal likelihood of the training part."
+            f"and {1e3 * CENTER_SD:.0f} mm of its centre (0: CAD), by the marginal likelihood in training."
         )
     block = clusters(m)[rows]
     cad = np.concatenate(found[CAD])

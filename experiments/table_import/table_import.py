@@ -117,8 +117,8 @@ def import_table(table: Path, robot: Robot, folder: Path, stated: ImportMap) -> 
     work.problems += found.undecided
     if found.silent:
         work.assumed.append(
-            f"not used, since no unit is written in the name: {listed(map(repr, found.silent))}; state one to "
-            "use them"
+            f"not used, since no unit is written in the name: {listed(map(repr, found.silent))}; state it to "
+            "use one"
         )
     _complete(work, found)
     has = {*found.mapping, *found.exact, *work.added}
