@@ -109,7 +109,9 @@ def validate(
             little to identify; imperfections that cannot be drawn or simulated.
     """
     began = time.perf_counter()
-    estimator = look_up("estimator", default_estimator(estimator, ordinary, laboratory), ESTIMATORS, "estimator")
+    estimator = look_up(
+        "estimator", default_estimator(estimator, ordinary, laboratory), ESTIMATORS, "estimator"
+    )
     check_ordinary(laboratory, ordinary)
     at_least("seed", seed, 0)
     laboratory.check(plan, engine)
