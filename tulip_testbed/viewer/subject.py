@@ -6,11 +6,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.identify import identify, plain_estimator
 from tulip_testbed.experiments.validation_record import ValidationRecord
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
-from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.feasibility import stability_margin, support_polygon
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.pages.words import NO_TRUE_COM
@@ -130,12 +129,12 @@ def measured(
     check_model(f"{source}: manifest.json", model["model"], model["sha256"], robot)
     subject = replace(of_measurements(measurements, robot, source), series=series)
     try:
-        found = identify(measurements, robot, source, DEFAULT)
+        found = identify(measurements, robot, source, estimator := plain_estimator(measurements))
     except InputError as error:
         return replace(subject, notes=(f"No estimate: {error}.",))
     estimated = replace(subject.nominal, parameters=found.parameters, value=found.full.value)
     com = estimated.center_of_mass(measurements.joint_angles, measurements.support)
-    note = f"Estimate: full model, {DEFAULT}."
+    note = f"Estimate: full model, {estimator}."
     return replace(subject, com=subject.com | {"estimate": com}, notes=(note,))
 
 
