@@ -64,9 +64,7 @@ def configuration_of(
         ordinary: scale of the imperfections that were drawn for the laboratory; None: there were none.
     """
     rig = laboratory.rig
-    sensors = dataclasses.asdict(rig.sensors)
-    if rig.sensors.feet is None:
-        del sensors["feet"]
+    sensors = {key: value for key, value in dataclasses.asdict(rig.sensors).items() if value is not None}
     content = {
         "preset": laboratory.sensors,
         "seed": seed,

@@ -385,7 +385,7 @@ def test_a_laboratory_takes_the_preset(robot, plan, engine):
 
 
 def test_the_truth_file_knows_zeros_and_wrenches(robot, plan):
-    run = Laboratory(robot, sensors="foot-ft").run(plan.take(np.arange(2)), engine="statics")
+    run: Any = Laboratory(robot, sensors="foot-ft").run(plan.take(np.arange(2)), engine="statics")
     document: Any = truth_of(run).plain()
     assert np.array_equal(document["zeros"], run.truth.zeros)
     assert np.array_equal(document["wrenches"], run.truth.wrenches)
