@@ -64,15 +64,18 @@ def heavy_foot(spec: mujoco.MjSpec) -> None:
 
 @pytest.fixture(scope="module")
 def mixed(plan) -> PosturePlan:
-    """Fifteen postures on both feet and three on the right one, on a placement of their own."""
-    both, one = plan.take(plan.placement <= 3), plan.take(np.arange(3))
-    one = dataclasses.replace(
-        one, joint_angles=ON_RIGHT, support=np.full(3, "right"), posture=one.posture + 1000
-    )
-    one = dataclasses.replace(one, placement=np.full(3, 4))
+    """Fifteen postures on both feet, and three on each, on placements of their own."""
+    parts = [plan.take(plan.placement <= 3)]
+    on_left = (ON_RIGHT * np.tile([-1, -1, 1, 1, 1, -1], 2))[:, [*range(6, 12), *range(6)]]
+    for placement, (support, angles) in enumerate((("right", ON_RIGHT), ("left", on_left)), 4):
+        one = plan.take(np.arange(3))
+        if support == "left":
+            one = dataclasses.replace(one, swing_pose=one.swing_pose * [1, -1, -1])
+        part = {"joint_angles": angles, "support": np.full(3, support), "placement": np.full(3, placement)}
+        parts.append(dataclasses.replace(one, posture=one.posture + 1000 * placement, **part))
     names = ("joint_angles", "posture", "placement", "support", "swing_pose")
-    joined = {name: np.concatenate([getattr(both, name), getattr(one, name)]) for name in names}
-    return dataclasses.replace(both, **joined)
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return dataclasses.replace(plan, **joined)
 
 
 @pytest.fixture(scope="module")
@@ -93,12 +96,12 @@ def run(request):
 def grounded(robot: Robot, measured: Any, zeros: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Turn readings into wrenches of the ground about the base frame's origin, (m, 2, 3) twice [N, Nm].
 
-    Poses are MuJoCo's kinematics at the measured angles with the right foot flat on the ground.
+    Poses are MuJoCo's kinematics at the measured angles with the foot that carries flat on the ground.
     """
     data, chain = mujoco.MjData(robot.model), ClosedChain(robot.model, robot)
     forces, moments = np.zeros((2, len(measured), 2, 3))
     for row, angles in enumerate(measured.joint_angles):
-        data.qpos[:7] = chain.base_pose(angles)
+        data.qpos[:7] = chain.base_pose(angles, int(measured.support[row] == "left"))
         data.qpos[7:] = angles
         mujoco.mj_kinematics(robot.model, data)
         for side, foot in enumerate(robot.feet):
@@ -126,8 +129,9 @@ def test_their_center_of_pressure_is_below_mujocos_center_of_mass(run, robot):
     forces, moments = (part.sum(axis=1) for part in grounded(robot, run.measurements, run.truth.zeros))
     pressure = np.column_stack([-moments[:, 1], moments[:, 0]]) / forces[:, 2:]
     data, chain = mujoco.MjData(robot.model), ClosedChain(robot.model, robot)
-    for found, angles in zip(pressure, run.measurements.joint_angles, strict=True):
-        data.qpos[:7] = chain.base_pose(angles)
+    rows = zip(pressure, run.measurements.joint_angles, run.measurements.support, strict=True)
+    for found, angles, support in rows:
+        data.qpos[:7] = chain.base_pose(angles, int(support == "left"))
         data.qpos[7:] = angles
         mujoco.mj_kinematics(robot.model, data)
         mujoco.mj_comPos(robot.model, data)
@@ -136,27 +140,28 @@ def test_their_center_of_pressure_is_below_mujocos_center_of_mass(run, robot):
         np.testing.assert_allclose(pressure, [held.com for held in run.truth.held], rtol=0, atol=2e-5)
 
 
-def test_a_foot_in_the_air_reads_its_zero_minus_its_weight(run, robot):
-    measured = run.measurements
-    hanging = np.flatnonzero(measured.support == "right")
+@pytest.mark.parametrize("support", ["right", "left"])
+def test_a_foot_in_the_air_reads_its_zero_minus_its_weight(run, robot, support):
+    measured, side = run.measurements, int(support == "right")
+    hanging = np.flatnonzero(measured.support == support)
     assert len(hanging) == 3
     data, chain = mujoco.MjData(robot.model), ClosedChain(robot.model, robot)
-    foot = robot.model.body("left_foot")
+    foot = robot.model.body(robot.feet[side])
     for row in hanging:
-        data.qpos[:7] = chain.base_pose(measured.joint_angles[row])
+        data.qpos[:7] = chain.base_pose(measured.joint_angles[row], 1 - side)
         data.qpos[7:] = measured.joint_angles[row]
         mujoco.mj_kinematics(robot.model, data)
-        weight = data.body("left_foot").xmat.reshape(3, 3).T @ [0.0, 0.0, -foot.mass[0] * GRAVITY]
+        weight = data.body(foot.id).xmat.reshape(3, 3).T @ [0.0, 0.0, -foot.mass[0] * GRAVITY]
         assert abs(weight[0]) > 0.1  # N, tilted
         expected = np.concatenate([weight, np.cross(foot.ipos, weight)])
-        np.testing.assert_allclose(measured.wrenches[row, 1] - run.truth.zeros[1], expected, atol=2e-3)
+        np.testing.assert_allclose(measured.wrenches[row, side] - run.truth.zeros[side], expected, atol=2e-3)
 
 
 @pytest.mark.parametrize("sticks", [False, True])
 def test_mujocos_sensors_are_the_contacts_and_the_weight(robot, plan, sticks):
     """Summed up from `mj_contactForce`, the constant forces of dry friction and the weight."""
     rig = edited(foot_rig(robot, mounting=TILTED), heavy_foot)
-    stand = Stand(rig, boards_under(rig, plan.swing_pose[:1])[0])
+    stand = Stand(rig, boards_under(rig, plan.foot_poses[:1])[0])
     put_down(stand, plan.joint_angles[0])
     held, reason = hold(stand, plan.joint_angles[0])
     assert held is not None, reason
