@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from typing import Any
 
 import mujoco
@@ -11,6 +12,7 @@ import pytest
 from scipy.stats import ks_2samp
 
 from studies.study_equilibrium import compare, excess_wrenches, laboratories
+from tulip_testbed.cli.main import main
 from tulip_testbed.effects.injection import edited, from_then_on
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.truth_record import truth_of
@@ -20,7 +22,7 @@ from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.foot_sensors import add_foot_sensors, foot_addresses, in_sensor_frame
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.measurements import PosturePlan, read_measurements
 from tulip_testbed.sim.measurements.contacts import WRENCH
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig, preset_rig
@@ -400,3 +402,18 @@ def test_the_truth_file_knows_zeros_and_wrenches(robot, plan):
 def test_the_composer_refuses_them(robot, plan):
     with pytest.raises(InputError, match="rig: found sensors in the feet, expected plates"):
         laboratory_environment(preset_rig("foot-ft", robot), plan.joint_angles[0])
+
+
+def test_a_folder_holds_what_they_read_and_not_the_truth(tmp_path, robot):
+    folder, truth = tmp_path / "data", tmp_path / "truth.json"
+    arguments = ["--statics", "--preset", "foot-ft", "--seed", "4", "--out", str(folder)]
+    assert main(["simulate", *arguments, "--truth", str(truth)]) == 0
+    read: Any = read_measurements(folder, robot)
+    known = json.loads(truth.read_text())
+    error = read.wrenches - np.array(known["wrenches"]) - np.array(known["zeros"])
+    sd = np.sqrt(np.diag(read.contacts.covariance))
+    np.testing.assert_allclose(error.std(axis=(0, 1)) / sd, 1, atol=5 / np.sqrt(4 * len(read)))
+    assert np.isposinf(read.contacts.zero_sd).all()
+    np.testing.assert_allclose(read.contacts.below, [[0.6, 0.03, 0, -0.035]] * 2, atol=1e-12)
+    text = (folder / "manifest.json").read_text()
+    assert not any(f"{abs(zero):.6g}" in text for zero in np.ravel(known["zeros"]))
