@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 from pydantic import Field
 
@@ -64,7 +64,7 @@ def configuration_of(
         ordinary: scale of the imperfections that were drawn for the laboratory; None: there were none.
     """
     rig = laboratory.rig
-    sensors = dataclasses.asdict(rig.sensors)
+    sensors: dict[str, Any] = dict(dataclasses.asdict(rig.sensors))
     if rig.sensors.feet is None:
         del sensors["feet"]
     content = {
