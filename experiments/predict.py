@@ -15,11 +15,12 @@ from tulip_testbed.identification.base_parameters import (
     common_support,
     standard_parameters,
 )
-from tulip_testbed.identification.contact_pressure import contact_pressure
+from tulip_testbed.identification.contact_pressure import contact_pressure, zero_columns
 from tulip_testbed.identification.distributions import t_ppf
 from tulip_testbed.identification.estimators import estimate_by
 from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.regressor import check_robot, regression
 from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.errors import InputError
@@ -34,6 +35,8 @@ LEAST_BLOCKS = 3  # that an interval needs
 RESAMPLES, SEED = 2000, 0
 STARTS = (0.1, 1.0)  # of the prior's scale
 SMALLEST = 1e-6  # m: s.d. that count as none
+WIDE = 0.1  # m: what a zero of which nothing is known may move the centre of pressure by
+RANK = 1e-9  # of the largest singular value
 
 
 @dataclass(frozen=True)
@@ -136,6 +139,7 @@ class _Problem:
     Attributes:
         matrix: H, (m, 2, p). residual: of CAD, (m, 2) [m].
         spread: root of the prior's covariance of the base parameters, (p, k) [m].
+        zeros: change of the residual by sensors' zeros of which nothing is known, each of size 1, (m, 2, z).
     """
 
     measurements: Measurements
@@ -145,6 +149,11 @@ class _Problem:
     matrix: np.ndarray
     residual: np.ndarray
     spread: np.ndarray
+    zeros: np.ndarray
+
+    def rows(self, values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+        """Return the rows of a matrix (m, 2, k) for some postures, (2 n, k)."""
+        return values[chosen].reshape(2 * len(chosen), -1)
 
 
 def predict(
@@ -188,7 +197,15 @@ def _problem(m: Measurements, robot: Robot, nominal: Nominal) -> _Problem:
         matrix=parameters.regressor(m.joint_angles, m.support).reshape(len(m), 2, -1),
         residual=contact_pressure(m, nominal).center - center,
         spread=cad_spread(parameters, standard_parameters(robot.model)),
+        zeros=_zeros(m, nominal),
     )
+
+
+def _zeros(m: Measurements, nominal: Nominal) -> np.ndarray:
+    """Return what unknown zeros of the sensors change, in columns of size 1, (m, 2, z)."""
+    columns = zero_columns(observe(m, nominal))[:, :2]
+    size = np.sqrt((columns**2).mean(axis=(0, 1)))
+    return columns[..., size > 0] / size[size > 0]
 
 
 def cad_spread(parameters: BaseParameters, standard: np.ndarray) -> np.ndarray:
@@ -214,27 +231,25 @@ def _score(problem: _Problem, split: Split, scores: list[Score], notes: list[str
     found: dict[str, list[np.ndarray]] = {name: [] for name in left}
     scales = []
     for train, test in split.folds:
-        found[CAD].append(problem.residual[test])
         if not len(train):
             raise InputError(f"{split.name}: found no posture to train with, expected two blocks or more")
-        found[CONSTANT].append(problem.residual[test] - problem.residual[train].mean(axis=0))
         try:
             data = regression(problem.parameters, m.take(train), problem.robot)
-            change = estimate_by(data, ESTIMATOR).value - problem.value
+            found[IDENTIFIED].append(_identified(problem, estimate_by(data, ESTIMATOR).value, train, test))
         except InputError as reason:
             notes.append(f"No identified model by {split.name}: {reason}.")
             found.pop(IDENTIFIED, None)
             found.pop(WITH_PRIOR, None)
             break
-        found[IDENTIFIED].append(problem.residual[test] - problem.matrix[test] @ change)
-        change, scale = _with_prior(problem, train)
+        residual, scale = _with_prior(problem, train, test)
         scales.append(scale)
-        found[WITH_PRIOR].append(problem.residual[test] - problem.matrix[test] @ change)
-    if IDENTIFIED not in found:  # the others are scored on all folds
-        found[CAD] = [problem.residual[test] for _, test in split.folds]
-        found[CONSTANT] = [
-            problem.residual[test] - problem.residual[train].mean(axis=0) for train, test in split.folds
-        ]
+        found[WITH_PRIOR].append(residual)
+    for train, test in split.folds:
+        residual = _without_zeros(problem, train)
+        found[CAD].append(residual[test])
+        found[CONSTANT].append(residual[test] - residual[train].mean(axis=0))
+    if problem.zeros.shape[2]:
+        notes.append("The sensors' zeros are unknown: those of every model, CAD too, are fitted in training.")
     if scales:
         low, high = (number(end, ".2f") for end in (min(scales), max(scales)))
         notes.append(
@@ -280,14 +295,35 @@ def _beats(cad: np.ndarray, residual: np.ndarray, block: np.ndarray) -> bool | N
     return None if abs(gain.sum()) <= half else bool(gain.sum() > 0)
 
 
-def _with_prior(problem: _Problem, train: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the change of the base parameters by a posterior about CAD, (p,) [m], and the prior's scale.
+def _without_zeros(problem: _Problem, train: np.ndarray) -> np.ndarray:
+    """Return CAD's residuals less what zeros explain of the training postures', (m, 2) [m]."""
+    target = problem.residual[train].ravel()
+    size = np.linalg.lstsq(problem.rows(problem.zeros, train), target, rcond=RANK)[0]
+    return problem.residual - problem.zeros @ size
+
+
+def _identified(problem: _Problem, value: np.ndarray, train: np.ndarray, test: np.ndarray) -> np.ndarray:
+    """Return the residuals of an estimate, (n, 2) [m].
+
+    Zeros imitate some parameters: where they are unknown, both are fitted together, by least squares.
+    """
+    if not problem.zeros.shape[2]:
+        return problem.residual[test] - problem.matrix[test] @ (value - problem.value)
+    both = np.concatenate([problem.matrix, problem.zeros], axis=2)
+    change = np.linalg.lstsq(problem.rows(both, train), problem.residual[train].ravel(), rcond=RANK)[0]
+    return problem.residual[test] - both[test] @ change
+
+
+def _with_prior(problem: _Problem, train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the residuals of a posterior about CAD, (n, 2) [m], and the prior's scale.
 
     The scale, the noise and what is common to a placement maximise the marginal likelihood of the training
     postures, whose residuals are normal with covariance scale^2 H S S' H' + sigma^2 + tau^2 by placement.
     """
     residual = problem.residual[train].ravel()
-    reach = problem.matrix[train].reshape(len(residual), -1) @ problem.spread
+    reach = problem.rows(problem.matrix, train) @ problem.spread
+    zeros = WIDE * problem.rows(problem.zeros, train)
+    fixed = zeros @ zeros.T
     same = np.equal.outer(problem.measurements.placement[train], problem.measurements.placement[train])
     common = np.kron(same, np.eye(2))
     shared = bool((same.sum(axis=1) > 1).any())
@@ -296,7 +332,7 @@ def _with_prior(problem: _Problem, train: np.ndarray) -> tuple[np.ndarray, float
 
     def covariance(logs: np.ndarray) -> np.ndarray:
         scale, sigma, tau = np.exp(2 * np.clip(logs, np.log(SMALLEST), 10))
-        return scale * prior + sigma * unit + (tau * common if shared else 0.0)
+        return scale * prior + sigma * unit + fixed + (tau * common if shared else 0.0)
 
     def cost(logs: np.ndarray) -> float:
         root = np.linalg.cholesky(covariance(logs))
@@ -310,4 +346,6 @@ def _with_prior(problem: _Problem, train: np.ndarray) -> tuple[np.ndarray, float
     )
     scale = float(np.exp(np.clip(best.x[0], np.log(SMALLEST), 10)))
     weights = np.linalg.solve(covariance(best.x), residual)
-    return scale**2 * problem.spread @ (reach.T @ weights), scale
+    change = scale**2 * problem.spread @ (reach.T @ weights)
+    shown = WIDE * problem.zeros[test] @ (zeros.T @ weights)
+    return problem.residual[test] - problem.matrix[test] @ change - shown, scale
