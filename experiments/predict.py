@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,7 @@ RESAMPLES, SEED = 2000, 0
 STARTS = (0.1, 1.0)  # of the prior's scale
 SMALLEST = 1e-6  # m: s.d. that count as none
 WIDE = 0.1  # m: what a zero of which nothing is known may move the centre of pressure by
+ROUNDS = 4  # of linearisation about the zeros
 RANK = 1e-9  # of the largest singular value
 
 
@@ -140,6 +141,7 @@ class _Problem:
         matrix: H, (m, 2, p). residual: of CAD, (m, 2) [m].
         spread: root of the prior's covariance of the base parameters, (p, k) [m].
         zeros: change of the residual by sensors' zeros of which nothing is known, each of size 1, (m, 2, z).
+        size: of these columns by 1 N or 1 Nm, (z,).
     """
 
     measurements: Measurements
@@ -150,6 +152,7 @@ class _Problem:
     residual: np.ndarray
     spread: np.ndarray
     zeros: np.ndarray
+    size: np.ndarray
 
     def rows(self, values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
         """Return the rows of a matrix (m, 2, k) for some postures, (2 n, k)."""
@@ -181,7 +184,7 @@ def predict(
     scores: list[Score] = []
     notes: list[str] = []
     for split in splits:
-        _score(problem, split, scores, notes)
+        _score(problem, nominal, split, scores, notes)
     beats = [one.beats_cad for one in scores if one.name == IDENTIFIED and one.split == splits[0].name]
     return Prediction(tuple(scores), beats[0] if beats else None, tuple(dict.fromkeys(notes)))
 
@@ -189,6 +192,7 @@ def predict(
 def _problem(m: Measurements, robot: Robot, nominal: Nominal) -> _Problem:
     parameters = nominal.parameters
     center = nominal.center_of_mass(m.joint_angles, m.support)
+    zeros, size = _zeros(m, nominal)
     return _Problem(
         measurements=m,
         robot=robot,
@@ -197,15 +201,40 @@ def _problem(m: Measurements, robot: Robot, nominal: Nominal) -> _Problem:
         matrix=parameters.regressor(m.joint_angles, m.support).reshape(len(m), 2, -1),
         residual=contact_pressure(m, nominal).center - center,
         spread=cad_spread(parameters, standard_parameters(robot.model)),
-        zeros=_zeros(m, nominal),
+        zeros=zeros,
+        size=size,
     )
 
 
-def _zeros(m: Measurements, nominal: Nominal) -> np.ndarray:
-    """Return what unknown zeros of the sensors change, in columns of size 1, (m, 2, z)."""
+def _zeros(m: Measurements, nominal: Nominal) -> tuple[np.ndarray, np.ndarray]:
+    """Return what unknown zeros change in columns of size 1, (m, 2, z), and their size, (z,) [1/N, 1/Nm]."""
     columns = zero_columns(observe(m, nominal))[:, :2]
     size = np.sqrt((columns**2).mean(axis=(0, 1)))
-    return columns[..., size > 0] / size[size > 0]
+    size = np.where(size > 0, size, 1.0)
+    return columns / size, size
+
+
+def _about_zeros(problem: _Problem, nominal: Nominal, train: np.ndarray) -> _Problem:
+    """Return the problem with the zeros removed that CAD and the training postures show.
+
+    A zero of the vertical force scales the centre of pressure, so that a single linearisation does not do.
+    """
+    m, contacts = problem.measurements, problem.measurements.contacts
+    if contacts is None or m.wrenches is None or not problem.zeros.shape[2]:
+        return problem
+    unknown = observe(m, nominal).contacts.unknown
+    assert unknown is not None
+    center = nominal.center_of_mass(m.joint_angles, m.support)
+    for _ in range(ROUNDS):
+        target = problem.residual[train].ravel()
+        found = np.linalg.lstsq(problem.rows(problem.zeros, train), target, rcond=RANK)[0] / problem.size
+        zero = np.zeros(contacts.zero_sd.shape)
+        zero[unknown] = found
+        m = replace(m, wrenches=m.wrenches - zero)
+        zeros, size = _zeros(m, nominal)
+        residual = contact_pressure(m, nominal).center - center
+        problem = replace(problem, residual=residual, zeros=zeros, size=size)
+    return problem
 
 
 def cad_spread(parameters: BaseParameters, standard: np.ndarray) -> np.ndarray:
@@ -224,7 +253,7 @@ def cad_spread(parameters: BaseParameters, standard: np.ndarray) -> np.ndarray:
     return np.hstack([MASS_SD * by_mass, by_center.reshape(len(value), -1)]) / total
 
 
-def _score(problem: _Problem, split: Split, scores: list[Score], notes: list[str]) -> None:
+def _score(problem: _Problem, nominal: Nominal, split: Split, scores: list[Score], notes: list[str]) -> None:
     """Add the scores of every model that the split allows."""
     m, left = problem.measurements, dict.fromkeys((CAD, CONSTANT, IDENTIFIED, WITH_PRIOR))
     rows = np.concatenate([test for _, test in split.folds])
@@ -233,21 +262,22 @@ def _score(problem: _Problem, split: Split, scores: list[Score], notes: list[str
     for train, test in split.folds:
         if not len(train):
             raise InputError(f"{split.name}: found no posture to train with, expected two blocks or more")
+        local = _about_zeros(problem, nominal, train)
+        found[CAD].append(local.residual[test])
+        found[CONSTANT].append(local.residual[test] - local.residual[train].mean(axis=0))
+        if IDENTIFIED not in found:
+            continue
         try:
             data = regression(problem.parameters, m.take(train), problem.robot)
-            found[IDENTIFIED].append(_identified(problem, estimate_by(data, ESTIMATOR).value, train, test))
+            found[IDENTIFIED].append(_identified(local, estimate_by(data, ESTIMATOR).value, train, test))
         except InputError as reason:
             notes.append(f"No identified model by {split.name}: {reason}.")
             found.pop(IDENTIFIED, None)
             found.pop(WITH_PRIOR, None)
-            break
-        residual, scale = _with_prior(problem, train, test)
+            continue
+        residual, scale = _with_prior(local, train, test)
         scales.append(scale)
         found[WITH_PRIOR].append(residual)
-    for train, test in split.folds:
-        residual = _without_zeros(problem, train)
-        found[CAD].append(residual[test])
-        found[CONSTANT].append(residual[test] - residual[train].mean(axis=0))
     if problem.zeros.shape[2]:
         notes.append("The sensors' zeros are unknown: those of every model, CAD too, are fitted in training.")
     if scales:
@@ -293,13 +323,6 @@ def _beats(cad: np.ndarray, residual: np.ndarray, block: np.ndarray) -> bool | N
     error = np.sqrt(len(gain) / (len(gain) - 1) * (each**2).sum())
     half = float(t_ppf(0.975, len(gain) - 1)) * error
     return None if abs(gain.sum()) <= half else bool(gain.sum() > 0)
-
-
-def _without_zeros(problem: _Problem, train: np.ndarray) -> np.ndarray:
-    """Return CAD's residuals less what zeros explain of the training postures', (m, 2) [m]."""
-    target = problem.residual[train].ravel()
-    size = np.linalg.lstsq(problem.rows(problem.zeros, train), target, rcond=RANK)[0]
-    return problem.residual - problem.zeros @ size
 
 
 def _identified(problem: _Problem, value: np.ndarray, train: np.ndarray, test: np.ndarray) -> np.ndarray:
