@@ -15,13 +15,14 @@ from tulip_testbed.identification.base_parameters import (
     common_support,
     standard_parameters,
 )
-from tulip_testbed.identification.contact_pressure import contact_pressure, zero_columns
+from tulip_testbed.identification.contact_pressure import contact_pressure
 from tulip_testbed.identification.distributions import t_ppf
 from tulip_testbed.identification.estimators import estimate_by
 from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.regressor import check_robot, regression
+from tulip_testbed.identification.residual_channels import carried
 from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements
@@ -34,9 +35,9 @@ ESTIMATOR = "mixed-model"
 LEAST_BLOCKS = 3  # that an interval needs
 RESAMPLES, SEED = 2000, 0
 STARTS = (0.1, 1.0)  # of the prior's scale
+HARMLESS = 1e-5  # m: residuals that leave nothing to beat
 SMALLEST = 1e-6  # m: s.d. that count as none
 WIDE = 0.1  # m: what a zero of which nothing is known may move the centre of pressure by
-ROUNDS = 4  # of linearisation about the zeros
 RANK = 1e-9  # of the largest singular value
 
 
@@ -141,7 +142,6 @@ class _Problem:
         matrix: H, (m, 2, p). residual: of CAD, (m, 2) [m].
         spread: root of the prior's covariance of the base parameters, (p, k) [m].
         zeros: change of the residual by sensors' zeros of which nothing is known, each of size 1, (m, 2, z).
-        size: of these columns by 1 N or 1 Nm, (z,).
     """
 
     measurements: Measurements
@@ -152,7 +152,6 @@ class _Problem:
     residual: np.ndarray
     spread: np.ndarray
     zeros: np.ndarray
-    size: np.ndarray
 
     def rows(self, values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
         """Return the rows of a matrix (m, 2, k) for some postures, (2 n, k)."""
@@ -184,57 +183,64 @@ def predict(
     scores: list[Score] = []
     notes: list[str] = []
     for split in splits:
-        _score(problem, nominal, split, scores, notes)
+        _score(problem, split, scores, notes)
     beats = [one.beats_cad for one in scores if one.name == IDENTIFIED and one.split == splits[0].name]
     return Prediction(tuple(scores), beats[0] if beats else None, tuple(dict.fromkeys(notes)))
 
 
 def _problem(m: Measurements, robot: Robot, nominal: Nominal) -> _Problem:
     parameters = nominal.parameters
-    center = nominal.center_of_mass(m.joint_angles, m.support)
-    zeros, size = _zeros(m, nominal)
+    unknown = observe(m, nominal).contacts.unknown
+    if m.wrenches is None or unknown is None or not unknown.any():
+        center, zeros = contact_pressure(m, nominal).center, np.zeros((len(m), 2, 0))
+    else:
+        center, zeros = _about_zeros(m, nominal, unknown)
     return _Problem(
         measurements=m,
         robot=robot,
         parameters=parameters,
         value=nominal.value,
         matrix=parameters.regressor(m.joint_angles, m.support).reshape(len(m), 2, -1),
-        residual=contact_pressure(m, nominal).center - center,
+        residual=center - nominal.center_of_mass(m.joint_angles, m.support),
         spread=cad_spread(parameters, standard_parameters(robot.model)),
         zeros=zeros,
-        size=size,
     )
 
 
-def _zeros(m: Measurements, nominal: Nominal) -> tuple[np.ndarray, np.ndarray]:
-    """Return what unknown zeros change in columns of size 1, (m, 2, z), and their size, (z,) [1/N, 1/Nm]."""
-    columns = zero_columns(observe(m, nominal))[:, :2]
-    size = np.sqrt((columns**2).mean(axis=(0, 1)))
-    size = np.where(size > 0, size, 1.0)
-    return columns / size, size
+def _about_zeros(m: Measurements, nominal: Nominal, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the centre of pressure, (m, 2) [m], and its change by zeros of size 1, (m, 2, z).
 
+    The vertical forces hold the zeros too: the moments are divided by the robot's weight, so that zeros
+    enter linearly.
 
-def _about_zeros(problem: _Problem, nominal: Nominal, train: np.ndarray) -> _Problem:
-    """Return the problem with the zeros removed that CAD and the training postures show.
-
-    A zero of the vertical force scales the centre of pressure, so that a single linearisation does not do.
+    Args:
+        unknown: channels whose zeros are unknown, (2, c).
     """
-    m, contacts = problem.measurements, problem.measurements.contacts
-    if contacts is None or m.wrenches is None or not problem.zeros.shape[2]:
-        return problem
-    unknown = observe(m, nominal).contacts.unknown
-    assert unknown is not None
-    center = nominal.center_of_mass(m.joint_angles, m.support)
-    for _ in range(ROUNDS):
-        target = problem.residual[train].ravel()
-        found = np.linalg.lstsq(problem.rows(problem.zeros, train), target, rcond=RANK)[0] / problem.size
-        zero = np.zeros(contacts.zero_sd.shape)
-        zero[unknown] = found
-        m = replace(m, wrenches=m.wrenches - zero)
-        zeros, size = _zeros(m, nominal)
-        residual = contact_pressure(m, nominal).center - center
-        problem = replace(problem, residual=residual, zeros=zeros, size=size)
-    return problem
+    mass = m.weighed_mass[0] if m.weighed_mass else nominal.mass
+
+    def center(wrenches: np.ndarray) -> np.ndarray:
+        other = replace(m, wrenches=wrenches)
+        observed = observe(other, nominal)
+        forces = carried(observed).reshape(len(m), 2, -1)
+        total = (forces * observed.contacts.bears).sum(axis=(1, 2))
+        return contact_pressure(other, nominal).center * (total / (mass * m.gravity))[:, None]
+
+    assert m.wrenches is not None
+    here, columns = center(m.wrenches), []
+    for side, channel in np.argwhere(unknown):
+        zero = np.zeros(unknown.shape)
+        zero[side, channel] = 1.0
+        columns.append(center(m.wrenches + zero) - here)
+    changes = np.stack(columns, axis=2)
+    size = np.sqrt((changes**2).mean(axis=(0, 1)))
+    return here, changes[..., size > SMALLEST] / size[size > SMALLEST]
+
+
+def _without_zeros(problem: _Problem, train: np.ndarray) -> np.ndarray:
+    """Return CAD's residuals less what zeros explain of the training postures', (m, 2) [m]."""
+    target = problem.residual[train].ravel()
+    size = np.linalg.lstsq(problem.rows(problem.zeros, train), target, rcond=RANK)[0]
+    return problem.residual - problem.zeros @ size
 
 
 def cad_spread(parameters: BaseParameters, standard: np.ndarray) -> np.ndarray:
@@ -253,7 +259,7 @@ def cad_spread(parameters: BaseParameters, standard: np.ndarray) -> np.ndarray:
     return np.hstack([MASS_SD * by_mass, by_center.reshape(len(value), -1)]) / total
 
 
-def _score(problem: _Problem, nominal: Nominal, split: Split, scores: list[Score], notes: list[str]) -> None:
+def _score(problem: _Problem, split: Split, scores: list[Score], notes: list[str]) -> None:
     """Add the scores of every model that the split allows."""
     m, left = problem.measurements, dict.fromkeys((CAD, CONSTANT, IDENTIFIED, WITH_PRIOR))
     rows = np.concatenate([test for _, test in split.folds])
@@ -262,24 +268,27 @@ def _score(problem: _Problem, nominal: Nominal, split: Split, scores: list[Score
     for train, test in split.folds:
         if not len(train):
             raise InputError(f"{split.name}: found no posture to train with, expected two blocks or more")
-        local = _about_zeros(problem, nominal, train)
-        found[CAD].append(local.residual[test])
-        found[CONSTANT].append(local.residual[test] - local.residual[train].mean(axis=0))
+        of_cad = _without_zeros(problem, train)
+        found[CAD].append(of_cad[test])
+        found[CONSTANT].append(of_cad[test] - of_cad[train].mean(axis=0))
         if IDENTIFIED not in found:
             continue
         try:
             data = regression(problem.parameters, m.take(train), problem.robot)
-            found[IDENTIFIED].append(_identified(local, estimate_by(data, ESTIMATOR).value, train, test))
+            found[IDENTIFIED].append(_identified(problem, estimate_by(data, ESTIMATOR).value, train, test))
         except InputError as reason:
             notes.append(f"No identified model by {split.name}: {reason}.")
             found.pop(IDENTIFIED, None)
             found.pop(WITH_PRIOR, None)
             continue
-        residual, scale = _with_prior(local, train, test)
+        residual, scale = _with_prior(problem, train, test)
         scales.append(scale)
         found[WITH_PRIOR].append(residual)
     if problem.zeros.shape[2]:
-        notes.append("The sensors' zeros are unknown: those of every model, CAD too, are fitted in training.")
+        notes.append(
+            "The sensors' zeros are unknown: those of every model, CAD too, are fitted in training, and the "
+            f"weight is that of the {'weighed' if m.weighed_mass else 'nominal'} mass."
+        )
     if scales:
         low, high = (number(end, ".2f") for end in (min(scales), max(scales)))
         notes.append(
@@ -316,7 +325,7 @@ def _interval(residual: np.ndarray, block: np.ndarray) -> np.ndarray | None:
 def _beats(cad: np.ndarray, residual: np.ndarray, block: np.ndarray) -> bool | None:
     """Tell whether a model's squared residuals are smaller than CAD's, by Student's t over blocks."""
     gain, counts = _sums((cad**2 - residual**2).sum(axis=1), block)
-    if len(gain) < LEAST_BLOCKS:
+    if len(gain) < LEAST_BLOCKS or np.sqrt((cad**2).mean()) < HARMLESS:
         return None
     # Of a ratio of sums: blocks of many postures count for more.
     each = gain - counts * gain.sum() / counts.sum()

@@ -171,6 +171,17 @@ def test_too_few_postures_do_not_identify_but_cad_is_scored(heavier, robot, tmp_
     assert any(note.startswith("No identified model by blocks: ") for note in document["notes"])
 
 
+@pytest.mark.parametrize("spread", [None, 0.2])
+def test_unknown_zeros_of_sensors_in_the_feet_are_no_merit_of_identification(robot, spread):
+    """In double support zeros imitate parameters: CAD gets them too."""
+    found = tt.predict(measured(tt.Laboratory(robot, sensors="foot-ft"), spread), robot)
+    assert (found.beats_cad is True) == (spread is not None)
+    assert any(note.startswith("The sensors' zeros are unknown") for note in found.notes)
+    if spread is None:
+        assert total(found, CAD) < total(found, IDENTIFIED)
+        assert total(found, WITH_PRIOR) == pytest.approx(total(found, CAD), rel=0.03)
+
+
 def test_the_command_prints_a_table(heavier, tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     write_measurements(tmp_path / "data", heavier)
