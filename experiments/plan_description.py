@@ -15,9 +15,9 @@ from tulip_testbed.experiments.planning_run import joined
 from tulip_testbed.experiments.usable_plan import planned_parameters
 from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
 from tulip_testbed.identification.feasibility import predicted_cell_loads, predicted_foot_loads
+from tulip_testbed.identification.planning.one_foot import single_support_margins
 from tulip_testbed.identification.planning.optimal_plan import smallest_margins
 from tulip_testbed.identification.planning.problem import Problem, planning_problem
-from tulip_testbed.identification.planning.single_support import single_support_margins
 from tulip_testbed.identification.reading_noise import ReadingNoise, cell_noise, placement_levers
 from tulip_testbed.identification.statistics import (
     HIGH_CORRELATION,

@@ -15,6 +15,7 @@ from tulip_testbed.experiments.planning_run import as_plan, joined
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.planning.closed_chain import chain_at
 from tulip_testbed.identification.planning.objectives import objectives
+from tulip_testbed.identification.planning.one_foot import open_chain_torques, single_support_margins
 from tulip_testbed.identification.planning.optimal_plan import smallest_margins, with_repeats
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.sequential import (
@@ -22,11 +23,7 @@ from tulip_testbed.identification.planning.sequential import (
     optimize_next_placements,
     search_next,
 )
-from tulip_testbed.identification.planning.single_support import (
-    open_chain_torques,
-    single_support_margins,
-    single_support_plan,
-)
+from tulip_testbed.identification.planning.single_support import single_support_plan
 from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.preflight import preflight
