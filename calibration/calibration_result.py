@@ -238,8 +238,9 @@ def result_of(
             effects.append(_with_intervals(family, value[where], sd[where]))
             errors.append(sd[where])
             continue
-        moments = np.array([(part[0] ** 2).sum() for part in family.parts])
-        each = moments * solved.spreads[mine] ** 2  # parts of the members' variance
+        moments = np.array([(part**2).sum(axis=1) for part in family.parts])
+        every = moments * solved.spreads[mine, None] ** 2  # parts of the members' variance
+        each = every[:, 0]
         spread = float(np.sqrt(each.sum()) / family.tolerance)
         weight = each / each.sum()
         log_sd = np.sqrt(weight @ solved.scale_covariance[k + mine][:, k + mine] @ weight)
@@ -252,7 +253,7 @@ def result_of(
                 value=value[where],
                 standard_error=sd[where],
                 interval95=_intervals(value[where], sd[where], family.positive),
-                determined=known[where] < PRIOR_ONLY * each.sum(),
+                determined=known[where] < PRIOR_ONLY * every.sum(axis=0),
             )
         )
     return SelfCalibration(

@@ -16,10 +16,13 @@ import numpy as np
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import MOST_PRIORS, EffectInstance, effect_label
+from tulip_testbed.effects.instruments import targets_in
+from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.errors import InputError, look_up, shortened
 from tulip_testbed.sim.measurements import SensorSheet
+from tulip_testbed.sim.measurements.contacts import Contacts
 from tulip_testbed.sim.measurements.manifest import LEAST_DEVIATION
-from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.robot import PLATES, Robot
 from tulip_testbed.sim.sensors import PRESETS
 
 # Tolerance of every family [SI] by preset. Assumed: no data sheet states them.
@@ -38,6 +41,7 @@ TOLERANCES: dict[str, tuple[float, float]] = {
     "plate-translation": (2e-3, 3e-4),
     "plate-yaw": (np.radians(0.5), np.radians(0.05)),
     "tilt": (np.radians(0.2), np.radians(0.2)),
+    "wrench-gain": (0.01, 0.003),
 }
 EXACT = dict.fromkeys(TOLERANCES, 0.0)  # tolerances of a laboratory without ordinary imperfections
 OF_PLATES = (
@@ -68,11 +72,14 @@ class Family:
     Attributes:
         tolerance: s.d. of each of its numbers at spread 1 [SI].
         targets: (n,).
+        known: s.d. of each number if it is known from elsewhere, so that no spread is estimated; the
+            tolerance is then that of the first [SI].
     """
 
     effect: Effect
     tolerance: float
     targets: tuple[str, ...]
+    known: tuple[float, ...] = ()
 
     @property
     def name(self) -> str:
@@ -106,6 +113,8 @@ class Family:
         absolute values of normal deviates.
         """
         n = len(self)
+        if self.known:
+            return (np.diag(self.known),)
         if not self.positive or n == 1:
             return (self.tolerance * np.eye(n),)
         return (
@@ -212,17 +221,42 @@ def _place(sd: float | None, name: str) -> float:
 
 
 def families_of(
-    robot: Robot, tolerances: Tolerances, free: Sequence[EffectInstance] = ()
+    robot: Robot,
+    tolerances: Tolerances,
+    free: Sequence[EffectInstance] = (),
+    contacts: Contacts | None = None,
 ) -> tuple[Family, ...]:
-    """List the families that are not exact, on all targets that a robot and its plates have.
+    """List the families that are not exact, on all targets that a robot and its contact sensors have.
 
     Args:
         free: effects that are no members of their families.
+        contacts: wrench sensors; None: plates on cells.
     """
     others = {(one.effect.name, one.target) for one in free}
     return tuple(
         Family(effect, tolerances.value[name], targets)
         for name, effect in catalogue().items()
         if tolerances.value.get(name, 0.0) > 0
-        and (targets := tuple(t for t in effect.targets.of(robot, ()) if (name, t) not in others))
+        and (targets := tuple(t for t in targets_in(effect, robot, contacts, ()) if (name, t) not in others))
     )
+
+
+def families_in(
+    observed: Observation, tolerances: Tolerances, free: Sequence[EffectInstance] = ()
+) -> tuple[Family, ...]:
+    """List the families of an experiment: those of `families_of`, and zeros of wrench sensors.
+
+    What is not known of a zero is stated or follows from feet in the air: it has no spread.
+    """
+    contacts, found = observed.measurements.contacts, observed.contacts
+    families = families_of(observed.nominal.robot, tolerances, free, contacts)
+    if contacts is None or found.zero_sd is None or not found.zero_sd.any():
+        return families
+    sd = {
+        f"{foot}.{channel}": float(value)
+        for foot, row in zip(PLATES, found.zero_sd, strict=True)
+        for channel, value in zip(contacts.channels, row, strict=True)
+        if value > 0
+    }
+    zeros = Family(catalogue()["wrench-zero"], next(iter(sd.values())), tuple(sd), tuple(sd.values()))
+    return (*families, zeros)

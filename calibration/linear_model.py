@@ -17,6 +17,7 @@ from tulip_testbed.identification.residual_channels import (
     ROWS,
     SIZE,
     center,
+    fields,
     packed,
     residuals,
     unpacked,
@@ -207,10 +208,11 @@ def without_noise(observed: Observation, pull: np.ndarray, reach: np.ndarray, no
         reach: J, derivative of the residuals by the readings, (m, 11, n_joints + 14).
         noise: standard deviations in S.
     """
-    n = observed.joint_angles.shape[1]
-    variance = np.concatenate([np.full(n, noise.encoder**2), np.full(8, noise.cell**2), noise.plates**2])
+    n, count = observed.joint_angles.shape[1], observed.cell_forces.shape[1]
+    variance = np.concatenate([np.full(n, noise.encoder**2), np.full(count, noise.cell**2), noise.plates**2])
     errors = np.zeros((len(observed), packed(observed).shape[1]))
-    readings, plates = slice(0, n + 14), slice(n + 8, n + 14)
+    plates = fields(observed)["plates"]
+    readings = slice(0, plates.stop)
     errors[:, readings] = variance * (reach.mT @ pull[..., None])[..., 0]
     for placement in np.unique(observed.measurements.placement):
         inside = observed.measurements.placement == placement

@@ -20,7 +20,7 @@ from tulip_testbed.calibration.linear_model import nuisances, weighed_precision,
 from tulip_testbed.calibration.linear_problem import Problem
 from tulip_testbed.calibration.member_columns import member_columns
 from tulip_testbed.identification.joint_loads import UNSEEN
-from tulip_testbed.identification.load_rates import READINGS, load_rates
+from tulip_testbed.identification.load_rates import PLATES, load_rates
 from tulip_testbed.identification.noise_structure import NoiseStructure, Weights, groups
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
@@ -73,7 +73,7 @@ class ResidualCovariance:
     """Covariance of the residuals by the data sheets.
 
     Attributes:
-        reach: derivative of the residuals by the readings, through the compliances too, (m, 11, n + 14).
+        reach: derivative of the residuals by the readings, through the compliances too, (m, 11, n + 2 k + 6).
         internal: change of the residuals by one s.d. of each component of the internal wrench, (m, 11, 3).
         unsure: change by one s.d. of what the readings do not show of each effect, (m, 11, u).
         structure: of all of them, by the scales of SOURCES.
@@ -100,7 +100,7 @@ class Linearised:
 def linearised(state: State, families: Families, noise: Noise) -> tuple[Problem, Linearised]:
     """Linearise the residuals about an estimate."""
     clean, theta = state.clean, state.nu[:-1]
-    at, p = fields(clean.nominal), len(theta)
+    at, p = fields(clean), len(theta)
     mixing, owner = mixing_of(families)
     phi = mixing @ state.deviates
     used = residuals_in_use(clean)[..., None]
@@ -156,7 +156,7 @@ def linearised(state: State, families: Families, noise: Noise) -> tuple[Problem,
         doubt=_doubt(clean),
         excess=mixing.T @ excess @ mixing,
         about=state.deviates,
-        known=tuple(k for k, j in enumerate(owner) if isinstance(families[j], FreeEffect)),
+        known=tuple(k for k, j in enumerate(owner) if _spread_is_known(families[j])),
     )
     return problem, Linearised(smooth, found)
 
@@ -188,8 +188,8 @@ class _Yields:
 
     Attributes:
         field, member: numbers of the field and of the compliance among the members, (c,).
-        rate: derivative by eight cells and six coordinates of plates, as the compliance is removed,
-            (m, c, 14).
+        rate: derivative by the readings of the contacts and six coordinates of plates, as the
+            compliance is removed, (m, c, 2 k + 6).
     """
 
     field: np.ndarray
@@ -198,12 +198,12 @@ class _Yields:
 
 
 def _yields(observed: Observation, families: Families) -> _Yields:
-    at, joints = fields(observed.nominal), observed.tree.joints
+    at, joints = fields(observed), observed.tree.joints
     torques, soles = load_rates(observed)
     # Load to the front turns a sole about +y, load to the left about -x.
     leans = (soles[:, :, ::-1] * np.array([[-1.0], [1.0]])).reshape(len(observed), 4, -1)
     tilts = [*range(at["stance_tilt"].start, at["swing_tilt"].stop)]
-    field, member, rate = [], [], [np.zeros((len(observed), 0, READINGS))]
+    field, member, rate = [], [], [np.zeros((len(observed), 0, torques.shape[2]))]
     for family, numbers in split_members(families, np.arange(sum(map(len, families)))):
         for k, number in enumerate(numbers.tolist()) if family.name in OF_LOADS else ():
             if family.name == "sole-compliance":
@@ -226,14 +226,15 @@ def _excess(
 
     Args:
         slope: derivative of the residuals by the fields that yield, (m, 11, c).
-        rate: derivative of these by eight cells and six coordinates of plates, (m, c, 14).
-        reach: derivative of the residuals by the same readings, (m, 11, 14).
+        rate: derivative of these by the readings of the contacts and of plates, (m, c, 2 k + 6).
+        reach: derivative of the residuals by the same readings, (m, 11, 2 k + 6).
     """
     placement = weights.structure.placement
-    cells, plates = np.arange(8), np.arange(8, READINGS)
+    count = rate.shape[2] - PLATES
+    cells, plates = np.arange(count), np.arange(count, rate.shape[2])
     precision = weights.of_postures
     by_cells = reach[..., cells]
-    left = _left(np.full(8, noise.cell), by_cells.mT @ precision @ by_cells)
+    left = _left(np.full(count, noise.cell), by_cells.mT @ precision @ by_cells)
     spread = rate[..., cells] @ left @ rate[..., cells].mT
     out = (spread * (slope.mT @ precision @ slope)).sum(axis=0)
     # What a plate's error changes, the postures of a placement share.
@@ -265,17 +266,15 @@ def _unsure(observed: Observation, families: Families, phi: np.ndarray) -> np.nd
             (one,) = family.instances(sizes)
             predicted = one.effect.predict(observed, one.target, one.values)
             out.append(difference(predicted, unsure(observed, one.target, one.values)))
-    return (
-        np.stack(out, axis=-1) if out else np.zeros((len(observed), fields(observed.nominal)["lift"].stop, 0))
-    )
+    return np.stack(out, axis=-1) if out else np.zeros((len(observed), fields(observed)["lift"].stop, 0))
 
 
 def _covariance(
     reach: np.ndarray, internal: np.ndarray, unsure: np.ndarray, noise: Noise, observed: Observation
 ) -> ResidualCovariance:
-    n = reach.shape[2] - 14
+    at = fields(observed)
     used = residuals_in_use(observed)
-    cells, angles = noise.cell * reach[..., n : n + 8], noise.encoder * reach[..., :n]
+    cells, angles = noise.cell * reach[..., at["cells"]], noise.encoder * reach[..., at["angles"]]
     own = [part @ part.mT for part in (angles, cells, internal)]
     fixed = np.where(used[..., None], floor(noise), np.eye(SIZE)) + unsure @ unsure.mT
     structure = NoiseStructure(
@@ -283,7 +282,7 @@ def _covariance(
         stance=groups(observed.stance),
         fixed=fixed,
         own=np.stack(own),
-        shared=noise.plates * reach[..., n + 8 :],
+        shared=noise.plates * reach[..., at["plates"]],
         owner=np.repeat([len(own), len(own) + 1], 3),
         free=constants_of_stances(used),
     )
@@ -292,15 +291,21 @@ def _covariance(
 
 def _doubt(observed: Observation) -> np.ndarray:
     """Return the s.d. of the logarithm of the scale of each of SOURCES, (5,)."""
-    sheet = observed.measurements.sensors
+    sheet, contacts = observed.measurements.sensors, observed.measurements.contacts
+    stated = sheet.cell_sd is not None if contacts is None else contacts.covariance is not None
+    placed = sheet.placement_sd is not None or observed.in_feet
     return np.array(
         [
             NO_PRIOR if sheet.encoder_sd is None else SHEET_PRIOR,
-            NO_PRIOR if sheet.cell_sd is None else SHEET_PRIOR,
+            SHEET_PRIOR if stated else NO_PRIOR,
             INTERNAL_PRIOR,
-            *([NO_PRIOR] * 2 if sheet.placement_sd is None else [MARK_PRIOR, SHEET_PRIOR]),
+            *([MARK_PRIOR, SHEET_PRIOR] if placed else [NO_PRIOR] * 2),
         ]
     )
+
+
+def _spread_is_known(family: Family | FreeEffect) -> bool:
+    return isinstance(family, FreeEffect) or bool(family.known)
 
 
 def _at(family: Family | FreeEffect, sizes: np.ndarray) -> Family | FreeEffect:

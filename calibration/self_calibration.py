@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from tulip_testbed.calibration.calibration_result import STEADY, SelfCalibration, result_of
-from tulip_testbed.calibration.families import Tolerances, families_of, tolerances_of
+from tulip_testbed.calibration.families import Tolerances, families_in, tolerances_of
 from tulip_testbed.calibration.free_effect import FreeEffect
 from tulip_testbed.calibration.linear_problem import Problem
 from tulip_testbed.calibration.linearisation import (
@@ -69,7 +69,7 @@ def self_calibrate(
     observed = with_cell_noise(observed)
     used = usual_tolerances(observed, tolerances)
     families: Families = (
-        *families_of(observed.nominal.robot, used, effects),
+        *families_in(observed, used, effects),
         *map(FreeEffect, effects),
     )
     noise = noise_of(observed)
@@ -127,7 +127,7 @@ def least_determined(observed: Observation, tolerances: Mapping[str, float] | No
     Args:
         observed, tolerances: see `self_calibrate`.
     """
-    families = families_of(observed.nominal.robot, usual_tolerances(observed, tolerances))
+    families = families_in(observed, usual_tolerances(observed, tolerances))
     mixing, _ = mixing_of(families)
     sizes = [sum(part.shape[1] for part in family.parts) for family in families]
     nu = np.append(_least_squares(observed), 0.0)

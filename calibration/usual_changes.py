@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tulip_testbed.calibration.families import Family, families_of
+from tulip_testbed.calibration.families import Family, families_in
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.linearisation import SYSTEMATIC, joint_compliance
 from tulip_testbed.calibration.member_columns import member_columns
@@ -37,7 +37,7 @@ def usual_changes(
     observed = with_cell_noise(observe(measurements, nominal))
     # Without the noise that the residuals show, which columns at the readings would hold and so explain.
     observed = linear_model(observed, noise_of(observed)).smoothed
-    families = families_of(nominal.robot, usual_tolerances(observed, tolerances))
+    families = families_in(observed, usual_tolerances(observed, tolerances))
     slope = sensitivity(observed, nominal.value)
     empty = np.zeros((len(measurements), 6, 0))
     rows = [0, 1, ROWS["F"].start, *range(LEVEL.start, LEVEL.stop)]
@@ -52,7 +52,7 @@ def usual_changes(
     whole = whole[..., used]
     sizes = np.concatenate([np.zeros(0), *(np.full(len(family), family.tolerance) for family in families)])
     compliance = joint_compliance(families, sizes, observed.tree.joints)
-    by_angles = slope[:, LEVEL, fields(nominal)["angles"]]
+    by_angles = slope[:, LEVEL, fields(observed)["angles"]]
     unseen = by_angles @ (compliance[:, None] * observed.loads.levers) * SYSTEMATIC * UNSEEN
     return Usual(known, whole[:, :2], whole[:, 2], whole[:, 3:], unseen)
 

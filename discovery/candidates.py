@@ -11,6 +11,7 @@ import numpy as np
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect, Values
 from tulip_testbed.effects.instance import EffectInstance, effect_label
+from tulip_testbed.effects.instruments import targets_in
 from tulip_testbed.identification.noise_structure import groups
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import center
@@ -114,14 +115,16 @@ def candidates(observed: Observation, effects: dict[str, Effect] | None = None) 
     Args:
         effects: by name; None: the whole catalogue.
     """
-    numbers = standing_out(observed)
+    numbers, zeros = standing_out(observed), observed.contacts.zero_sd
     out = []
     for effect in (catalogue() if effects is None else effects).values():
         grids = [parameter.grid or (0.0,) for parameter in effect.parameters]
         settings = np.array(list(product(*grids)), float).reshape(-1, len(grids))
+        if effect.name == "wrench-zero" and zeros is not None and zeros.any():
+            continue  # they are estimated with the families
         out += [
             Candidate(effect, target, settings)
-            for target in effect.targets.of(observed.nominal.robot, numbers)
+            for target in targets_in(effect, observed.nominal.robot, observed.measurements.contacts, numbers)
         ]
     return out
 

@@ -13,7 +13,7 @@ from tulip_testbed.discovery.candidates import Fitted, log_choices
 from tulip_testbed.discovery.columns import effect_columns
 from tulip_testbed.identification.distributions import normal_logcdf
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import difference, moved_by, packed, unpacked
+from tulip_testbed.identification.residual_channels import difference, fields, moved_by, packed, unpacked
 from tulip_testbed.identification.residual_noise import Noise
 
 STEPS = 6
@@ -323,7 +323,7 @@ def propagation(smoothed: Observation, terms: Sequence[Fitted]) -> np.ndarray | 
     Returns:
         (m, k, n_joints + 14); None where no removal depends on readings.
     """
-    n, columns = smoothed.joint_angles.shape[1], []
+    columns = []
     plain = difference(smoothed, remove_terms(smoothed, smoothed, terms))
     for name, step in READING_STEPS.items():
         field = getattr(smoothed, name)
@@ -335,8 +335,8 @@ def propagation(smoothed: Observation, terms: Sequence[Fitted]) -> np.ndarray | 
     out = np.stack(columns, axis=-1)
     if np.abs(out).max(initial=0.0) < NEGLIGIBLE:
         return None
-    out[:, np.arange(n + 14), np.arange(n + 14)] += 1.0
+    at, every = fields(smoothed), np.arange(out.shape[2])
+    out[:, every, every] += 1.0
     # A faulty cell scales its noise as its reading; with the fault undone, the noise is as stated.
-    cells = slice(n, n + 8)
-    out[:, cells, cells] = np.eye(8)
+    out[:, at["cells"], at["cells"]] = np.eye(at["cells"].stop - at["cells"].start)
     return out

@@ -10,7 +10,7 @@ import numpy as np
 from tulip_testbed.calibration.linear_model import LinearModel
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.noise_structure import groups
-from tulip_testbed.identification.residual_channels import SIZE, fields
+from tulip_testbed.identification.residual_channels import SIZE, fields, has_twist
 from tulip_testbed.sim.robot import CELLS
 
 # Channel, rows of the residuals, and their name.
@@ -95,7 +95,7 @@ def _of_residuals(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
 
 def _of_readings(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
     """Yield each reading's error as such a function, in all channels at once: channel, words, (m, 11, k)."""
-    observed, slope, at = linear.smoothed, linear.whitening.sensitivity, fields(linear.observed.nominal)
+    observed, slope, at = linear.smoothed, linear.whitening.sensitivity, fields(linear.observed)
     time = _powers(observed.time_fraction)
     for k, joint in enumerate(observed.tree.joints):
         angle, torque = observed.joint_angles[:, k], observed.torques[:, k]
@@ -109,7 +109,7 @@ def _of_readings(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
         for how, functions in errors.items():
             column = slope[:, :, at["angles"].start + k, None]
             yield "AC", f"the reading of {joint} errs with {how}", column * functions[:, None]
-    for k, cell in enumerate(CELLS):
+    for k, cell in enumerate(CELLS if has_twist(observed) else ()):
         for how, functions in {"its load": _powers(observed.cell_forces[:, k]), "time": time}.items():
             column = slope[:, :, at["cells"].start + k, None]
             yield "AFT", f"the cell {cell} errs with {how}", column * functions[:, None]
@@ -121,8 +121,9 @@ def _of_readings(linear: LinearModel) -> Iterator[tuple[str, str, np.ndarray]]:
         "the square of their load": load**2,
         "their load and time": load * (observed.time_fraction - 0.5)[:, None],
     }
+    contacts = "cells" if has_twist(observed) else "wrench sensors"
     for how, errors in together.items():
-        yield "AFT", f"all cells err with {how}", slope[:, :, at["cells"]] @ errors[..., None]
+        yield "AFT", f"all {contacts} err with {how}", slope[:, :, at["cells"]] @ errors[..., None]
 
 
 def _powers(values: np.ndarray, most: int = 2) -> np.ndarray:

@@ -147,6 +147,8 @@ class Effect:
         mechanism: how it is simulated and how it is removed from an observation.
         words: a finding as a sentence, with {target}, and {0}, {1}, ... for the values and their intervals.
         targets: what it can act on.
+        instrument: on which contact sensors it acts: "cells", "plates" (on the ground, of any kind),
+            "wrenches"; "" if it acts whatever they are.
         statics: whether the static laboratory can simulate it; otherwise only the full dynamics can.
     """
 
@@ -157,6 +159,7 @@ class Effect:
     words: str
     targets: Targets = WHOLE
     statics: bool = True
+    instrument: str = ""
 
     def __repr__(self) -> str:
         return f"<Effect {self.usage}>"

@@ -10,6 +10,7 @@ import numpy as np
 
 from tulip_testbed.identification.kinematics import Tree, moved_frames, tree_of
 from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
+from tulip_testbed.sim.measurements.contacts import WRENCH
 from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, Robot, joint_names
 
 LEAST_LENGTH = 1e-4  # m
@@ -88,6 +89,9 @@ JOINTS = Targets("JOINT", lambda robot, placements: joint_names(robot.model))
 LEG_JOINTS = Targets("JOINT", lambda robot, placements: leg_joints(robot))
 PLATE_NAMES = Targets("PLATE", lambda robot, placements: PLATES)
 CELL_NAMES = Targets("PLATE.CORNER", lambda robot, placements: CELLS)
+WRENCH_CHANNELS = Targets(
+    "FOOT.CHANNEL", lambda robot, placements: tuple(f"{foot}.{one}" for foot in PLATES for one in WRENCH)
+)
 LINKS = Targets("LINK", lambda robot, placements: links(robot))
 LEG_LINKS = Targets("LINK", lambda robot, placements: leg_links(robot))
 FOOT_CORNERS = Targets(

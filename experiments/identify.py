@@ -22,7 +22,7 @@ from tulip_testbed.identification.base_parameters import (
     common_support,
     simplified_numbers,
 )
-from tulip_testbed.identification.center_of_pressure import total_mass
+from tulip_testbed.identification.contact_pressure import contact_pressure
 from tulip_testbed.identification.distributions import t_ppf
 from tulip_testbed.identification.estimators import ESTIMATORS as OF_REGRESSION
 from tulip_testbed.identification.estimators import Estimate, estimate_by
@@ -174,9 +174,7 @@ def identify(
             f"tolerance: {next(iter(tolerances))}: found with estimator {estimator}, expected "
             f"`estimator={SELF_CALIBRATING}`"
         )
-    parameters = parameters or base_parameters(
-        robot, support=common_support(measurements.support, f"{source}: postures")
-    )
+    parameters = parameters or base_parameters(robot, support=common_support(measurements.support))
     observed = None
     if adopted:
         check_robot(parameters, measurements, robot, source)
@@ -185,7 +183,7 @@ def identify(
     data = regression(parameters, measurements, robot, source)
     _check_weighed_mass(measurements, float(robot.model.body_mass.sum()), source)
     kept = simplified_numbers(robot, parameters)
-    mass = total_mass(measurements)
+    mass = contact_pressure(measurements, nominal_robot(robot, parameters.support)).mass
     if estimator == SELF_CALIBRATING:
         observed = observed or observe(measurements, nominal_robot(robot, parameters.support))
         full, simplified, found = calibrated_estimates(observed, data, kept, tolerances)

@@ -167,12 +167,12 @@ class Laboratory:
 
     def true_base_parameters(self, plan: PosturePlan) -> np.ndarray:
         """Compute the base parameters of the robot that stands here, as a plan can tell them, (p,) [m]."""
-        return true_base_parameters(self.rig, common_support(plan.support, "plan"))
+        return true_base_parameters(self.rig, common_support(plan.support))
 
     def parameters(self, plan: PosturePlan) -> BaseParameters:
         """Derive the base parameters that a plan can tell, with the lengths that are known to be true."""
         model = true_model(self.rig) if self.known else None
-        return base_parameters(self.robot, model, common_support(plan.support, "plan"))
+        return base_parameters(self.robot, model, common_support(plan.support))
 
 
 @dataclass(frozen=True, eq=False)

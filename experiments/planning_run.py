@@ -150,7 +150,7 @@ def set_up_search(
     check_scene(preset_rig("ideal", robot))
     warn_of_robot(robot)
     rows = np.array(["double", *counts]) if measured is None else measured.support
-    support = common_support(rows, "measurements: postures")
+    support = common_support(rows)
     problem = planning_problem(robot, nominal_plates(robot)[0], support=support)
     goal = objective_by_name(problem, settings.objective, 1e-3 * SIGMA_MM)
     taken = sum(counts.values()) if measured is None else len(measured)
@@ -164,11 +164,6 @@ def _check_mixed(settings: PlanSettings, measured: Measurements | None) -> None:
         raise InputError("right, left: found postures on one foot after measurements, expected none")
     if settings.single_support:
         raise InputError("right, left: found with single_support, expected one of them")
-    if not settings.right:
-        raise InputError(
-            f"left: found {settings.left} with no posture on the right foot, expected some on each foot "
-            "or on the right one alone"
-        )
 
 
 def optimal_plan(robot: Robot, settings: PlanSettings, measured: Measurements | None = None) -> PosturePlan:

@@ -61,7 +61,7 @@ def enough(where: str, postures: int, parameters: BaseParameters) -> None:
 
 def planned_parameters(robot: Robot, plan: PosturePlan) -> BaseParameters:
     """Derive the base parameters that a plan's postures can tell."""
-    return base_parameters(robot, support=common_support(plan.support, "plan"))
+    return base_parameters(robot, support=common_support(plan.support))
 
 
 def identifiable_regressor(source: str, robot: Robot, plan: PosturePlan) -> np.ndarray:

@@ -20,6 +20,7 @@ from tulip_testbed.identification.kinematics import (
     joint_axes,
     link_rotations,
     moved_frames,
+    seen_from,
     tree_of,
     walk,
 )
@@ -27,7 +28,10 @@ from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.robot import Robot, sole_point
 
 AXES = "xyz"
-SUPPORTS = ("double", "right", "left")
+# Which feet carry the robot. "left" alone takes the left foot as base; the last two take the right one and
+# describe rows on either foot with the parameters of double support and the z of the feet that are lifted.
+SUPPORTS = ("double", "right", "left", "mixed", "double-left")
+ROWS_ON_EITHER = ("mixed", "double-left")
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +40,7 @@ class BaseParameters:
 
     Attributes:
         tree: kinematics.
-        base: frame number of the stance foot.
+        base, swing: frame numbers of the stance foot and of the other foot.
         names: LINK.AXIS of the p parameters, numbered from 1 as in the paper.
         groups: frame columns that each parameter combines, as text.
         columns: frame columns 3 f + axis that form the regressor, (k,), k >= p.
@@ -52,6 +56,7 @@ class BaseParameters:
 
     tree: Tree
     base: int
+    swing: int
     names: tuple[str, ...]
     groups: tuple[str, ...]
     columns: np.ndarray
@@ -61,35 +66,75 @@ class BaseParameters:
     merged_columns: int
     support: str
 
-    def regressor(self, joint_angles: np.ndarray, rotations: np.ndarray | None = None) -> np.ndarray:
-        """Compute the base regressor R_b(q) of x_CoM and y_CoM (eq. 6), (m, 2, p) [-].
+    def rotations(self, joint_angles: np.ndarray, support: np.ndarray | None = None) -> np.ndarray:
+        """Compute the rotations of all frames in the frame of the foot that carries, (m, n_frames, 3, 3).
 
         Args:
             joint_angles: (m, n_joints) [rad].
-            rotations: of `link_rotations` at these angles; computed if None.
+            support: of every row, (m,) of text; None: no row stands on the other foot alone.
+        """
+        rotations = link_rotations(self.tree, self.base, joint_angles)
+        return rotations if support is None else seen_from(self.swing, rotations, self.on_swing_foot(support))
+
+    def on_swing_foot(self, support: np.ndarray) -> np.ndarray:
+        """Return which rows have the swing foot's frame as base frame, (m,) bool."""
+        return (support == "left") & (self.support in ROWS_ON_EITHER)
+
+    def regressor(
+        self,
+        joint_angles: np.ndarray,
+        support: np.ndarray | None = None,
+        rotations: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Compute the base regressor R_b(q) of x_CoM and y_CoM (eq. 6), (m, 2, p) [-].
+
+        In a row on the swing foot alone the CoM is R_L' (sum_f R_f beta_f - p_L) in that foot's frame: the
+        same parameters with rotations seen from there. R_L' p_L, the stance sole's place with the other sign,
+        is no part of the regressor; see `Nominal.center_of_mass`.
+
+        Args:
+            joint_angles: (m, n_joints) [rad].
+            support: of every row, (m,) of text; None: no row stands on the swing foot alone.
+            rotations: of `rotations` at these angles; computed if None.
         """
         if rotations is None:
-            rotations = link_rotations(self.tree, self.base, joint_angles)
+            rotations = self.rotations(joint_angles, support)
         frames, axes = np.divmod(self.columns, 3)
         return rotations[:, frames, :2, axes].transpose(1, 2, 0) @ self.combination
 
-    def slope(self, joint_angles: np.ndarray, rotations: np.ndarray | None = None) -> np.ndarray:
+    def slope(
+        self,
+        joint_angles: np.ndarray,
+        support: np.ndarray | None = None,
+        rotations: np.ndarray | None = None,
+    ) -> np.ndarray:
         """Compute the derivative of the base regressor by every joint angle, (m, 2, n_joints, p) [1/rad].
 
         The derivative of a rotated vector is the cross product of the joint's axis and that vector.
 
         Args:
-            joint_angles: (m, n_joints) [rad].
-            rotations: of `link_rotations` at these angles; computed if None.
+            joint_angles, support, rotations: see `regressor`.
         """
         if rotations is None:
-            rotations = link_rotations(self.tree, self.base, joint_angles)
+            rotations = self.rotations(joint_angles, support)
         frames, axes = np.divmod(self.columns, 3)
         vector = rotations[:, frames, :, axes].transpose(1, 2, 0)[:, :, None]  # (m, 3, 1, k)
         turn = joint_axes(self.tree, self.base, rotations).transpose(0, 2, 1)[..., None]  # (m, 3, n, 1)
         x = turn[:, 1] * vector[:, 2] - turn[:, 2] * vector[:, 1]
         y = turn[:, 2] * vector[:, 0] - turn[:, 0] * vector[:, 2]
-        return (np.stack([x, y], axis=1) * moved_frames(self.tree, self.base)[:, frames]) @ self.combination
+        moved = self.moved(support)[:, None, :, frames]
+        return (np.stack([x, y], axis=1) * moved) @ self.combination
+
+    def moved(self, support: np.ndarray | None = None) -> np.ndarray:
+        """Return how each joint turns the frames as seen from the base, (m, n_joints, n_frames).
+
+        1: it turns with the joint, 0: it rests; -1: the joint turns the base, the swing foot, instead. m is 1
+        if no row stands on the swing foot alone.
+        """
+        moved = moved_frames(self.tree, self.base)[None]
+        if support is None or not (there := self.on_swing_foot(support)).any():
+            return moved
+        return moved - 1.0 * (there[:, None, None] & moved[:, :, [self.swing]])
 
     def members(self, index: int) -> list[int]:
         """List the frames whose columns the index-th parameter combines, in MJCF order."""
@@ -122,23 +167,15 @@ def standard_parameters(model: mujoco.MjModel) -> np.ndarray:
     return np.column_stack([mass, mass[:, None] * model.body_ipos[1:]])
 
 
-def common_support(support: np.ndarray, where: str = "postures") -> str:
+def common_support(support: np.ndarray) -> str:
     """Return the support whose base parameters suit all of these postures, (m,) of text.
 
-    The swing foot's z has no effect in double support but has one in single support: TULip has 25 and 26
-    parameters, and the 26 include the 25.
-
-    Args:
-        where: source of the postures, for error messages.
-
-    Raises:
-        InputError: a posture stands on the swing foot, which has another base frame.
+    A foot's z has no effect while the foot is flat but has one where it is lifted: TULip has 25 parameters in
+    double support, 26 if the left foot is lifted in some rows, 27 if each foot is lifted in some. All of them
+    include the 25.
     """
-    if (other := support == "left").any():
-        raise InputError(
-            f"{where}, column 'support', row {int(other.argmax()) + 1}: found 'left', "
-            "expected 'double' or 'right' (the swing foot alone cannot be identified so far)"
-        )
+    if (support == "left").any():
+        return "mixed" if (support == "right").any() else "double-left"
     return "right" if (support == "right").any() else "double"
 
 
@@ -172,7 +209,7 @@ def base_parameters(
 
     Args:
         model: the robot alone, which gives the lengths; None means the nominal model.
-        support: which feet carry the robot: "double", "right" or "left" (one stance foot).
+        support: which feet carry the robot, one of `SUPPORTS`.
 
     Raises:
         InputError: a foot or the support is unknown, or a joint is no hinge.
@@ -182,11 +219,10 @@ def base_parameters(
     if model is None:
         return _nominal_base_parameters(robot, support)
     stance, swing = robot.feet if support != "left" else robot.feet[::-1]
-    flat = [stance] if support != "double" else [stance, swing]
+    flat = {"double": [stance, swing], "mixed": [], "double-left": [swing]}.get(support, [stance])
     tree = tree_of(model)
-    base_point = {foot: sole_point(model, foot) for foot in flat}
     z_down = tuple(robot.settings.get("z_down", ()))
-    return _derive(tree, stance, flat, base_point[stance], z_down, support)
+    return _derive(tree, (stance, swing), flat, sole_point(model, stance), z_down, support)
 
 
 @lru_cache(maxsize=32)
@@ -195,9 +231,14 @@ def _nominal_base_parameters(robot: Robot, support: str) -> BaseParameters:
 
 
 def _derive(
-    tree: Tree, stance: str, flat: list[str], base_point: np.ndarray, z_down: tuple[str, ...], support: str
+    tree: Tree,
+    feet: tuple[str, str],
+    flat: list[str],
+    base_point: np.ndarray,
+    z_down: tuple[str, ...],
+    support: str,
 ) -> BaseParameters:
-    base, size = tree.frame(stance), 3 * len(tree.frames)
+    (base, swing), size = map(tree.frame, feet), 3 * len(tree.frames)
     hinges = _hinge_relations(tree)
     vertical = np.zeros((len(flat), size))
     for row, foot in enumerate(flat):
@@ -219,6 +260,7 @@ def _derive(
     return BaseParameters(
         tree=tree,
         base=base,
+        swing=swing,
         names=tuple(f"{tree.frames[c // 3]}.{AXES[c % 3]}" for c in columns[rows]),
         groups=tuple(_group(tree, signs[i] * from_frames[i]) for i in rows),
         columns=columns,

@@ -30,9 +30,9 @@ class Loads:
         levers: torque on every joint per unit of the internal wrench, (m, n_joints, 3) [m, m, -].
         doubt: s.d. of the torques, by the noise of the cells, by what they do not show of the internal wrench
             and by the point of the load, (m, n_joints) [Nm].
-        torques_by: derivative of the torques by eight cells, then by x and y of the point of the load on the
-            stance and the swing foot, (m, n_joints, 12) [m, N].
-        wrench_by: the same of the internal wrench, (m, 3, 12).
+        torques_by: derivative of the torques by the 2 k readings of the contacts, then by x and y of the
+            point of the load on the stance and the swing foot, (m, n_joints, 2 k + 4) [m, N].
+        wrench_by: the same of the internal wrench, (m, 3, 2 k + 4).
     """
 
     torques: np.ndarray
@@ -55,6 +55,7 @@ def joint_loads(
     down: np.ndarray,
     place: np.ndarray,
     cells: np.ndarray,
+    bears: np.ndarray,
     cell_sd: float,
     both: np.ndarray,
     servo_stiffness: np.ndarray,
@@ -73,7 +74,8 @@ def joint_loads(
         weight: weight of the robot [N].
         down: vertical force on stance and swing foot, (m, 2) [N]. place: its point by the cells,
             (m, 2, 3) [m].
-        cells: places of the cells under both feet, (m, 2, 4, 2) [m]. cell_sd: their noise [N].
+        cells: places of the cells under both feet, (m, 2, k, 2) [m]. bears: vertical force of a unit of each
+            reading, (2, k). cell_sd: their noise [N]. See `ContactReadings`.
         both: whether the posture stands on both feet, (m,) bool.
         servo_stiffness: torque of each joint's servo per error of its angle, (n_joints,) [Nm/rad].
     """
@@ -85,14 +87,15 @@ def joint_loads(
     x, y, _ = np.moveaxis(geometry.center[:, None] - geometry.pivots, -1, 0)
     carried = geometry.mass_moments - mass * (x * ay - y * ax) * of_stance_leg
     # Of which foot a joint bears the force, and with which sign: the stance foot stands on the base's side.
-    bears = np.column_stack([-1.0 * of_stance_leg, 1.0 * (between & ~of_stance_leg)])
+    carries = np.column_stack([-1.0 * of_stance_leg, 1.0 * (between & ~of_stance_leg)])
     # Moments about the axes of unit forces along z, x and y, and of a unit torque about z.
     lever = place[:, None] - geometry.pivots[:, :, None]
-    upward = bears * (lever[..., 1] * ax[..., None] - lever[..., 0] * ay[..., None])
+    upward = carries * (lever[..., 1] * ax[..., None] - lever[..., 0] * ay[..., None])
     torque = weight / mass * carried + (upward * down[:, None]).sum(axis=2)
-    arms = cells.reshape(len(cells), 8, 1, 2) - geometry.pivots[:, None, :, :2]
-    by_cells = (arms[..., 1] * ax[:, None] - arms[..., 0] * ay[:, None]) * np.repeat(bears, 4, axis=1).T
-    borne = bears * down[:, None]
+    k = bears.shape[1]
+    arms = cells.reshape(len(cells), 2 * k, 1, 2) - bears.reshape(-1, 1, 1) * geometry.pivots[:, None, :, :2]
+    by_cells = (arms[..., 1] * ax[:, None] - arms[..., 0] * ay[:, None]) * np.repeat(carries, k, axis=1).T
+    borne = carries * down[:, None]
     by_points = np.stack([-borne * ay[..., None], borne * ax[..., None]], axis=-1).reshape(*ax.shape, 4)
     by = np.concatenate([by_cells.mT, by_points], axis=2)
     x, y, z = np.moveaxis(lever[:, :, 1] * between[:, None], -1, 0)
@@ -108,8 +111,10 @@ def joint_loads(
     inverse = inverse * weigh
     push, wrench_by = -(inverse @ torque[..., None])[..., 0], -inverse @ by
     torques_by = by + unknown @ wrench_by
-    variance = cell_sd**2 * (torques_by[..., :8] ** 2).sum(axis=2) + ((unknown * UNSEEN) ** 2).sum(axis=2)
-    variance += (MISPLACED * np.abs(bears) @ down[..., None])[..., 0] ** 2
+    variance = cell_sd**2 * (torques_by[..., : 2 * k] ** 2).sum(axis=2) + ((unknown * UNSEEN) ** 2).sum(
+        axis=2
+    )
+    variance += (MISPLACED * np.abs(carries) @ down[..., None])[..., 0] ** 2
     return Loads(
         torques=torque + (unknown @ push[..., None])[..., 0],
         internal_wrench=push,

@@ -208,6 +208,19 @@ def link_rotations(tree: Tree, base: int, joint_angles: np.ndarray) -> np.ndarra
     return rotations
 
 
+def seen_from(frame: int, rotations: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return the rotations as seen from another frame in some rows, (m, n_frames, 3, 3).
+
+    Args:
+        rows: which, (m,) bool.
+    """
+    if not rows.any():
+        return rotations
+    out = rotations.copy()
+    out[rows] = rotations[rows, None, frame].mT @ rotations[rows]
+    return out
+
+
 def joint_axes(tree: Tree, base: int, rotations: np.ndarray) -> np.ndarray:
     """Return the axes about which joints turn everything beyond them, in the base frame, (m, n_joints, 3).
 
@@ -266,6 +279,18 @@ def frame_positions(tree: Tree, base: int, rotations: np.ndarray, origin: np.nda
     return positions
 
 
+def place_on_feet(positions: np.ndarray, swing: int, origin: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Put the swing foot to its place in the rows that stand on it, (m, n_frames, 3) [m].
+
+    Args:
+        positions: of `frame_positions` from the stance foot, with rotations of `seen_from` in these rows.
+        origin: origin of the swing foot's link in its own base frame, (3,) [m].
+        rows: which, (m,) bool.
+    """
+    positions[rows] += origin - positions[rows, None, swing]
+    return positions
+
+
 def roll_pitch_yaw(rotations: np.ndarray) -> np.ndarray:
     """Return the angles about x, y and z, in this order, of rotations (m, 3, 3), (m, 3) [rad]."""
     return np.column_stack(
@@ -275,6 +300,15 @@ def roll_pitch_yaw(rotations: np.ndarray) -> np.ndarray:
             np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]),
         ]
     )
+
+
+def turned_about(angles: np.ndarray) -> np.ndarray:
+    """Return the rotation by roll, pitch and yaw about fixed axes, (3,) [rad] -> (3, 3)."""
+    (a, b, c), (d, e, f) = np.cos(angles), np.sin(angles)
+    roll = np.array([[1, 0, 0], [0, a, -d], [0, d, a]])
+    pitch = np.array([[b, 0, e], [0, 1, 0], [-e, 0, b]])
+    yaw = np.array([[c, -f, 0], [f, c, 0], [0, 0, 1]])
+    return yaw @ pitch @ roll
 
 
 def _rotation(quaternion: np.ndarray) -> np.ndarray:

@@ -6,35 +6,36 @@ import numpy as np
 
 from tulip_testbed.identification.observation import Observation
 
-READINGS = 14  # eight cells, then x, y and yaw of the right and the left plate
+PLATES = 6  # x, y and yaw of the right and the left plate, after the readings of the contacts
 
 
 def load_rates(observed: Observation) -> tuple[np.ndarray, np.ndarray]:
     """Differentiate the loads by the readings of the cells and the plates' poses.
 
     Returns:
-        of the torques of the joints, (m, n_joints, 14), and of the load of both soles about x and y of the
-        foot, (m, 2, 2, 14), as `Observation.sole_loads`.
+        of the torques of the joints, (m, n_joints, 2 k + 6), and of the load of both soles about x and y of
+        the foot, (m, 2, 2, 2 k + 6), as `Observation.sole_loads`.
     """
     loads, (down, point) = observed.loads, observed.foot_loads
-    m, lever = len(observed), point - observed.plate_poses[..., :2]
+    m, lever = len(observed), point - observed.contact_poses[..., :2]
+    k = observed.cell_forces.shape[1] // 2
     turned = np.stack([-lever[..., 1], lever[..., 0]], axis=-1)
     # Points of the load by the plates: with x and y of its plate, and about its origin.
     points = np.zeros((m, 2, 2, 2, 3))
     for foot in (0, 1):
         points[:, foot, :, foot, :2] = np.eye(2)
         points[:, foot, :, foot, 2] = turned[:, foot]
-    points = points.reshape(m, 4, 6)
+    points = points.reshape(m, 4, PLATES)
     torques, wrench = (
-        np.concatenate([by[..., :8], by[..., 8:] @ points], axis=2)
+        np.concatenate([by[..., : 2 * k], by[..., 2 * k :] @ points], axis=2)
         for by in (loads.torques_by, loads.wrench_by)
     )
-    moments = np.zeros((m, 2, 2, READINGS))
+    moments = np.zeros((m, 2, 2, 2 * k + PLATES))
     place, turn = observed.swing_sole
-    cells = observed.cell_places.reshape(m, 2, 4, 2).mT
-    moments[:, 0, :, :4] = cells[:, 0]
-    moments[:, 1, :, 4:8] = cells[:, 1] - place[:, :2, None]
-    moments[..., 8:] = down[..., None, None] * points.reshape(m, 2, 2, 6)
+    cells = observed.cell_places.reshape(m, 2, k, 2).mT
+    moments[:, 0, :, :k] = cells[:, 0]
+    moments[:, 1, :, k : 2 * k] = cells[:, 1] - place[:, :2, None] * observed.contacts.bears[1]
+    moments[..., 2 * k :] = down[..., None, None] * points.reshape(m, 2, 2, PLATES)
     push = observed.measurements.top_height[0] * wrench[:, :2]
     moments[:, 0] -= push
     moments[:, 1] += push

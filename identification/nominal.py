@@ -11,7 +11,12 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
-from tulip_testbed.identification.kinematics import frame_positions, link_rotations, roll_pitch_yaw
+from tulip_testbed.identification.kinematics import (
+    frame_positions,
+    link_rotations,
+    place_on_feet,
+    roll_pitch_yaw,
+)
 from tulip_testbed.sim.robot import Robot, sole_corners, sole_point
 
 STEP = 1e-5  # rad, of central differences
@@ -38,9 +43,28 @@ class Nominal:
     points: np.ndarray
     swing_frame: int
 
-    def center_of_mass(self, joint_angles: np.ndarray) -> np.ndarray:
-        """Compute the projection of the centre of mass in the base frame, (m, 2) [m]."""
-        return self.parameters.regressor(joint_angles) @ self.value
+    def center_of_mass(self, joint_angles: np.ndarray, support: np.ndarray | None = None) -> np.ndarray:
+        """Compute the projection of the centre of mass in the base frame, (m, 2) [m].
+
+        Args:
+            joint_angles: (m, n_joints) [rad].
+            support: of every row, (m,) of text; a row on the swing foot alone has that foot's frame as base
+                frame. None: there is no such row.
+        """
+        center = self.parameters.regressor(joint_angles, support) @ self.value
+        return center if support is None else center + self.stance_sole(joint_angles, support)[:, :2]
+
+    def stance_sole(self, joint_angles: np.ndarray, support: np.ndarray) -> np.ndarray:
+        """Compute the stance foot's sole point in the base frame, (m, 3) [m]; zero unless it is in the air.
+
+        Args:
+            joint_angles, support: see `center_of_mass`.
+        """
+        parameters = self.parameters
+        rotations = parameters.rotations(joint_angles, support)
+        places = frame_positions(parameters.tree, parameters.base, rotations, -self.points[0])
+        place_on_feet(places, self.swing_frame, -self.points[1], parameters.on_swing_foot(support))
+        return places[:, parameters.base] + rotations[:, parameters.base] @ self.points[0]
 
     def swing_sole(self, joint_angles: np.ndarray) -> np.ndarray:
         """Compute the swing sole's pose in the base frame: x, y, z, roll, pitch, yaw, (m, 6) [m, rad]."""

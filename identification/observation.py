@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import standard_parameters
+from tulip_testbed.identification.contact_readings import ContactReadings, of_cells, of_wrenches
 from tulip_testbed.identification.joint_loads import Loads, joint_loads, servo_stiffness
 from tulip_testbed.identification.kinematics import Tree
 from tulip_testbed.identification.nominal import Nominal
@@ -33,10 +34,12 @@ class Observation:
         nominal: nominal robot.
         measurements: the measurements; time and placement are taken from here.
         tree: kinematics with the assumed lengths.
-        cells: assumed positions of the cells on their plates, (2, 4, 2) [m].
+        contacts: the readings as they came; see there how wrench sensors are scaled to k readings a foot.
+        cells: assumed positions of the cells on their plates, (2, k, 2) [m]; of wrench sensors, the levers.
         joint_angles: assumed joint angles, (m, n_joints) [rad].
-        cell_forces: assumed cell forces, (m, 8) [N].
-        plate_poses: assumed poses of the plates, (m, 2, 3) [m, m, rad].
+        cell_forces: assumed readings of the cells [N] or wrench sensors, (m, 2 k).
+        plate_poses: assumed poses of the plates, (m, 2, 3) [m, m, rad]. A sensor in a foot has its own in
+            place of it: from where it should be, in the foot's axes.
         stance_tilt, swing_tilt: roll and pitch of the soles against the ground, (m, 2) [rad].
         swing_rise: height of the swing foot's sole point over the stance foot's, (m,) [m].
         shift: displacement of the centre of pressure by forces other than weight, (m, 2) [m].
@@ -54,6 +57,7 @@ class Observation:
 
     nominal: Nominal
     measurements: Measurements
+    contacts: ContactReadings
     tree: Tree
     cells: np.ndarray
     joint_angles: np.ndarray
@@ -101,7 +105,9 @@ class Observation:
     @cached_property
     def geometry(self) -> PostureGeometry:
         """Return the geometry of the postures; an observation with other readings of the cells shares it."""
-        return PostureGeometry(self.nominal, self.tree, self.joint_angles, self.standard)
+        return PostureGeometry(
+            self.nominal, self.tree, self.joint_angles, self.measurements.support, self.standard
+        )
 
     @property
     def frames(self) -> tuple[np.ndarray, np.ndarray]:
@@ -123,12 +129,18 @@ class Observation:
         """Return the swing sole point, (m, 3) [m], and the foot's rotation, (m, 3, 3), with flat soles."""
         return self.geometry.swing_sole
 
+    @property
+    def in_feet(self) -> bool:
+        """Return whether the contact sensors move with the feet."""
+        contacts = self.measurements.contacts
+        return contacts is not None and contacts.mount == "foot"
+
     @cached_property
     def foot_loads(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the vertical force on both feet, (m, 2) [N], and its point on the ground, (m, 2, 2) [m]."""
-        forces = self.cell_forces.reshape(-1, 2, 4)
-        down = forces.sum(axis=2)
-        moment = (forces[..., None] * self.cell_places.reshape(-1, 2, 4, 2)).sum(axis=2)
+        forces = self.cell_forces.reshape(len(self), 2, -1)
+        down = (forces * self.contacts.bears).sum(axis=2)
+        moment = (forces[..., None] * self.cell_places.reshape(*forces.shape, 2)).sum(axis=2)
         return down, moment / np.where(np.abs(down) > 1e-6, down, np.inf)[..., None]
 
     @cached_property
@@ -148,12 +160,27 @@ class Observation:
         return np.stack([stance, np.column_stack([c * x + s * y, c * y - s * x])], axis=1)
 
     @cached_property
+    def contact_poses(self) -> np.ndarray:
+        """Return the poses of the contact sensors in the base frame, (m, 2, 3) [m, m, rad]."""
+        if not self.in_feet:
+            return self.plate_poses
+        rotations, _ = self.frames
+        turn = rotations[:, [self.nominal.parameters.base, self.nominal.swing_frame]]
+        yaw = np.arctan2(turn[..., 1, 0], turn[..., 0, 0])
+        soles = np.stack([self.geometry.stance_sole, self.swing_sole[0]], axis=1)[..., :2]
+        return np.concatenate([soles + turned(yaw, self.plate_poses[..., :2]), yaw[..., None]], axis=2) + (
+            self.plate_poses * [0.0, 0.0, 1.0]
+        )
+
+    @cached_property
     def cell_places(self) -> np.ndarray:
-        """Return the cells' positions in the base frame, (m, 8, 2) [m]."""
-        c, s = np.cos(self.plate_poses[..., 2]), np.sin(self.plate_poses[..., 2])
-        x, y = self.cells[None, ..., 0], self.cells[None, ..., 1]
-        turned = np.stack([c[..., None] * x - s[..., None] * y, s[..., None] * x + c[..., None] * y], axis=-1)
-        return (turned + self.plate_poses[:, :, None, :2]).reshape(-1, 8, 2)
+        """Return the cells' positions in the base frame, (m, 2 k, 2) [m].
+
+        Of wrench sensors: force times place of a unit of each reading.
+        """
+        poses = self.contact_poses
+        levers = turned(poses[:, :, None, 2], self.cells[None])
+        return (levers + poses[:, :, None, :2] * self.contacts.bears[..., None]).reshape(len(self), -1, 2)
 
     @cached_property
     def loads(self) -> Loads:
@@ -165,7 +192,8 @@ class Observation:
             self.weight,
             down,
             np.concatenate([point, floor], axis=2),
-            self.cell_places.reshape(-1, 2, 4, 2),
+            self.cell_places.reshape(len(self), 2, -1, 2),
+            self.contacts.bears,
             self.cell_sd,
             self.measurements.support == "double",
             self.servo_stiffness,
@@ -188,7 +216,7 @@ class Observation:
 def observe(measurements: Measurements, nominal: Nominal) -> Observation:
     """Return the observation of an experiment in the nominal laboratory."""
     m = len(measurements)
-    forces = np.where(np.isfinite(measurements.cell_forces), measurements.cell_forces, 0.0)
+    contacts = contact_readings(measurements, nominal)
     share = np.array(plate_masses(nominal.robot)) * measurements.gravity / 4
     gain = servo_stiffness(nominal.robot, measurements.gains)
     margin = max(LEAST_LOAD, 4 * (measurements.sensors.cell_sd or 0.0))
@@ -196,9 +224,10 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
         nominal=nominal,
         measurements=measurements,
         tree=nominal.parameters.tree,
-        cells=measurements.cells,
+        contacts=contacts,
+        cells=contacts.levers,
         joint_angles=measurements.joint_angles,
-        cell_forces=forces,
+        cell_forces=contacts.values,
         plate_poses=measurements.plate_poses,
         stance_tilt=np.zeros((m, 2)),
         swing_tilt=np.zeros((m, 2)),
@@ -209,10 +238,30 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
         board_share=share,
         servo_gain=gain,
         servo_stiffness=gain,
-        cell_sd=measurements.sensors.cell_sd or 0.0,
+        cell_sd=contacts.sd,
         time_fraction=fraction_of_time(measurements.time),
-        on_four_cells=_on_four_cells(forces.reshape(-1, 2, 4), margin, share),
+        on_four_cells=(
+            _on_four_cells(contacts.values.reshape(-1, 2, 4), margin, share)
+            if measurements.contacts is None
+            else np.zeros((m, 2), bool)
+        ),
     )
+
+
+def contact_readings(measurements: Measurements, nominal: Nominal) -> ContactReadings:
+    """Return the readings of the contact sensors, with the feet's tilt by the joint angles."""
+    if measurements.contacts is None:
+        return of_cells(measurements)
+    parameters = nominal.parameters
+    rotations = parameters.rotations(measurements.joint_angles, measurements.support)
+    upright = rotations[:, [parameters.base, nominal.swing_frame], 2]
+    return of_wrenches(measurements, nominal.points, upright)
+
+
+def turned(yaw: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Return vectors (..., 2) turned by angles (...) about the vertical."""
+    c, s, x, y = np.cos(yaw), np.sin(yaw), vector[..., 0], vector[..., 1]
+    return np.stack([c * x - s * y, s * x + c * y], axis=-1)
 
 
 def _on_four_cells(forces: np.ndarray, margin: float, share: np.ndarray) -> np.ndarray:

@@ -15,13 +15,15 @@ from tulip_testbed.identification.kinematics import (
     joint_pivots,
     link_rotations,
     moved_frames,
+    place_on_feet,
+    seen_from,
 )
 from tulip_testbed.identification.nominal import Nominal
 
 
 @dataclass(frozen=True)
 class PostureGeometry:
-    """Geometry of m postures in the base frame, with flat soles.
+    """Geometry of m postures in the frame of the foot that carries, with flat soles.
 
     Each quantity is computed once, when it is first asked for.
 
@@ -29,6 +31,7 @@ class PostureGeometry:
         nominal: nominal robot.
         tree: kinematics with the assumed lengths.
         joint_angles: joint angles, (m, n_joints) [rad].
+        support: of every posture, (m,) of text. One on the swing foot alone is seen from that foot.
         standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
         like: the same postures of links with other lengths; None: not known.
     """
@@ -36,6 +39,7 @@ class PostureGeometry:
     nominal: Nominal
     tree: Tree
     joint_angles: np.ndarray
+    support: np.ndarray
     standard: np.ndarray
     like: PostureGeometry | None = None
 
@@ -53,12 +57,20 @@ class PostureGeometry:
         """Compute the rotations of all frames, (m, n_frames, 3, 3)."""
         if self.like is not None:
             return self.like.rotations
-        return link_rotations(self.tree, self.base, self.joint_angles)
+        rotations = link_rotations(self.tree, self.base, self.joint_angles)
+        return seen_from(self.nominal.swing_frame, rotations, self.on_swing_foot)
+
+    @property
+    def on_swing_foot(self) -> np.ndarray:
+        """Return which postures stand on the swing foot alone, (m,) bool."""
+        return self.nominal.parameters.on_swing_foot(self.support)
 
     @cached_property
     def frames(self) -> tuple[np.ndarray, np.ndarray]:
         """Return rotations (m, n_frames, 3, 3) and compute origins (m, n_frames, 3) [m] of all frames."""
-        origins = frame_positions(self.tree, self.base, self.rotations, -self.nominal.points[0])
+        stance, swing = -self.nominal.points
+        origins = frame_positions(self.tree, self.base, self.rotations, stance)
+        place_on_feet(origins, self.nominal.swing_frame, swing, self.on_swing_foot)
         return self.rotations, origins
 
     @cached_property
@@ -72,8 +84,23 @@ class PostureGeometry:
         return joint_pivots(self.tree, self.base, *self.frames)
 
     @cached_property
+    def stance_sole(self) -> np.ndarray:
+        """Compute the place of the stance foot's sole point, (m, 3) [m]; zero unless it is in the air."""
+        rotations, positions = self.frames
+        turned = (rotations[:, self.base] @ self.nominal.points[0, :, None])[..., 0]
+        return positions[:, self.base] + turned
+
+    @property
+    def stance_sole_slope(self) -> np.ndarray:
+        """Differentiate `stance_sole` by the joint angles, (m, 3, n_joints) [m]."""
+        if not self.on_swing_foot.any():
+            return np.zeros((len(self.joint_angles), 3, self.axes.shape[1]))
+        moved = self.nominal.parameters.moved(self.support)[:, :, self.base, None]
+        return np.cross(moved * self.axes, self.stance_sole[:, None] - self.pivots).mT
+
+    @cached_property
     def moved(self) -> np.ndarray:
-        """Return which frames each joint turns against the base, (n_joints, n_frames) bool."""
+        """Return which frames each joint turns against the stance foot, (n_joints, n_frames) bool."""
         return moved_frames(self.tree, self.base)
 
     @cached_property
@@ -109,7 +136,7 @@ class PostureGeometry:
         """Compute the regressor of the base parameters (eq. 6), (m, 2, p) [-]."""
         if self.like is not None:
             return self.like.regressor
-        return self.nominal.parameters.regressor(self.joint_angles, self._nominal_rotations)
+        return self.nominal.parameters.regressor(self.joint_angles, self.support, self._nominal_rotations)
 
     @property
     def slope(self) -> np.ndarray:
@@ -117,7 +144,7 @@ class PostureGeometry:
 
         It is large and not kept.
         """
-        return self.nominal.parameters.slope(self.joint_angles, self._nominal_rotations)
+        return self.nominal.parameters.slope(self.joint_angles, self.support, self._nominal_rotations)
 
     @property
     def _nominal_rotations(self) -> np.ndarray | None:

@@ -6,15 +6,23 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tulip_testbed.identification.base_parameters import BaseParameters
-from tulip_testbed.identification.center_of_pressure import center_of_pressure, load_shares, total_mass
+from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
+from tulip_testbed.identification.contact_pressure import contact_noise, contact_pressure, pose_levers
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
-from tulip_testbed.identification.reading_noise import cell_noise, placement_levers, usable_sd
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.posture_geometry import PostureGeometry
+from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.measurements import Measurements, SensorSheet
 from tulip_testbed.sim.measurements.plan_folder import check_model
 from tulip_testbed.sim.robot import Robot
 
+ROWS_OF = {  # supports of rows that a set of base parameters describes
+    "double": ("double",),
+    "right": ("double", "right"),
+    "mixed": ("double", "right", "left"),
+    "double-left": ("double", "left"),
+}
 ENCODER_SD = 5e-4  # rad, assumed without a data sheet
 
 
@@ -32,6 +40,8 @@ class Regression:
         blur: error of H by the encoders' errors, B of `encoder_blur`, (k, p); None: angles are exact.
         source: source of the measurements, for error messages.
         slope: derivative of H by every joint angle, (m, 2, n_joints, p) [1/rad]; None: angles are exact.
+        known_slope: derivative of minus the output by every joint angle, (m, 2, n_joints) [m/rad]: in rows on
+            the swing foot the known lengths give the stance foot's place; None: there are none.
         encoder_sd: s.d. of the encoders' errors, by the closed chain if possible, else by the data sheet
             [rad]; None: unknown.
         cells: covariance of a posture's centre of pressure for cells with an s.d. of 1 N, (m, 2, 2)
@@ -51,6 +61,7 @@ class Regression:
     blur: np.ndarray | None = None
     source: str = "measurements"
     slope: np.ndarray | None = None
+    known_slope: np.ndarray | None = None
     encoder_sd: float | None = None
     cells: np.ndarray | None = None
     levers: np.ndarray | None = None
@@ -81,22 +92,27 @@ class Regression:
         )
 
 
-def stacked_regressor(parameters: BaseParameters, joint_angles: np.ndarray) -> np.ndarray:
-    """Compute H of eq. 7 for joint angles (m, n_joints) [rad], (2m, p)."""
-    return parameters.regressor(joint_angles).reshape(-1, len(parameters.names))
+def stacked_regressor(
+    parameters: BaseParameters, joint_angles: np.ndarray, support: np.ndarray | None = None
+) -> np.ndarray:
+    """Compute H of eq. 7 for joint angles (m, n_joints) [rad] and supports as in `regressor`, (2m, p)."""
+    return parameters.regressor(joint_angles, support).reshape(-1, len(parameters.names))
 
 
-def encoder_blur(parameters: BaseParameters, joint_angles: np.ndarray, sd: float) -> np.ndarray:
+def encoder_blur(
+    parameters: BaseParameters, joint_angles: np.ndarray, sd: float, support: np.ndarray | None = None
+) -> np.ndarray:
     """Compute the error of H by one s.d. of every encoder, condensed to (p, p).
 
     Args:
         joint_angles: joint angles, (m, n_joints) [rad].
         sd: s.d. of the encoders' errors [rad].
+        support: of every row, see `BaseParameters.regressor`.
 
     Returns:
         B with B'B = sum over joints of sd^2 (dH/dq)' (dH/dq).
     """
-    return _blur(parameters.slope(joint_angles), sd)
+    return _blur(parameters.slope(joint_angles, support), sd)
 
 
 def _blur(slope: np.ndarray, sd: float) -> np.ndarray:
@@ -149,7 +165,7 @@ def regression(
             points than parameters.
     """
     check_robot(parameters, measurements, robot, source)
-    served = ("double",) if parameters.support == "double" else ("double", "right")
+    served = ROWS_OF[parameters.support]
     if (other := ~np.isin(measurements.support, served)).any():
         row = int(np.flatnonzero(other)[0])
         raise InputError(
@@ -163,14 +179,24 @@ def regression(
             f"{columns // 2 + 1} for {columns} base parameters; measure more postures"
         )
     sheet = measurements.sensors
-    slope = parameters.slope(measurements.joint_angles)
+    angles, support = measurements.joint_angles, measurements.support
+    slope = parameters.slope(angles, support)
     tree, swing = parameters.tree, parameters.tree.frame(robot.swing_foot)
-    both = measurements.support == "double"
+    both = support == "double"
     by_closure = encoder_sd_by_closure(
-        tree, parameters.base, swing, measurements.joint_angles[both], measurements.placement[both]
+        tree, parameters.base, swing, angles[both], measurements.placement[both]
     )
-    matrix = stacked_regressor(parameters, measurements.joint_angles)
-    output = center_of_pressure(measurements).ravel()
+    matrix = stacked_regressor(parameters, angles, support)
+    nominal = nominal_robot(robot, parameters.support)
+    if parameters.tree is not nominal.parameters.tree:
+        nominal = replace(nominal, parameters=parameters)
+    pressure = contact_pressure(measurements, nominal)
+    output, known_slope = pressure.center, None
+    if parameters.on_swing_foot(support).any():
+        known = PostureGeometry(nominal, tree, angles, support, standard_parameters(robot.model))
+        output, known_slope = output - known.stance_sole[:, :2], known.stance_sole_slope[:, :2]
+    output = output.ravel()
+    fitted = _fitted(matrix, output).reshape(-1, 2) + (pressure.center - output.reshape(-1, 2))
     return Regression(
         matrix=matrix,
         blur=_blur(slope, ENCODER_SD if sheet.encoder_sd is None else sheet.encoder_sd),
@@ -179,13 +205,14 @@ def regression(
         numbers=np.arange(1, columns + 1),
         names=parameters.names,
         placement=measurements.placement,
-        load_share=load_shares(measurements),
+        load_share=pressure.load_share,
         slope=slope,
+        known_slope=known_slope,
         encoder_sd=usable_sd(sheet.encoder_sd) if by_closure is None else by_closure,
-        cells=cell_noise(measurements, _fitted(matrix, output).reshape(-1, 2)),
-        levers=placement_levers(measurements),
-        sensors=sheet,
+        cells=contact_noise(measurements, nominal, fitted),
+        levers=pose_levers(measurements, nominal),
+        sensors=sheet if measurements.contacts is None else replace(sheet, cell_sd=1.0),
         parameters=parameters,
         robot=robot,
-        mass=measurements.weighed_mass or total_mass(measurements),
+        mass=measurements.weighed_mass or pressure.mass,
     )

@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 
 from tulip_testbed.identification.kinematics import roll_pitch_yaw
-from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.observation import Observation
 
 CHANNELS = ("A", "F", "T", "C")
@@ -27,32 +26,34 @@ VARYING = (
 
 
 def packed(observed: Observation) -> np.ndarray:
-    """Return all fields that may vary between postures side by side, (m, n_joints + 22).
+    """Return all fields that may vary between postures side by side, (m, n_joints + 2 k + 14).
 
-    The order is joint angles, cells, plate poses, stance tilt, swing tilt, rise, shift, lift.
+    The order is joint angles, readings of cells or wrench sensors, plate poses, stance tilt, swing tilt,
+    rise, shift, lift.
     """
     m = len(observed)
     return np.concatenate([getattr(observed, name).reshape(m, -1) for name in VARYING], axis=1)
 
 
-def fields(nominal: Nominal) -> dict[str, slice]:
+def fields(observed: Observation) -> dict[str, slice]:
     """Return the columns of `packed` by name."""
-    n = len(nominal.parameters.tree.joints)
-    return {
-        "angles": slice(0, n),
-        "cells": slice(n, n + 8),
-        "plates": slice(n + 8, n + 14),
-        "stance_tilt": slice(n + 14, n + 16),
-        "swing_tilt": slice(n + 16, n + 18),
-        "rise": slice(n + 18, n + 19),
-        "shift": slice(n + 19, n + 21),
-        "lift": slice(n + 21, n + 22),
+    widths = {
+        "angles": len(observed.nominal.parameters.tree.joints),
+        "cells": observed.cell_forces.shape[1],
+        "plates": 6,
+        "stance_tilt": 2,
+        "swing_tilt": 2,
+        "rise": 1,
+        "shift": 2,
+        "lift": 1,
     }
+    ends = np.cumsum(list(widths.values())).tolist()
+    return {name: slice(end - widths[name], end) for name, end in zip(widths, ends, strict=True)}
 
 
 def unpacked(observed: Observation, values: np.ndarray) -> Observation:
     """Return the observation with the fields of `packed` replaced (the inverse of `packed`)."""
-    at = fields(observed.nominal)
+    at = fields(observed)
     return observed.changed(
         joint_angles=values[:, at["angles"]],
         cell_forces=values[:, at["cells"]],
@@ -81,7 +82,7 @@ def moved_by(observed: Observation, before: Observation, after: Observation) -> 
 
 def difference(before: Observation, after: Observation) -> np.ndarray:
     """Return the difference of two observations' fields side by side, as in `packed`."""
-    out, at = np.zeros((len(before), fields(before.nominal)["lift"].stop)), 0
+    out, at = np.zeros((len(before), fields(before)["lift"].stop)), 0
     for name in VARYING:
         first, second = getattr(before, name), getattr(after, name)
         width = first[0].size
@@ -99,9 +100,9 @@ def residuals(observed: Observation, theta: np.ndarray) -> np.ndarray:
     """
     out = np.empty((len(observed), SIZE))
     out[:, ROWS["A"]] = center(observed) - observed.geometry.regressor @ theta
-    forces = carried(observed)
-    out[:, ROWS["F"]] = (forces.sum(axis=1) - observed.weight - observed.lift)[:, None]
-    out[:, ROWS["T"]] = observed.cell_forces.reshape(-1, 2, 4) @ TWIST
+    down = carried(observed) @ observed.contacts.bears.ravel()
+    out[:, ROWS["F"]] = (down - observed.weight - observed.lift)[:, None]
+    out[:, ROWS["T"]] = observed.cell_forces.reshape(-1, 2, 4) @ TWIST if has_twist(observed) else 0.0
     pose = swing_pose(observed)
     out[:, 5] = pose[:, 2] - observed.swing_rise
     out[:, 6:8] = pose[:, 3:5] - observed.swing_tilt
@@ -110,8 +111,18 @@ def residuals(observed: Observation, theta: np.ndarray) -> np.ndarray:
 
 
 def carried(observed: Observation) -> np.ndarray:
-    """Return the cell forces, zero under a foot in the air, (m, 8) [N]."""
-    return np.where(np.repeat(feet_in_contact(observed), 4, axis=1), observed.cell_forces, 0.0)
+    """Return the readings of the contacts, zero under a foot in the air, (m, 2 k)."""
+    return np.where(_each_reading(observed, feet_in_contact(observed)), observed.cell_forces, 0.0)
+
+
+def has_twist(observed: Observation) -> bool:
+    """Return whether the contacts are plates on four cells each, which alone have a twist."""
+    return observed.contacts.by_channel is None
+
+
+def _each_reading(observed: Observation, of_feet: np.ndarray) -> np.ndarray:
+    """Repeat what holds for each foot, (m, 2), for each of its readings, (m, 2 k)."""
+    return np.repeat(of_feet, observed.cell_forces.shape[1] // 2, axis=1)
 
 
 def feet_in_contact(observed: Observation) -> np.ndarray:
@@ -144,16 +155,31 @@ def constants_of_stances(used: np.ndarray) -> np.ndarray:
 def center(observed: Observation) -> np.ndarray:
     """Compute the centre of pressure (eq. 11) of the weight on flat soles, (m, 2) [m].
 
-    The shift by other forces is subtracted. A tilted stance foot rotates the robot about its sole point,
-    which moves the centre of mass in proportion to its height; the nominal height is accurate enough.
+    It is seen from the stance foot's sole point, also where that foot is in the air: there the known lengths
+    give its place. The shift by other forces is subtracted. A tilted foot that carries rotates the robot
+    about its sole point, which moves the centre of mass in proportion to its height; the nominal height is
+    accurate enough.
     """
-    forces = carried(observed)
-    measured = (forces[..., None] * observed.cell_places).sum(axis=1) / forces.sum(axis=1)[:, None]
-    plain = measured - observed.shift
-    if not observed.stance_tilt.any():
+    plain = _measured(observed) - observed.shift
+    if (rows := observed.geometry.on_swing_foot).any():
+        plain[rows] -= observed.geometry.stance_sole[rows, :2]
+    if not (tilt := carrying_tilt(observed)).any():
         return plain
-    roll, pitch = observed.stance_tilt.T
+    roll, pitch = tilt.T
     return plain - observed.center[:, 2:] * np.column_stack([pitch, -roll])
+
+
+def _measured(observed: Observation) -> np.ndarray:
+    """Compute the centre of pressure by the contacts in the base frame, (m, 2) [m]."""
+    forces = carried(observed)
+    down = forces @ observed.contacts.bears.ravel()
+    return (forces[..., None] * observed.cell_places).sum(axis=1) / down[:, None]
+
+
+def carrying_tilt(observed: Observation) -> np.ndarray:
+    """Return roll and pitch of the foot in whose frame a posture is seen, (m, 2) [rad]."""
+    rows = observed.geometry.on_swing_foot
+    return np.where(rows[:, None], observed.swing_tilt, observed.stance_tilt)
 
 
 def swing_pose(observed: Observation) -> np.ndarray:
@@ -172,31 +198,34 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
     Args:
         theta: base parameters, (p,) [m].
     """
-    at, m = fields(observed.nominal), len(observed)
+    at, m = fields(observed), len(observed)
     out = np.zeros((m, SIZE, at["lift"].stop))
-    forces = carried(observed)
-    total = forces.sum(axis=1)
-    contact = np.repeat(feet_in_contact(observed), 4, axis=1)
-    measured = (forces[..., None] * observed.cell_places).sum(axis=1) / total[:, None]
-    lever = (observed.cell_places - measured[:, None]) / total[:, None, None]
-    out[:, 0:2, at["cells"]] = (lever * contact[..., None]).transpose(0, 2, 1)
-    out[:, 2, at["cells"]] = contact
-    out[:, 3, at["cells"].start : at["cells"].start + 4] = TWIST
-    out[:, 4, at["cells"].start + 4 : at["cells"].stop] = TWIST
-    plates = forces.reshape(-1, 2, 4)
-    arms = observed.cell_places.reshape(-1, 2, 4, 2) - observed.plate_poses[:, :, None, :2]
-    moment = (plates[..., None] * arms).sum(axis=2) / total[:, None, None]
-    for side in (0, 1):
-        first = at["plates"].start + 3 * side
-        out[:, 0, first] = out[:, 1, first + 1] = plates[:, side].sum(axis=1) / total
-        out[:, 0, first + 2], out[:, 1, first + 2] = -moment[:, side, 1], moment[:, side, 0]
+    forces, bears = carried(observed), observed.contacts.bears
+    total = forces @ bears.ravel()
+    contact = _each_reading(observed, feet_in_contact(observed))
+    lever = observed.cell_places - bears.reshape(-1, 1) * _measured(observed)[:, None]
+    out[:, 0:2, at["cells"]] = (lever / total[:, None, None] * contact[..., None]).transpose(0, 2, 1)
+    out[:, 2, at["cells"]] = contact * bears.ravel()
+    if has_twist(observed):
+        out[:, 3, at["cells"].start : at["cells"].start + 4] = TWIST
+        out[:, 4, at["cells"].start + 4 : at["cells"].stop] = TWIST
+    by_pose = _by_contact_poses(observed, forces.reshape(m, 2, -1) / total[:, None, None])
+    rates = _foot_rates(observed)
     out[:, 0:2, at["angles"]] = -observed.geometry.slope @ theta
-    out[:, 5:, at["angles"]] = _foot_rates(observed)
+    if (rows := observed.geometry.on_swing_foot).any():
+        out[rows, 0:2, at["angles"]] -= observed.geometry.stance_sole_slope[rows, :2]
+    if observed.in_feet:
+        # The left sensor moves with the swing foot; a foot that is the base does not move.
+        out[~rows, 0:2, at["angles"]] += by_pose[~rows, :, 3:] @ rates[~rows, 3:]
+        by_pose = _in_axes_of_feet(observed, by_pose)
+    out[:, 0:2, at["plates"]] = by_pose
+    out[:, 5:, at["angles"]] = rates
     height = observed.center[:, 2]
     place, turn = observed.swing_sole
     yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
     roll, pitch = at["stance_tilt"].start, at["stance_tilt"].start + 1
-    out[:, 0, pitch], out[:, 1, roll] = -height, height
+    for tilt, seen in (("stance_tilt", ~rows), ("swing_tilt", rows)):
+        out[seen, 0, at[tilt].start + 1], out[seen, 1, at[tilt].start] = -height[seen], height[seen]
     for axis, column in enumerate((roll, pitch)):
         spin = np.broadcast_to(np.eye(3)[axis], (m, 1, 3))
         out[:, 5:, column] = _in_channel(np.cross(spin, place[:, None]), spin, yaw)[..., 0]
@@ -204,6 +233,34 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
     out[:, 5, at["rise"].start] = -1.0
     out[:, 0, at["shift"].start] = out[:, 1, at["shift"].start + 1] = -1.0
     out[:, 2, at["lift"].start] = -1.0
+    return out
+
+
+def _by_contact_poses(observed: Observation, share: np.ndarray) -> np.ndarray:
+    """Differentiate the centre of pressure by x, y and yaw of both contacts in the base frame, (m, 2, 6).
+
+    Args:
+        share: readings over the total force, (m, 2, k).
+    """
+    m, bears = len(observed), observed.contacts.bears
+    poses = observed.contact_poses[:, :, None, :2]
+    arms = observed.cell_places.reshape(m, 2, -1, 2) - bears[..., None] * poses
+    moment = (share[..., None] * arms).sum(axis=2)
+    out = np.zeros((m, 2, 6))
+    for side in (0, 1):
+        first = 3 * side
+        out[:, 0, first] = out[:, 1, first + 1] = (share[:, side] * bears[side]).sum(axis=1)
+        out[:, 0, first + 2], out[:, 1, first + 2] = -moment[:, side, 1], moment[:, side, 0]
+    return out
+
+
+def _in_axes_of_feet(observed: Observation, by_pose: np.ndarray) -> np.ndarray:
+    """Return the derivative by displacements in the feet's own axes, (m, 2, 6)."""
+    out = by_pose.copy()
+    for side, yaw in enumerate((observed.contact_poses - observed.plate_poses)[..., 2].T):
+        c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+        x, y = by_pose[..., 3 * side], by_pose[..., 3 * side + 1]
+        out[..., 3 * side], out[..., 3 * side + 1] = c * x + s * y, c * y - s * x
     return out
 
 

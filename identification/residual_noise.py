@@ -18,6 +18,7 @@ from tulip_testbed.identification.residual_channels import (
     TWIST,
     feet_in_contact,
     fields,
+    has_twist,
     residuals_in_use,
     sensitivity,
 )
@@ -66,10 +67,16 @@ def noise_of(observed: Observation) -> Noise:
     if encoder is None:
         encoder = encoder_by_closure(observed) or ASSUMED_ENCODER
         assumed.append("encoders (from the closure of the legs)")
-    if cell is None:
+    if not has_twist(observed):  # their readings are scaled to one of noise
+        cell = observed.contacts.sd
+        if observed.measurements.contacts is not None and observed.measurements.contacts.covariance is None:
+            assumed.append("wrench sensors (1 N, 0.05 Nm)")
+    elif cell is None:
         cell = cell_by_twist(observed) or ASSUMED_CELL
         assumed.append("cells (from the plates' twist)")
-    if left is None:
+    if observed.in_feet:  # where a sensor is in its foot is no matter of placements
+        left = (0.0, 0.0, 0.0)
+    elif left is None:
         left = FREE_PLATE
         assumed.append("placement (taken as unknown)")
     plates = np.concatenate([MARK_RATIO * np.array(left), left])
@@ -207,7 +214,7 @@ def whitening(
         internal: change of the residuals by one s.d. of independent errors of every posture that no reading
             shows, (m, 11, j); None: there are none.
     """
-    slope, at = sensitivity(observed, theta), fields(observed.nominal)
+    slope, at = sensitivity(observed, theta), fields(observed)
     reach = slope[..., : at["plates"].stop] if propagation is None else slope @ propagation
     angles, cells = reach[..., at["angles"]], reach[..., at["cells"]]
     own = noise.encoder**2 * angles @ angles.mT + noise.cell**2 * cells @ cells.mT + floor(noise)

@@ -12,12 +12,11 @@ from studies.study_equilibrium import compare, without_friction
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.validate import validate
-from tulip_testbed.identification.base_parameters import base_parameters, common_support, standard_parameters
+from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure, load_shares
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
-from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PosturePlan, read_measurements, write_measurements
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
@@ -123,11 +122,6 @@ def test_the_preflight_says_what_it_leaves_out(robot, balanced, tmp_path):
     by_name = {finding.name: finding for finding in findings}
     assert "stands on one foot" in by_name["legs close"].seen
     assert "26 parameters" in by_name["identifiable"].expected
-
-
-def test_the_swing_foot_alone_is_refused():
-    with pytest.raises(InputError, match="row 2: found 'left', expected 'double' or 'right'"):
-        common_support(np.array(["double", "left"]))
 
 
 def joined(first: PosturePlan, second: PosturePlan) -> PosturePlan:

@@ -37,4 +37,5 @@ EFFECT = Effect(
     parameters=(Parameter("crosstalk", "", prior=0.02),),
     mechanism=Misreading(_apply, _undo),
     words="Every cell also reads {0} of the loads on the other three cells of its plate.",
+    instrument="cells",
 )

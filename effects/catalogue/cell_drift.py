@@ -38,4 +38,5 @@ EFFECT = Effect(
     mechanism=Misreading(_apply, _undo),
     words="The zero of the {target} cell drifts by {0} over the experiment.",
     targets=CELL_NAMES,
+    instrument="cells",
 )

@@ -34,4 +34,5 @@ EFFECT = Effect(
     mechanism=Misreading(_apply, _undo),
     words="The {target} cell reads {0} too much.",
     targets=CELL_NAMES,
+    instrument="cells",
 )

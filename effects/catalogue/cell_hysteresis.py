@@ -38,4 +38,5 @@ EFFECT = Effect(
     parameters=(Parameter("part", "", prior=0.01),),
     mechanism=Misreading(_apply, _undo),
     words="The cells lag behind by {0} of the last change of their load.",
+    instrument="cells",
 )

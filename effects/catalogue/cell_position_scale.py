@@ -36,4 +36,5 @@ EFFECT = Effect(
     parameters=(Parameter("scale", "", prior=0.02),),
     mechanism=Physics(_inject, _predict),
     words="The cells lie {0} further from the centres of their plates than stated.",
+    instrument="cells",
 )

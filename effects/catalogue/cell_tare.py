@@ -38,4 +38,5 @@ EFFECT = Effect(
     mechanism=Misreading(_apply, _undo),
     words="The {target} cell reads {0} too much at any load.",
     targets=CELL_NAMES,
+    instrument="cells",
 )

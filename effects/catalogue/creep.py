@@ -67,4 +67,5 @@ EFFECT = Effect(
     mechanism=Misreading(_apply, _undo),
     words="The {target} cell creeps by {0} of its load, with the time constant {1} of the experiment's time.",
     targets=CELL_NAMES,
+    instrument="cells",
 )

@@ -114,4 +114,5 @@ EFFECT = Effect(
     words="Something {0} thick lies under the {target} corner.",
     targets=FOOT_CORNERS,
     statics=False,
+    instrument="cells",
 )

@@ -40,4 +40,5 @@ EFFECT = Effect(
     mechanism=Misreading(_apply, _undo),
     words="In placement {target} the left plate lies {0} further forward and {1} further left than recorded.",
     targets=PLACEMENTS,
+    instrument="plates",
 )

@@ -95,4 +95,5 @@ EFFECT = Effect(
     mechanism=Physics(_inject, _predict, _unsure),
     words="The board rocks: its foot at the {target} cell is too short by {0}.",
     targets=CELL_NAMES,
+    instrument="cells",
 )

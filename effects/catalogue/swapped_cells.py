@@ -42,4 +42,5 @@ EFFECT = Effect(
     mechanism=Misreading(_apply, _undo),
     words="The {0} and {1} cells of the {target} plate are swapped.",
     targets=PLATE_NAMES,
+    instrument="cells",
 )

@@ -37,4 +37,5 @@ EFFECT = Effect(
     parameters=(Parameter("gain", "", prior=0.01),),
     mechanism=Misreading(_apply, _undo),
     words="The gain of all cells drifts by {0} over the experiment.",
+    instrument="cells",
 )

@@ -65,7 +65,7 @@ def planned(plan: PosturePlan, preset: str, robot: Robot, seed: int) -> Planned:
             does not identify the robot; a seed below 0.
     """
     at_least("seed", seed, 0)
-    rig, nominal = preset_rig(preset, robot), nominal_robot(robot, common_support(plan.support, "plan"))
+    rig, nominal = preset_rig(preset, robot), nominal_robot(robot, common_support(plan.support))
     quiet = without_noise(rig)
     stands = usable(plan, run_statics(solve_plan(quiet, plan), streams(seed, 1))[0].measurements.posture)
     (smooth,) = noisy(solve_plan(quiet, stands), streams(seed, 1))

@@ -166,7 +166,7 @@ def _ordinary_one(
         _check_balance(outcome, rig)
     else:
         (outcome,) = run_statics(solve_plan(rig, plan), [stream])
-    base = true_base_parameters(rig, common_support(plan.support, "plan"))
+    base = true_base_parameters(rig, common_support(plan.support))
     return OrdinaryOutcome(outcome.measurements, outcome.truth, base)
 
 

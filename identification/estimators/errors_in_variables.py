@@ -27,6 +27,8 @@ def bounded_excess(excess: np.ndarray, information: np.ndarray) -> np.ndarray:
 def corrected_least_squares(data: Regression) -> Estimate:
     """Compute theta = (H'H - D)^-1 H'y, D = s^2 sum_j (dH/dq_j)' (dH/dq_j) (Fuller 1987, ch. 3.1).
 
+    Where y depends on the angles too, s^2 sum_j (dH/dq_j)' (-dy/dq_j) is added to H'y.
+
     Its covariance is sigma^2 A H'H A with A = (H'H - D)^-1 for independent errors of the postures.
 
     Raises:
@@ -38,8 +40,9 @@ def corrected_least_squares(data: Regression) -> Estimate:
     orthogonal, triangle = np.linalg.qr(data.matrix)
     back = np.linalg.inv(triangle)
     blurred = data.encoder_sd * data.slope.reshape(-1, len(start)) @ back
+    known = 0.0 if data.known_slope is None else data.encoder_sd * blurred.T @ data.known_slope.ravel()
     identity = np.eye(len(start))
     corrected = np.linalg.inv(identity - bounded_excess(blurred.T @ blurred, identity))
-    value = back @ corrected @ (orthogonal.T @ data.output)
+    value = back @ corrected @ (orthogonal.T @ data.output + known)
     found = estimate_at(data, value, back @ corrected @ back.T)
     return replace(found, covariance=found.sigma**2 * back @ corrected @ corrected @ back.T)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from tulip_testbed.identification.degrees_of_freedom import of_f_test, satterthwaite
 from tulip_testbed.identification.estimators.errors_in_variables import bounded_excess
@@ -36,8 +37,12 @@ def mixed_model(data: Regression) -> Estimate:
     value, _ = solve(data)
     if data.slope is None or not data.encoder_sd:
         return _estimate(data, value, fit_components(data, None), None)
-    moved = data.encoder_sd * (data.slope @ value)
-    return _estimate(data, value, fit_components(data, moved @ moved.mT), data.encoder_sd * data.slope)
+    moved, blurred = data.slope @ value, data.slope
+    if data.known_slope is not None:
+        moved = moved + data.known_slope
+        blurred = np.concatenate([blurred, data.known_slope[..., None]], axis=3)
+    moved = data.encoder_sd * moved
+    return _estimate(data, value, fit_components(data, moved @ moved.mT), data.encoder_sd * blurred)
 
 
 def _estimate(data: Regression, start: np.ndarray, fit: Components, blurred: np.ndarray | None) -> Estimate:
@@ -47,9 +52,10 @@ def _estimate(data: Regression, start: np.ndarray, fit: Components, blurred: np.
     change = root @ fit.gain
     turned = fit.triangle @ start
     if blurred is not None:
-        excess = bounded_excess(_excess(fit, blurred), information)
+        whole, p = _excess(fit, blurred), len(start)
+        excess, known = bounded_excess(whole[:p, :p], information), whole[:p, p:].sum(axis=1)
         corrected = np.linalg.inv(information - excess)
-        change = change + corrected @ excess @ (turned + change)
+        change = change + corrected @ (excess @ (turned + change) + known)
         root = corrected @ information @ corrected
     back = np.linalg.inv(fit.triangle)
     value = start + back @ change
@@ -73,7 +79,7 @@ def _estimate(data: Regression, start: np.ndarray, fit: Components, blurred: np.
 
 
 def _excess(fit: Components, blurred: np.ndarray) -> np.ndarray:
-    """Return D for one s.d. of every encoder times dH/dq, (m, 2, n_joints, p)."""
+    """Return D for one s.d. of every encoder times dH/dq, (m, 2, n_joints, p), and perhaps -dy/dq, last."""
     within = fit.rows[:, ::2] >= 0
     pairs = np.arange(0, fit.rows.shape[1], 2)
     blocks = np.empty((len(blurred), 2, 2))
@@ -85,6 +91,7 @@ def _excess(fit: Components, blurred: np.ndarray) -> np.ndarray:
     white = np.linalg.cholesky(blocks).mT @ blurred.reshape(count, 2, joints * columns)
     tall = white.reshape(-1, columns)
     back = np.linalg.inv(fit.triangle)
+    back = block_diag(back, np.eye(columns - len(back)))
     return back.T @ (tall.T @ tall) @ back
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight.agreement import (
     fit,
@@ -76,11 +77,7 @@ def preflight(
         row = int(single.argmax())
         reason = f"{row_name(m, row)} stands on one foot ('{m.support[row]}'); this check needs both feet"
         findings += _skip((*LEGS, *FORCES), reason)
-        if (m.support == "left").any():
-            advice = "Leave these postures out, or make the other foot the stance foot."
-            expected = "support 'double' or 'right'"
-            return [*findings, Finding("identifiable", "fail", "support 'left'", expected, "support", advice)]
-        return [*findings, identifiable(m, nominal_robot(nominal.robot, "right"), None)]
+        return [*findings, identifiable(m, nominal_robot(nominal.robot, common_support(m.support)), None)]
     findings += [feet_on_plates(m, nominal), *legs(m, nominal, usual)]
     if loads.result == "fail":
         findings += _skip(FORCES, "correct the cells' loads first")

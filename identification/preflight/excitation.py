@@ -43,10 +43,11 @@ def identifiable(measurements: Measurements, nominal: Nominal, noise: ReadingNoi
     seen = f"{postures} postures ({2 * postures} data points)"
     if 2 * postures <= count:
         return Finding(name, "fail", f"{seen}, at least {count // 2 + 1} are needed", expected, "", advice)
-    matrix = stacked_regressor(nominal.parameters, m.joint_angles)
+    matrix = stacked_regressor(nominal.parameters, m.joint_angles, m.support)
     condition = float(np.linalg.cond(matrix))
     sd = m.sensors.encoder_sd
-    blur = encoder_blur(nominal.parameters, m.joint_angles, ENCODER_SD if sd is None else sd)
+    sd = ENCODER_SD if sd is None else sd
+    blur = encoder_blur(nominal.parameters, m.joint_angles, sd, m.support)
     try:
         require_identifiable(matrix, labels(np.arange(1, count + 1), nominal.parameters.names), "rank", blur)
     except InputError as problem:

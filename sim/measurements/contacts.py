@@ -1,4 +1,4 @@
-"""Contact sensors that measure a wrench: six-axis plates on the ground, or force-torque sensors in the feet."""
+"""Contact sensors that measure a wrench: six-axis plates, or force-torque sensors in the feet."""
 
 from __future__ import annotations
 

@@ -27,6 +27,7 @@ from tests.fuzz.readings import on_page, reading, result, text_of
 from tests.fuzz.records import CHUNK
 from tests.fuzz.targets import KINDS, ON_PAGES, PAGES, Intact, commands
 from tulip_testbed.cli.main import main
+from tulip_testbed.sim.robot import load_robot
 
 SECONDS, MEMORY = (
     240,
@@ -56,6 +57,7 @@ def limit() -> None:
     ):  # when a case may run as one who cannot read them
         import_module(late)
     codecs.lookup("utf-8-sig")
+    _ = load_robot().model  # its trial in a process of its own, with an interpreter that others may not use
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, resource.getrlimit(resource.RLIMIT_DATA)[1]))
 
 

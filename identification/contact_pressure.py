@@ -1,0 +1,90 @@
+"""The centre of pressure of an experiment and how errors of its sensors move it, whatever the sensors are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tulip_testbed.identification.center_of_pressure import center_of_pressure, load_shares, total_mass
+from tulip_testbed.identification.contact_readings import WIDE_FORCE, WIDE_MOMENT, by_kind
+from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.identification.observation import Observation, observe
+from tulip_testbed.identification.reading_noise import cell_noise, placement_levers
+from tulip_testbed.identification.residual_channels import carried, center, fields, sensitivity
+from tulip_testbed.sim.measurements import Measurements
+
+
+@dataclass(frozen=True)
+class ContactPressure:
+    """What a regression needs to know of the contacts.
+
+    Attributes:
+        center: centre of pressure in the base frame, (m, 2) [m].
+        load_share: share of the weight on the right and left foot, (m, 2) [-].
+        mass: total mass by the contacts and its standard error [kg].
+    """
+
+    center: np.ndarray
+    load_share: np.ndarray
+    mass: tuple[float, float]
+
+
+def contact_pressure(measurements: Measurements, nominal: Nominal) -> ContactPressure:
+    """Return centre of pressure, load and mass by the contacts.
+
+    Raises:
+        InputError: the contacts of a posture carry no weight.
+    """
+    if measurements.contacts is None:
+        shares = load_shares(measurements)
+        return ContactPressure(center_of_pressure(measurements), shares, total_mass(measurements))
+    observed = observe(measurements, nominal)
+    forces = carried(observed).reshape(len(observed), 2, -1)
+    down = (forces * observed.contacts.bears).sum(axis=2)
+    total = down.sum(axis=1)
+    mass = total / measurements.gravity
+    error = float(mass.std(ddof=1) / np.sqrt(len(mass)))
+    # `center` is seen from the stance foot, this one from the foot that carries.
+    place = center(observed) + observed.geometry.stance_sole[:, :2]
+    return ContactPressure(place, down / total[:, None], (float(mass.mean()), error))
+
+
+def contact_noise(measurements: Measurements, nominal: Nominal, fitted: np.ndarray) -> np.ndarray:
+    """Return the covariance of each posture's centre of pressure for readings with an s.d. of 1, (m, 2, 2).
+
+    Args:
+        fitted: centre of pressure without noise, see `cell_noise`, (m, 2) [m].
+    """
+    if measurements.contacts is None:
+        return cell_noise(measurements, fitted)
+    lever = _reach(observe(measurements, nominal), "cells")
+    return lever @ lever.mT
+
+
+def pose_levers(measurements: Measurements, nominal: Nominal) -> np.ndarray:
+    """Return the displacement of the centre of pressure by the contacts' poses, (m, 2, 6) [-, -, m]."""
+    if measurements.contacts is None:
+        return placement_levers(measurements)
+    return _reach(observe(measurements, nominal), "plates")
+
+
+def zero_columns(observed: Observation) -> np.ndarray:
+    """Return how zeros of which nothing is known change centre of pressure and weight, (m, 3, z).
+
+    There is a column for every channel whose zero was neither stated nor shown by a foot in the air.
+    """
+    contacts, found = observed.measurements.contacts, observed.contacts
+    if contacts is None or found.zero_sd is None or found.by_channel is None:
+        return np.zeros((len(observed), 3, 0))
+    unknown = found.zero_sd > 0.5 * by_kind(contacts.channels, WIDE_FORCE, WIDE_MOMENT)
+    k = len(found.by_channel)
+    by_reading = sensitivity(observed, observed.nominal.value)[:, :3, fields(observed)["cells"]]
+    return np.concatenate(
+        [by_reading[..., k * s : k * (s + 1)] @ found.by_channel[:, unknown[s]] for s in (0, 1)], axis=2
+    )
+
+
+def _reach(observed: Observation, name: str) -> np.ndarray:
+    """Return the derivative of the centre of pressure by some readings, (m, 2, k)."""
+    return sensitivity(observed, observed.nominal.value)[:, :2, fields(observed)[name]]

@@ -1,0 +1,137 @@
+"""Readings of the contact sensors as forces and levers, whatever the sensors are.
+
+Every reading, of a cell or of a channel of a wrench sensor, adds to the vertical force on its foot and to
+force times place: `bears` and `levers` say how much a unit of it adds. A cell bears its force at its place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tulip_testbed.identification.kinematics import turned_about
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.measurements.contacts import WRENCH, Contacts
+
+ASSUMED_FORCE, ASSUMED_MOMENT = 1.0, 0.05  # N, Nm: noise of a wrench sensor without a data sheet
+WIDE_FORCE, WIDE_MOMENT = 1e3, 1e2  # N, Nm: s.d. of a zero of which nothing is known
+
+
+@dataclass(frozen=True)
+class ContactReadings:
+    """Readings of k numbers a foot, right then left, scaled so that each has the same independent noise.
+
+    Attributes:
+        values: (m, 2 k). Those of wrench sensors are corrected for what is known of their zeros.
+        bears: vertical force of a unit of each reading, (2, k) [-]; 1 for a cell.
+        levers: force times place of a unit of each, in the sensor's plane, (2, k, 2) [m].
+        sd: noise of every reading; 0: unknown or none.
+        by_channel: scaled readings by the channels of each wrench sensor, (k, c) [1/N, 1/Nm]; None: cells.
+        zero_sd: s.d. of what is left of each channel's zero, (2, c) [N, Nm]; 0: exact. None: cells.
+    """
+
+    values: np.ndarray
+    bears: np.ndarray
+    levers: np.ndarray
+    sd: float
+    by_channel: np.ndarray | None = None
+    zero_sd: np.ndarray | None = None
+
+
+def of_cells(measurements: Measurements) -> ContactReadings:
+    """Return the readings of vertical cells."""
+    forces, cells = measurements.cell_forces, measurements.cells
+    forces = np.where(np.isfinite(forces), forces, 0.0)
+    return ContactReadings(forces, np.ones(cells.shape[:2]), cells, measurements.sensors.cell_sd or 0.0)
+
+
+def of_wrenches(measurements: Measurements, soles: np.ndarray, upright: np.ndarray) -> ContactReadings:
+    """Return the readings of wrench sensors.
+
+    The weight of what is below a sensor is added. A foot in the air shows the zeros of its sensor: they are
+    subtracted, and what is not known of them is stated.
+
+    Args:
+        soles: sole point of each foot in its frame, (2, 3) [m].
+        upright: vertical direction in each foot's frame, (m, 2, 3).
+    """
+    contacts, wrenches = measurements.contacts, measurements.wrenches
+    assert contacts is not None
+    assert wrenches is not None
+    known = wrenches + _weight_below(contacts, upright, measurements.gravity)
+    covariance = noise_of_wrenches(contacts)
+    stands = np.column_stack([measurements.support != "left", measurements.support != "right"])
+    zero, zero_sd = _zeros(contacts, known, stands, covariance)
+    root = np.linalg.cholesky(covariance)
+    by_channel = np.linalg.inv(root)
+    scaled = np.where(np.isfinite(known), known - zero, 0.0) @ by_channel.T
+    gathered = np.array([_gather(contacts, side, sole) @ root for side, sole in enumerate(soles)])
+    exact = contacts.covariance is not None and not np.any(contacts.covariance)
+    return ContactReadings(
+        values=scaled.reshape(len(scaled), -1),
+        bears=gathered[:, 0],
+        levers=gathered[:, 1:].mT,
+        sd=0.0 if exact else 1.0,
+        by_channel=by_channel,
+        zero_sd=zero_sd,
+    )
+
+
+def noise_of_wrenches(contacts: Contacts) -> np.ndarray:
+    """Return the stated or else an assumed covariance of a posture's averaged reading, (c, c) [N, Nm]."""
+    assumed = np.diag(by_kind(contacts.channels, ASSUMED_FORCE, ASSUMED_MOMENT) ** 2)
+    stated = contacts.covariance
+    return assumed if stated is None or not np.any(stated) else stated
+
+
+def by_kind(channels: tuple[str, ...], force: float, moment: float) -> np.ndarray:
+    """Return one number for every force and another for every moment, (c,)."""
+    return np.array([force if channel.startswith("f") else moment for channel in channels])
+
+
+def _in_full(contacts: Contacts) -> list[int]:
+    """Return the places of the channels in the full wrench."""
+    return [WRENCH.index(channel) for channel in contacts.channels]
+
+
+def _weight_below(contacts: Contacts, upright: np.ndarray, gravity: float) -> np.ndarray:
+    """Return what the sensors would read more if they bore the weight of what is below, (m, 2, c)."""
+    out = np.zeros((len(upright), 2, len(contacts.channels)))
+    for side in (0, 1):
+        turn = turned_about(contacts.pose[side, 3:])
+        force = contacts.below[side, 0] * gravity * upright[:, side] @ turn
+        arm = (contacts.below[side, 1:] - contacts.pose[side, :3]) @ turn
+        out[:, side] = np.concatenate([force, np.cross(arm, force)], axis=1)[:, _in_full(contacts)]
+    return out
+
+
+def _zeros(
+    contacts: Contacts, known: np.ndarray, stands: np.ndarray, covariance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Estimate the zeros from the feet in the air and from what was stated: values and s.d., (2, c) each."""
+    exact = contacts.covariance is not None and not np.any(contacts.covariance)
+    variance = np.zeros(len(covariance)) if exact else np.diag(covariance)
+    wide = by_kind(contacts.channels, WIDE_FORCE, WIDE_MOMENT)
+    zero, zero_sd = np.zeros_like(contacts.zero_sd), np.minimum(contacts.zero_sd, wide)
+    for side in (0, 1):
+        air = known[~stands[:, side], side]
+        air = air[np.isfinite(air).all(axis=1)]
+        if not len(air) or not zero_sd[side].any():
+            continue
+        own, prior = variance / len(air), zero_sd[side] ** 2
+        share = np.divide(prior, prior + own, out=np.zeros_like(prior), where=prior > 0)
+        zero[side], zero_sd[side] = share * air.mean(axis=0), np.sqrt(share * own)
+    return zero, zero_sd
+
+
+def _gather(contacts: Contacts, side: int, sole: np.ndarray) -> np.ndarray:
+    """Return vertical force and force times place (x, y) by the channels, (3, c), for a level foot.
+
+    The place is that on the ground, in the foot's axes from its sole point; on a plate, in the plate's axes.
+    """
+    turn = turned_about(contacts.pose[side, 3:])
+    arm = contacts.pose[side, :3] - sole if contacts.mount == "foot" else np.zeros(3)
+    force = np.concatenate([turn, np.zeros((3, 3))], axis=1)
+    moment = np.concatenate([np.cross(arm, turn.T).T, turn], axis=1)
+    return np.stack([force[2], -moment[1], moment[0]])[:, _in_full(contacts)]

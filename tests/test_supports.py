@@ -1,0 +1,69 @@
+"""Rows on the right, the left and both feet share one set of base parameters."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from tulip_testbed.identification.base_parameters import base_parameters, common_support, standard_parameters
+from tulip_testbed.identification.nominal import jacobian, nominal_robot
+from tulip_testbed.identification.posture_geometry import PostureGeometry
+from tulip_testbed.sim.robot import joint_names, sole_point
+
+SUPPORT = np.array(["double", "right", "left"] * 4)
+
+
+@pytest.fixture(scope="module")
+def angles(plan):
+    rng = np.random.default_rng(5)
+    return plan.joint_angles[: len(SUPPORT)] + 0.2 * rng.standard_normal((len(SUPPORT), 12))
+
+
+def center_by_mujoco(robot, angles, foot):
+    """The centre of mass in the frame of a foot, from MuJoCo's own kinematics, (3,) [m]."""
+    model, data = robot.model, mujoco.MjData(robot.model)
+    data.qpos[[model.joint(name).qposadr[0] for name in joint_names(model)]] = angles
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    body = data.body(foot)
+    return body.xmat.reshape(3, 3).T @ (data.subtree_com[1] - body.xpos) - sole_point(model, foot)
+
+
+@pytest.mark.parametrize(("support", "count"), [("mixed", 27), ("double-left", 26)])
+def test_the_centre_of_mass_in_the_frame_of_the_foot_that_carries(support, count, robot, angles):
+    nominal = nominal_robot(robot, support)
+    assert len(nominal.value) == count
+    rows = SUPPORT == "left" if support == "double-left" else np.full(len(SUPPORT), True)
+    found = nominal.center_of_mass(angles, SUPPORT)
+    for k in np.flatnonzero(rows):
+        foot = robot.swing_foot if SUPPORT[k] == "left" else robot.stance_foot
+        np.testing.assert_allclose(found[k], center_by_mujoco(robot, angles[k], foot)[:2], atol=1e-12)
+
+
+def test_the_25_of_double_support_are_among_the_27_with_the_same_values(robot):
+    standard = standard_parameters(robot.model)
+    sets = [base_parameters(robot, support=support) for support in ("double", "mixed")]
+    both, mixed = (dict(zip(one.names, one.values(standard), strict=True)) for one in sets)
+    assert set(mixed) - set(both) == {"right_foot.z", "left_foot.z"}
+    for name, value in both.items():
+        assert mixed[name] == pytest.approx(value, abs=1e-15)
+
+
+def test_slopes_are_those_of_finite_differences(robot, angles):
+    nominal = nominal_robot(robot, "mixed")
+    geometry = PostureGeometry(
+        nominal, nominal.parameters.tree, angles, SUPPORT, standard_parameters(robot.model)
+    )
+    by_angle = geometry.slope @ nominal.value + geometry.stance_sole_slope[:, :2]
+    expected = jacobian(lambda q: nominal.center_of_mass(q, SUPPORT), angles)
+    np.testing.assert_allclose(by_angle, expected, atol=1e-8)
+    np.testing.assert_allclose(geometry.center[:, :2], nominal.center_of_mass(angles, SUPPORT), atol=1e-12)
+
+
+def test_the_common_support():
+    for rows, expected in (
+        (["double", "right"], "right"),
+        (["double", "left"], "double-left"),
+        (["right", "left"], "mixed"),
+        (["double"], "double"),
+    ):
+        assert common_support(np.array(rows)) == expected
