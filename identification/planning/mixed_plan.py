@@ -33,6 +33,9 @@ POOL = 3  # random postures for each wanted one on one foot
 PASSES = 3  # exchanges over all postures on one foot
 STEPS = 40  # linear steps of the postures on one foot in a round
 TURNS, SETTLED = 4, 1e-3  # rounds of improving one kind after the other; gain of one that is the last
+# rad: with larger changes between two postures, in the laboratory's 2 s, drives of the standing ankle reach
+# their limit, since these postures use what torque there is.
+NEXT = 1.0
 
 
 @dataclass(frozen=True)
@@ -263,7 +266,7 @@ def mixed_plan_from_state(
     made = {**counts, "pool": POOL, "lifted": problem.margins.lifted}
     plan = replace(plan, made=plan.made | {"on_one_foot": made})
     for one in found.single:
-        order, group = ordered_on_one_foot(one.problem, one.angles, one.swing, found.per)
+        order, group = ordered_on_one_foot(one.problem, one.angles, one.swing, found.per, NEXT)
         angles, count = one.angles[order], len(order)
         torques = open_chain_torques(one.problem, chain_at(one.problem, angles))
         plan = replace(
