@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
 
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING, SUMMARY, calibrated_estimates
 from tulip_testbed.calibration.calibration_result import SelfCalibration
@@ -22,17 +24,19 @@ from tulip_testbed.identification.base_parameters import (
     common_support,
     simplified_numbers,
 )
-from tulip_testbed.identification.contact_pressure import contact_pressure
+from tulip_testbed.identification.contact_pressure import contact_pressure, zero_columns
 from tulip_testbed.identification.distributions import t_ppf
 from tulip_testbed.identification.estimators import ESTIMATORS as OF_REGRESSION
 from tulip_testbed.identification.estimators import Estimate, estimate_by
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.rank import describe_combinations, labels
 from tulip_testbed.identification.regressor import check_robot, regression
 from tulip_testbed.identification.statistics import (
     correlations,
     standard_errors,
 )
+from tulip_testbed.identification.zero_confounding import confounded_directions
 from tulip_testbed.sim.errors import InputError, look_up, warn
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
@@ -76,6 +80,8 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
         mass: total mass and its standard error [kg].
         estimator: name of the estimator.
         calibration: families and budget of the self-calibrating estimator; None for the others.
+        confounded: directions in the space of the full model that the unknown zeros of force-torque sensors
+            imitate, (d, p); their parameters are not known separately. d = 0 with other sensors.
     """
 
     parameters: BaseParameters
@@ -84,6 +90,7 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
     mass: tuple[float, float]
     estimator: str = SELF_CALIBRATING
     calibration: SelfCalibration | None = None
+    confounded: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __getitem__(self, name: str | int) -> IdentifiedParameter:
         """Return a parameter of the full model by its name or number.
@@ -130,7 +137,12 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
 
         The self-calibrating estimator adds its families, members and budget.
         """
-        added = [] if self.calibration is None else calibration_report(self.calibration, self.full.names)
+        added: list[Table | str] = []
+        if len(self.confounded):
+            named = labels(self.full.numbers, self.full.names)
+            added.append(f"Unknown zeros: {describe_combinations(self.confounded, named)}.")
+        if self.calibration is not None:
+            added += calibration_report(self.calibration, self.full.names)
         return [self.table(), *self.correlations.above().parts(), *added, mass_line(*self.mass)]
 
 
@@ -186,8 +198,14 @@ def identify(
     mass = contact_pressure(measurements, nominal_robot(robot, parameters.support)).mass
     if estimator == SELF_CALIBRATING:
         observed = observed or observe(measurements, nominal_robot(robot, parameters.support))
+        free = confounded_directions(observed, data)
         full, simplified, found = calibrated_estimates(observed, data, kept, tolerances)
-        return Identification(parameters, full, simplified, found.mass, estimator, found)
+        return Identification(parameters, full, simplified, found.mass, estimator, found, free)
+    if zero_columns(observe(measurements, nominal_robot(robot, parameters.support))).shape[2]:
+        raise InputError(
+            f"{source}: found force-torque sensors whose zeros no foot in the air shows, with estimator "
+            f"{estimator}; expected `estimator={SELF_CALIBRATING}`"
+        )
     full = estimate_by(data, estimator)
     simplified = full if len(kept) == len(data.numbers) else estimate_by(data.keep(kept), estimator)
     return Identification(parameters, full, simplified, mass, estimator)

@@ -33,7 +33,6 @@ from tulip_testbed.sim.errors import InputError, at_least, look_up
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.measurements.plan_folder import check_fits
 from tulip_testbed.sim.outcome import Outcome, Truth
-from tulip_testbed.sim.procedure import check_support
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.robot_check import warn_of_robot
@@ -158,7 +157,6 @@ class Laboratory:
         """
         look_up("engine", engine, ENGINES, "engine")
         check_fits("plan", plan, self.robot)
-        check_support(plan)
         check_scene(preset_rig(self.sensors, self.robot) if self.nominal is None else self.nominal)
         placements = np.unique(plan.placement).tolist()
         for effect in (*self.known, *self.hidden):

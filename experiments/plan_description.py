@@ -29,6 +29,7 @@ from tulip_testbed.identification.statistics import (
 from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.measurements.data import feet_in_contact
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, joint_names, sole_point
@@ -108,12 +109,13 @@ def planned_readings(rig: Rig, plan: PosturePlan, com: np.ndarray) -> Measuremen
     robot, model = rig.robot, rig.robot.model
     plate = dataclasses.replace(nominal_plates(robot)[0], mass=0.0)  # tared
     weight = float(model.body_subtreemass[0] * -model.opt.gravity[2])
-    boards = boards_under(rig, plan.swing_pose)
+    feet, stands = plan.foot_poses, feet_in_contact(plan.support)
+    boards = boards_under(rig, feet)
     cells = []
-    for point, pose, board, support in zip(com, plan.swing_pose, boards, plan.support, strict=True):
-        share, cop = predicted_foot_loads(point, np.array([np.zeros(2), pose[:2]]))
-        if support == "right":
-            share, cop = np.array([1.0, 0.0]), np.array([point, board[1, :2]])
+    for point, pair, board, on in zip(com, feet, boards, stands, strict=True):
+        share, cop = predicted_foot_loads(point, pair[:, :2])
+        if not on.all():
+            share, cop = on.astype(float), np.where(on[:, None], point, board[:, :2])
         cells.append(predicted_cell_loads(share, cop, board, plate, weight))
     count, unknown = len(plan), np.full(len(plan), np.nan)
     return Measurements(

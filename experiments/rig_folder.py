@@ -164,7 +164,8 @@ def scene_xml(rig: Rig) -> str:
     """MJCF of the laboratory's scene, its plates under straight legs."""
     straight = nominal_robot(rig.robot)
     swing = straight.swing_sole(np.zeros((1, len(straight.parameters.tree.joints))))[:, [0, 1, 5]]
-    spec: mujoco.MjSpec = laboratory_scene(rig, boards_under(rig, swing)[0])
+    feet = np.stack([np.zeros_like(swing), swing], axis=1)
+    spec: mujoco.MjSpec = laboratory_scene(rig, boards_under(rig, feet)[0])
     compile_spec(spec, str(rig.robot.path))
     return spec.to_xml()
 

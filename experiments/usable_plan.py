@@ -15,7 +15,6 @@ from tulip_testbed.sim.errors import InputError, at_least, at_most
 from tulip_testbed.sim.measurements import PosturePlan, read_plan
 from tulip_testbed.sim.measurements.plan_folder import check_fits
 from tulip_testbed.sim.measurements.table_files import MOST_ROWS
-from tulip_testbed.sim.procedure import check_support
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.robot_check import warn_of_robot
@@ -49,7 +48,6 @@ def check_plan(robot: Robot, plan: PosturePlan, source: str = "plan") -> None:
     check_fits(source, plan, robot)
     check_scene(preset_rig("ideal", robot))
     warn_of_robot(robot)
-    check_support(plan)
     identifiable_regressor(source, robot, plan)
 
 

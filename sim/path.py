@@ -27,11 +27,15 @@ class ClosedChain:
         self.feet = [model.body(foot).id for foot in robot.feet]
         self.soles = [sole_point(model, foot) for foot in robot.feet]
 
-    def base_pose(self, angles: np.ndarray) -> np.ndarray:
-        """Return the pose of the free body with the stance sole flat on the origin, (7,) [m, quaternion]."""
-        (sole, _), _ = self._feet(angles, np.array([0.0, 0, 0, 1, 0, 0, 0]))
+    def base_pose(self, angles: np.ndarray, foot: int = 0) -> np.ndarray:
+        """Return the pose of the free body with a sole flat on the origin, (7,) [m, quaternion].
+
+        Args:
+            foot: 0: the stance sole, 1: the swing sole.
+        """
+        sole, _ = self._feet(angles, np.array([0.0, 0, 0, 1, 0, 0, 0]))[foot]
         inverse, position = np.zeros(4), np.zeros(3)
-        mujoco.mju_negQuat(inverse, self.data.xquat[self.feet[0]])
+        mujoco.mju_negQuat(inverse, self.data.xquat[self.feet[foot]])
         mujoco.mju_rotVecQuat(position, -sole, inverse)
         return np.concatenate([position, inverse])
 

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, SensorSheet
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.scene import nominal_plates
@@ -14,22 +13,12 @@ from tulip_testbed.sim.sensors import averaged_sd
 
 
 def record_error(rig: Rig, rng: np.random.Generator, placements: int) -> np.ndarray:
-    """Draw the errors of both plates' recorded poses, (placements, 2, 3) [m, m, rad]."""
+    """Draw the errors of both plates' recorded poses, (placements, 2, 3) [m, m, rad].
+
+    The right plate has `mark_sd`, the left one `placement_sd`, in every support.
+    """
     sd = np.array([rig.sensors.mark_sd, rig.sensors.placement_sd])
     return sd * rng.standard_normal((placements, 2, 3))
-
-
-def check_support(plan: PosturePlan) -> None:
-    """Refuse postures that the simulators cannot hold.
-
-    Raises:
-        InputError: a posture stands on the swing foot alone.
-    """
-    if (other := plan.support == "left").any():
-        raise InputError(
-            f"plan, posture {plan.posture[other.argmax()]}: found support 'left', expected 'double' or "
-            "'right' (the laboratory stands on both feet or on the stance foot)"
-        )
 
 
 def support_of(plan: PosturePlan, posture: np.ndarray) -> np.ndarray:

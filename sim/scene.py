@@ -152,14 +152,12 @@ def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
     return spec
 
 
-def boards_under(rig: Rig, swing_poses: np.ndarray) -> np.ndarray:
-    """Return intended poses of the two boards for swing foot poses (k, 3), (k, 2, 3) [m, m, rad]."""
+def boards_under(rig: Rig, foot_poses: np.ndarray) -> np.ndarray:
+    """Return intended poses of the two boards for poses of the feet in the base frame, both (k, 2, 3)."""
     size = nominal_plates(rig.robot)[0].size
     model = rig.robot.model
-    right, left = (sole_corners(model, foot)[:, :2] for foot in rig.robot.feet)
-    boards = []
-    for x, y, yaw in swing_poses:
-        c, s = np.cos(yaw), np.sin(yaw)
-        soles = np.array([right, left @ np.array([[c, s], [-s, c]]) + [x, y]])
-        boards.append(lay_boards(soles, size, rig.protocol.plate_gap))
-    return np.array(boards)
+    corners = np.array([sole_corners(model, foot)[:, :2] for foot in rig.robot.feet])
+    c, s = np.cos(foot_poses[..., 2]), np.sin(foot_poses[..., 2])
+    turn = np.moveaxis(np.array([[c, s], [-s, c]]), (0, 1), (-2, -1))
+    soles = corners @ turn + foot_poses[..., None, :2]
+    return np.array([lay_boards(pair, size, rig.protocol.plate_gap) for pair in soles])

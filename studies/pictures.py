@@ -51,8 +51,10 @@ def _postures() -> Image.Image:
     robot = load_robot()
     plan = read_plan(DEFAULT_PLAN, robot)
     rows = list(ROWS)
-    boards = boards_under(preset_rig("ideal", robot), plan.swing_pose[rows])
-    return Image.fromarray(np.hstack([*rendered(robot, plan.joint_angles[rows], boards, *FRAME)]))
+    boards = boards_under(preset_rig("ideal", robot), plan.foot_poses[rows])
+    return Image.fromarray(
+        np.hstack([*rendered(robot, plan.joint_angles[rows], plan.support[rows], boards, *FRAME)])
+    )
 
 
 def _discovery(scratch: Path) -> Path:

@@ -14,13 +14,14 @@ from studies.runner import Settings, header, row, shipped_plan
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.drives import Drives
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
+from tulip_testbed.sim.measurements.data import feet_in_contact
 from tulip_testbed.sim.outcome import Attempt
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.statics import Load, State, cell_forces, residual, sole_poses, solve_by_newton
 from tulip_testbed.sim.statics.forces import contact_deflection, rotation_matrix
-from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_contact, solve_plan
+from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_base, solve_plan
 from tulip_testbed.sim.statics.static_run import Tries, run_statics, solve_tries
 
 # A foot whose centre of pressure is nearer to its sole's edge may have begun to tip (up to 20 um of gap).
@@ -167,11 +168,7 @@ def standing(solved_plan: SolvedPlan, rows: np.ndarray, angles: np.ndarray) -> n
     coordinates = near.angles[rows].copy()
     coordinates[:, m.joints] = angles
     poses = sole_poses(m, State(near.position[rows], near.rotation[rows], coordinates, near.wrench[rows]))
-    x, y, yaw = (poses[:, 1] - poses[:, 0]).T
-    c, s = np.cos(poses[:, 0, 2]), np.sin(poses[:, 0, 2])
-    feet = np.zeros_like(poses)
-    feet[:, 1] = np.column_stack([c * x + s * y, c * y - s * x, yaw])
-    return feet
+    return feet_in_base(poses, solved_plan.plan.support[rows])
 
 
 def center_of_pressure(cells: np.ndarray, plates: np.ndarray, forces: np.ndarray) -> np.ndarray:

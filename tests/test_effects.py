@@ -124,6 +124,8 @@ def test_the_catalogue_is_complete():
         "lag",
         "logged-command",
         "rocking",
+        "wrench-gain",
+        "wrench-zero",
     }
 
 

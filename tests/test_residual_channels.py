@@ -45,7 +45,7 @@ def test_the_slopes_of_the_residuals_are_their_differences(solved_plan, nominal)
     observed = observe(
         run_statics(solved_plan["ideal"], [np.random.SeedSequence(SEED)])[0].measurements, nominal
     )
-    slope, start, at = sensitivity(observed, nominal.value), packed(observed), fields(nominal)
+    slope, start, at = sensitivity(observed, nominal.value), packed(observed), fields(observed)
     for name, where in at.items():
         step = 1e-2 if name in ("cells", "lift") else 1e-5
         for k in range(where.start, where.stop):

@@ -32,11 +32,12 @@ from tulip_testbed.identification.feasibility import stability_margin
 from tulip_testbed.polygons import inset, nearest_on
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import read_measurements, read_series, write_measurements
+from tulip_testbed.standing import link_frames
 from tulip_testbed.viewer import balance_series as balance
 from tulip_testbed.viewer import layout, window
 from tulip_testbed.viewer import montecarlo_view as montecarlo
 from tulip_testbed.viewer import postures_view as postures
-from tulip_testbed.viewer.robot_view import link_frames, undrawn
+from tulip_testbed.viewer.robot_view import undrawn
 from tulip_testbed.viewer.subject import measured, planned, validated
 from tulip_testbed.viewer.time_series import sampled
 
@@ -150,7 +151,7 @@ def test_clouds_are_those_of_the_runs(calibration, robot):
 def test_links_are_drawn_where_mujoco_has_them(run, robot, model):
     """Nominal kinematics and MuJoCo's own, from the base frame."""
     subject = validated(read_validation(run, robot))
-    rotations, positions = link_frames(subject.nominal, subject.joint_angles[:3])
+    rotations, positions = link_frames(subject.nominal, subject.joint_angles[:3], subject.support[:3])
     data = mujoco.MjData(model)
     tree = subject.nominal.parameters.tree
     for row in range(3):

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.planning_ranges import planning_ranges
@@ -20,9 +19,11 @@ from tulip_testbed.rendering import rendered
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import new_folder, write_bytes, write_text
 from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.measurements.data import feet_in_contact
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, sole_corners
 from tulip_testbed.sim.scene import boards_under, nominal_plates
+from tulip_testbed.standing import center_of_mass
 
 SCALE = 400.0  # pixels a metre
 MOST_COLUMNS = 4
@@ -59,14 +60,13 @@ def support_polygons(robot: Robot, plan: PosturePlan) -> str:
     every posture's nominal centre of mass with the shortest way to the polygon's edge, d_e.
     """
     model = robot.model
-    parameters = base_parameters(robot, model, "right")
-    com = parameters.regressor(plan.joint_angles) @ parameters.values(standard_parameters(model))
+    com = center_of_mass(nominal_robot(robot), plan.joint_angles, plan.support)
     inner = planning_ranges(robot).stability_margin if "planning" in robot.settings else None
     size = nominal_plates(robot)[0].size
     corners = [sole_corners(model, foot)[:, :2] for foot in robot.feet]
     placements = list(dict.fromkeys(plan.placement.tolist()))
     first = [int(np.flatnonzero(plan.placement == number)[0]) for number in placements]
-    boards = boards_under(preset_rig("ideal", robot), plan.swing_pose[first])
+    boards = boards_under(preset_rig("ideal", robot), plan.foot_poses[first])
     half = size / 2
     low, high = boards[..., :2].min(axis=(0, 1)) - half, boards[..., :2].max(axis=(0, 1)) + half
     width, height = SCALE * (high - low)[::-1]
@@ -74,15 +74,15 @@ def support_polygons(robot: Robot, plan: PosturePlan) -> str:
     panels = []
     for k, (number, row) in enumerate(zip(placements, first, strict=True)):
         rows = np.flatnonzero(plan.placement == number)
-        soles = np.array([corners[0], place_polygon(corners[1], plan.swing_pose[row])])
+        soles = np.array([place_polygon(*foot) for foot in zip(corners, plan.foot_poses[row], strict=True)])
         x = GAP + (k % columns) * (width + GAP)
         y = LEGEND + (k // columns) * (height + HEAD + GAP) + HEAD
         parts = [_rectangle(pose, half, low, high) for pose in boards[k]]
-        stands = soles if (plan.support[rows] == "double").any() else soles[:1]
-        parts += [_shape(sole, low, high, f'fill="none" stroke="{SOLE}"') for sole in stands]
+        on = feet_in_contact(plan.support[rows])
+        parts += [_shape(sole, low, high, f'fill="none" stroke="{SOLE}"') for sole in soles[on.any(axis=0)]]
         least = np.inf
         for support in dict.fromkeys(plan.support[rows].tolist()):
-            polygon = support_polygon(soles[:1] if support == "right" else soles)
+            polygon = support_polygon(soles[feet_in_contact(np.array([support]))[0]])
             parts.append(
                 _shape(polygon, low, high, f'fill="{POLYGON}" fill-opacity="0.10" stroke="{POLYGON}"')
             )
@@ -115,9 +115,9 @@ def contact_sheet(robot: Robot, plan: PosturePlan) -> bytes:
     _, once = np.unique(plan.posture, return_index=True)
     shown = plan.take(np.sort(once))
     width, height = THUMB
-    boards = boards_under(preset_rig("ideal", robot), shown.swing_pose)
+    boards = boards_under(preset_rig("ideal", robot), shown.foot_poses)
     # Twice as large: smooth edges.
-    images = rendered(robot, shown.joint_angles, boards, 2 * width, 2 * height)
+    images = rendered(robot, shown.joint_angles, shown.support, boards, 2 * width, 2 * height)
     columns = min(SHEET_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
     sheet = Image.new("RGB", (columns * width, rows * height), "white")
@@ -139,8 +139,8 @@ def standing_picture(robot: Robot) -> bytes:
     """
     angles = robot.model.key("stand").qpos[7:][None]
     pose = nominal_robot(robot).swing_sole(angles)[:, [0, 1, 5]]
-    boards = boards_under(preset_rig("ideal", robot), pose)
-    image = rendered(robot, angles, boards, *PORTRAIT)[0]
+    boards = boards_under(preset_rig("ideal", robot), np.stack([np.zeros_like(pose), pose], axis=1))
+    image = rendered(robot, angles, np.array(["double"]), boards, *PORTRAIT)[0]
     out = io.BytesIO()
     Image.fromarray(image).save(out, "png")
     return out.getvalue()

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.sim.measurements.data import base_foot
 from tulip_testbed.sim.robot import Robot
 
 PLATFORMS = ("egl", "osmesa")
@@ -27,12 +28,18 @@ FRAME, MIDDLE = 1.7, 0.5  # of the robot's height: the camera's distance, and wh
 
 
 def rendered(
-    robot: Robot, joint_angles: np.ndarray, plate_poses: np.ndarray, width: int, height: int
+    robot: Robot,
+    joint_angles: np.ndarray,
+    support: np.ndarray,
+    plate_poses: np.ndarray,
+    width: int,
+    height: int,
 ) -> np.ndarray:
     """Postures on their boards, (m, height, width, 3), 8 bits a channel.
 
     Args:
-        joint_angles: (m, n_joints) [rad]. plate_poses: (m, 2, 3) [m, m, rad].
+        joint_angles: (m, n_joints) [rad]. support: "double", "right" or "left", (m,).
+        plate_poses: (m, 2, 3) [m, m, rad].
 
     Raises:
         InputError: neither EGL nor OSMesa draws; names the packages to install.
@@ -40,6 +47,7 @@ def rendered(
     request = {
         "robot": str(robot.path),
         "angles": joint_angles.tolist(),
+        "feet": base_foot(support).tolist(),
         "plates": plate_poses.tolist(),
         "size": [width, height],
     }
@@ -69,9 +77,14 @@ def rendered(
 
 
 def draw(
-    robot: Robot, joint_angles: np.ndarray, plate_poses: np.ndarray, width: int, height: int
+    robot: Robot,
+    joint_angles: np.ndarray,
+    feet: list[int],
+    plate_poses: np.ndarray,
+    width: int,
+    height: int,
 ) -> np.ndarray:
-    """As `rendered`, in this process, whose MUJOCO_GL says how."""
+    """As `rendered`, in this process, whose MUJOCO_GL says how; `feet` carry the base frame."""
     import mujoco
 
     from tulip_testbed.sim.dynamics.stand import Stand
@@ -94,7 +107,7 @@ def draw(
         camera.distance = FRAME * top
         with mujoco.Renderer(stand.model, height, width) as renderer:
             for row in np.flatnonzero(where == place):
-                stand.reset(joint_angles[row], stand.chain.base_pose(joint_angles[row]))
+                stand.reset(joint_angles[row], stand.chain.base_pose(joint_angles[row], feet[row]))
                 mujoco.mj_forward(stand.model, stand.data)
                 renderer.update_scene(stand.data, camera)
                 images[row] = renderer.render()
@@ -133,6 +146,7 @@ def main() -> None:
     images = draw(
         load_robot(Path(request["robot"]), meshes=True),
         np.array(request["angles"]),
+        request["feet"],
         np.array(request["plates"]),
         *request["size"],
     )

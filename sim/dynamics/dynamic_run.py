@@ -13,9 +13,9 @@ from tulip_testbed.sim.dynamics.hold import Held, hold, move, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.measurements.plan_folder import check_support
 from tulip_testbed.sim.outcome import Attempt, Outcome, Truth, dropped_postures
 from tulip_testbed.sim.procedure import (
-    check_support,
     choose_repeats,
     constants,
     make_measurements,
@@ -48,9 +48,9 @@ def run_dynamics(
         progress: called with the number of attempts each time a placement is done.
 
     Raises:
-        InputError: a posture stands on the swing foot alone, or no posture could be measured.
+        InputError: a placement has two base frames, or no posture could be measured.
     """
-    check_support(plan)
+    check_support("plan", plan)
     placements = list(dict.fromkeys(plan.placement.tolist()))
     streams = np.random.SeedSequence(seed).spawn(len(placements) + 1)
     shared = np.random.default_rng(streams[-1])
@@ -138,7 +138,7 @@ def run_placement(
     """Set up one placement and attempt its postures, then its repeats."""
     rng = np.random.default_rng(stream)
     order = order_of_tries(plan, placement, repeats)
-    boards = boards_under(rig, plan.swing_pose[[order[0][0]]])[0]
+    boards = boards_under(rig, plan.foot_poses[[order[0][0]]])[0]
     stand = Stand(rig, boards + rig.protocol.plate_sd * rng.standard_normal((2, 3)))
     error = record_error(rig, rng, 1)[0]
     attempts: list[Attempt] = []

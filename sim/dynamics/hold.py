@@ -8,6 +8,7 @@ import numpy as np
 
 from tulip_testbed.sim.dynamics.balance import Balance, balance_of, mechanical_energy
 from tulip_testbed.sim.dynamics.stand import Stand
+from tulip_testbed.sim.measurements.data import feet_in_contact
 from tulip_testbed.sim.path import smooth_path, straight_path
 
 CONTROL_PERIOD = 0.02  # s, between checks of the gates of a hold
@@ -54,10 +55,10 @@ def put_down(
 
     Args:
         command: commanded angles; None means `angles`.
-        support: "double", or "right" for the stance foot alone.
+        support: "double", or "right" or "left" for one foot alone.
     """
-    stand.foot_contact = np.array([True, support == "double"])
-    stand.reset(angles, stand.chain.base_pose(angles))
+    stand.foot_contact = feet_in_contact(np.array([support]))[0]
+    stand.reset(angles, stand.chain.base_pose(angles, stand.base))
     stand.command = angles if command is None else command
     stand.run(LANDING_TIME)
     stand.mark_feet()
@@ -96,7 +97,7 @@ def hold(stand: Stand, plan: np.ndarray) -> tuple[Held | None, str]:
     protocol, data = stand.protocol, stand.data
     _release(stand)
     before = mechanical_energy(stand)
-    upright = stand.chain.base_pose(plan)
+    upright = stand.chain.base_pose(plan, stand.base)
     released = data.time
     latest = released + protocol.hold_time - protocol.window
     while True:

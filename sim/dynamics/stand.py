@@ -62,6 +62,11 @@ class Stand:
         self.top_height = float(top.pos[2] + top.size[2])
 
     @property
+    def base(self) -> int:
+        """Return the index of the foot that carries the base frame: 0, right, unless it is in the air."""
+        return int(self.foot_contact.argmax())
+
+    @property
     def command(self) -> np.ndarray:
         """Return the commanded angles, (n,) [rad]."""
         return self.data.ctrl[self.servos]
@@ -114,7 +119,7 @@ class Stand:
 
     def centre_of_mass(self) -> np.ndarray:
         """Return MuJoCo's centre of mass in the base frame, (2,) [m]."""
-        x, y, yaw = self._feet()[0]
+        x, y, yaw = self._feet()[self.base]
         east = self.data.subtree_com[self.torso][:2] - [x, y]
         return np.array(
             [np.cos(yaw) * east[0] + np.sin(yaw) * east[1], np.cos(yaw) * east[1] - np.sin(yaw) * east[0]]
@@ -122,7 +127,7 @@ class Stand:
 
     def plates_in_base(self) -> np.ndarray:
         """Return the true poses of both plates in the base frame, (2, 3) [m, m, rad]."""
-        x, y, yaw = self._feet()[0]
+        x, y, yaw = self._feet()[self.base]
         poses = []
         for plate in PLATES:
             body = self.data.body(f"{plate}_plate")

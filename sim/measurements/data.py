@@ -21,7 +21,8 @@ class PosturePlan:
         joint_angles: (m, n_joints) [rad].
         posture, placement: numbers, (m,).
         support: "double", "right" or "left" per posture, (m,).
-        swing_pose: pose of the swing foot in the base frame, (m, 3) [m, m, rad].
+        swing_pose: pose in the base frame of the foot that does not carry it, which is the swing foot in
+            "double" and "right" support, the stance foot in "left" support, (m, 3) [m, m, rad].
         robot: MJCF file of the plan's robot, {"model", "sha256"}.
         made: settings that made the plan (objective, seed, ranges, margins, software).
         torques: feed-forward torques of the drives, (m, n_joints) [N m], with which the servos hold the
@@ -43,6 +44,13 @@ class PosturePlan:
 
     def __repr__(self) -> str:
         return f"PosturePlan: {_described(self)}, robot {self.robot['model']}"
+
+    @property
+    def foot_poses(self) -> np.ndarray:
+        """Return the planned poses of right and left foot in the base frame, (m, 2, 3) [m, m, rad]."""
+        poses = np.zeros((len(self), 2, 3))
+        poses[np.arange(len(self)), 1 - base_foot(self.support)] = self.swing_pose
+        return poses
 
     @property
     def feed_forward(self) -> np.ndarray:
@@ -88,7 +96,7 @@ class Measurements:
         motor: motor encoders over gear ratio, (m, n_joints) [rad], or None.
         cell_forces, cell_forces_sd: in the order of `CELLS`, (m, 8) [N].
         plate_poses: recorded poses of the right and left plate in the base frame, (m, 2, 3)
-            [m, m, rad].
+            [m, m, rad]; in "left" support it is the frame of the left foot.
         cells: the cells' positions in their plate's frame, (2, 4, 2) [m].
         top_height: height of the plates' top surface over the floor, (2,) [m].
         weighed_mass: value and s.d. [kg], or None.
@@ -163,6 +171,16 @@ class Measurements:
         import pandas as pd
 
         return pd.DataFrame(self.columns())
+
+
+def feet_in_contact(support: np.ndarray) -> np.ndarray:
+    """Return whether the right and the left foot are on the ground, (m, 2) bool."""
+    return np.column_stack([support != "left", support != "right"])
+
+
+def base_foot(support: np.ndarray) -> np.ndarray:
+    """Return the index of the foot that carries the base frame, (m,) int: 0, right, unless in the air."""
+    return feet_in_contact(support).argmax(axis=1)
 
 
 def _described(rows: PosturePlan | Measurements) -> str:

@@ -13,7 +13,7 @@ from tulip_testbed.sim.errors import InputError, listed, shortened
 from tulip_testbed.sim.files import new_folder
 from tulip_testbed.sim.measurements.checked_table import checked_table
 from tulip_testbed.sim.measurements.contract import SUPPORTS
-from tulip_testbed.sim.measurements.data import PosturePlan
+from tulip_testbed.sim.measurements.data import PosturePlan, base_foot
 from tulip_testbed.sim.measurements.folder_kind import check_kind
 from tulip_testbed.sim.measurements.manifest import MOST_ANGLE, MOST_LENGTH, Version
 from tulip_testbed.sim.measurements.table_files import (
@@ -154,10 +154,30 @@ def check_fits(where: str, plan: PosturePlan, robot: Robot) -> None:
 
 
 def check_postures(path: Path | str, plan: PosturePlan, robot: Robot) -> None:
-    """Refuse postures out of range or with the swing foot elsewhere, and numbers of different postures."""
+    """Refuse postures out of range, two base frames in a placement, a swing foot elsewhere, and numbers of
+    different postures.
+    """
     check_limits(path, plan, robot.model)
+    check_support(path, plan)
     check_swing(path, plan, robot)
     check_repeats(path, plan)
+
+
+def check_support(path: Path | str, plan: PosturePlan) -> None:
+    """Refuse a placement in which some postures stand on the left foot alone and others do not.
+
+    Raises:
+        InputError: the base frame is the left foot's in some rows of a placement, the right one's in others.
+    """
+    _, first, place = np.unique(plan.placement, return_index=True, return_inverse=True)
+    foot, same = base_foot(plan.support), first[place]
+    if (other := foot != foot[same]).any():
+        row = int(other.argmax())
+        raise InputError(
+            f"{path}: column 'support', row {row + 1}: found '{plan.support[row]}' after "
+            f"'{plan.support[same[row]]}' in placement {plan.placement[row]}, expected 'left' in all of its "
+            "postures or in none (poses are in the left foot's frame then)"
+        )
 
 
 def check_swing(path: Path | str, plan: PosturePlan, robot: Robot) -> None:

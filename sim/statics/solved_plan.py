@@ -9,8 +9,10 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.measurements.data import base_foot, feet_in_contact
+from tulip_testbed.sim.measurements.plan_folder import check_support
 from tulip_testbed.sim.path import ClosedChain
-from tulip_testbed.sim.procedure import check_support, constants
+from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.statics import Load, Mechanism, Reference, State, mechanism, solve_by_newton
@@ -44,7 +46,7 @@ def solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
     """Solve every posture of a plan once, as planned.
 
     Raises:
-        InputError: a posture stands on the swing foot alone, or the scene is not supported by statics.
+        InputError: a placement has two base frames, or the scene is not supported by statics.
     """
     first, *others = stages(rig)
     later = tuple((start, _solve_plan(one, plan)) for start, one in others)
@@ -52,16 +54,15 @@ def solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
 
 
 def _solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
-    check_support(plan)
+    check_support("plan", plan)
     m, model = mechanism(rig), rig.robot.model
     placements, placement = np.unique(plan.placement, return_inverse=True)
     first = [int(np.flatnonzero(plan.placement == number)[0]) for number in placements]
-    boards = boards_under(rig, plan.swing_pose[first])
-    feet = np.stack([np.zeros_like(plan.swing_pose), plan.swing_pose], axis=1)
+    boards = boards_under(rig, plan.foot_poses[first])
     load = Load(
         command=plan.joint_angles + plan.feed_forward / m.gain,
         friction=np.zeros(len(m.names)),
-        feet=feet,
+        feet=plan.foot_poses,
         plates=boards[placement],
         mass=m.mass,
         center=m.center,
@@ -73,9 +74,14 @@ def _solve_plan(rig: Rig, plan: PosturePlan) -> SolvedPlan:
     return SolvedPlan(rig, plan, m, reference, boards, placement, links, constants(rig))
 
 
-def feet_in_contact(support: np.ndarray) -> np.ndarray:
-    """Return whether the right and the left foot are on the ground, (m, 2) bool."""
-    return np.column_stack([np.full(len(support), True), support == "double"])
+def feet_in_base(poses: np.ndarray, support: np.ndarray) -> np.ndarray:
+    """Return the poses of right and left foot in the base frame from those in the world, (m, 2, 3)."""
+    every, base = np.arange(len(poses)), base_foot(support)
+    x, y, yaw = (poses[every, 1 - base] - poses[every, base]).T
+    c, s = np.cos(poses[every, base, 2]), np.sin(poses[every, base, 2])
+    feet = np.zeros_like(poses)
+    feet[every, 1 - base] = np.column_stack([c * x + s * y, c * y - s * x, yaw])
+    return feet
 
 
 def standard_parameters_of(solved_plan: SolvedPlan) -> np.ndarray:
@@ -88,7 +94,8 @@ def standard_parameters_of(solved_plan: SolvedPlan) -> np.ndarray:
 def _start(rig: Rig, m: Mechanism, plan: PosturePlan) -> State:
     """Return the planned postures with the weight shared equally by the feet in contact."""
     chain = ClosedChain(rig.robot.model, rig.robot)
-    pose = np.array([chain.base_pose(angles) for angles in plan.joint_angles])
+    base = base_foot(plan.support).tolist()
+    pose = np.array([chain.base_pose(*each) for each in zip(plan.joint_angles, base, strict=True)])
     rotation = np.zeros((len(pose), 9))
     for matrix, quaternion in zip(rotation, pose[:, 3:], strict=True):
         mujoco.mju_quat2Mat(matrix, quaternion)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements.data import feet_in_contact
 from tulip_testbed.sim.outcome import Outcome, Truth
 from tulip_testbed.sim.procedure import (
     choose_repeats,
@@ -35,7 +36,7 @@ from tulip_testbed.sim.statics import (
     solve_by_chord,
     sway_displacements,
 )
-from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_contact, standard_parameters_of
+from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_base, standard_parameters_of
 
 NO_EQUILIBRIUM = "tipped"
 
@@ -210,7 +211,8 @@ def _draw(solved_plan: SolvedPlan, run: int, rng: np.random.Generator) -> Tries:
 def _feet(solved_plan: SolvedPlan, tries: Tries) -> np.ndarray:
     """Return the poses of the feet, (b, 2, 3) [m, m, rad].
 
-    The first command of a set-up places the left foot, without the offset for feed-forward torques.
+    The first command of a set-up places the foot that does not carry the base frame, without the offset for
+    feed-forward torques.
     """
     m, near = solved_plan.mechanism, solved_plan.reference.state
     down = np.flatnonzero(tries.fresh)
@@ -219,10 +221,7 @@ def _feet(solved_plan: SolvedPlan, tries: Tries) -> np.ndarray:
     angles[:, m.joints] = angles[:, m.motors]
     rows = tries.row[down]
     poses = sole_poses(m, State(near.position[rows], near.rotation[rows], angles, near.wrench[rows]))
-    x, y, yaw = (poses[:, 1] - poses[:, 0]).T
-    c, s = np.cos(poses[:, 0, 2]), np.sin(poses[:, 0, 2])
-    feet = np.zeros((len(down), 2, 3))
-    feet[:, 1] = np.column_stack([c * x + s * y, c * y - s * x, yaw])
+    feet = feet_in_base(poses, solved_plan.plan.support[rows])
     return feet[np.cumsum(tries.fresh) - 1]
 
 

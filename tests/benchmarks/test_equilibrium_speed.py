@@ -25,7 +25,7 @@ def test_a_posture_in_statics_and_held_for_a_minute(benchmark, robot, plan):
     postures = sum(len(run.measurements) + len(run.truth.dropped) for run in runs)
     static = benchmark.stats.stats.min / postures
     whole = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, gated=False))
-    stand = Stand(whole, boards_under(whole, plan.swing_pose[:1])[0])
+    stand = Stand(whole, boards_under(whole, plan.foot_poses[:1])[0])
     put_down(stand, plan.joint_angles[0])
     began = time.perf_counter()
     held, reason = hold(stand, plan.joint_angles[0])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from typing import Any
@@ -41,10 +40,12 @@ from tulip_testbed.rendering import rendered
 from tulip_testbed.sim.column import printable
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.measurements.data import feet_in_contact
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.scene import boards_under, nominal_plates
 from tulip_testbed.sim.table import Table
+from tulip_testbed.standing import soles_in_base
 
 TEMPLATE = "page.html.j2"
 POLYGONS, PICTURES = 6, 4  # how many placements and postures are drawn
@@ -164,7 +165,7 @@ def validation_page(run: ValidationRecord) -> Page:
             "Postures",
             (words.dropped(content), words.POLYGON_WORDS, *([words.NO_TRUE_COM] if com is None else [])),
             figures=_polygons(robot, measured, com),
-            pictures=_pictures(robot, measured.joint_angles, measured.plate_poses, _names(measured), missing),
+            pictures=_pictures(robot, measured, measured.plate_poses, missing),
         ),
         Section("How it was made", tables=(settings_table(run.document.plain()),)),
     )
@@ -260,20 +261,15 @@ def _z(model: ModelReport) -> tuple[list[int], np.ndarray]:
     return [row.number for row in rows], (estimate - truth) / error
 
 
-def _names(measured: Measurements) -> list[str]:
-    return [f"Posture {p}, placement {k}" for p, k in zip(measured.posture, measured.placement, strict=True)]
-
-
 def _polygons(robot: Robot, measured: Measurements, com: np.ndarray | None) -> tuple[Figure, ...]:
-    nominal = nominal_robot(robot)
-    soles, cop = nominal.soles_in_base(measured.joint_angles), center_of_pressure(measured)
+    soles = soles_in_base(nominal_robot(robot), measured.joint_angles, measured.support)
+    carrying, cop = feet_in_contact(measured.support), center_of_pressure(measured)
     placements = np.unique(measured.placement)
     board = nominal_plates(robot)[0].size
-    carrying = {"double": slice(0, 2), "right": slice(0, 1), "left": slice(1, 2)}
     found = []
     for placement in placements[np.unique(np.linspace(0, len(placements) - 1, POLYGONS).astype(int))]:
         rows = np.flatnonzero(measured.placement == placement)
-        feet = soles[rows[0]][carrying[str(measured.support[rows[0]])]]
+        feet = soles[rows[0]][carrying[rows[0]]]
         points = {"CoP": cop[rows]} | ({} if com is None else {"CoM, truth": com[rows]})
         plates = measured.plate_poses[rows[0]]
         found.append(
@@ -283,22 +279,23 @@ def _polygons(robot: Robot, measured: Measurements, com: np.ndarray | None) -> t
 
 
 def _pictures(
-    robot: Robot, joint_angles: np.ndarray, plates: np.ndarray, names: Sequence[str], missing: list[str]
+    robot: Robot, postures: Measurements | PosturePlan, plates: np.ndarray, missing: list[str]
 ) -> tuple[Picture, ...]:
     """Postures spread over the experiment; what keeps them from being drawn goes to `missing`."""
-    rows = np.unique(np.linspace(0, len(joint_angles) - 1, PICTURES).astype(int))
+    rows = np.unique(np.linspace(0, len(postures) - 1, PICTURES).astype(int))
     try:
-        drawings = rendered(robot, joint_angles[rows], plates[rows], *SIZE)
+        drawings = rendered(robot, postures.joint_angles[rows], postures.support[rows], plates[rows], *SIZE)
     except InputError as error:
         missing.append(f"Pictures of postures: {error}.")
         return ()
+    names = [f"Posture {postures.posture[k]}, placement {postures.placement[k]}" for k in rows]
     return tuple(
         Picture(
             "data:image/png;base64," + base64.b64encode(_png(drawing)).decode(),
-            names[row],
-            f"The robot on its two plates: {names[row]}.",
+            name,
+            f"The robot on its two plates: {name}.",
         )
-        for row, drawing in zip(rows, drawings, strict=True)
+        for name, drawing in zip(names, drawings, strict=True)
     )
 
 
@@ -311,6 +308,6 @@ def _png(image: np.ndarray) -> bytes:
 def _planned_pictures(
     robot: Robot, plan: PosturePlan, chosen: np.ndarray, missing: list[str]
 ) -> tuple[Picture, ...]:
-    boards = boards_under(preset_rig("ideal", robot), plan.swing_pose[chosen])
-    names = [f"Posture {plan.posture[row]}, placement {plan.placement[row]}" for row in chosen]
-    return _pictures(robot, plan.joint_angles[chosen], boards, names, missing)
+    shown = plan.take(chosen)
+    boards = boards_under(preset_rig("ideal", robot), shown.foot_poses)
+    return _pictures(robot, shown, boards, missing)

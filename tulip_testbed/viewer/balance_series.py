@@ -8,6 +8,7 @@ import rerun as rr
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, POLYGON, RESIDUAL, TRUTH, rgb
 from tulip_testbed.identification.feasibility import place_polygon
 from tulip_testbed.polygons import inset, nearest_on
+from tulip_testbed.standing import soles_in_base
 from tulip_testbed.viewer.subject import Subject
 
 COM_COLOURS = {"estimate": ESTIMATE, "truth": TRUTH, "nominal model": NOMINAL}
@@ -31,7 +32,7 @@ def log_balance(recording: rr.RecordingStream, index: rr.TimeColumn, subject: Su
     """Everything on the ground, under /world/balance [m] and from above under /above [mm]."""
     boards = [[_board(subject, row, plate) for plate in range(2)] for row in range(len(subject))]
     _strips_above(recording, "above/plates", index, boards, (158, 184, 204), 2.0)
-    soles = subject.nominal.soles_in_base(subject.joint_angles)
+    soles = soles_in_base(subject.nominal, subject.joint_angles, subject.support)
     _strips_above(
         recording, "above/soles", index, [[_closed(s) for s in row] for row in soles], (130, 130, 130), 2.0
     )

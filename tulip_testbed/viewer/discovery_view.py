@@ -48,7 +48,7 @@ def log_discovery(recording: rr.RecordingStream, run: DiscoveryRecord) -> None:
     rank[time_order(run)] = np.arange(1, len(subject) + 1)
     index = rr.TimeColumn("posture", sequence=rank)
     log_geometry(recording, "world/robot", run.robot.visual_model)
-    log_motion(recording, "world/robot", index, subject.nominal, subject.joint_angles)
+    log_motion(recording, "world/robot", index, subject)
     log_plates(recording, "world/plates", index, subject)
     positions = cell_positions(run.measurements)
     log_loads(recording, "world/loads", index, positions, run.measurements.cell_forces, subject.weight)

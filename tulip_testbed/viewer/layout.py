@@ -69,7 +69,7 @@ def space_views(subject: Subject) -> list[rrb.Spatial3DView]:
 
 def space_view(subject: Subject, name: str, contents: list[str]) -> rrb.Spatial3DView:
     """A part of the world, observed from before the robot's right."""
-    height = height_of(subject.nominal, subject.joint_angles)
+    height = height_of(subject)
     eye = rrb.EyeControls3D(
         position=tuple(height / TULIP_HEIGHT * np.array(EYE)),
         look_target=(0.0, 0.1, 0.4 * height),

@@ -31,10 +31,10 @@ def log_montecarlo(recording: rr.RecordingStream, run: MonteCarloRecord) -> None
     index = rr.TimeColumn("posture", sequence=np.arange(1, len(subject) + 1))
     model = run.robot.visual_model
     log_geometry(recording, "world/robot", model)
-    log_motion(recording, "world/robot", index, subject.nominal, subject.joint_angles)
+    log_motion(recording, "world/robot", index, subject)
     masses = {"nominal model": standard_parameters(model)}
-    log_masses(recording, "world/masses", index, subject.nominal, subject.joint_angles, masses)
-    log_skeleton(recording, "world/masses/skeleton", index, subject.nominal, subject.joint_angles, SKELETON)
+    log_masses(recording, "world/masses", index, subject, masses)
+    log_skeleton(recording, "world/masses/skeleton", index, subject, subject.joint_angles, SKELETON)
     log_plates(recording, "world/plates", index, subject)
     log_balance(recording, index, subject)
     clouds, note = cop_clouds(run)

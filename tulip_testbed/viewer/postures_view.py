@@ -23,15 +23,15 @@ def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
     model = subject.nominal.robot.visual_model
     log_geometry(recording, "world/robot", model)
     index = rr.TimeColumn("posture", sequence=np.arange(1, len(subject) + 1))
-    log_motion(recording, "world/robot", index, subject.nominal, subject.joint_angles)
+    log_motion(recording, "world/robot", index, subject)
     masses = {"nominal model": standard_parameters(model)}
     for name, standard in subject.true_masses.items():
         if not np.allclose(standard, masses["nominal model"]):
             masses[name] = standard
-    log_masses(recording, "world/masses", index, subject.nominal, subject.joint_angles, masses)
-    log_skeleton(recording, "world/masses/skeleton", index, subject.nominal, subject.joint_angles, SKELETON)
+    log_masses(recording, "world/masses", index, subject, masses)
+    log_skeleton(recording, "world/masses/skeleton", index, subject, subject.joint_angles, SKELETON)
     if subject.command is not None:
-        log_skeleton(recording, "world/commanded", index, subject.nominal, subject.command, COMMAND)
+        log_skeleton(recording, "world/commanded", index, subject, subject.command, COMMAND)
     log_plates(recording, "world/plates", index, subject)
     if subject.measurements is not None:
         positions = cell_positions(subject.measurements)

@@ -8,8 +8,8 @@ import rerun as rr
 from scipy.spatial.transform import Rotation
 
 from tulip_testbed.colours import NOMINAL, TRUTH, rgb
-from tulip_testbed.identification.kinematics import frame_positions, link_rotations
-from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.standing import link_frames
+from tulip_testbed.viewer.subject import Subject
 
 SHOWN_GROUPS = (0, 1, 2)  # as MuJoCo's own viewer; collision geometry stands in the others
 MARKER = 0.025  # m, radius of the marker of 1 kg
@@ -40,16 +40,10 @@ def undrawn(model: mujoco.MjModel) -> list[str]:
     ]
 
 
-def log_motion(
-    recording: rr.RecordingStream, path: str, index: rr.TimeColumn, nominal: Nominal, joint_angles: np.ndarray
-) -> None:
-    """Every link's pose in the base frame at every time.
-
-    Args:
-        joint_angles: (m, n_joints) [rad].
-    """
-    rotations, positions = link_frames(nominal, joint_angles)
-    tree = nominal.parameters.tree
+def log_motion(recording: rr.RecordingStream, path: str, index: rr.TimeColumn, subject: Subject) -> None:
+    """Every link's pose in the base frame at every time."""
+    rotations, positions = link_frames(subject.nominal, subject.joint_angles, subject.support)
+    tree = subject.nominal.parameters.tree
     for link, frame in zip(tree.links, tree.frame_of_link, strict=True):
         quaternion = Rotation.from_matrix(rotations[:, frame]).as_quat()
         columns = rr.Transform3D.columns(translation=positions[:, frame], quaternion=quaternion)
@@ -60,13 +54,13 @@ def log_skeleton(
     recording: rr.RecordingStream,
     path: str,
     index: rr.TimeColumn,
-    nominal: Nominal,
+    subject: Subject,
     joint_angles: np.ndarray,
     colour: str,
 ) -> None:
-    """Lines from joint to joint at every time."""
-    _, positions = link_frames(nominal, joint_angles)
-    edges = nominal.parameters.tree.edges
+    """Lines from joint to joint at every time, at the measured or the commanded angles."""
+    _, positions = link_frames(subject.nominal, joint_angles, subject.support)
+    edges = subject.nominal.parameters.tree.edges
     ends = np.array([[edge.parent, edge.child] for edge in edges])
     strips = positions[:, ends].reshape(-1, 2, 3)
     recording.log(path, rr.LineStrips3D.from_fields(colors=rgb(colour), radii=0.004), static=True)
@@ -78,8 +72,7 @@ def log_masses(
     recording: rr.RecordingStream,
     path: str,
     index: rr.TimeColumn,
-    nominal: Nominal,
-    joint_angles: np.ndarray,
+    subject: Subject,
     masses: dict[str, np.ndarray],
 ) -> None:
     """Each link's centre of mass as a ball whose volume is its mass.
@@ -87,14 +80,15 @@ def log_masses(
     Args:
         masses: standard parameters (eq. 5), (n_links, 4) [kg, kg m], by where they come from.
     """
-    rotations, positions = link_frames(nominal, joint_angles)
-    frames = np.array(nominal.parameters.tree.frame_of_link)
+    rotations, positions = link_frames(subject.nominal, subject.joint_angles, subject.support)
+    tree = subject.nominal.parameters.tree
+    frames = np.array(tree.frame_of_link)
     for name, standard in masses.items():
         heavy = standard[:, 0] > 0
         mass, of = standard[heavy, 0], frames[heavy]
         local = standard[heavy, 1:] / mass[:, None]
         centres = positions[:, of] + (rotations[:, of] @ local[..., None])[..., 0]
-        links = np.array(nominal.parameters.tree.links)[heavy]
+        links = np.array(tree.links)[heavy]
         style = rr.Points3D.from_fields(
             radii=MARKER * np.cbrt(mass),
             colors=rgb(MASS_COLOURS[name]),
@@ -103,23 +97,14 @@ def log_masses(
         )
         entity = f"{path}/{name.replace(' ', '_')}"
         recording.log(entity, style, static=True)
-        columns = rr.Points3D.columns(positions=centres.reshape(-1, 3)).partition(
-            [len(mass)] * len(joint_angles)
-        )
+        columns = rr.Points3D.columns(positions=centres.reshape(-1, 3)).partition([len(mass)] * len(subject))
         recording.send_columns(entity, [index], columns)
 
 
-def link_frames(nominal: Nominal, joint_angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotations and origins of all frames in the base frame, (m, n_frames, 3, 3) and (m, n_frames, 3) [m]."""
-    tree, base = nominal.parameters.tree, nominal.parameters.base
-    rotations = link_rotations(tree, base, joint_angles)
-    return rotations, frame_positions(tree, base, rotations, -nominal.points[0])
-
-
-def height_of(nominal: Nominal, joint_angles: np.ndarray) -> float:
+def height_of(subject: Subject) -> float:
     """Of the robot's highest geom over the ground, the median of all postures [m]."""
-    model, tree = nominal.robot.model, nominal.parameters.tree
-    rotations, positions = link_frames(nominal, joint_angles)
+    model, tree = subject.nominal.robot.model, subject.nominal.parameters.tree
+    rotations, positions = link_frames(subject.nominal, subject.joint_angles, subject.support)
     frame = np.array(tree.frame_of_link)[model.geom_bodyid - 1]
     # Rows of the rotations that give z; a geom's own sphere reaches as far upwards as in any direction.
     middle = positions[:, frame, 2] + (rotations[:, frame, 2] * model.geom_pos).sum(axis=-1)

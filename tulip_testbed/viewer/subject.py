@@ -21,10 +21,12 @@ from tulip_testbed.sim.measurements import (
     PosturePlan,
     Series,
 )
+from tulip_testbed.sim.measurements.data import feet_in_contact
 from tulip_testbed.sim.measurements.plan_folder import check_model
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.scene import boards_under, nominal_plates
+from tulip_testbed.standing import center_of_mass, soles_in_base
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ def planned(plan: PosturePlan, robot: Robot) -> Subject:
     """Show a plan: the robot where it is to stand, by its nominal model."""
     nominal = nominal_robot(robot)
     rig = preset_rig("ideal", robot)
-    com = nominal.center_of_mass(plan.joint_angles)
+    com = center_of_mass(nominal, plan.joint_angles, plan.support)
     polygons = support_polygons(nominal, plan.joint_angles, plan.support)
     board = nominal_plates(robot)[0]
     return Subject(
@@ -98,7 +100,7 @@ def planned(plan: PosturePlan, robot: Robot) -> Subject:
         posture=plan.posture,
         placement=plan.placement,
         support=plan.support,
-        plates=boards_under(rig, plan.swing_pose),
+        plates=boards_under(rig, plan.foot_poses),
         board=board,
         cells=np.array([board.cells, board.cells]),
         top_height=np.full(2, board.top_height),
@@ -170,6 +172,7 @@ def of_measurements(measurements: Measurements, robot: Robot, source: str = "mea
         raise InputError(f"{source}: found other joints than those of {robot.model_file.name}")
     polygons = support_polygons(nominal, measurements.joint_angles, measurements.support)
     cop = center_of_pressure(measurements)
+    com = center_of_mass(nominal, measurements.joint_angles, measurements.support)
     return Subject(
         nominal=nominal,
         joint_angles=measurements.joint_angles,
@@ -181,7 +184,7 @@ def of_measurements(measurements: Measurements, robot: Robot, source: str = "mea
         cells=measurements.cells,
         top_height=measurements.top_height,
         gravity=measurements.gravity,
-        com={"nominal model": nominal.center_of_mass(measurements.joint_angles)},
+        com={"nominal model": com},
         polygons=polygons,
         margin=_margins(cop, polygons),
         least_margin=robot.settings.get("planning", {}).get("stability_margin"),
@@ -198,9 +201,8 @@ def support_polygons(nominal: Nominal, joint_angles: np.ndarray, support: np.nda
     Args:
         support: "double", "right" or "left", (m,).
     """
-    soles = nominal.soles_in_base(joint_angles)
-    carrying = {"double": slice(0, 2), "right": slice(0, 1), "left": slice(1, 2)}
-    return [support_polygon(feet[carrying[str(s)]]) for feet, s in zip(soles, support, strict=True)]
+    soles = soles_in_base(nominal, joint_angles, support)
+    return [support_polygon(feet[on]) for feet, on in zip(soles, feet_in_contact(support), strict=True)]
 
 
 def _margins(points: np.ndarray, polygons: list[np.ndarray]) -> np.ndarray:

@@ -87,9 +87,9 @@ def _log_readings(recording: rr.RecordingStream, index: rr.TimeColumn, dense: Su
 
 
 def _log_robot(recording: rr.RecordingStream, index: rr.TimeColumn, dense: Subject) -> None:
-    log_motion(recording, "world/robot", index, dense.nominal, dense.joint_angles)
+    log_motion(recording, "world/robot", index, dense)
     if dense.command is not None:
-        log_skeleton(recording, "world/commanded", index, dense.nominal, dense.command, COMMAND)
+        log_skeleton(recording, "world/commanded", index, dense, dense.command, COMMAND)
     log_plates(recording, "world/plates", index, dense)
     assert dense.measurements is not None
     positions = cell_positions(dense.measurements)

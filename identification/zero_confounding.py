@@ -1,0 +1,36 @@
+"""Which combinations of base parameters cannot be told from the unknown zeros of force-torque sensors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tulip_testbed.identification.contact_pressure import zero_columns
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.rank import undetermined_directions
+from tulip_testbed.identification.regressor import Regression
+
+SINGULAR = 1e-9  # relative
+NOT_LEVEL = 1e-4  # relative: the square of a tilt of half a degree
+
+
+def confounded_directions(observed: Observation, data: Regression) -> np.ndarray:
+    """Return a basis of the directions that the zeros imitate, (d, p); d = 0 without unknown zeros.
+
+    They are those that the regressor does not determine once the zeros' columns, in the centre of pressure
+    and in the sum of the forces, are projected out.
+    """
+    m, p = len(observed), data.matrix.shape[1]
+    zeros = zero_columns(observed)
+    if not zeros.shape[2]:
+        return np.zeros((0, p))
+    columns = np.concatenate([zeros, np.zeros((m, 3, 1))], axis=2)
+    if observed.measurements.weighed_mass is None:
+        columns[:, 2, -1] = 1.0  # the weight is unknown too
+    columns[:, 2] /= observed.weight
+    whole = np.concatenate([data.matrix.reshape(m, 2, p), np.zeros((m, 1, p))], axis=1).reshape(-1, p)
+    basis, size, _ = np.linalg.svd(columns.reshape(3 * m, -1), full_matrices=False)
+    basis = basis[:, size > SINGULAR * size[0]]
+    # What is left of a column that was projected out because a measured sole is not quite level.
+    left = np.diag(NOT_LEVEL * np.linalg.norm(whole, axis=0))
+    blur = left if data.blur is None else np.vstack([data.blur, left])
+    return undetermined_directions(whole - basis @ (basis.T @ whole), blur)
