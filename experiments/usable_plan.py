@@ -73,9 +73,10 @@ def identifiable_regressor(source: str, robot: Robot, plan: PosturePlan) -> np.n
     """
     parameters = planned_parameters(robot, plan)
     enough(source, len(plan), parameters)
-    matrix = stacked_regressor(parameters, plan.joint_angles)
+    matrix = stacked_regressor(parameters, plan.joint_angles, plan.support)
     names = labels(np.arange(1, matrix.shape[1] + 1), parameters.names)
-    require_identifiable(matrix, names, source, encoder_blur(parameters, plan.joint_angles, ENCODER_SD))
+    blur = encoder_blur(parameters, plan.joint_angles, ENCODER_SD, plan.support)
+    require_identifiable(matrix, names, source, blur)
     return matrix
 
 
