@@ -165,8 +165,8 @@ def mixed_start(
     return MixedStart(drawn, state, single)
 
 
-def random_pools(problem: Problem, counts: dict[str, int], seed: int) -> list[OnOneFoot]:
-    """Draw random feasible postures on each foot, `POOL` for each that is wanted.
+def random_pools(problem: Problem, counts: dict[str, int], seed: int, times: int = POOL) -> list[OnOneFoot]:
+    """Draw random feasible postures on each foot, `times` as many as are wanted if draws suffice.
 
     The lifted foot's board lies as far to its side as the ranges allow, so that both lie central to their
     feet.
@@ -175,7 +175,7 @@ def random_pools(problem: Problem, counts: dict[str, int], seed: int) -> list[On
     for number, (support, count) in enumerate(counts.items()):
         own = problem if support == "right" else from_other_foot(problem)
         swing, rng = board_pose(own), np.random.default_rng([seed, number, 3])
-        pools.append(OnOneFoot(support, own, swing, feasible_pool(own, swing, count, rng, POOL)))
+        pools.append(OnOneFoot(support, own, swing, feasible_pool(own, swing, count, rng, times)))
     return pools
 
 
