@@ -13,7 +13,7 @@ from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlat
 from tulip_testbed.experiments.plan_clearances import clearance_table, clearances_of
 from tulip_testbed.experiments.planning_run import joined
 from tulip_testbed.experiments.usable_plan import planned_parameters
-from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
+from tulip_testbed.identification.base_parameters import BaseParameters, common_support, standard_parameters
 from tulip_testbed.identification.feasibility import predicted_cell_loads, predicted_foot_loads
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.planning.one_foot import from_other_foot, single_support_margins
@@ -162,7 +162,7 @@ def margins_of(robot: Robot, plan: PosturePlan) -> dict[str, dict[str, Any]] | N
     a random one's.
     """
     try:
-        problem = planning_problem(robot, nominal_plates(robot)[0])
+        problem = planning_problem(robot, nominal_plates(robot)[0], support=common_support(plan.support))
     except InputError:
         return None
     both = plan.support == "double"

@@ -132,11 +132,8 @@ def figures(plan: PosturePlan) -> list[Any]:
     support = common_support(plan.support)
     parameters = base_parameters(robot(), support=support)
     rows = parameters.regressor(plan.joint_angles, plan.support).reshape(-1, len(parameters.names))
-    criterion = objective_by_name(
-        planning_problem(robot(), nominal_plates(robot())[0], support=support),
-        PLANNED.objective,
-        1e-3 * SIGMA_MM,
-    ).value(rows.T @ rows)
+    problem = planning_problem(robot(), nominal_plates(robot())[0], support=support)
+    criterion = objective_by_name(problem, PLANNED.objective, 1e-3 * SIGMA_MM).value(rows.T @ rows)
     said = described_plan(robot(), plan, "wii")
     share = ratios(np.array(said["predicted_standard_error_mm"]), parameters.names)
     said = (criterion, np.exp(criterion / 2), np.median(share), share.max(), said["condition_number"])

@@ -2,6 +2,10 @@
 
 The information of a plan is the sum over its rows, whatever they stand on. So the rows of one kind are
 improved given the information of the others, in turn, until that gains no more. All rows count alike.
+
+Every posture on one foot is put down by itself, on a placement of its own. Optimal ones use what torque the
+drives have, and on the way from one to the next, in the laboratory's 2 s, the standing ankle's drive comes to
+its limit even between near ones.
 """
 
 from __future__ import annotations
@@ -26,16 +30,13 @@ from tulip_testbed.identification.planning.optimal_plan import (
 )
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.identification.planning.search import HOPS, SearchState, round_count, search
-from tulip_testbed.identification.planning.single_support import feasible_pool, ordered_on_one_foot
+from tulip_testbed.identification.planning.single_support import feasible_pool
 from tulip_testbed.sim.measurements import PosturePlan
 
 POOL = 3  # random postures for each wanted one on one foot
 PASSES = 3  # exchanges over all postures on one foot
 STEPS = 40  # linear steps of the postures on one foot in a round
 TURNS, SETTLED = 4, 1e-3  # rounds of improving one kind after the other; gain of one that is the last
-# rad: with larger changes between two postures, in the laboratory's 2 s, drives of the standing ankle reach
-# their limit, since these postures use what torque there is.
-NEXT = 1.0
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ def mixed_start(
     Args:
         problem: planning problem with the base parameters that the supports show together.
         objective: the objective of the whole plan.
-        placements, per: number of placements on both feet; largest number of postures in any placement.
+        placements, per: number of placements on both feet, and of postures in each.
         counts: number of postures on the "right" and on the "left" foot, as far as any are wanted.
         seed: seed of the draws.
 
@@ -266,16 +267,15 @@ def mixed_plan_from_state(
     made = {**counts, "pool": POOL, "lifted": problem.margins.lifted}
     plan = replace(plan, made=plan.made | {"on_one_foot": made})
     for one in found.single:
-        order, group = ordered_on_one_foot(one.problem, one.angles, one.swing, found.per, NEXT)
-        angles, count = one.angles[order], len(order)
-        torques = open_chain_torques(one.problem, chain_at(one.problem, angles))
+        number = 1 + np.arange(len(one.angles))
+        torques = open_chain_torques(one.problem, chain_at(one.problem, one.angles))
         plan = replace(
             plan,
-            joint_angles=np.concatenate([plan.joint_angles, angles]),
-            posture=np.append(plan.posture, plan.posture.max() + 1 + np.arange(count)),
-            placement=np.append(plan.placement, plan.placement.max() + 1 + group),
-            support=np.append(plan.support, np.full(count, one.support)),
-            swing_pose=np.concatenate([plan.swing_pose, np.tile(one.swing, (count, 1))]),
+            joint_angles=np.concatenate([plan.joint_angles, one.angles]),
+            posture=np.append(plan.posture, plan.posture.max() + number),
+            placement=np.append(plan.placement, plan.placement.max() + number),
+            support=np.append(plan.support, np.full(len(number), one.support)),
+            swing_pose=np.concatenate([plan.swing_pose, np.tile(one.swing, (len(number), 1))]),
             torques=np.concatenate([plan.feed_forward, torques]),
         )
     return plan

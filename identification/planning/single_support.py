@@ -74,7 +74,7 @@ def single_support_plan(
 
 
 def ordered_on_one_foot(
-    problem: Problem, angles: np.ndarray, swing: np.ndarray, most: int, turn: float | None = None
+    problem: Problem, angles: np.ndarray, swing: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Order postures, and assign placements, (m,) each, so that no path between two of them tips the robot.
 
@@ -86,8 +86,6 @@ def ordered_on_one_foot(
         angles: joint angles of the postures, (m, n) [rad].
         swing: pose of the swing foot's board, (3,) [m, m, rad].
         most: largest number of postures on a placement.
-        turn: largest change of an angle between two postures of a placement [rad], of which the nearest is
-            the next; None: any, and the next one is that with most room on the way.
     """
     count = len(angles)
     first, second = np.triu_indices(count, k=1)
@@ -97,10 +95,7 @@ def ordered_on_one_foot(
     margins = single_support_margins(problem, points, np.broadcast_to(swing, (len(points), 3)))
     least = np.min([margins[name].values for name in ON_THE_PATH if name in margins], axis=0)
     room = np.full((count, count), -np.inf)
-    way = least.reshape(-1, PATH_POINTS).min(axis=1)
-    if turn is not None:
-        way = np.where(way >= 0, turn - np.abs(angles[second] - angles[first]).max(axis=1), -np.inf)
-    room[first, second] = room[second, first] = way
+    room[first, second] = room[second, first] = least.reshape(-1, PATH_POINTS).min(axis=1)
     return sequences(room, most)
 
 
