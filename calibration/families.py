@@ -20,8 +20,8 @@ from tulip_testbed.effects.instruments import targets_in
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.errors import InputError, look_up, shortened
 from tulip_testbed.sim.measurements import SensorSheet
+from tulip_testbed.sim.measurements.bounds import LEAST_DEVIATION
 from tulip_testbed.sim.measurements.contacts import Contacts
-from tulip_testbed.sim.measurements.manifest import LEAST_DEVIATION
 from tulip_testbed.sim.robot import PLATES, Robot
 from tulip_testbed.sim.sensors import PRESETS
 

@@ -16,6 +16,7 @@ from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
     ROWS,
     SIZE,
+    by_weight,
     center,
     fields,
     packed,
@@ -231,10 +232,11 @@ def nuisances(observed: Observation, channels: str) -> np.ndarray:
     """
     regressor = observed.geometry.regressor
     out = np.zeros((len(observed), SIZE, regressor.shape[2] + 1))
+    weight = by_weight(observed)
     if "A" in channels:
-        out[:, ROWS["A"], :-1] = -regressor
+        out[:, ROWS["A"], :-1], out[:, ROWS["A"], -1] = -regressor, weight[:, :2]
     if "F" in channels:
-        out[:, ROWS["F"], -1] = -1.0
+        out[:, ROWS["F"], -1] = weight[:, 2:]
     return out
 
 

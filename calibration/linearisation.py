@@ -26,6 +26,7 @@ from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import (
     ROWS,
     SIZE,
+    by_weight,
     constants_of_stances,
     difference,
     fields,
@@ -123,7 +124,7 @@ def linearised(state: State, families: Families, noise: Noise) -> tuple[Problem,
 
     left = residuals(clean, theta)
     unexplained = left.copy()
-    unexplained[:, ROWS["F"]] -= state.nu[-1]
+    unexplained[:, : ROWS["F"].stop] += by_weight(clean) * state.nu[-1]
     pull = weights(used * unexplained[..., None])[..., 0]
     scaled = scaled_noise(noise, state.scales)
     smooth = without_noise(clean, pull, reach, scaled)

@@ -34,7 +34,8 @@ def ordinary_members(rig: Rig, rng: np.random.Generator, scale: float = 1.0) -> 
     Args:
         rig: the laboratory. scale: of all members.
     """
-    families = families_of(rig.robot, tolerances_of(constants(rig)["sensors"]))
+    known = constants(rig)
+    families = families_of(rig.robot, tolerances_of(known["sensors"]), contacts=known["contacts"])
     values, _ = draw_members(families, rng, scale)
     return tuple(i for family, v in zip(families, values, strict=True) for i in family.instances(v))
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect
+from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.measurements.contacts import Contacts
 from tulip_testbed.sim.robot import Robot
 
@@ -14,6 +16,29 @@ def acts_on(effect: Effect, contacts: Contacts | None) -> bool:
     if effect.instrument == "wrenches":
         return contacts is not None
     return effect.instrument != "plates" or contacts is None or contacts.mount == "ground"
+
+
+def effects_on(contacts: Contacts | None, statics: bool = False) -> list[Effect]:
+    """List the effects that act on such contact sensors.
+
+    Args:
+        statics: leave out those that only the full dynamics can simulate.
+    """
+    return [e for e in catalogue().values() if acts_on(e, contacts) and (e.statics or not statics)]
+
+
+def check_instrument(effect: Effect, contacts: Contacts | None, where: str) -> None:
+    """Refuse an effect on sensors that a laboratory does not have.
+
+    Raises:
+        InputError: with the effects that act on its sensors.
+    """
+    if not acts_on(effect, contacts):
+        sensors = "plates on cells" if contacts is None else f"wrench sensors ({contacts.mount})"
+        raise InputError(
+            f"{where}: found {effect.name} in a laboratory with {sensors}; expected one of "
+            f"{listed(one.name for one in effects_on(contacts))}"
+        )
 
 
 def targets_in(

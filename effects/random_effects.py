@@ -9,22 +9,29 @@ import numpy as np
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect, Parameter
 from tulip_testbed.effects.instance import EffectInstance, check_laboratory, split_label
+from tulip_testbed.effects.instruments import effects_on
 from tulip_testbed.sim.errors import InputError, at_least, look_up, shortened
+from tulip_testbed.sim.measurements.contacts import Contacts
 from tulip_testbed.sim.robot import Robot
 
 RANDOM = "random"
 
 
 def draw_effect(
-    robot: Robot, placements: Sequence[int], rng: np.random.Generator, statics: bool
+    robot: Robot,
+    placements: Sequence[int],
+    rng: np.random.Generator,
+    statics: bool,
+    contacts: Contacts | None = None,
 ) -> EffectInstance:
     """Draw an effect: kind and target with equal chances, sizes from their priors, the rest from its grid.
 
     Args:
         placements: numbers of the experiment's placements.
         statics: whether to draw only what the static laboratory can simulate.
+        contacts: wrench sensors; None: plates on cells.
     """
-    effects = [effect for effect in catalogue().values() if effect.statics or not statics]
+    effects = effects_on(contacts, statics)
     return draw_of_kind(effects[rng.integers(len(effects))], robot, placements, rng)
 
 
@@ -60,6 +67,7 @@ def read_effects(
     seed: int,
     statics: bool,
     where: str = "effect",
+    contacts: Contacts | None = None,
 ) -> tuple[EffectInstance, ...]:
     """Read each text as `name:target=values`; the text `random` draws an effect.
 
@@ -68,6 +76,7 @@ def read_effects(
         seed: of the draws.
         statics: whether the laboratory is static.
         where: place of the texts, for messages.
+        contacts: wrench sensors; None: plates on cells.
 
     Raises:
         InputError: for an effect that cannot be read or that the laboratory cannot simulate.
@@ -78,7 +87,7 @@ def read_effects(
     found = []
     for text in texts:
         if text == RANDOM:
-            found.append(draw_effect(robot, placements, rng, statics))
+            found.append(draw_effect(robot, placements, rng, statics, contacts))
             continue
         name, _ = split_label(text.partition("=")[0])
         if name == RANDOM:

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from tulip_testbed.effects.instance import EffectInstance, check_instance, removed
+from tulip_testbed.identification.kinematics import turned_about
 from tulip_testbed.identification.nominal import Nominal
-from tulip_testbed.identification.observation import Observation, observe
+from tulip_testbed.identification.observation import Observation, observe, turned
 from tulip_testbed.identification.residual_channels import carried, center
 from tulip_testbed.sim.measurements import Measurements
 
@@ -22,11 +23,13 @@ def corrected(observed: Observation) -> Measurements:
     proportion, which leaves the centre of pressure where it is. Link lengths that differ from the nominal
     ones remain in `observed.tree`.
     """
+    if observed.measurements.contacts is not None:
+        return _corrected_wrenches(observed)
     forces = carried(observed)
     total = forces.sum(axis=1)
     plain = (forces[..., None] * observed.cell_places).sum(axis=1) / total[:, None]
     poses = observed.plate_poses.copy()
-    poses[:, :, :2] += (center(observed) - plain)[:, None]
+    poses[:, :, :2] += (_center(observed) - plain)[:, None]
     share = np.where(forces != 0, (1 - observed.lift / total)[:, None], 1.0)
     return replace(
         observed.measurements,
@@ -34,6 +37,40 @@ def corrected(observed: Observation) -> Measurements:
         cell_forces=observed.cell_forces * share,
         plate_poses=poses,
         cells=observed.cells,
+    )
+
+
+def _center(observed: Observation) -> np.ndarray:
+    """Return the centre of pressure seen from the foot that carries, (m, 2) [m]."""
+    return center(observed) + observed.geometry.stance_sole[:, :2]
+
+
+def _corrected_wrenches(observed: Observation) -> Measurements:
+    """Return what `corrected` does with wrench sensors, in which shift and tilt become moments."""
+    m, contacts, found = observed.measurements, observed.measurements.contacts, observed.contacts
+    assert contacts is not None
+    assert found.by_channel is not None
+    assert m.wrenches is not None
+    change = (observed.cell_forces - found.values).reshape(len(observed), 2, -1)
+    wrenches = m.wrenches + change @ np.linalg.inv(found.by_channel).T
+    forces = carried(observed)
+    total = forces @ found.bears.ravel()
+    down = (forces.reshape(change.shape) * found.bears).sum(axis=2)
+    moments = (forces[..., None] * observed.cell_places).sum(axis=1)
+    plain = moments / (observed.weight + observed.lift)[:, None]
+    shift = turned(-observed.contact_poses[..., 2], (_center(observed) - plain)[:, None])
+    moment = np.stack([shift[..., 1], -shift[..., 0], np.zeros_like(down)], axis=-1) * down[..., None]
+    for side in (0, 1):
+        own = moment[:, side] @ turned_about(contacts.pose[side, 3:])
+        for k, name in enumerate(("mx", "my", "mz")):
+            if name in contacts.channels:
+                wrenches[:, side, contacts.channels.index(name)] += own[:, k]
+    share = np.where(down != 0, (1 - observed.lift / total)[:, None], 1.0)
+    return replace(
+        m,
+        joint_angles=observed.joint_angles,
+        wrenches=wrenches * share[..., None],
+        plate_poses=observed.plate_poses,
     )
 
 

@@ -16,7 +16,7 @@ from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.document import Document, Figure
 from tulip_testbed.experiments.family_tables import family_documents
 from tulip_testbed.experiments.identify import Identification
-from tulip_testbed.sim.measurements.manifest import MOST_FORCE
+from tulip_testbed.sim.measurements.bounds import MOST_FORCE
 
 Channel = Literal["A", "F", "T", "C"]
 Gap = Channel | Literal["all", "heldout_rms_mm"]

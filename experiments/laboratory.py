@@ -21,6 +21,7 @@ from tulip_testbed.effects.instance import (
     instances_of,
     several,
 )
+from tulip_testbed.effects.instruments import check_instrument
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,
@@ -33,6 +34,7 @@ from tulip_testbed.sim.errors import InputError, at_least, look_up
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.measurements.plan_folder import check_fits
 from tulip_testbed.sim.outcome import Outcome, Truth
+from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.robot_check import warn_of_robot
@@ -52,7 +54,8 @@ class Laboratory:
 
     Attributes:
         robot: the nominal robot.
-        sensors: name of a preset of data-sheet figures: "wii", "force-plate" or "ideal".
+        sensors: name of a preset of data-sheet figures: plates "wii", "force-plate" or "ideal", or sensors in
+            the feet, "foot-ft" or "foot-ideal".
         known: effects that the laboratory is known to have; estimates are corrected for them. Texts are read.
         hidden: effects that nobody is told, likewise.
         nominal: the laboratory without effects; None: the robot's, with the preset's sensors.
@@ -161,6 +164,7 @@ class Laboratory:
         placements = np.unique(plan.placement).tolist()
         for effect in (*self.known, *self.hidden):
             check_laboratory(effect, engine == "statics", str(effect))
+            check_instrument(effect.effect, constants(self.rig)["contacts"], str(effect))
             check_instance(effect, self.robot, placements, str(effect))
 
     def true_base_parameters(self, plan: PosturePlan) -> np.ndarray:

@@ -19,7 +19,7 @@ from tulip_testbed.experiments.document import Document
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.sim.errors import InputError, listed, shortened
 from tulip_testbed.sim.files import is_folder, new_folder, present, write_text
-from tulip_testbed.sim.measurements.manifest import Version
+from tulip_testbed.sim.measurements.bounds import Version
 from tulip_testbed.sim.measurements.plan_folder import check_model
 from tulip_testbed.sim.measurements.table_files import json_text, software
 from tulip_testbed.sim.numbers import number

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 from pydantic import Field
 
@@ -64,6 +64,9 @@ def configuration_of(
         ordinary: scale of the imperfections that were drawn for the laboratory; None: there were none.
     """
     rig = laboratory.rig
+    sensors: dict[str, Any] = dict(dataclasses.asdict(rig.sensors))
+    if rig.sensors.feet is None:
+        del sensors["feet"]
     content = {
         "preset": laboratory.sensors,
         "seed": seed,
@@ -71,7 +74,7 @@ def configuration_of(
         "controller": dataclasses.asdict(rig.controller),
         "drives": dataclasses.asdict(rig.drives),
         "compliance": dataclasses.asdict(rig.compliance),
-        "sensors": dataclasses.asdict(rig.sensors),
+        "sensors": sensors,
         "protocol": dataclasses.asdict(rig.protocol),
         "edited": rig.edit is not None,
         "adopted": [found.document() for found in laboratory.known],

@@ -57,7 +57,8 @@ class TruthAttempt(Document):
 class Truth(Document):
     """truth.json; base parameters by name [m], standard parameters by link [kg, kg m].
 
-    The statics engine keeps no account of single tries: then there are no attempts.
+    The statics engine keeps no account of single tries: then there are no attempts. With sensors in the feet
+    there are their true zeros and their true wrenches without zeros, by row of the measurements [N, Nm].
     """
 
     format: Literal["tulip-truth"]
@@ -69,6 +70,8 @@ class Truth(Document):
     standard_parameters: list[Standard]
     base_parameters: dict[str, float]
     attempts: list[TruthAttempt]
+    zeros: list[list[float]] | None = None
+    wrenches: list[list[list[float]]] | None = None
 
     @property
     def held(self) -> list[TruthAttempt]:
@@ -87,6 +90,7 @@ def truth_of(run: Run) -> Truth:
     model = true_model(laboratory.rig)
     parameters = base_parameters(laboratory.robot, model, common_support(run.plan.support))
     standard = standard_parameters(model)
+    feet = {"zeros": truth.zeros, "wrenches": truth.wrenches}
     return Truth(
         format="tulip-truth",
         version=1,
@@ -97,6 +101,7 @@ def truth_of(run: Run) -> Truth:
         standard_parameters=standard.tolist(),
         base_parameters=dict(zip(parameters.names, parameters.values(standard).tolist(), strict=True)),
         attempts=[_attempt(attempt) for attempt in truth.attempts],
+        **{name: values.tolist() for name, values in feet.items() if values is not None},
     )
 
 

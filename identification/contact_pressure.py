@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tulip_testbed.identification.center_of_pressure import center_of_pressure, load_shares, total_mass
-from tulip_testbed.identification.contact_readings import WIDE_FORCE, WIDE_MOMENT, by_kind
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.reading_noise import cell_noise, placement_levers
-from tulip_testbed.identification.residual_channels import carried, center, fields, sensitivity
+from tulip_testbed.identification.residual_channels import carried, fields, sensitivity
 from tulip_testbed.sim.measurements import Measurements
 
 
@@ -45,9 +44,8 @@ def contact_pressure(measurements: Measurements, nominal: Nominal) -> ContactPre
     total = down.sum(axis=1)
     mass = total / measurements.gravity
     error = float(mass.std(ddof=1) / np.sqrt(len(mass)))
-    # `center` is seen from the stance foot, this one from the foot that carries.
-    place = center(observed) + observed.geometry.stance_sole[:, :2]
-    return ContactPressure(place, down / total[:, None], (float(mass.mean()), error))
+    moment = (carried(observed)[..., None] * observed.cell_places).sum(axis=1)
+    return ContactPressure(moment / total[:, None], down / total[:, None], (float(mass.mean()), error))
 
 
 def contact_noise(measurements: Measurements, nominal: Nominal, fitted: np.ndarray) -> np.ndarray:
@@ -74,14 +72,13 @@ def zero_columns(observed: Observation) -> np.ndarray:
 
     There is a column for every channel whose zero was neither stated nor shown by a foot in the air.
     """
-    contacts, found = observed.measurements.contacts, observed.contacts
-    if contacts is None or found.zero_sd is None or found.by_channel is None:
+    found = observed.contacts
+    if found.unknown is None or found.by_channel is None:
         return np.zeros((len(observed), 3, 0))
-    unknown = found.zero_sd > 0.5 * by_kind(contacts.channels, WIDE_FORCE, WIDE_MOMENT)
     k = len(found.by_channel)
     by_reading = sensitivity(observed, observed.nominal.value)[:, :3, fields(observed)["cells"]]
     return np.concatenate(
-        [by_reading[..., k * s : k * (s + 1)] @ found.by_channel[:, unknown[s]] for s in (0, 1)], axis=2
+        [by_reading[..., k * s : k * (s + 1)] @ found.by_channel[:, found.unknown[s]] for s in (0, 1)], axis=2
     )
 
 

@@ -15,7 +15,8 @@ from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.measurements.contacts import WRENCH, Contacts
 
 ASSUMED_FORCE, ASSUMED_MOMENT = 1.0, 0.05  # N, Nm: noise of a wrench sensor without a data sheet
-WIDE_FORCE, WIDE_MOMENT = 1e3, 1e2  # N, Nm: s.d. of a zero of which nothing is known
+# S.d. of a zero of which nothing is known, in weights of the robot; assumed: a larger one would be noticed.
+WIDE_FORCE, WIDE_MOMENT = 0.5, 0.1  # -, m
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,8 @@ class ContactReadings:
         sd: noise of every reading; 0: unknown or none.
         by_channel: scaled readings by the channels of each wrench sensor, (k, c) [1/N, 1/Nm]; None: cells.
         zero_sd: s.d. of what is left of each channel's zero, (2, c) [N, Nm]; 0: exact. None: cells.
+        below: part of `values` that is the weight of what is below each sensor, (m, 2 k); None: cells.
+        unknown: whether nothing is known of it, (2, c) bool; None: cells.
     """
 
     values: np.ndarray
@@ -37,6 +40,8 @@ class ContactReadings:
     sd: float
     by_channel: np.ndarray | None = None
     zero_sd: np.ndarray | None = None
+    below: np.ndarray | None = None
+    unknown: np.ndarray | None = None
 
 
 def of_cells(measurements: Measurements) -> ContactReadings:
@@ -46,7 +51,9 @@ def of_cells(measurements: Measurements) -> ContactReadings:
     return ContactReadings(forces, np.ones(cells.shape[:2]), cells, measurements.sensors.cell_sd or 0.0)
 
 
-def of_wrenches(measurements: Measurements, soles: np.ndarray, upright: np.ndarray) -> ContactReadings:
+def of_wrenches(
+    measurements: Measurements, soles: np.ndarray, upright: np.ndarray, weight: float
+) -> ContactReadings:
     """Return the readings of wrench sensors.
 
     The weight of what is below a sensor is added. A foot in the air shows the zeros of its sensor: they are
@@ -55,14 +62,17 @@ def of_wrenches(measurements: Measurements, soles: np.ndarray, upright: np.ndarr
     Args:
         soles: sole point of each foot in its frame, (2, 3) [m].
         upright: vertical direction in each foot's frame, (m, 2, 3).
+        weight: of the robot, roughly [N].
     """
     contacts, wrenches = measurements.contacts, measurements.wrenches
     assert contacts is not None
     assert wrenches is not None
-    known = wrenches + _weight_below(contacts, upright, measurements.gravity)
+    below = _weight_below(contacts, upright, measurements.gravity)
+    known = wrenches + below
     covariance = noise_of_wrenches(contacts)
     stands = np.column_stack([measurements.support != "left", measurements.support != "right"])
-    zero, zero_sd = _zeros(contacts, known, stands, covariance)
+    wide = weight * by_kind(contacts.channels, WIDE_FORCE, WIDE_MOMENT)
+    zero, zero_sd = _zeros(contacts, known, stands, covariance, wide)
     root = np.linalg.cholesky(covariance)
     by_channel = np.linalg.inv(root)
     scaled = np.where(np.isfinite(known), known - zero, 0.0) @ by_channel.T
@@ -75,6 +85,8 @@ def of_wrenches(measurements: Measurements, soles: np.ndarray, upright: np.ndarr
         sd=0.0 if exact else 1.0,
         by_channel=by_channel,
         zero_sd=zero_sd,
+        below=(below @ by_channel.T).reshape(len(scaled), -1),
+        unknown=zero_sd > 0.5 * wide,
     )
 
 
@@ -107,12 +119,11 @@ def _weight_below(contacts: Contacts, upright: np.ndarray, gravity: float) -> np
 
 
 def _zeros(
-    contacts: Contacts, known: np.ndarray, stands: np.ndarray, covariance: np.ndarray
+    contacts: Contacts, known: np.ndarray, stands: np.ndarray, covariance: np.ndarray, wide: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Estimate the zeros from the feet in the air and from what was stated: values and s.d., (2, c) each."""
     exact = contacts.covariance is not None and not np.any(contacts.covariance)
     variance = np.zeros(len(covariance)) if exact else np.diag(covariance)
-    wide = by_kind(contacts.channels, WIDE_FORCE, WIDE_MOMENT)
     zero, zero_sd = np.zeros_like(contacts.zero_sd), np.minimum(contacts.zero_sd, wide)
     for side in (0, 1):
         air = known[~stands[:, side], side]

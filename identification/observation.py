@@ -255,7 +255,8 @@ def contact_readings(measurements: Measurements, nominal: Nominal) -> ContactRea
     parameters = nominal.parameters
     rotations = parameters.rotations(measurements.joint_angles, measurements.support)
     upright = rotations[:, [parameters.base, nominal.swing_frame], 2]
-    return of_wrenches(measurements, nominal.points, upright)
+    mass = measurements.weighed_mass[0] if measurements.weighed_mass else nominal.mass
+    return of_wrenches(measurements, nominal.points, upright, mass * measurements.gravity)
 
 
 def turned(yaw: np.ndarray, vector: np.ndarray) -> np.ndarray:

@@ -171,9 +171,27 @@ def center(observed: Observation) -> np.ndarray:
 
 def _measured(observed: Observation) -> np.ndarray:
     """Compute the centre of pressure by the contacts in the base frame, (m, 2) [m]."""
-    forces = carried(observed)
-    down = forces @ observed.contacts.bears.ravel()
-    return (forces[..., None] * observed.cell_places).sum(axis=1) / down[:, None]
+    return (carried(observed)[..., None] * observed.cell_places).sum(axis=1) / _total(observed)[:, None]
+
+
+def _total(observed: Observation) -> np.ndarray:
+    """Return the vertical force of all contacts, (m,) [N]; that of wrench sensors by the weight.
+
+    Their zeros may be large and unknown. Over the weight the centre of pressure is linear in them, with
+    columns that hold no noise of the forces.
+    """
+    if has_twist(observed):
+        return carried(observed) @ observed.contacts.bears.ravel()
+    return observed.weight + observed.lift
+
+
+def by_weight(observed: Observation) -> np.ndarray:
+    """Differentiate centre of pressure and sum of the forces by the error of the weight, (m, 3) [m/N, -]."""
+    out = np.zeros((len(observed), 3))
+    out[:, 2] = -1.0
+    if not has_twist(observed):
+        out[:, :2] = -_measured(observed) / _total(observed)[:, None]
+    return out
 
 
 def carrying_tilt(observed: Observation) -> np.ndarray:
@@ -201,9 +219,10 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
     at, m = fields(observed), len(observed)
     out = np.zeros((m, SIZE, at["lift"].stop))
     forces, bears = carried(observed), observed.contacts.bears
-    total = forces @ bears.ravel()
-    contact = _each_reading(observed, feet_in_contact(observed))
-    lever = observed.cell_places - bears.reshape(-1, 1) * _measured(observed)[:, None]
+    total, contact = _total(observed), _each_reading(observed, feet_in_contact(observed))
+    lever = observed.cell_places
+    if has_twist(observed):
+        lever = lever - bears.reshape(-1, 1) * _measured(observed)[:, None]
     out[:, 0:2, at["cells"]] = (lever / total[:, None, None] * contact[..., None]).transpose(0, 2, 1)
     out[:, 2, at["cells"]] = contact * bears.ravel()
     if has_twist(observed):
@@ -232,7 +251,7 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
     out[:, 6, at["swing_tilt"].start] = out[:, 7, at["swing_tilt"].start + 1] = -1.0
     out[:, 5, at["rise"].start] = -1.0
     out[:, 0, at["shift"].start] = out[:, 1, at["shift"].start + 1] = -1.0
-    out[:, 2, at["lift"].start] = -1.0
+    out[:, :3, at["lift"].start] = by_weight(observed)
     return out
 
 

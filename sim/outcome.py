@@ -40,12 +40,17 @@ class Truth:
         standard: its standard parameters (eq. 5), links in MJCF order, (n_links, 4) [kg, kg m].
         dropped: number of every posture without a successful attempt, and why its first attempt failed.
         attempts: all attempts in order; empty after a run by statics.
+        wrenches: true wrenches of the foot sensors behind the rows of the measurements, without zeros,
+            (m, 2, 6) [N, Nm]; None: no such sensors.
+        zeros: their true zeros, (2, 6) [N, Nm].
     """
 
     mass: float
     standard: np.ndarray
     dropped: tuple[tuple[int, str], ...]
     attempts: tuple[Attempt, ...] = ()
+    wrenches: np.ndarray | None = None
+    zeros: np.ndarray | None = None
 
     def __repr__(self) -> str:
         links, postures = len(self.standard), len(self.dropped)

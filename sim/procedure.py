@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from tulip_testbed.sim.foot_sensors import nominal_feet
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, SensorSheet
+from tulip_testbed.sim.measurements.contacts import WRENCH, Contacts
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.scene import nominal_plates
-from tulip_testbed.sim.sensors import averaged_sd
+from tulip_testbed.sim.sensors import (
+    FootSensors,
+    Sampling,
+    averaged_sd,
+    read_cells,
+    read_encoders,
+    read_feet,
+    sample,
+)
 
 
 def record_error(rig: Rig, rng: np.random.Generator, placements: int) -> np.ndarray:
@@ -89,18 +100,24 @@ def constants(rig: Rig) -> dict[str, Any]:
     """Return the fields of `Measurements` that are the same for all postures."""
     s = rig.sensors
     plates = nominal_plates(rig.robot)
-    samples = round(rig.protocol.window * s.sample_rate)
-    return {
-        "cells": np.array([plate.cells for plate in plates]),
-        "top_height": np.array([plate.top_height for plate in plates]),
-        "gravity": float(-rig.robot.model.opt.gravity[2]),
-        "sensors": SensorSheet(
-            encoder_sd=averaged_sd(s.encoder_repeatability, s.encoder_noise, s.encoder_resolution, samples),
-            encoder_resolution=s.encoder_resolution,
+    samples = _samples(rig)
+    sheet = SensorSheet(
+        encoder_sd=averaged_sd(s.encoder_repeatability, s.encoder_noise, s.encoder_resolution, samples),
+        encoder_resolution=s.encoder_resolution,
+    )
+    if s.feet is None:
+        sheet = replace(
+            sheet,
             cell_sd=averaged_sd(s.cell_repeatability, s.cell_noise, s.cell_resolution, samples),
             cell_resolution=s.cell_resolution,
             placement_sd=s.placement_sd,
-        ),
+        )
+    return {
+        "cells": np.array([plate.cells for plate in plates]) if s.feet is None else np.zeros((2, 0, 2)),
+        "top_height": np.array([plate.top_height if s.feet is None else 0.0 for plate in plates]),
+        "contacts": None if s.feet is None else foot_contacts(rig, s.feet),
+        "gravity": float(-rig.robot.model.opt.gravity[2]),
+        "sensors": sheet,
         "robot": {
             "model": rig.robot.model_file.name,
             "sha256": rig.robot.model_hash,
@@ -108,6 +125,56 @@ def constants(rig: Rig) -> dict[str, Any]:
             "swing_foot": rig.robot.swing_foot,
         },
     }
+
+
+def foot_contacts(rig: Rig, feet: FootSensors) -> Contacts:
+    """Return what a user of foot sensors states of them: data sheet, mounting and the nominal feet."""
+    figures = zip(feet.repeatability, feet.noise, feet.resolution, strict=True)
+    sd = np.array([averaged_sd(*figure, _samples(rig)) for figure in figures])
+    below = nominal_feet(rig.robot)
+    below_sd = np.full_like(below, feet.below_center_sd)
+    below_sd[:, 0] = feet.below_mass_sd * below[:, 0]
+    return Contacts(
+        mount="foot",
+        channels=WRENCH,
+        pose=np.tile(feet.mounting, (2, 1)),
+        covariance=np.diag(sd**2),
+        zero_sd=np.tile(np.where(np.array(feet.zero_sd) > 0, np.inf, 0.0), (2, 1)),
+        below=below,
+        below_sd=below_sd,
+    )
+
+
+def _samples(rig: Rig) -> int:
+    return round(rig.protocol.window * rig.sensors.sample_rate)
+
+
+def read_sensors(
+    rig: Rig,
+    joints: np.ndarray,
+    motors: np.ndarray,
+    forces: np.ndarray,
+    wrenches: np.ndarray | None,
+    zeros: np.ndarray | None,
+    rng: np.random.Generator,
+    sample: Sampling = sample,
+) -> dict[str, np.ndarray]:
+    """Read encoders and either cells or foot sensors over a window; return the readings by column prefix.
+
+    Args:
+        joints, motors: true angles, (..., n) [rad]. forces: of the cells, (..., 8) [N].
+        wrenches, zeros: true wrenches and zeros of the foot sensors, (..., 2, 6) and (2, 6) [N, Nm]; not read
+            without such sensors.
+        sample: see `read_encoders`.
+    """
+    samples, feet = _samples(rig), rig.sensors.feet
+    angles, angles_sd, motor = read_encoders(rig.sensors, joints, motors, samples, rng, sample)
+    reading = {"q": angles, "q_std": angles_sd, "motor": motor}
+    if feet is None or wrenches is None or zeros is None:
+        mean, sd = read_cells(rig.sensors, forces, samples, rng, sample)
+        return reading | {"cell": mean, "cell_std": sd}
+    mean, sd = read_feet(feet, wrenches, zeros, samples, rng, sample)
+    return reading | {"wrench": mean, "wrench_std": sd}
 
 
 def make_measurements(
@@ -121,18 +188,22 @@ def make_measurements(
 
     Args:
         fixed: see `constants`.
-        reading: sensor readings "q", "q_std", "motor", (m, n_joints), and "cell", "cell_std", (m, 8).
+        reading: see `read_sensors`, of m rows.
         columns: the other fields of `Measurements`.
     """
     m = len(reading["q"])
+    if rig.sensors.feet is not None:  # the plates are only the ground that it stands on
+        columns["plate_poses"] = np.zeros((m, 2, 3))
     measured = Measurements(
         window=np.full(m, rig.protocol.window),
-        samples=np.full(m, round(rig.protocol.window * rig.sensors.sample_rate)),
+        samples=np.full(m, _samples(rig)),
         joint_angles=reading["q"],
         joint_angles_sd=reading["q_std"],
         motor=reading["motor"],
-        cell_forces=reading["cell"],
-        cell_forces_sd=reading["cell_std"],
+        cell_forces=reading.get("cell", np.zeros((m, 0))),
+        cell_forces_sd=reading.get("cell_std", np.zeros((m, 0))),
+        wrenches=reading.get("wrench"),
+        wrenches_sd=reading.get("wrench_std"),
         weighed_mass=weighed_mass,
         **fixed,
         **columns,

@@ -1,4 +1,4 @@
-"""Encoders and load cells: data-sheet figures, presets and simulated readings."""
+"""Encoders, load cells and foot sensors: data-sheet figures, presets and simulated readings."""
 
 from __future__ import annotations
 
@@ -10,7 +10,32 @@ import numpy as np
 from tulip_testbed.sim.robot import CELLS
 
 Pose = tuple[float, float, float]
+Six = tuple[float, float, float, float, float, float]
 Sampling = Callable[..., tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class FootSensors:
+    """Data-sheet figures of a six-axis force-torque sensor in each ankle, in place of the plates' cells.
+
+    Six figures are in the order of `sim.measurements.contacts.WRENCH` [N, Nm]. A sensor has no mass.
+
+    Attributes:
+        repeatability, noise, resolution: as in `Sensors`, by channel.
+        zero_sd: s.d. of the true zeros, which are drawn once per experiment and which nobody knows; 0: tared.
+        mounting: pose of the sensor's frame in its foot's frame, x, y, z, roll, pitch, yaw (fixed axes)
+            [m, rad]; zero: at the last joint, parallel to the foot. The whole foot is below the sensor.
+        below_mass_sd: s.d. of the stated mass of a foot, as a share of it.
+        below_center_sd: s.d. of every coordinate of its stated centre of mass [m].
+    """
+
+    repeatability: Six = (0.0,) * 6
+    noise: Six = (0.0,) * 6
+    resolution: Six = (0.0,) * 6
+    zero_sd: Six = (0.0,) * 6
+    mounting: Six = (0.0,) * 6
+    below_mass_sd: float = 0.0
+    below_center_sd: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -30,6 +55,8 @@ class Sensors:
         mark_sd: s.d. of the recorded pose of the right plate, whose foot stands on a mark [m, m, rad].
         weighed_mass_sd: s.d. of the scale that weighs the whole robot [kg].
         cell_gain: true gain of single cells by name; 1 if not named.
+        feet: force-torque sensors in the feet; with them the plates' cells and poses are not read. None:
+            cells.
     """
 
     encoder_repeatability: float = 0.0
@@ -46,7 +73,10 @@ class Sensors:
     mark_sd: Pose = (0.0, 0.0, 0.0)
     weighed_mass_sd: float = 0.0
     cell_gain: dict[str, float] = field(default_factory=dict)
+    feet: FootSensors | None = None
 
+
+UNTARED: Six = (5.0, 5.0, 5.0, 0.2, 0.2, 0.2)  # N, Nm, s.d. of the zeros of a mounted sensor, assumed
 
 # A preset is a set of variance components without systematic effects.
 PRESETS: dict[str, Sensors] = {
@@ -80,6 +110,26 @@ PRESETS: dict[str, Sensors] = {
         placement_sd=(0.0035, 0.0035, 0.01),
         mark_sd=(0.001, 0.001, 0.005),
         weighed_mass_sd=0.02,
+    ),
+    # Ankle sensors without errors but for their zeros, which are unknown.
+    "foot-ideal": Sensors(feet=FootSensors(zero_sd=UNTARED)),
+    # ATI Mini45, calibration SI-580-20, without tare; docs/laboratory.md says where each figure is from.
+    "foot-ft": Sensors(
+        encoder_repeatability=1e-4,
+        encoder_noise=1e-4,
+        encoder_resolution=2 * np.pi / 2**16,
+        motor_repeatability=1e-4,
+        motor_noise=1e-4,
+        motor_resolution=2 * np.pi / 2000 / 111,
+        weighed_mass_sd=0.005,
+        feet=FootSensors(
+            repeatability=(0.58, 0.58, 1.16, 0.02, 0.02, 0.02),
+            noise=(0.25, 0.25, 0.25, 1 / 188, 1 / 188, 1 / 376),
+            resolution=(0.25, 0.25, 0.25, 1 / 188, 1 / 188, 1 / 376),
+            zero_sd=UNTARED,
+            below_mass_sd=0.02,
+            below_center_sd=0.002,
+        ),
     ),
 }
 
@@ -165,6 +215,30 @@ def read_cells(
         samples,
         rng,
     )
+
+
+def draw_zeros(feet: FootSensors, rng: np.random.Generator) -> np.ndarray:
+    """Draw the true zeros of both foot sensors for one experiment, (2, 6) [N, Nm]."""
+    return np.array(feet.zero_sd) * rng.standard_normal((2, 6))
+
+
+def read_feet(
+    feet: FootSensors,
+    wrenches: np.ndarray,
+    zeros: np.ndarray,
+    samples: int,
+    rng: np.random.Generator,
+    sample: Sampling = sample,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Read the foot sensors: mean and s.d. over a window, each (..., 2, 6) [N, Nm].
+
+    Args:
+        wrenches: true wrenches in the sensors' frames, (..., 2, 6). zeros: see `draw_zeros`.
+    """
+    figures = zip(feet.repeatability, feet.noise, feet.resolution, strict=True)
+    channels = np.moveaxis(wrenches + zeros, -1, 0)
+    read = [sample(true, *figure, samples, rng) for true, figure in zip(channels, figures, strict=True)]
+    return np.stack([mean for mean, _ in read], axis=-1), np.stack([sd for _, sd in read], axis=-1)
 
 
 def averaged_sd(repeatability: float, noise: float, resolution: float, samples: int) -> float:

@@ -26,6 +26,8 @@ EXPECTED = {
     "too_short": "{min_length} or more values",
     "too_long": "at most {max_length} values",
     "extra_forbidden": "no such key",
+    "union_tag_invalid": "key {discriminator} to be one of {expected_tags}",
+    "union_tag_not_found": "a key {discriminator}",
     "value_error": "{error}",
 }
 

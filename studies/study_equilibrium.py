@@ -14,15 +14,16 @@ from studies.runner import Settings, header, row, shipped_plan
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.drives import Drives
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
+from tulip_testbed.sim.measurements.contacts import WRENCH
 from tulip_testbed.sim.measurements.data import feet_in_contact
 from tulip_testbed.sim.outcome import Attempt
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import load_robot
+from tulip_testbed.sim.robot import PLATES, Robot, load_robot
 from tulip_testbed.sim.statics import Load, State, cell_forces, residual, sole_poses, solve_by_newton
 from tulip_testbed.sim.statics.forces import contact_deflection, rotation_matrix
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_base, solve_plan
-from tulip_testbed.sim.statics.static_run import Tries, run_statics, solve_tries
+from tulip_testbed.sim.statics.static_run import Tries, run_statics, sensor_wrenches, solve_tries
 
 # A foot whose centre of pressure is nearer to its sole's edge may have begun to tip (up to 20 um of gap).
 EDGE = 2e-3  # m
@@ -41,12 +42,14 @@ class Comparison:
     Attributes:
         held: the postures in the dynamics. angles: differences, (m, n_joints) [rad].
         cells: differences, (m, 8) [N]. center: distance of the centres of pressure, (m,) [m].
+        wrenches: differences of the foot sensors, (m, 2, 6) [N, Nm]; without such sensors (m, 0, 6).
     """
 
     held: list[Attempt]
     angles: np.ndarray
     cells: np.ndarray
     center: np.ndarray
+    wrenches: np.ndarray
 
 
 def without_friction(*edits: Edit) -> Edit:
@@ -150,6 +153,8 @@ def compare(solved_plan: SolvedPlan, attempts: list[Attempt]) -> Comparison:
         solved.state.angles[:, m.joints] - angles,
         forces - actual,
         np.linalg.norm(centers[0] - centers[1], axis=1),
+        sensor_wrenches(solved_plan, solved.state, load)
+        - np.array([a.held.wrenches for a in held if a.held]),
     )
 
 
@@ -243,16 +248,43 @@ def excess_sag(
         the changes in the held postures, (m, n_joints + 1), and those that statics draws,
         (draws m, n_joints + 1).
     """
-    free = without(solved_plan)
-    found = compare(free, held)
+    m = solved_plan.mechanism
+    found = compare(without(solved_plan), held)
     forces = np.array([a.held.cell_forces for a in held if a.held])
     actual = np.column_stack([-found.angles, load_share(forces) - load_share(forces + found.cells)])
+    drawn = []
+    for still, loose, loads in _drawn(solved_plan, held, rng, draws):
+        shares = [load_share(cell_forces(m, state, loads)) for state in (still, loose)]
+        drawn.append(np.column_stack([(still.angles - loose.angles)[:, m.joints], shares[0] - shares[1]]))
+    return actual, np.concatenate(drawn)
+
+
+def excess_wrenches(
+    solved_plan: SolvedPlan, held: list[Attempt], rng: np.random.Generator, draws: int = 5
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compute by how much dry friction changes what the foot sensors read [N, Nm].
+
+    Returns:
+        the changes in the held postures, (m, 2, 6), and those that statics draws, (draws m, 2, 6).
+    """
+    actual = -compare(without(solved_plan), held).wrenches
+    drawn = [
+        sensor_wrenches(solved_plan, still, loads) - sensor_wrenches(solved_plan, loose, loads)
+        for still, loose, loads in _drawn(solved_plan, held, rng, draws)
+    ]
+    return actual, np.concatenate(drawn)
+
+
+def _drawn(
+    solved_plan: SolvedPlan, held: list[Attempt], rng: np.random.Generator, draws: int
+) -> Iterator[tuple[State, State, Load]]:
+    """Draw the held postures in statics: with dry friction, without it, and their loads."""
+    free = without(solved_plan)
     rows = planned_rows(solved_plan, held)
     place = np.array([a.placement for a in held])
     fresh = np.append(True, place[1:] != place[:-1])
     before = np.where(fresh, rows, np.append(0, rows[:-1]))
     m = solved_plan.mechanism
-    drawn = []
     for _ in range(draws):
         tries = Tries(
             run=np.zeros(len(rows), int),
@@ -268,9 +300,7 @@ def excess_sag(
         (still, loads, _), (loose, _, _) = (
             solve_tries(p, tries, m.mass, m.center) for p in (solved_plan, free)
         )
-        shares = [load_share(cell_forces(m, state, loads)) for state in (still, loose)]
-        drawn.append(np.column_stack([(still.angles - loose.angles)[:, m.joints], shares[0] - shares[1]]))
-    return actual, np.concatenate(drawn)
+        yield still, loose, loads
 
 
 def without(solved_plan: SolvedPlan) -> SolvedPlan:
@@ -285,7 +315,7 @@ def load_share(forces: np.ndarray) -> np.ndarray:
 
 
 def study(settings: Settings) -> Iterator[str]:
-    """Yield a table without dry friction, one with it, and two figures."""
+    """Yield a table without dry friction, one with it, two figures, and both tables of foot sensors."""
     robot = load_robot()
     plan, few = shipped_plan(robot), shipped_plan(robot, SOME)
     yield header("without dry friction", "held", "angles (urad)", "cells (N)", "CoP (mm)")
@@ -327,3 +357,31 @@ def study(settings: Settings) -> Iterator[str]:
     )
     rate = f"static {np.mean(static):.1f} ({len(static)} runs), dynamic {dropped}"
     yield f"postures dropped of {len(plan)}: {rate}"
+    yield from _foot_sensors(settings, robot)
+
+
+def _foot_sensors(settings: Settings, robot: Robot) -> Iterator[str]:
+    """Yield the largest differences of the sensors' channels, and what dry friction adds to them."""
+    plan, few = shipped_plan(robot), shipped_plan(robot, SOME)
+    yield "\n" + header("foot sensors, without dry friction", "held", *map(_titled, WRENCH))
+    for name, rig in laboratories(preset_rig("foot-ideal", robot)).items():
+        attempts = run_dynamics(rig, few, settings.seed, settings.workers).truth.attempts
+        found = compare(solve_plan(rig, few), list(attempts))
+        largest = np.abs(found.wrenches).max(axis=(0, 1))
+        yield row(name, len(found.held), *(f"{value:.4f}" for value in largest))
+
+    yield "\n" + header("foot sensors, with dry friction", "in all", "static", "dynamic", "p")
+    solved_plan = solve_plan(preset_rig("foot-ideal", robot), plan)
+    attempts = run_dynamics(solved_plan.rig, plan, settings.seed, settings.workers).truth.attempts
+    held = [a for a in attempts if a.held is not None]
+    actual, drawn = excess_wrenches(solved_plan, held, np.random.default_rng(300 + settings.seed))
+    whole = np.array([a.held.wrenches for a in held if a.held]).std(axis=0)
+    for side, plate in enumerate(PLATES):
+        for k, channel in enumerate(WRENCH):
+            chance = ks_2samp(actual[:, side, k], drawn[:, side, k]).pvalue
+            spreads = (whole[side, k], drawn[:, side, k].std(), actual[:, side, k].std())
+            yield row(f"{plate} {_titled(channel)}", *(f"{sd:.2f}" for sd in spreads), f"{chance:.2g}")
+
+
+def _titled(channel: str) -> str:
+    return f"{channel} ({'N' if channel.startswith('f') else 'Nm'})"

@@ -136,7 +136,9 @@ def test_the_options_are_the_librarys():
     assert options.DEFAULT_ESTIMATOR == estimators.DEFAULT
     assert inspect.signature(identify.identify).parameters["estimator"].default == options.ORDINARY_ESTIMATOR
     assert set(get_args(options.Preset)) == set(sensors.PRESETS)
-    assert set(get_args(options.Noisy)) == set(sensors.PRESETS) - {"ideal"}
+    plates = {name for name, preset in sensors.PRESETS.items() if preset.feet is None}
+    assert set(get_args(options.PlatePreset)) == plates
+    assert set(get_args(options.Noisy)) == plates - {"ideal"}
     assert options.SOLVERS == interior_point.SOLVERS
     assert options.HOPS == search.HOPS
     assert options.ENGINES == engine.ENGINES

@@ -8,7 +8,7 @@ from __future__ import annotations
 import atexit
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,9 @@ from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.planning_run import PlanSettings, optimal_plan
 from tulip_testbed.experiments.records import read_record, record_of
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
+from tulip_testbed.experiments.table_import.import_map import read_map
+from tulip_testbed.experiments.table_import.table_import import ImportedTable
+from tulip_testbed.experiments.table_import.table_import import import_table as _import_table
 from tulip_testbed.experiments.usable_plan import check_plan
 from tulip_testbed.experiments.validate import Validation
 from tulip_testbed.experiments.validate import validate as _validate
@@ -58,6 +61,7 @@ __all__ = [
     "check",
     "discover",
     "identify",
+    "import_table",
     "load_robot",
     "monte_carlo",
     "plan",
@@ -110,6 +114,28 @@ def write_measurements(folder: str | Path, measurements: Measurements) -> None:
         InputError: measurements that no folder can hold; the folder exists or cannot be written.
     """
     _write_measurements(Path(folder), measurements)
+
+
+@checked
+def import_table(
+    table: str | Path, folder: str | Path, robot: Robot | None = None, stated: Sequence[str] = ()
+) -> ImportedTable:
+    """Make a measurement folder of a laboratory's own table, which keeps its names, units and signs.
+
+    Args:
+        table: CSV or Parquet, one row a held posture.
+        folder: a new one.
+        robot: that was measured; TULip if None.
+        stated: what the table does not say: the path of a TOML file, and entries such as
+            "q.right_knee=RKnee [deg]:deg:-1".
+
+    Returns:
+        what was mapped, assumed and is to be decided; its `folder` is None if something necessary is missing.
+
+    Raises:
+        InputError: a table or a statement that cannot be read, or a folder that exists.
+    """
+    return _import_table(Path(table), robot or load_robot(), Path(folder), read_map(stated))
 
 
 @checked

@@ -24,7 +24,9 @@ def _apply(m: Measurements, target: str, values: Values) -> Measurements:
 
 def _undo(observed: Observation, target: str, values: Values) -> Observation:
     gain = np.repeat(_gain(target, values), observed.cell_forces.shape[1] // 2)
-    return observed.changed(cell_forces=observed.cell_forces / gain)
+    below = observed.contacts.below  # it was added, not read
+    assert below is not None
+    return observed.changed(cell_forces=(observed.cell_forces - below) / gain + below)
 
 
 def _gain(target: str, values: Values) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.instruments import effects_on
 from tulip_testbed.experiments.benchmark.draw import absorbed, testable
 from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
 from tulip_testbed.experiments.benchmark.scoreboard import Board
@@ -77,7 +77,7 @@ class Case:
 def cases(settings: Settings, board: Board) -> list[Case]:
     """All cases, in an order in which every arm is spread evenly."""
     rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(0,)))
-    statics = [e.name for e in catalogue().values() if e.statics]
+    statics = [effect.name for effect in effects_on(None, statics=True)]
     visible = {m: [name for name in statics if testable(board, name, m)] for m in MULTIPLES}
     hidden = [name for name in statics if absorbed(board, name)]
     out = [Case(NULL)] * settings.count(FULL[NULL]) + [Case(ROBOTS)] * settings.count(FULL[ROBOTS])

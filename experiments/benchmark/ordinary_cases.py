@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.instruments import effects_on
 from tulip_testbed.experiments.benchmark.cases import OUTSIDE_ARM, Case, Settings, in_turn
 from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
 from tulip_testbed.sim.measurements import PosturePlan
@@ -25,7 +25,7 @@ def ordinary_cases(settings: Settings, robot: Robot, plan: PosturePlan) -> list[
     """
     rng = np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(2,)))
     numbers = tuple(int(number) for number in np.unique(plan.placement))
-    effects = [effect for effect in catalogue().values() if effect.statics]
+    effects = effects_on(None, statics=True)
     kinds = [effect.name for effect in effects]
     several = [effect.name for effect in effects if len(effect.targets.of(robot, numbers)) > 1]
     out = [Case(NOTHING, imperfect=True)] * settings.count(FULL[NOTHING])

@@ -71,12 +71,14 @@ def stance_of(
     pair, toes = _pair(skeleton, names)
     ankles = [skeleton.links[link].hinges[-1].anchor for link in pair]
     if sole:
-        soles = [(_stated(ankle, sole), UP) for ankle in ankles]
+        soles = [(_stated(ankle, sole, np.eye(3)[0]), UP) for ankle in ankles]
     else:
         soles = [_sole(skeleton, link) for link in pair]
     sides = [_side(skeleton.links[link].name) for link in pair]
     known = 1 if names is not None else SIDES.get((sides[0], sides[1]))
     forward = _forward(soles, ankles, known)
+    if sole:
+        soles = [(_stated(ankle, sole, forward), UP) for ankle in ankles]
     left = np.cross(UP, forward)
     if names is None and (ankles[1] - ankles[0]) @ left < 0:
         pair, soles, ankles = pair[::-1], soles[::-1], ankles[::-1]
@@ -168,8 +170,8 @@ def _sole(skeleton: Skeleton, link: int) -> tuple[Array, Array]:
     return points, normal
 
 
-def _stated(ankle: Array, sole: tuple[float, ...]) -> Array:
-    """Return the corners of a sole that is stated, with x forward, (4, 3) [m] in the world."""
+def _stated(ankle: Array, sole: tuple[float, ...], forward: Array) -> Array:
+    """Return the corners of a sole that is stated, (4, 3) [m] in the world."""
     front, rear, width, height = sole
     possible = np.isfinite(sole).all() and max(np.abs(sole)) <= MOST_SOLE and height >= 0
     if not possible or min(front + rear, width) < LEAST_SOLE:
@@ -178,7 +180,7 @@ def _stated(ankle: Array, sole: tuple[float, ...]) -> Array:
             f"and behind it (together {LEAST_SOLE:g} m or more), width and height, at most {MOST_SOLE:g} m"
         )
     corners = [[x, y, -height] for x in (front, -rear) for y in (width / 2, -width / 2)]
-    return ankle + np.array(corners)
+    return ankle + np.array(corners) @ np.array([forward, np.cross(UP, forward), UP])
 
 
 def _forward(soles: list[tuple[Array, Array]], ankles: list[Array], known: int | None) -> Array:

@@ -20,6 +20,7 @@ from tulip_testbed.identification.preflight.settling import series_agrees, settl
 from tulip_testbed.identification.preflight.units import joint_limits, same_robot, units
 from tulip_testbed.identification.preflight.usual import Usual, UsualChanges, exact
 from tulip_testbed.identification.preflight.weight import constant_weight, drift, weight_balance
+from tulip_testbed.identification.preflight.wrench_checks import carried_weight, horizontal_forces
 from tulip_testbed.identification.reading_noise import ReadingNoise, reading_noise
 from tulip_testbed.identification.regressor import regression
 from tulip_testbed.sim.errors import InputError
@@ -58,6 +59,8 @@ def preflight(
     findings.append(found)
     if found.result == "fail":
         return [*findings, *_skip(rest, "correct the units first")]
+    if m.contacts is not None:
+        return [*findings, *_of_wrenches(m, nominal, usual_changes)]
     loads = cell_loads(m)
     usual = _usual(m, loads, usual_changes)
     findings += [
@@ -85,6 +88,29 @@ def preflight(
     noise = reading_noise(m, nominal)
     findings += [load_in_soles(m, nominal), repeats(m, nominal, noise), *_fits(m, nominal, noise, usual)]
     return [*findings, identifiable(m, nominal, noise)]
+
+
+def _of_wrenches(m: Measurements, nominal: Nominal, usual_changes: UsualChanges | None) -> list[Finding]:
+    """Run the checks that wrench sensors allow."""
+    reason = "needs the readings of vertical cells; there are wrench sensors"
+    findings = [
+        joint_limits(m, nominal),
+        stuck(m),
+        *_skip(("cell loads", "stated noise"), reason),
+        steady_windows(m),
+        *_skip(("settling", "series and table"), reason),
+        *_skip(("weight balance", "constant weight"), f"{reason}, see 'carried weight'"),
+        carried_weight(m, nominal),
+        horizontal_forces(m, nominal),
+        drift(m, nominal),
+        *_skip(("plate poses", "feet on plates"), reason),
+    ]
+    if (m.support == "double").all():
+        findings += legs(m, nominal, exact(len(m)) if usual_changes is None else usual_changes())
+    else:
+        findings += _skip(LEGS[1:], "some posture stands on one foot; this check needs both feet")
+    findings += _skip(FORCES, reason)
+    return [*findings, identifiable(m, nominal_robot(nominal.robot, common_support(m.support)), None)]
 
 
 def _usual(m: Measurements, loads: Finding, usual_changes: UsualChanges | None) -> Usual:

@@ -15,7 +15,7 @@ from tulip_testbed.identification.preflight.finding import (
 from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.numbers import number
-from tulip_testbed.sim.robot import CELLS
+from tulip_testbed.sim.robot import CELLS, PLATES
 
 LEAST_TIES, TIED_SHARE = 3, 0.05  # number and share of rows at the same extreme that count as a fault
 STANDING = 0.5  # of the weight; the cells carry more in every posture
@@ -29,8 +29,10 @@ def stuck(measurements: Measurements) -> Finding:
     """Find readings at a constant extreme or repeated: saturated, frozen or pasted."""
     m = measurements
     faults: list[tuple[str, str, str]] = [*_constant(m), *_extremes(m), *_copies(m)]
-    moved = np.ones(max(len(m) - 1, 0), dtype=bool)
-    runs = [(name, *longest_run(values, moved)) for name, values in _columns("cell", CELLS, m.cell_forces)]
+    runs = [
+        (name, *longest_run(values, np.ones(max(len(values) - 1, 0), dtype=bool)))
+        for name, values in _contact_columns(m)
+    ]
     if m.command is not None:
         step = 10 * (m.sensors.encoder_sd or 1e-3)
         for k, (name, values) in enumerate(_columns("q", m.joints, m.joint_angles)):
@@ -96,7 +98,7 @@ def resolution(measurements: Measurements) -> Finding:
         if stated == 0:
             texts.append(f"sensors.{key} is 0, which is impossible: the checks that need it are skipped")
             where.append(f"sensors.{key}")
-        if not usable_sd(stated):
+        if not usable_sd(stated) or not values.size:
             continue
         assert stated is not None
         noise = _median(spread)
@@ -166,18 +168,32 @@ def _columns(prefix: str, names: tuple[str, ...], values: np.ndarray) -> list[tu
     return [(f"{prefix}.{name}", values[:, k]) for k, name in enumerate(names)]
 
 
+def _contact_columns(m: Measurements) -> list[tuple[str, np.ndarray]]:
+    """List the readings of cells, or of wrench sensors while their foot stands, by the columns' names."""
+    if m.contacts is None or m.wrenches is None:
+        return _columns("cell", CELLS, m.cell_forces)
+    stands = (m.support != "left", m.support != "right")
+    return [
+        (f"wrench.{plate}.{channel}", m.wrenches[stands[p], p, k])
+        for p, plate in enumerate(PLATES)
+        for k, channel in enumerate(m.contacts.channels)
+    ]
+
+
 def _constant(m: Measurements) -> list[tuple[str, str, str]]:
     """Find channels with a single value; a joint may be at rest on purpose, a cell may not."""
     faults = []
     if len(m) > 1:
         for k, (name, values) in enumerate(_columns("q", m.joints, m.joint_angles)):
+            if m.joints[k] in m.constant_joints:
+                continue
             sent = m.command is not None and np.ptp(m.command[:, k]) > 10 * (m.sensors.encoder_sd or 1e-3)
             if np.ptp(values) == 0:
                 text = f"{name} reads {values[0]:g} in all postures"
                 text += ", though it was commanded to move" if sent else ""
                 faults.append(("fail" if sent else "warn", name, text))
-        for name, values in _columns("cell", CELLS, m.cell_forces):
-            if np.ptp(values) == 0:
+        for name, values in _contact_columns(m):
+            if len(values) > 1 and np.ptp(values) == 0:
                 faults.append(("fail", name, f"{name} reads {values[0]:g} N in all postures"))
     return faults
 
@@ -185,7 +201,9 @@ def _constant(m: Measurements) -> list[tuple[str, str, str]]:
 def _extremes(m: Measurements) -> list[tuple[str, str, str]]:
     """Find cells whose largest or smallest reading occurs repeatedly."""
     faults = []
-    for name, values in _columns("cell", CELLS, m.cell_forces):
+    for name, values in _contact_columns(m):
+        if not len(values):
+            continue
         for extreme, kind in ((values.max(), "largest"), (values.min(), "smallest")):
             ties = int((values == extreme).sum())
             if np.ptp(values) > 0 and ties >= max(LEAST_TIES, TIED_SHARE * len(m)):
@@ -197,12 +215,13 @@ def _extremes(m: Measurements) -> list[tuple[str, str, str]]:
 def _copies(m: Measurements) -> list[tuple[str, str, str]]:
     """Find equal columns of cells, and rows with equal readings."""
     faults = []
-    columns = _columns("cell", CELLS, m.cell_forces)
+    columns = _contact_columns(m)
     for k, (name, values) in enumerate(columns):
         for other, others in columns[:k]:
             if len(m) > 1 and np.array_equal(values, others):
                 faults.append(("fail", name, f"{other} and {name} are the same column"))
-    rows = np.column_stack([m.joint_angles, m.cell_forces])
+    readings = m.cell_forces if m.wrenches is None else np.nan_to_num(m.wrenches.reshape(len(m), -1))
+    rows = np.column_stack([m.joint_angles, readings])
     _, first, back = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     for row in np.flatnonzero(first[back.ravel()] != np.arange(len(m))):
         text = f"rows {first[back.ravel()[row]] + 1} and {row + 1} hold the same readings"

@@ -95,13 +95,14 @@ def steady_windows(measurements: Measurements) -> Finding:
     step = np.concatenate(
         [
             np.full(len(m.joints), sheet.encoder_resolution or 0.0),
-            np.full(len(CELLS), sheet.cell_resolution or 0.0),
+            np.full(m.cell_forces.shape[1], sheet.cell_resolution or 0.0),
         ]
     )
     usual = np.full(spread.shape[1], np.nan)
     usual[available] = np.nanmedian(spread[:, available], axis=0)
     # A reading between two steps of a coarse sensor jumps by half a step without movement.
-    floor = np.concatenate([np.full(len(m.joints), LEAST_ANGLE), np.full(len(CELLS), LEAST_FORCE)])
+    cells = m.cell_forces.shape[1]
+    floor = np.concatenate([np.full(len(m.joints), LEAST_ANGLE), np.full(cells, LEAST_FORCE)])
     limit = np.sqrt(usual**2 + (step / 2) ** 2 + floor**2)
     frozen = [_channel(m, int(k), 0.0)[0] for k in np.flatnonzero(available & (usual == 0))]
     ratio = np.nan_to_num(spread / limit)

@@ -6,6 +6,7 @@ import numpy as np
 
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, few, row_name
+from tulip_testbed.identification.preflight.wrench_checks import vertical_forces
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.robot import CORNERS, PLATES
@@ -109,7 +110,7 @@ def _angles(measurements: Measurements, nominal: Nominal) -> list[tuple[str, str
 
 def _lengths(measurements: Measurements) -> list[tuple[str, str]]:
     complaints = []
-    for p, plate in enumerate(PLATES):
+    for p, plate in enumerate(PLATES if measurements.contacts is None else ()):
         spread = measurements.cells[p] - measurements.cells[p].mean(axis=0)
         if np.linalg.svd(spread, compute_uv=False)[1] < LEAST_CELLS:
             place = f"plates.{plate}.cells"
@@ -118,6 +119,7 @@ def _lengths(measurements: Measurements) -> list[tuple[str, str]]:
             if cell > MOST_CELL:
                 place = f"plates.{plate}.cells.{corner}"
                 complaints.append((place, f"{place} lies {cell:g} from the plate's middle: millimetres?"))
+    for p, plate in enumerate(PLATES):
         for k, axis in enumerate("xy"):
             far = np.abs(measurements.plate_poses[:, p, k]).max()
             if far > MOST_POSE:
@@ -142,16 +144,20 @@ def _masses(measurements: Measurements, nominal: Nominal) -> list[tuple[str, str
             complaints.append(("weighed_mass", text))
         else:
             mass = weighed
-    total = float(np.median(measurements.cell_forces.sum(axis=1)))
+    contacts = measurements.contacts
+    if contacts is not None and np.isinf(contacts.zero_sd[:, contacts.channels.index("fz")]).any():
+        return complaints
+    total = float(np.median(vertical_forces(measurements).sum(axis=1)))
     stated = measurements.sensors.cell_sd
     if stated is not None and stated > MOST_CELL_SD * mass * gravity:
         text = f"sensors.cell_sd is {stated:g} where {number(mass, '.4g')} kg stand on eight cells: grams?"
         complaints.append(("sensors.cell_sd", text))
     if not 0.5 < total / (mass * gravity) < 2:
         guess = _guess(total / (mass * gravity), {1 / gravity: "kilograms", 1000 / gravity: "grams"})
-        text = f"the cells sum to {number(total, '.4g')} where {number(mass, '.4g')} kg "
+        what, place = ("the cells", "cell.*") if contacts is None else ("vertical forces", "wrench.*.fz")
+        text = f"{what} sum to {number(total, '.4g')} where {number(mass, '.4g')} kg "
         text += f"weigh {number(mass * gravity, '.4g')} N{guess}"
-        complaints.append(("cell.*", text))
+        complaints.append((place, text))
     return complaints
 
 

@@ -8,6 +8,7 @@ from tulip_testbed.identification.distributions import t_sf
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
 from tulip_testbed.identification.preflight.usual import Beyond, Usual, beyond
+from tulip_testbed.identification.preflight.wrench_checks import vertical_forces
 from tulip_testbed.identification.reading_noise import usable_sd
 from tulip_testbed.sim.measurements import Measurements
 
@@ -87,7 +88,7 @@ def drift(measurements: Measurements, nominal: Nominal) -> Finding:
     clock = m.time if timed else np.arange(len(m), dtype=float)
     if len(m) < 5 or np.ptp(clock) == 0:
         return skipped(name, "needs five postures at different times")
-    total = m.cell_forces.sum(axis=1)
+    total = m.cell_forces.sum(axis=1) if m.contacts is None else vertical_forces(m).sum(axis=1)
     channels = {"total force": (clock, total, NEGLIGIBLE * abs(float(total.mean())), "N")}
     both = m.support == "double"  # a lifted foot is level at no time
     if both.sum() >= 5 and np.ptp(clock[both]) > 0:

@@ -20,6 +20,7 @@ from tulip_testbed.sim.procedure import (
     constants,
     make_measurements,
     order_of_tries,
+    read_sensors,
     record_error,
     stage_at,
     start_times,
@@ -28,7 +29,7 @@ from tulip_testbed.sim.procedure import (
 )
 from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.scene import boards_under
-from tulip_testbed.sim.sensors import read_cells, read_encoders
+from tulip_testbed.sim.sensors import draw_zeros
 from tulip_testbed.sim.threads import one_blas_thread
 from tulip_testbed.sim.workers import deaf_to_interruptions, watched
 
@@ -55,7 +56,9 @@ def run_dynamics(
     streams = np.random.SeedSequence(seed).spawn(len(placements) + 1)
     shared = np.random.default_rng(streams[-1])
     repeats = choose_repeats(plan, rig.protocol.repeats, shared)
-    attempts = tuple(_try_all(rig, plan, repeats, streams, workers, progress))
+    feet = rig.sensors.feet
+    zeros = None if feet is None else draw_zeros(feet, shared)
+    attempts = tuple(_try_all(rig, plan, repeats, zeros, streams, workers, progress))
     model = Stand(rig, np.zeros((2, 3))).model
     truth = Truth(
         mass=float(model.body_subtreemass[model.body(rig.robot.model.body(1).name).id]),
@@ -63,6 +66,10 @@ def run_dynamics(
         dropped=dropped_postures(attempts),
         attempts=attempts,
     )
+    if feet is not None:
+        truth = dataclasses.replace(
+            truth, wrenches=np.array([held.wrenches for held in truth.held]), zeros=zeros
+        )
     return Outcome(_measurements(rig, plan, attempts, truth.mass, shared), truth)
 
 
@@ -78,6 +85,7 @@ def _try_all(
     rig: Rig,
     plan: PosturePlan,
     repeats: frozenset[int],
+    zeros: np.ndarray | None,
     streams: list[np.random.SeedSequence],
     workers: int,
     progress: Callable[[int], None],
@@ -98,7 +106,9 @@ def _try_all(
         if not (missing := [key for key in wanted if key not in done]):
             return [done[place, s][k] for (place, k), s in zip(tries, stage, strict=True)]
         jobs = (
-            joblib.delayed(run_placement)(rigs[s], plan, place, repeats, streams[placements.index(place)])
+            joblib.delayed(run_placement)(
+                rigs[s], plan, place, repeats, streams[placements.index(place)], zeros
+            )
             for place, s in missing
         )
         # joblib would start all workers, even more than there are placements.
@@ -118,24 +128,32 @@ def read_again(rig: Rig, plan: PosturePlan, experiment: Outcome, rng: np.random.
     """Read the same held postures with new sensor noise: readings, plate records and weighing.
 
     Use it where many experiments differ in sensor noise alone: holding the postures takes a minute, reading
-    them a tenth of a second.
+    them a tenth of a second. Zeros of foot sensors stay those of the experiment.
     """
-    samples = round(rig.protocol.window * rig.sensors.sample_rate)
     attempts: list[Attempt] = []
     recorded = np.zeros((2, 3))
     for before, attempt in zip([None, *experiment.truth.attempts], experiment.truth.attempts, strict=False):
         if before is None or before.placement != attempt.placement:
             recorded = attempt.true_plates + record_error(rig, rng, 1)[0]
-        reading = _read(rig, attempt.held, samples, rng) if attempt.held else {}
+        reading = _read(rig, attempt.held, experiment.truth.zeros, rng) if attempt.held else {}
         attempts.append(dataclasses.replace(attempt, reading=reading, plates=recorded))
     return _measurements(rig, plan, attempts, experiment.truth.mass, rng)
 
 
 @one_blas_thread  # joblib gives a worker the threads that others leave idle
 def run_placement(
-    rig: Rig, plan: PosturePlan, placement: int, repeats: frozenset[int], stream: np.random.SeedSequence
+    rig: Rig,
+    plan: PosturePlan,
+    placement: int,
+    repeats: frozenset[int],
+    stream: np.random.SeedSequence,
+    zeros: np.ndarray | None = None,
 ) -> list[Attempt]:
-    """Set up one placement and attempt its postures, then its repeats."""
+    """Set up one placement and attempt its postures, then its repeats.
+
+    Args:
+        zeros: true zeros of the foot sensors, (2, 6) [N, Nm].
+    """
     rng = np.random.default_rng(stream)
     order = order_of_tries(plan, placement, repeats)
     boards = boards_under(rig, plan.foot_poses[[order[0][0]]])[0]
@@ -143,7 +161,6 @@ def run_placement(
     error = record_error(rig, rng, 1)[0]
     attempts: list[Attempt] = []
     before, recorded = None, np.zeros((2, 3))
-    samples = round(rig.protocol.window * rig.sensors.sample_rate)
     fresh = np.append(
         True, plan.support[[r for r, _ in order[1:]]] != plan.support[[r for r, _ in order[:-1]]]
     )
@@ -159,16 +176,16 @@ def run_placement(
             move(stand, before, planned, command)
         held, reason = hold(stand, planned)
         before = planned if held else None
-        reading = _read(rig, held, samples, rng) if held else {}
+        reading = _read(rig, held, zeros, rng) if held else {}
         number, true_plates = int(plan.posture[row]), stand.plates_in_base()
         attempts.append(Attempt(number, placement, repeat, held, reason, reading, recorded, true_plates))
     return attempts
 
 
-def _read(rig: Rig, held: Held, samples: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    angles, angles_sd, motor = read_encoders(rig.sensors, held.joint_angles, held.motor_angles, samples, rng)
-    forces, forces_sd = read_cells(rig.sensors, held.cell_forces, samples, rng)
-    return {"q": angles, "q_std": angles_sd, "motor": motor, "cell": forces, "cell_std": forces_sd}
+def _read(rig: Rig, held: Held, zeros: np.ndarray | None, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    return read_sensors(
+        rig, held.joint_angles, held.motor_angles, held.cell_forces, held.wrenches, zeros, rng
+    )
 
 
 def _measurements(

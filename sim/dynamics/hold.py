@@ -35,6 +35,7 @@ class Held:
         drift: largest displacement of a sole corner since the robot was put down [m].
         settled_after: time from the release until the posture was accepted [s].
         balance: balance of forces, moments, torques and energy.
+        wrenches: true wrenches of the foot sensors, without zeros, (2, 6) [N, Nm]; (0, 6): no such sensors.
     """
 
     joint_angles: np.ndarray
@@ -46,6 +47,7 @@ class Held:
     drift: float
     settled_after: float
     balance: Balance
+    wrenches: np.ndarray
 
 
 def put_down(
@@ -127,10 +129,11 @@ def hold(stand: Stand, plan: np.ndarray) -> tuple[Held | None, str]:
         commanded=stand.command.copy(),
         torques=data.actuator_force[stand.servos].copy(),
         cell_forces=mean[2 * joints : 2 * joints + 8],
-        com=mean[2 * joints + 8 :],
+        com=mean[2 * joints + 8 : 2 * joints + 10],
         drift=stand.drift(),
         settled_after=settled_after,
         balance=balance,
+        wrenches=mean[2 * joints + 10 :].reshape(-1, 6),
     )
     return held, ""
 
@@ -165,14 +168,20 @@ def _stick(stand: Stand) -> bool:
 
 
 def _average(stand: Stand, window: float) -> np.ndarray:
-    """Average joint and motor angles, cell forces and centre of mass over a window."""
+    """Average joint and motor angles, cell forces, centre of mass and feet's wrenches over a window."""
     states = []
     for _ in range(round(window / CONTROL_PERIOD)):
         stand.run(CONTROL_PERIOD)
         qpos = stand.data.qpos
         states.append(
             np.concatenate(
-                [qpos[stand.qpos], qpos[stand.motors], stand.cell_forces(), stand.centre_of_mass()]
+                [
+                    qpos[stand.qpos],
+                    qpos[stand.motors],
+                    stand.cell_forces(),
+                    stand.centre_of_mass(),
+                    stand.wrenches().ravel(),
+                ]
             )
         )
     return np.mean(states, axis=0)

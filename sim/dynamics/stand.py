@@ -8,6 +8,7 @@ import numpy as np
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.drives import motor_joint
 from tulip_testbed.sim.dynamics.stiction import Stiction
+from tulip_testbed.sim.foot_sensors import foot_addresses
 from tulip_testbed.sim.path import ClosedChain, tipped
 from tulip_testbed.sim.plates import cell_addresses, cell_names, short_feet, tare
 from tulip_testbed.sim.rig import Rig
@@ -51,6 +52,8 @@ class Stand:
         self.clamps = np.array([self.model.equality(f"{foot}_clamp").id for foot in rig.robot.feet])
         self.cells = cell_addresses(self.model)
         self.tare = tare(self.model)
+        feet = rig.robot.feet if rig.sensors.feet is not None else ()
+        self.wrench_channels = foot_addresses(self.model, feet)
         # A board with a short foot rocks: its other cells rise by no more than that.
         self.rise = np.repeat(short_feet(self.model).max(axis=1), len(CORNERS))
         self.sole_points = {foot: sole_point(nominal, foot) for foot in rig.robot.feet}
@@ -99,6 +102,10 @@ class Stand:
     def cell_forces(self) -> np.ndarray:
         """Return the true tared cell forces at this moment, (8,) [N]."""
         return self.data.sensordata[self.cells] - self.tare
+
+    def wrenches(self) -> np.ndarray:
+        """Return the true wrenches of the foot sensors at this moment, (2, 6), or (0, 6) without [N, Nm]."""
+        return -self.data.sensordata[self.wrench_channels]
 
     def mark_feet(self) -> None:
         """Store the feet's poses, where the clamps hold them."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,22 +11,25 @@ import numpy as np
 from pydantic import ValidationError
 
 from tulip_testbed.sim.errors import InputError, look_up, shortened
-from tulip_testbed.sim.measurements.data import Measurements, SensorSheet
-from tulip_testbed.sim.measurements.manifest import (
+from tulip_testbed.sim.measurements.bounds import (
+    LEAST_CELL_SPREAD,
+    MOST_ACCELERATION,
     MOST_ANGLE,
     MOST_FORCE,
     MOST_LENGTH,
-    RobotEntry,
-    manifest_of,
+    MOST_SPEED,
 )
+from tulip_testbed.sim.measurements.contact_entries import wrong_contacts
+from tulip_testbed.sim.measurements.contacts import Contacts
+from tulip_testbed.sim.measurements.data import Measurements, SensorSheet
+from tulip_testbed.sim.measurements.manifest import RobotEntry, manifest_of
 from tulip_testbed.sim.robot import CELLS, PLATES
 from tulip_testbed.sim.validation_message import validation_message
 
 WHOLE = ("posture", "placement")  # columns of whole numbers
 SUPPORTS = ("double", "right", "left")
 MOST_TIME = 1e10  # s
-LEAST_WEIGHT = 1.0  # N, on the eight cells together
-LEAST_CELL_SPREAD = 1e-3  # m, r.m.s. of a plate's cells about their best line
+LEAST_WEIGHT = 1.0  # N, on all cells or wrench sensors together
 # Narrower than what can be read, so that the preflight can say which unit was probably meant.
 LIKELY_ANGLE, LIKELY_LENGTH = 2 * np.pi, 20.0  # rad, m
 LIKELY_SENSORS = {  # s.d. and resolutions of a data sheet [rad, N, m or rad]
@@ -36,6 +39,7 @@ LIKELY_SENSORS = {  # s.d. and resolutions of a data sheet [rad, N, m or rad]
     "cell_resolution": 1e3,
     "placement_sd": 1.0,
 }
+LIKELY_LEVER = 2.0  # m, of the weight about the origin of a wrench sensor
 LIKELY_REPEAT = 0.2  # rad, between the angles of a posture that is measured again
 
 
@@ -60,6 +64,10 @@ RULES = {  # by the first word of a column's name
     "motor": ANGLE,
     "cell": Rule(-MOST_FORCE, MOST_FORCE),
     "cell_std": Rule(0.0, MOST_FORCE, gaps=True),
+    "wrench": Rule(-MOST_FORCE, MOST_FORCE, gaps=True),
+    "wrench_std": Rule(0.0, MOST_FORCE, gaps=True),
+    "speed": Rule(0.0, MOST_SPEED, gaps=True),
+    "acceleration": Rule(-MOST_ACCELERATION, MOST_ACCELERATION, gaps=True),
 }
 
 
@@ -80,26 +88,32 @@ def check_contract(
     """
     m = measurements
     _check_shapes(m, str(table))
+    _check_constants(m, str(table))
     try:
         manifest_of(m, {})
     except ValidationError as error:
         raise InputError(f"{manifest}: {validation_message(error)}") from None
-    _check_plates(m, str(manifest))
+    if m.contacts is None:
+        _check_plates(m, str(manifest))
     for joint in m.gains:
         look_up("joint", joint, m.joints, f"{manifest}: key 'gains'")
     ruled = ((name, values, _rule(name)) for name, values in m.columns().items())
     columns = {name: (values, rule) for name, values, rule in ruled if rule is not None}
     for name, (values, rule) in columns.items():
-        finite = np.isfinite(values) | (np.isnan(values) & rule.gaps)
+        finite = np.isfinite(values) | (np.isnan(values) & rule.gaps)  # of wrenches, see `_check_present`
         _refuse(str(table), name, ~finite, values, "a finite number")
         outside = (values < rule.low) | (values > rule.high)
         _refuse(str(table), name, outside, values, f"a number within [{rule.low:g}, {rule.high:g}]")
+    if m.contacts is not None:
+        _check_present(m, str(table))
     _check_rows(m, str(table))
     if not likely:
         return
     for name, (values, rule) in columns.items():
         expected = f"a number within [{-rule.likely:g}, {rule.likely:g}] (rad, m)"
         _refuse(str(table), name, np.abs(values) > rule.likely, values, expected)
+    if m.contacts is not None and np.isfinite(m.contacts.zero_sd).all():
+        _check_moments(m, m.contacts, str(table))
     _check_sensors(m, str(manifest))
     _check_repeats(m, str(table))
 
@@ -127,6 +141,12 @@ def _check_shapes(m: Measurements, where: str) -> None:
     keys = tuple(RobotEntry.model_fields)
     if not isinstance(m.robot, dict) or any(key not in m.robot for key in keys):
         raise InputError(f"{where}: robot: found {shortened(m.robot)}, expected the keys {', '.join(keys)}")
+    if m.contacts is not None:
+        wrong = (
+            wrong_contacts(m.contacts) if isinstance(m.contacts, Contacts) else "expected Contacts or None"
+        )
+        if wrong:
+            raise InputError(f"{where}: contacts: {wrong}")
     rows = m.posture.shape if isinstance(m.posture, np.ndarray) and m.posture.ndim == 1 else ("rows",)
     for name, kinds, shape in _shapes(m, rows):
         found = getattr(m, name)
@@ -152,11 +172,38 @@ def _shapes(m: Measurements, rows: tuple) -> Iterator[tuple[str, str, tuple]]:
     for name in ("joint_angles", "joint_angles_sd", "command", "motor"):
         if getattr(m, name) is not None or name.startswith("joint"):
             yield name, "iuf", (*rows, len(m.joints))
+    cells = len(CELLS) if m.contacts is None else 0
     for name in ("cell_forces", "cell_forces_sd"):
-        yield name, "iuf", (*rows, len(CELLS))
+        yield name, "iuf", (*rows, cells)
     yield "plate_poses", "iuf", (*rows, len(PLATES), 3)
-    yield "cells", "iuf", (len(PLATES), len(CELLS) // len(PLATES), 2)
+    yield "cells", "iuf", (len(PLATES), cells // len(PLATES), 2)
     yield "top_height", "iuf", (len(PLATES),)
+    for name in ("wrenches", "wrenches_sd"):
+        if m.contacts is not None and (name == "wrenches" or m.wrenches_sd is not None):
+            yield name, "iuf", (*rows, len(PLATES), len(m.contacts.channels))
+    for name in ("speed", "acceleration"):
+        if getattr(m, name) is not None:
+            yield name, "iuf", rows
+
+
+def _check_constants(m: Measurements, where: str) -> None:
+    """Refuse constant joints that are unknown or move, and places of sensors that are in the feet."""
+    constant = m.constant_joints if isinstance(m.constant_joints, Mapping) else ()
+    for joint in constant:
+        look_up("joint", joint, m.joints, f"{where}: constant_joints")
+        angles = m.joint_angles[:, m.joints.index(joint)]
+        _refuse(
+            where, f"q.{joint}", angles != angles[0], angles, f"{angles[0]}, as in row 1 (it is constant)"
+        )
+    if m.contacts is not None and m.contacts.mount == "foot":
+        for name in ("plate_poses", "top_height"):
+            if np.any(getattr(m, name)):
+                raise InputError(
+                    f"{where}: {name}: found other than zeros, expected zeros: sensors are in the feet"
+                )
+    for name in ("wrenches", "wrenches_sd"):
+        if m.contacts is None and getattr(m, name) is not None:
+            raise InputError(f"{where}: {name}: found readings without contacts, expected None")
 
 
 def _check_plates(m: Measurements, where: str) -> None:
@@ -169,11 +216,57 @@ def _check_plates(m: Measurements, where: str) -> None:
             )
 
 
+def _standing(m: Measurements) -> np.ndarray:
+    """Return whether the right and the left foot carry the robot, (m, 2) bool."""
+    return np.column_stack([m.support != "left", m.support != "right"])
+
+
+def _check_present(m: Measurements, where: str) -> None:
+    """Refuse readings of a wrench sensor that are absent, but for a foot in the air."""
+    assert m.contacts is not None
+    assert m.wrenches is not None
+    gaps = np.isnan(m.wrenches)
+    for p, side in enumerate(PLATES):
+        whole = gaps[:, p].all(axis=1) & ~_standing(m)[:, p]
+        for k, channel in enumerate(m.contacts.channels):
+            name = f"wrench.{side}.{channel}"
+            missing = gaps[:, p, k] & ~whole
+            _refuse(
+                where, name, missing, m.wrenches[:, p, k], "a number (or, in the air, none of the contact)"
+            )
+
+
+def _check_moments(m: Measurements, contacts: Contacts, where: str) -> None:
+    """Refuse moments that the weight could not have with any lever of a foot: newton millimetres."""
+    assert m.wrenches is not None
+    down = np.abs(_vertical(m)).sum(axis=1)
+    for k, channel in enumerate(contacts.channels):
+        if channel.startswith("m"):
+            for p, side in enumerate(PLATES):
+                values = m.wrenches[:, p, k]
+                expected = f"a moment within {LIKELY_LEVER:g} m times the weight [Nm]"
+                _refuse(
+                    where, f"wrench.{side}.{channel}", np.abs(values) > LIKELY_LEVER * down, values, expected
+                )
+
+
+def _vertical(m: Measurements) -> np.ndarray:
+    """Return the vertical forces of both wrench sensors, zero in the air, (m, 2) [N]."""
+    assert m.contacts is not None
+    assert m.wrenches is not None
+    return np.where(_standing(m), m.wrenches[..., m.contacts.channels.index("fz")], 0.0)
+
+
 def _check_rows(m: Measurements, where: str) -> None:
     """Refuse rows without weight, and rows that occur twice."""
-    total = m.cell_forces.sum(axis=1)
-    light = total < np.maximum(LEAST_WEIGHT, 1e-2 * np.abs(m.cell_forces).sum(axis=1))
-    _refuse(where, "cell.*", light, total, "the robot's weight as their sum [N]")
+    if m.contacts is None:
+        forces, name = m.cell_forces, "cell.*"
+    else:
+        forces, name = _vertical(m), "wrench.*.fz"
+    total = forces.sum(axis=1)
+    light = total < np.maximum(LEAST_WEIGHT, 1e-2 * np.abs(forces).sum(axis=1))
+    if m.contacts is None or np.isfinite(m.contacts.zero_sd).all():
+        _refuse(where, name, light, total, "the robot's weight as their sum [N]")
     _, first = np.unique(np.column_stack([m.posture, m.time]), axis=0, return_index=True)
     again = np.isfinite(m.time) & ~np.isin(np.arange(len(m)), first)
     _refuse(where, "posture", again, m.posture, "another posture or another time than a row before")

@@ -110,7 +110,10 @@ class Measurements:
         contacts: wrench sensors in place of the plates' cells; None: cells. With them there are no cells:
             `cell_forces` is (m, 0) and `cells` (2, 0, 2); in the feet, `plate_poses` and `top_height` are 0.
         wrenches, wrenches_sd: readings of the wrench sensors, right and left, mean and s.d. over the window,
-            (m, 2, c) [N, Nm]; None: cells.
+            (m, 2, c) [N, Nm]; NaN for a foot in the air that was not recorded; None: cells.
+        constant_joints: s.d. of joints that are not logged but known to stand still, by name [rad].
+        speed: largest speed of a joint in the window, (m,) [rad/s], or None.
+        acceleration: of the robot's base in the window, (m,) [m/s2], or None.
     """
 
     joints: tuple[str, ...]
@@ -138,6 +141,9 @@ class Measurements:
     contacts: Contacts | None = None
     wrenches: np.ndarray | None = None
     wrenches_sd: np.ndarray | None = None
+    constant_joints: Mapping[str, float] = field(default_factory=dict)
+    speed: np.ndarray | None = None
+    acceleration: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.posture)
@@ -146,25 +152,45 @@ class Measurements:
         return f"Measurements: {len(self)} rows, {_described(self)}, robot {self.robot['model']}"
 
     def columns(self) -> dict[str, np.ndarray]:
-        """Return the rows as columns by the names that they have in a measurement folder, (m,) each."""
+        """Return the rows as columns by the names that they have in a measurement folder, (m,) each.
+
+        A joint that is not logged has none.
+        """
         columns = {
             name: getattr(self, name)
             for name in ("posture", "placement", "support", "time", "window", "samples")
         }
-        for prefix, names, values in (
-            ("q", self.joints, self.joint_angles),
-            ("q_std", self.joints, self.joint_angles_sd),
-            ("q_command", self.joints, self.command),
-            ("motor", self.joints, self.motor),
-            ("cell", CELLS, self.cell_forces),
-            ("cell_std", CELLS, self.cell_forces_sd),
+        columns |= {
+            name: values for name in ("speed", "acceleration") if (values := getattr(self, name)) is not None
+        }
+        logged = tuple(k for k, joint in enumerate(self.joints) if joint not in self.constant_joints)
+        for prefix, values in (
+            ("q", self.joint_angles),
+            ("q_std", self.joint_angles_sd),
+            ("q_command", self.command),
+            ("motor", self.motor),
         ):
             if values is not None:
-                columns |= {f"{prefix}.{name}": values[:, k] for k, name in enumerate(names)}
-        for p, plate in enumerate(PLATES):
-            for k, axis in enumerate(("x", "y", "yaw")):
-                columns[f"plate.{plate}.{axis}"] = self.plate_poses[:, p, k]
+                columns |= {f"{prefix}.{self.joints[k]}": values[:, k] for k in logged}
+        columns |= self._contact_columns()
+        if self.contacts is None or self.contacts.mount == "ground":
+            for p, plate in enumerate(PLATES):
+                for k, axis in enumerate(("x", "y", "yaw")):
+                    columns[f"plate.{plate}.{axis}"] = self.plate_poses[:, p, k]
         return columns
+
+    def _contact_columns(self) -> dict[str, np.ndarray]:
+        if self.contacts is None:
+            readings = (("cell", self.cell_forces), ("cell_std", self.cell_forces_sd))
+            return {f"{pre}.{name}": values[:, k] for pre, values in readings for k, name in enumerate(CELLS)}
+        readings = (("wrench", self.wrenches), ("wrench_std", self.wrenches_sd))
+        return {
+            f"{prefix}.{side}.{channel}": values[:, p, k]
+            for prefix, values in readings
+            if values is not None
+            for p, side in enumerate(PLATES)
+            for k, channel in enumerate(self.contacts.channels)
+        }
 
     def to_frame(self) -> Any:
         """Return a pandas DataFrame with the columns of a measurement folder [SI]."""

@@ -1,4 +1,4 @@
-"""manifest.json of a measurement folder: its keys and their bounds."""
+"""manifest.json of a measurement folder: its keys and their bounds, in both versions."""
 
 from __future__ import annotations
 
@@ -8,37 +8,16 @@ from datetime import UTC, datetime
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict
 
+from tulip_testbed.sim.measurements.bounds import Angle, Deviation, Gain, Gravity, Length, Mass, Point
+from tulip_testbed.sim.measurements.column_mapping import MappingEntry
+from tulip_testbed.sim.measurements.contact_entries import Pair, entries_of
 from tulip_testbed.sim.measurements.data import Measurements
 from tulip_testbed.sim.measurements.table_files import software
 from tulip_testbed.sim.robot import CORNERS, PLATES
 
-# Bounds beyond any laboratory: narrow enough that nothing overflows later, wide enough that the preflight
-# can still recognise degrees instead of radians and millimetres instead of metres.
-MOST_ANGLE = 1e3  # rad
-MOST_LENGTH = 1e4  # m, from the base frame to a plate and from a plate to a cell
-MOST_FORCE = 1e5  # N, on a cell
-MOST_GAIN = 1e6  # Nm/rad, of a servo
-LEAST_GRAVITY, MOST_GRAVITY = 0.1, 100.0  # m/s2
-LEAST_MASS = 1e-3  # kg
-LEAST_DEVIATION = 1e-12  # rad, N, m, kg: smaller ones vanish when squared or make a quotient overflow
-
-
-def _not_tiny(deviation: float) -> float:
-    if 0 < deviation < LEAST_DEVIATION:
-        raise ValueError(f"expected 0 or at least {LEAST_DEVIATION:g}")
-    return deviation
-
-
-Length = Annotated[float, Strict(), Field(ge=-MOST_LENGTH, le=MOST_LENGTH, allow_inf_nan=False)]
-Point = tuple[Length, Length]
-Gravity = Annotated[float, Strict(), Field(ge=LEAST_GRAVITY, le=MOST_GRAVITY, allow_inf_nan=False)]
-Mass = Annotated[float, Strict(), Field(ge=LEAST_MASS, le=MOST_FORCE, allow_inf_nan=False)]
-NotNegative = Field(ge=0, le=MOST_FORCE, allow_inf_nan=False)
-Deviation = Annotated[float, Strict(), NotNegative, AfterValidator(_not_tiny)]
-Gain = Annotated[float, Strict(), Field(gt=0, le=MOST_GAIN, allow_inf_nan=False)]
-Version = Annotated[int, Strict(), Field(ge=1, le=1)]
+OPTIONAL = ("gains", "tolerances", "constant_joints")  # keys that are written only if they hold something
 
 
 class _Strict(BaseModel):
@@ -83,22 +62,59 @@ class SensorsEntry(_Strict):
     placement_sd: tuple[Deviation, Deviation, Deviation] | None
 
 
+class ConstantEntry(_Strict):
+    """A joint that is not logged."""
+
+    value: Angle
+    sd: Deviation
+
+
+def _of_version_two(value: Any) -> None:
+    raise ValueError("expected no such key in version 1, which has 'plates'; set 'version' to 2")
+
+
 class Manifest(_Strict):
     """Content of manifest.json; entries that only software knows are optional."""
 
     format: Literal["tulip-measurements"]
-    version: Version
+    version: Annotated[int, Strict(), Field(ge=1, le=2)]
     robot: RobotEntry
     joints: list[str] = Field(min_length=1)
-    plates: PlatesEntry
+    plates: PlatesEntry | None = None
+    contacts: Pair | None = None
     weighed_mass: MassEntry | None
     gravity: Gravity
     sensors: SensorsEntry
     gains: dict[str, Gain] | None = None
     tolerances: dict[str, Deviation] | None = None
+    constant_joints: dict[str, ConstantEntry] | None = None
+    mapping: dict[str, MappingEntry] | None = None
     created: str | None = None
     software: dict[str, str] | None = None
     tables: dict[str, str | None] | None = None
+
+
+class ManifestOne(Manifest):
+    """Version 1: four cells under each foot, on plates."""
+
+    plates: PlatesEntry  # pyrefly: ignore[bad-override-mutable-attribute]
+    contacts: Annotated[Any, BeforeValidator(_of_version_two)] = None
+
+
+class ManifestTwo(Manifest):
+    """Version 2: contact sensors of any kind."""
+
+    contacts: Pair  # pyrefly: ignore[bad-override-mutable-attribute]
+
+
+def manifest_from(content: Mapping[str, Any]) -> Manifest:
+    """Return a manifest of either version from the content of its file.
+
+    Raises:
+        ValidationError: a key is missing or a figure is out of bounds.
+    """
+    version = ManifestTwo if content.get("version") == 2 else ManifestOne
+    return version.model_validate(content)
 
 
 def _plain(value: Any) -> Any:
@@ -115,6 +131,31 @@ def manifest_of(measurements: Measurements, tables: dict[str, str]) -> Manifest:
         ValidationError: a figure is out of bounds.
     """
     m = measurements
+    weighed = m.weighed_mass
+    two = isinstance(weighed, Sequence) and len(weighed) == 2
+    mass = {"value": _plain(weighed[0]), "sd": _plain(weighed[1])} if two else weighed
+    content = {
+        "format": "tulip-measurements",
+        "version": 1 if m.contacts is None else 2,
+        "robot": m.robot,
+        "joints": list(m.joints),
+        **_contact_keys(m),
+        "weighed_mass": mass,
+        "gravity": _plain(m.gravity),
+        "sensors": {key: _plain(value) for key, value in dataclasses.asdict(m.sensors).items()},
+        "gains": dict(m.gains) if isinstance(m.gains, Mapping) else m.gains,
+        "tolerances": dict(m.tolerances) if isinstance(m.tolerances, Mapping) else m.tolerances,
+        "constant_joints": _constants(m),
+        "created": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "software": software(),
+        "tables": tables,
+    }
+    return manifest_from(content)
+
+
+def _contact_keys(m: Measurements) -> dict[str, Any]:
+    if m.contacts is not None:
+        return {"contacts": entries_of(m.contacts, m.top_height)}
     plates = {
         plate: {
             "cells": dict(zip(CORNERS, m.cells[p].tolist(), strict=True)),
@@ -122,23 +163,19 @@ def manifest_of(measurements: Measurements, tables: dict[str, str]) -> Manifest:
         }
         for p, plate in enumerate(PLATES)
     }
-    weighed = m.weighed_mass
-    two = isinstance(weighed, Sequence) and len(weighed) == 2
-    mass = {"value": _plain(weighed[0]), "sd": _plain(weighed[1])} if two else weighed
-    return Manifest.model_validate(
-        {
-            "format": "tulip-measurements",
-            "version": 1,
-            "robot": m.robot,
-            "joints": list(m.joints),
-            "plates": plates,
-            "weighed_mass": mass,
-            "gravity": _plain(m.gravity),
-            "sensors": {key: _plain(value) for key, value in dataclasses.asdict(m.sensors).items()},
-            "gains": dict(m.gains) if isinstance(m.gains, Mapping) else m.gains,
-            "tolerances": dict(m.tolerances) if isinstance(m.tolerances, Mapping) else m.tolerances,
-            "created": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
-            "software": software(),
-            "tables": tables,
-        }
-    )
+    return {"plates": plates}
+
+
+def _constants(m: Measurements) -> Any:
+    if not isinstance(m.constant_joints, Mapping):
+        return m.constant_joints
+    return {
+        joint: {"value": float(m.joint_angles[0, m.joints.index(joint)]), "sd": _plain(sd)}
+        for joint, sd in m.constant_joints.items()
+    }
+
+
+def unset_keys(measurements: Measurements) -> set[str]:
+    """Name the keys of a manifest that measurements do not need."""
+    empty = {name for name in OPTIONAL if not getattr(measurements, name)}
+    return empty | {"mapping", "contacts" if measurements.contacts is None else "plates"}

@@ -3,34 +3,73 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
-from tulip_testbed.sim.errors import IncompleteError, InputError
+from tulip_testbed.sim.errors import IncompleteError, InputError, look_up
 from tulip_testbed.sim.files import new_folder, present
 from tulip_testbed.sim.measurements.checked_table import checked_table, tables_beside
+from tulip_testbed.sim.measurements.column_mapping import MappedTable, mapped_table
+from tulip_testbed.sim.measurements.contact_columns import (
+    Entries,
+    pose_columns,
+    read_contacts,
+    read_poses,
+    reading_columns,
+)
 from tulip_testbed.sim.measurements.contract import SUPPORTS, WHOLE, check_contract
 from tulip_testbed.sim.measurements.data import Measurements, SensorSheet
 from tulip_testbed.sim.measurements.folder_kind import check_kind
-from tulip_testbed.sim.measurements.manifest import Manifest, manifest_of
+from tulip_testbed.sim.measurements.manifest import (
+    ConstantEntry,
+    Manifest,
+    manifest_from,
+    manifest_of,
+    unset_keys,
+)
 from tulip_testbed.sim.measurements.table_files import (
-    Table,
     read_json,
     write_json,
     write_table,
 )
-from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, sha256
+from tulip_testbed.sim.robot import CELLS, CORNERS, sha256
 from tulip_testbed.sim.validation_message import validation_message
 
-MAY_LACK = ("support", "time", "window", "samples", "q_std", "q_command", "motor", "cell_std")
+MAY_LACK = (
+    *("support", "time", "window", "samples", "q_std", "q_command", "motor", "cell_std"),
+    *("wrench_std", "speed", "acceleration"),
+)
 
 
-def required_columns(joints: tuple[str, ...]) -> tuple[str, ...]:
-    """List the columns without which a posture cannot be used."""
-    poses = [f"plate.{plate}.{axis}" for plate in PLATES for axis in ("x", "y", "yaw")]
-    return (*WHOLE, *(f"q.{joint}" for joint in joints), *(f"cell.{cell}" for cell in CELLS), *poses)
+def required_columns(
+    joints: tuple[str, ...], contacts: Entries | None = None, constant: Collection[str] = ()
+) -> tuple[str, ...]:
+    """List the columns without which a posture cannot be used.
+
+    Args:
+        contacts: sensors of version 2, right and left; None: the four cells of each plate.
+        constant: joints that are not logged.
+    """
+    angles = [f"q.{joint}" for joint in joints if joint not in constant]
+    readings = [f"cell.{cell}" for cell in CELLS] if contacts is None else reading_columns(contacts)
+    poses = pose_columns() if contacts is None or contacts[0].mount == "ground" else []
+    return (*WHOLE, *angles, *readings, *poses)
+
+
+def known_columns(manifest: Manifest) -> tuple[str, ...]:
+    """List all columns that are read, those that may be left out too."""
+    joints, contacts = tuple(manifest.joints), manifest.contacts
+    spreads = (
+        [f"cell_std.{cell}" for cell in CELLS] if contacts is None else reading_columns(contacts, "_std")
+    )
+    of_joints = [f"{prefix}.{joint}" for prefix in ("q_std", "q_command", "motor") for joint in joints]
+    alone = ("support", "time", "window", "samples", "speed", "acceleration")
+    return (*required_columns(joints, contacts), *alone, *of_joints, *spreads)
 
 
 def write_measurements(folder: Path, measurements: Measurements, likely: bool = True) -> None:
@@ -46,8 +85,19 @@ def write_measurements(folder: Path, measurements: Measurements, likely: bool = 
     with new_folder(folder) as working:
         paths = write_table(working, "postures", measurements.columns())
         tables = {path.name: sha256(path) for path in paths.values()}
-        unset = {name for name in ("gains", "tolerances") if not getattr(measurements, name)}
-        write_json(working / "manifest.json", manifest_of(measurements, tables).model_dump(exclude=unset))
+        manifest = manifest_of(measurements, tables).model_dump(exclude=unset_keys(measurements))
+        write_json(working / "manifest.json", _without_unused(manifest))
+
+
+def _without_unused(manifest: dict[str, Any]) -> dict[str, Any]:
+    """Leave the keys of a contact's mount and kind that do not apply to it out of a manifest."""
+    if contacts := manifest.get("contacts"):
+        unused = ("pose", "top_height", "below")
+        manifest["contacts"] = [
+            {key: value for key, value in entry.items() if value is not None or key not in unused}
+            for entry in contacts
+        ]
+    return manifest
 
 
 def read_measurements(folder: Path, likely: bool = True) -> Measurements:
@@ -63,12 +113,20 @@ def read_measurements(folder: Path, likely: bool = True) -> Measurements:
     folder = Path(folder)
     try:
         manifest = read_manifest(folder)
-        table = checked_table(folder, "postures", manifest.tables)
-        table.require(required_columns(tuple(manifest.joints)), MAY_LACK)
+        where = folder / "manifest.json"
+        table = mapped_table(
+            checked_table(folder, "postures", manifest.tables),
+            manifest.mapping or {},
+            known_columns(manifest),
+            manifest.gravity,
+            where,
+        )
+        constant = manifest.constant_joints or {}
+        table.require(required_columns(tuple(manifest.joints), manifest.contacts, constant), MAY_LACK)
     except IncompleteError as error:
         raise InputError(f"{error}; `tt.check({str(folder)!r})` lists all that is missing or wrong") from None
-    measurements = _measurements(manifest, table)
-    check_contract(measurements, table.path, folder / "manifest.json", likely)
+    measurements = _measurements(manifest, table, where)
+    check_contract(measurements, table.path, where, likely)
     return measurements
 
 
@@ -84,48 +142,92 @@ def read_manifest(folder: Path) -> Manifest:
     if not present(where):
         raise IncompleteError(f"{where}: missing{tables_beside(folder)}")
     try:
-        return Manifest.model_validate(read_json(where))
+        return manifest_from(read_json(where))
     except ValidationError as error:
         raise IncompleteError(f"{where}: {validation_message(error)}") from None
 
 
-def _measurements(manifest: Manifest, table: Table) -> Measurements:
+def _measurements(manifest: Manifest, table: MappedTable, where: Path) -> Measurements:
     joints = tuple(manifest.joints)
-    optional = {
-        prefix: table.matrix(prefix, joints)
-        if any(table.has(f"{prefix}.{joint}") for joint in joints)
-        else None
-        for prefix in ("q_command", "motor")
-    }
-    plates = [manifest.plates.right, manifest.plates.left]
-    poses = [
-        np.column_stack([table.matrix(f"plate.{p}", ("x", "y")), table.numbers(f"plate.{p}.yaw")])
-        for p in PLATES
-    ]
+    angles = _Angles(table, joints, manifest.constant_joints or {}, where)
+    support = table.texts("support", SUPPORTS) if table.has("support") else np.full(len(table), SUPPORTS[0])
     mass, sheet = manifest.weighed_mass, manifest.sensors
+    read: dict[str, Any] = (
+        _plate_cells(manifest, table)
+        if manifest.contacts is None
+        else read_contacts(manifest.contacts, table, support, sheet.cell_sd)
+    )
     return Measurements(
         joints=joints,
         posture=table.integers("posture"),
         placement=table.integers("placement"),
-        support=(
-            table.texts("support", SUPPORTS) if table.has("support") else np.full(len(table), SUPPORTS[0])
-        ),
+        support=support,
         time=table.numbers("time", True),
         window=table.numbers("window", True),
         samples=table.numbers("samples", True),
-        joint_angles=table.matrix("q", joints),
-        joint_angles_sd=table.matrix("q_std", joints, True),
-        command=optional["q_command"],
-        motor=optional["motor"],
-        cell_forces=table.matrix("cell", CELLS),
-        cell_forces_sd=table.matrix("cell_std", CELLS, True),
-        plate_poses=np.stack(poses, axis=1),
-        cells=np.array([[getattr(plate.cells, corner) for corner in CORNERS] for plate in plates]),
-        top_height=np.array([plate.top_height for plate in plates]),
+        joint_angles=angles.read("q"),
+        joint_angles_sd=angles.spreads(),
+        command=angles.optional("q_command"),
+        motor=angles.optional("motor"),
         weighed_mass=None if mass is None else (mass.value, mass.sd),
         gravity=manifest.gravity,
         sensors=SensorSheet(**{f.name: getattr(sheet, f.name) for f in dataclasses.fields(SensorSheet)}),
         robot={key: getattr(manifest.robot, key) for key in ("model", "sha256", "stance_foot", "swing_foot")},
         gains=manifest.gains or {},
         tolerances=manifest.tolerances or {},
+        constant_joints={joint: entry.sd for joint, entry in (manifest.constant_joints or {}).items()},
+        speed=table.numbers("speed", True) if table.has("speed") else None,
+        acceleration=table.numbers("acceleration", True) if table.has("acceleration") else None,
+        **read,
     )
+
+
+@dataclass(frozen=True)
+class _Angles:
+    """Columns of the joints, some of which are not logged but constant."""
+
+    table: MappedTable
+    joints: tuple[str, ...]
+    constant: Mapping[str, ConstantEntry]
+    where: Path
+
+    def __post_init__(self) -> None:
+        for joint in self.constant:
+            look_up("joint", joint, self.joints, f"{self.where}: key 'constant_joints'")
+            if self.table.has(f"q.{joint}"):
+                raise InputError(
+                    f"{self.table.path}: found column 'q.{joint}' of a joint that the manifest lists in "
+                    "'constant_joints', expected one of them"
+                )
+
+    def read(self, prefix: str) -> np.ndarray:
+        """Return the angles, (m, n_joints) [rad]; constant ones are filled in."""
+        columns = [
+            np.full(len(self.table), self.constant[joint].value)
+            if joint in self.constant
+            else self.table.numbers(f"{prefix}.{joint}")
+            for joint in self.joints
+        ]
+        return np.column_stack(columns)
+
+    def spreads(self) -> np.ndarray:
+        """Return the s.d. over the windows, (m, n_joints) [rad]; NaN where unknown."""
+        return self.table.matrix("q_std", self.joints, True)
+
+    def optional(self, prefix: str) -> np.ndarray | None:
+        """Return the angles, or None without any of their columns."""
+        given = any(self.table.has(f"{prefix}.{joint}") for joint in self.joints)
+        return self.read(prefix) if given else None
+
+
+def _plate_cells(manifest: Manifest, table: MappedTable) -> dict[str, np.ndarray]:
+    """Read the fields of `Measurements` that the plates of version 1 give."""
+    assert manifest.plates is not None
+    plates = [manifest.plates.right, manifest.plates.left]
+    return {
+        "cell_forces": table.matrix("cell", CELLS),
+        "cell_forces_sd": table.matrix("cell_std", CELLS, True),
+        "plate_poses": read_poses(table),
+        "cells": np.array([[getattr(plate.cells, corner) for corner in CORNERS] for plate in plates]),
+        "top_height": np.array([plate.top_height for plate in plates]),
+    }

@@ -11,11 +11,11 @@ from pydantic import BaseModel, ValidationError
 
 from tulip_testbed.sim.errors import InputError, listed, shortened
 from tulip_testbed.sim.files import new_folder
+from tulip_testbed.sim.measurements.bounds import MOST_ANGLE, MOST_LENGTH, Version
 from tulip_testbed.sim.measurements.checked_table import checked_table
 from tulip_testbed.sim.measurements.contract import SUPPORTS
 from tulip_testbed.sim.measurements.data import PosturePlan, base_foot
 from tulip_testbed.sim.measurements.folder_kind import check_kind
-from tulip_testbed.sim.measurements.manifest import MOST_ANGLE, MOST_LENGTH, Version
 from tulip_testbed.sim.measurements.table_files import (
     Table,
     read_json,

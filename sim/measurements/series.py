@@ -46,6 +46,8 @@ class Series:
 def read_series(folder: Path) -> Series | None:
     """Read series.parquet (or series.csv) of a measurement folder; return None without one.
 
+    Those of version 2 are not read.
+
     Raises:
         InputError: the table differs from the manifest, lacks a column, or holds a value that is no number.
     """
@@ -53,6 +55,8 @@ def read_series(folder: Path) -> Series | None:
     if not any(present(folder / f"series.{suffix}") for suffix in ("parquet", "csv")):
         return None
     manifest = read_manifest(folder)
+    if manifest.contacts is not None:
+        return None
     table = checked_table(folder, "series", manifest.tables, MOST_SAMPLES)
     return Series(
         posture=table.integers("posture"),

@@ -11,10 +11,11 @@ from pydantic import ValidationError
 from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.files import present
 from tulip_testbed.sim.measurements.checked_table import checked_table
+from tulip_testbed.sim.measurements.column_mapping import MappedTable, mapped_table
 from tulip_testbed.sim.measurements.contract import SUPPORTS, WHOLE
-from tulip_testbed.sim.measurements.manifest import Manifest
-from tulip_testbed.sim.measurements.measurement_folder import MAY_LACK, required_columns
-from tulip_testbed.sim.measurements.table_files import Table, read_json
+from tulip_testbed.sim.measurements.manifest import Manifest, manifest_from
+from tulip_testbed.sim.measurements.measurement_folder import MAY_LACK, known_columns, required_columns
+from tulip_testbed.sim.measurements.table_files import read_json
 from tulip_testbed.sim.validation_message import missing_keys, wrong_values
 
 
@@ -33,21 +34,27 @@ def complaints(folder: Path, joints: tuple[str, ...]) -> dict[str, list[str]]:
     listed_hashes = manifest.get("tables")
     hashes = listed_hashes if isinstance(listed_hashes, dict) else {}
     hashes = {name: value for name, value in hashes.items() if isinstance(value, str)}
-    tables: list[Table] = []
+    known = None if about else manifest_from(manifest)
+    tables: list[MappedTable] = []
 
     def read() -> None:
-        tables.append(checked_table(folder, "postures", hashes))
+        table = checked_table(folder, "postures", hashes)
+        if known is None:
+            tables.append(MappedTable(table, {}, 1.0))
+        else:
+            mapping = known.mapping or {}
+            tables.append(mapped_table(table, mapping, known_columns(known), known.gravity, where))
 
     within = _collect(read)
     return {
         "manifest": about,
-        "table": within + [t for table in tables for t in _table_complaints(table, joints)],
+        "table": within + [t for table in tables for t in _table_complaints(table, joints, known)],
     }
 
 
 def _manifest_complaints(where: Path, manifest: dict[str, Any]) -> list[str]:
     try:
-        Manifest.model_validate(manifest)
+        manifest_from(manifest)
     except ValidationError as error:
         missing = missing_keys(error)
         texts = [f"{where}: keys missing: {listed(missing)} (null if unknown)"] if missing else []
@@ -55,8 +62,16 @@ def _manifest_complaints(where: Path, manifest: dict[str, Any]) -> list[str]:
     return []
 
 
-def _table_complaints(table: Table, joints: tuple[str, ...]) -> list[str]:
-    required = required_columns(joints)
+def _table_complaints(table: MappedTable, joints: tuple[str, ...], manifest: Manifest | None) -> list[str]:
+    """List what is missing or wrong in a table.
+
+    Args:
+        manifest: None if it cannot be read; its contacts are then taken for those of version 1.
+    """
+    if manifest is None:
+        required = required_columns(joints)
+    else:
+        required = required_columns(joints, manifest.contacts, manifest.constant_joints or {})
     missing = [name for name in required if not table.has(name)]
     texts = [f"{table.path}: columns missing: {listed(missing)}"] if missing else []
     names = list(table.types)
@@ -65,7 +80,13 @@ def _table_complaints(table: Table, joints: tuple[str, ...]) -> list[str]:
     if missing and strange:
         texts.append(f"{table.path}: columns that the format does not know: {listed(strange)}")
     for name in [name for name in required if table.has(name)]:
-        texts += _collect(lambda name=name: table.integers(name) if name in WHOLE else table.numbers(name))
+        texts += _collect(
+            lambda name=name: (
+                table.integers(name)
+                if name in WHOLE
+                else table.numbers(name, name.startswith(("wrench.", "cop.")))
+            )
+        )
     for name in [name for name in names if name.partition(".")[0] in MAY_LACK]:
         if name == "support":
             texts += _collect(lambda: table.texts("support", SUPPORTS))

@@ -1,7 +1,7 @@
 """Static equilibrium of robot, servos, feet and plates, solved directly and in batches."""
 
 from tulip_testbed.sim.statics.approach import approach_displacements, friction_at_rest, sway_displacements
-from tulip_testbed.sim.statics.forces import Load, State, residual, servo_torques, sole_poses
+from tulip_testbed.sim.statics.forces import Load, State, foot_wrenches, residual, servo_torques, sole_poses
 from tulip_testbed.sim.statics.mechanism import Mechanism, mechanism
 from tulip_testbed.sim.statics.solve import Reference, cell_forces, faults, solve_by_chord, solve_by_newton
 
@@ -13,6 +13,7 @@ __all__ = [
     "approach_displacements",
     "cell_forces",
     "faults",
+    "foot_wrenches",
     "friction_at_rest",
     "mechanism",
     "residual",

@@ -137,6 +137,23 @@ def sole_poses(mechanism: Mechanism, state: State) -> np.ndarray:
     return np.stack(poses, axis=-2)
 
 
+def foot_wrenches(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
+    """Return what the feet pass on to the legs: the ground's wrench and their weight, (..., 2, 6) [N, Nm].
+
+    The moment is about the foot's origin, and both are in the foot's axes.
+    """
+    m, sides = mechanism, []
+    frames, _, _ = _kinematics(m, state)
+    force, moment = _loads(m, state, load, frames)
+    for foot in m.feet:
+        (place, rotation), below = frames[foot], m.subtree(foot)
+        push = sum(force[k] for k in below) + np.zeros_like(place)
+        twist = sum(moment[k] for k in below) - _cross(place, push)
+        both = np.stack([push, twist], axis=-2) @ rotation
+        sides.append(both.reshape(*both.shape[:-2], 6))
+    return np.stack(sides, axis=-2)
+
+
 def servo_torques(mechanism: Mechanism, angles: np.ndarray, command: np.ndarray) -> np.ndarray:
     """Return the servos' static torques within their limits, (..., n_joints) [Nm]."""
     m = mechanism

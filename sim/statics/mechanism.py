@@ -87,6 +87,7 @@ class Mechanism:
         ropes: springs to the world.
         friction: dry friction of every coordinate, (n,) [Nm].
         stops: limits of the coordinates.
+        feet: indices of the bodies of the right and left foot.
         soles: indices of the bodies of the right and left sole.
         sole_points: point of each sole below the ankle, in its body's frame, (2, 3) [m].
         corners: corners of the soles relative to these points, (2, 4, 2) [m].
@@ -114,6 +115,7 @@ class Mechanism:
     ropes: tuple[Rope, ...]
     friction: np.ndarray
     stops: Stops
+    feet: tuple[int, int]
     soles: tuple[int, int]
     sole_points: np.ndarray
     corners: np.ndarray
@@ -133,6 +135,14 @@ class Mechanism:
             for k, (low, high), row in self.springs
         ]
         return replace(self, springs=tuple(springs))
+
+    def subtree(self, body: int) -> list[int]:
+        """List a body and all that hang on it."""
+        members = [body]
+        for number in range(body + 1, len(self.bodies)):
+            if self.bodies[number].parent in members:
+                members.append(number)
+        return members
 
     @property
     def balanced(self) -> Mechanism:
@@ -179,6 +189,7 @@ def mechanism(rig: Rig) -> Mechanism:
     joints = np.array([column[model.joint(name).id] for name in names])
     motors = [model.joint(motor_joint(model, name)).id for name in names]
     servos = [_servo(model, motor) for motor in motors]
+    feet = [model.body(foot).id for foot in rig.robot.feet]
     soles = [int(model.geom(f"{foot}_{CORNERS[0]}").bodyid[0]) for foot in rig.robot.feet]
     plates = [model.body(f"{plate}_plate").id for plate in PLATES]
     sites = [[model.site(f"{plate}_plate_{corner}").id for corner in CORNERS] for plate in PLATES]
@@ -204,6 +215,7 @@ def mechanism(rig: Rig) -> Mechanism:
         ropes=ropes,
         friction=model.dof_frictionloss[dofs].copy(),
         stops=stops_of(model, turning, dofs),
+        feet=(number[feet[0]], number[feet[1]]),
         soles=(number[soles[0]], number[soles[1]]),
         sole_points=np.array(
             [

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.foot_sensors import in_sensor_frame
 from tulip_testbed.sim.measurements.data import feet_in_contact
 from tulip_testbed.sim.outcome import Outcome, Truth
 from tulip_testbed.sim.procedure import (
@@ -19,18 +20,20 @@ from tulip_testbed.sim.procedure import (
     make_measurements,
     new_set_up,
     order_of_tries,
+    read_sensors,
     record_error,
     stage_at,
     start_times,
     weigh,
 )
-from tulip_testbed.sim.sensors import read_cells, read_encoders, sample_mean
+from tulip_testbed.sim.sensors import draw_zeros, sample_mean
 from tulip_testbed.sim.statics import (
     Load,
     State,
     approach_displacements,
     cell_forces,
     faults,
+    foot_wrenches,
     friction_at_rest,
     sole_poses,
     solve_by_chord,
@@ -73,12 +76,14 @@ class Equilibria:
     Attributes:
         joints, motors: angles of joints and motors, (b, n_joints) [rad].
         forces: cell forces, (b, 8) [N].
+        wrenches: true ones of the foot sensors, (b, 2, 6) [N, Nm]; (b, 0, 6): no such sensors.
         reason: why an attempt cannot be used, or "", (b,) of text.
     """
 
     joints: np.ndarray
     motors: np.ndarray
     forces: np.ndarray
+    wrenches: np.ndarray
     reason: np.ndarray
 
 
@@ -125,7 +130,16 @@ def _outcome(solved_plan: SolvedPlan, tries: Tries, standard: np.ndarray | None)
     mass, center = _bodies(solved_plan, standard, tries.run)
     state, load, reason = solve_tries(solved_plan, tries, mass, center)
     forces = cell_forces(m, state, load)
-    return Equilibria(state.angles[:, m.joints], state.angles[:, m.motors], forces, reason)
+    wrenches = sensor_wrenches(solved_plan, state, load)
+    return Equilibria(state.angles[:, m.joints], state.angles[:, m.motors], forces, wrenches, reason)
+
+
+def sensor_wrenches(solved_plan: SolvedPlan, state: State, load: Load) -> np.ndarray:
+    """Return the true wrenches of the foot sensors, (..., 2, 6) [N, Nm]; (..., 0, 6) without such sensors."""
+    feet = solved_plan.rig.sensors.feet
+    if feet is None:
+        return np.zeros((*state.angles.shape[:-1], 0, 6))
+    return in_sensor_frame(feet.mounting, foot_wrenches(solved_plan.mechanism, state, load))
 
 
 def _in_time(
@@ -261,15 +275,19 @@ def _read_outcome(
     dropped = tuple((int(plan.posture[r]), w) for r, w in zip(row[lost], why[lost], strict=True))
     if not used.any():
         raise InputError(f"none of {len(row)} postures could be measured: {'; '.join(sorted(set(why)))}")
-    samples = round(rig.protocol.window * rig.sensors.sample_rate)
-    joints, motors, forces = (part[mine][used] for part in (outcome.joints, outcome.motors, outcome.forces))
-    q, q_sd, motor = read_encoders(rig.sensors, joints, motors, samples, rng, sample_mean)
-    cell, cell_sd = read_cells(rig.sensors, forces, samples, rng, sample_mean)
+    joints, motors, forces, wrenches = (
+        part[mine][used] for part in (outcome.joints, outcome.motors, outcome.forces, outcome.wrenches)
+    )
+    feet = rig.sensors.feet
+    zeros = None if feet is None else draw_zeros(feet, rng)
+    reading = read_sensors(rig, joints, motors, forces, wrenches, zeros, rng, sample_mean)
     truth = Truth(float(standard[:, 0].sum()), standard, dropped)
+    if feet is not None:
+        truth = replace(truth, wrenches=wrenches, zeros=zeros)
     measured = make_measurements(
         rig,
         solved_plan.constants,
-        {"q": q, "q_std": q_sd, "motor": motor, "cell": cell, "cell_std": cell_sd},
+        reading,
         weigh(rig, truth.mass, rng),
         joints=plan.joints,
         posture=plan.posture[row[used]],

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from tulip_testbed.cli.options import DEFAULT_SEED, Json, Plan, Preset, RobotFile, Seed
+from tulip_testbed.cli.options import DEFAULT_SEED, Json, Plan, PlatePreset, RobotFile, Seed
 from tulip_testbed.sim.shipped import TULIP
 
 
@@ -18,7 +18,7 @@ def atlas_command(
     out: Annotated[
         Path | None, tyro.conf.arg(metavar="FOLDER", help="write atlas.json, bias.csv and a heat map")
     ] = None,
-    preset: Preset = "wii",
+    preset: PlatePreset = "wii",
     seed: Seed = DEFAULT_SEED,
     robot: RobotFile = TULIP,
     as_json: Json = False,

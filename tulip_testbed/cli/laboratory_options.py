@@ -14,6 +14,7 @@ from tulip_testbed.experiments.rig_folder import read_rig
 from tulip_testbed.experiments.usable_plan import plan_for
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.procedure import constants
 
 
 def laboratory_and_plan(
@@ -41,7 +42,8 @@ def laboratory_and_plan(
     laboratory = Laboratory(described, preset)
     if rig is not None:
         laboratory = laboratory.with_known(*read_rig(rig, described))
-    hidden = read_effects(effects, described, placements, seed, statics)
+    contacts = constants(laboratory.rig)["contacts"]
+    hidden = read_effects(effects, described, placements, seed, statics, contacts=contacts)
     for text, instance in zip(effects, hidden, strict=True):
         try:
             laboratory = laboratory.with_effects(instance)

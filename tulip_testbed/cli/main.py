@@ -33,6 +33,7 @@ COMMANDS: dict[str, str] = {
     "identify": "Identify the robot's base parameters from a measurement folder.",
     "postures": "Draw random feasible postures, or describe a plan.",
     "plan": "Search for optimal postures (section IV of the paper).",
+    "import": "Make a measurement folder of a laboratory's own table.",
     "robot": "Prepare a published MJCF or URDF for every other command.",
     "model": "Show a model's standard parameters and its base parameters.",
     "discover": "Find physical effects that the model lacks.",

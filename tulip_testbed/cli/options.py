@@ -35,7 +35,8 @@ def _scale(texts: list[str]) -> float:
     return float(texts[0]) if texts else 1.0
 
 
-Preset = Literal["wii", "force-plate", "ideal"]
+Preset = Literal["wii", "force-plate", "ideal", "foot-ft", "foot-ideal"]
+PlatePreset = Literal["wii", "force-plate", "ideal"]
 Noisy = Literal["wii", "force-plate"]
 NoisyPreset = Annotated[
     Noisy, tyro.conf.arg(help="sensors whose noise the standard errors are predicted for")

@@ -1,0 +1,1 @@
+"""From a laboratory's own table to a measurement folder."""

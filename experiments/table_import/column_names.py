@@ -1,0 +1,159 @@
+"""Propose which column of a laboratory's table is which of the contract's, by their names alone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from tulip_testbed.sim.errors import listed
+from tulip_testbed.sim.measurements.column_mapping import UNITS, MappingEntry, quantity_of
+
+BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
+BORDERS = re.compile(r"[^A-Za-z0-9]+|(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+SIDES = {"l": "left", "r": "right", "lft": "left", "rgt": "right"}
+FILLING = {  # words that do not tell one column from another
+    *("q", "joint", "angle", "angles", "position", "pos", "encoder", "mean", "average", "avg"),
+    *("measured", "wrench", "sole", "foot", "ft", "fts", "sensor", "force", "moment", "torque", "plate"),
+    *("cop", "cell", "max", "maximum", "largest"),
+}
+SPREAD = {"sd", "std", "stdev", "stddev", "sigma"}
+COMMAND = {"command", "commanded", "cmd", "desired", "reference", "ref", "target"}
+MOTOR = {"motor"}
+SYNONYMS = {
+    **dict.fromkeys(("rad", "radian", "radians"), "rad"),
+    **dict.fromkeys(("deg", "degree", "degrees", "\u00b0"), "deg"),
+    **dict.fromkeys(("nm", "n m", "n*m", "n.m"), "Nm"),
+    **dict.fromkeys(("nmm", "n mm", "n*mm"), "Nmm"),
+    **dict.fromkeys(("n", "newton", "newtons"), "N"),
+    **dict.fromkeys(("s", "sec", "second", "seconds"), "s"),
+    **dict.fromkeys(("m/s2", "m/s^2", "m/s\u00b2"), "m/s2"),
+    **dict.fromkeys(("rad/s", "rad s"), "rad/s"),
+    **dict.fromkeys(("deg/s", "deg s"), "deg/s"),
+}
+KNOWN = {unit.lower(): unit for units in UNITS.values() for unit in units} | SYNONYMS
+ENDS = ("rad_s", "deg_s", "rad", "deg", "mm", "ms", "kg", "kN", "Nm", "N", "s", "m")  # behind an underscore
+
+
+class Named(NamedTuple):
+    """What the name of a column says.
+
+    Attributes:
+        role: "value", "spread", "command" or "motor".
+        words: the others, in no order.
+        unit: one of the contract's; "" if none is written, another text as it is written.
+    """
+
+    role: str
+    words: frozenset[str]
+    unit: str
+
+
+def read_name(name: str) -> Named:
+    """Return what the name of a table's column says."""
+    bare, unit = name, ""
+    if found := BRACKETS.match(name):
+        bare, unit = found.groups()
+        unit = KNOWN.get(unit.strip().lower(), unit.strip())
+    else:
+        for end in ENDS:
+            if name.endswith(f"_{end}"):
+                bare, unit = name[: -len(end) - 1], KNOWN[end.lower().replace("_", " ")]
+                break
+    return Named(*_role_and_words(bare), unit)
+
+
+def _role_and_words(text: str) -> tuple[str, frozenset[str]]:
+    words = [word.lower() for word in BORDERS.split(text) if word]
+    role = "value"
+    for name, marks in (("spread", SPREAD), ("command", COMMAND), ("motor", MOTOR)):
+        if marks & set(words):
+            role = name
+            words = [word for word in words if word not in marks]
+            break
+    return role, frozenset(SIDES.get(word, word) for word in words)
+
+
+ROLES = {"q_std": "spread", "cell_std": "spread", "wrench_std": "spread"}
+ROLES |= {"q_command": "command", "motor": "motor"}
+
+
+def wanted(name: str) -> tuple[str, frozenset[str]]:
+    """Return the role and the words of a column of the contract."""
+    first, _, rest = name.partition(".")
+    return ROLES.get(first, "value"), _role_and_words(rest or first)[1]
+
+
+class Proposal(NamedTuple):
+    """A proposed mapping.
+
+    Attributes:
+        mapping: by the contract's names; columns that have them already are not listed.
+        exact: the contract's names that the table has.
+        undecided: what the user has to say, one sentence each.
+        unused: columns of the table that nothing was found for.
+    """
+
+    mapping: dict[str, MappingEntry]
+    exact: list[str]
+    undecided: list[str]
+    unused: list[str]
+
+
+def propose(
+    columns: Sequence[str], names: Sequence[str], required: Sequence[str], stated: dict[str, MappingEntry]
+) -> Proposal:
+    """Propose a mapping: what is stated, exact names, then names of the same words.
+
+    A unit is taken from the column's name; without one the column is not mapped. Signs are +1.
+
+    Args:
+        columns: of the table. names: all of the contract's. required: those of them that are necessary.
+        stated: what the user says.
+    """
+    mapping, undecided = dict(stated), []
+    used = {entry.column for entry in stated.values()}
+    free = [column for column in columns if column not in used]
+    exact = [name for name in names if name in free and name not in mapping]
+    free = [column for column in free if column not in exact]
+    read = {column: read_name(column) for column in free}
+    silent = []
+    for name in names:
+        if name in mapping or name in exact:
+            continue
+        found = _matches(name, read)
+        if len(found) > 1:
+            if name in required:
+                undecided.append(f"{name}: columns {listed(map(repr, found))} could be it; state one")
+            continue
+        if not found:
+            continue
+        unit, quantity = read[found[0]].unit, quantity_of(name)
+        units = UNITS[quantity] if quantity else {}
+        if quantity is None:
+            mapping[name] = MappingEntry(column=found[0])
+        elif unit in units:
+            mapping[name] = MappingEntry(column=found[0], unit=unit)
+        elif name in required:
+            written = f"has the unit '{unit}'" if unit else "has no unit in its name"
+            undecided.append(f"{name}: column '{found[0]}' {written}; state one of {listed(units)}")
+        else:
+            silent.append(found[0])
+    taken = {entry.column for entry in mapping.values()}
+    if silent := [column for column in silent if column not in taken]:
+        undecided.append(
+            f"not used, since no unit is written in the name: {listed(map(repr, silent))}; state it to use "
+            "them"
+        )
+    left = [column for column in free if column not in taken and column not in silent]
+    return Proposal(mapping, exact, undecided, left)
+
+
+def _matches(name: str, read: dict[str, Named]) -> list[str]:
+    """Return the columns whose names have the words of a column of the contract, but for filling ones."""
+    role, words = wanted(name)
+    same = [column for column, one in read.items() if one.role == role and one.words == words]
+    if same:
+        return same
+    core = words - FILLING
+    return [column for column, one in read.items() if one.role == role and one.words - FILLING == core]

@@ -1,0 +1,109 @@
+"""What a user states of a table that is imported: a TOML file, or entries NAME=COLUMN:UNIT:SIGN."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.sim.files import read_text
+from tulip_testbed.sim.measurements.bounds import Deviation, Gain, Gravity
+from tulip_testbed.sim.measurements.column_mapping import MappingEntry
+from tulip_testbed.sim.measurements.contact_entries import Pair
+from tulip_testbed.sim.measurements.manifest import ConstantEntry, MassEntry, PlatesEntry
+from tulip_testbed.sim.validation_message import validation_message
+
+ENDING = ".toml"
+MOST_MAP = 2**20  # bytes
+ONE = "one"  # placement of all rows
+
+
+class SensorsOfMap(BaseModel):
+    """Figures of the data sheets; what is left out is unknown."""
+
+    model_config = ConfigDict(extra="forbid")
+    encoder_sd: Deviation | None = None
+    encoder_resolution: Deviation | None = None
+    cell_sd: Deviation | None = None
+    cell_resolution: Deviation | None = None
+    placement_sd: tuple[Deviation, Deviation, Deviation] | None = None
+
+
+class ImportMap(BaseModel):
+    """Everything that a table does not say itself."""
+
+    model_config = ConfigDict(extra="forbid")
+    columns: dict[str, MappingEntry] = {}
+    contacts: Pair | None = None
+    plates: PlatesEntry | None = None
+    constant_joints: dict[str, ConstantEntry] = {}
+    placement: Literal["each row", "one"] | None = None
+    gravity: Gravity | None = None
+    weighed_mass: MassEntry | None = None
+    sensors: SensorsOfMap = SensorsOfMap()
+    gains: dict[str, Gain] | None = None
+    tolerances: dict[str, Deviation] | None = None
+
+
+def read_map(stated: Sequence[str] | Path) -> ImportMap:
+    """Read what the user states.
+
+    Args:
+        stated: a TOML file, or texts, of which one may be the path of a TOML file (*.toml) and the others are
+            NAME=COLUMN, NAME=COLUMN:UNIT or NAME=COLUMN:UNIT:SIGN.
+
+    Raises:
+        InputError: names the file or the entry, what was found and what was expected.
+    """
+    texts = [str(stated)] if isinstance(stated, Path) else list(stated)
+    files = [text for text in texts if text.endswith(ENDING) and "=" not in text]
+    if len(files) > 1:
+        raise InputError(f"map: found files {files[0]} and {files[1]}, expected one at most")
+    content = _read(Path(files[0])) if files else {}
+    columns = content.get("columns", {})
+    entries = dict(_entry(text) for text in texts if text not in files)
+    if isinstance(columns, dict):
+        content["columns"] = columns | entries
+    if isinstance(contacts := content.get("contacts"), list):
+        content["contacts"] = [with_unknowns(one) for one in contacts]
+    try:
+        return ImportMap.model_validate(content)
+    except ValidationError as error:
+        raise InputError(f"{files[0] if files else 'map'}: {validation_message(error)}") from None
+
+
+def with_unknowns(contact: Any) -> Any:
+    """Return a contact with null, which TOML does not have, for what a manifest does not leave out."""
+    if not isinstance(contact, dict):
+        return contact
+    unknown = {"wrench": {"covariance": None}, "cop": {"sd": None}}.get(str(contact.get("kind")), {})
+    return unknown | contact
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(read_text(path, MOST_MAP))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not a TOML file ({error})") from None
+    except RecursionError:
+        raise InputError(f"{path}: nested too deep") from None
+
+
+def _entry(text: str) -> tuple[str, dict[str, Any]]:
+    """Read NAME=COLUMN:UNIT:SIGN; a column may hold colons if unit and sign follow it."""
+    name, equals, rest = text.partition("=")
+    parts = rest.rsplit(":", 2)
+    sign = 1
+    if len(parts) > 1 and parts[-1].strip() in ("1", "+1", "-1"):
+        sign = int(parts.pop())
+    column, unit = (parts[0], parts[1]) if len(parts) == 2 else (":".join(parts), "")
+    if not equals or not name.strip() or not column.strip():
+        raise InputError(
+            f"map: found '{shortened(text)}', expected a file *{ENDING} or NAME=COLUMN:UNIT:SIGN, "
+            "such as q.right_knee=RKnee:deg:-1"
+        )
+    return name.strip(), {"column": column.strip(), "unit": unit.strip() or None, "sign": sign}

@@ -1,0 +1,173 @@
+"""Hold the signs of an imported table against the robot where both feet on the ground can tell them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from tulip_testbed.identification.contact_pressure import contact_pressure
+from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.numbers import number
+from tulip_testbed.sim.robot import PLATES
+
+LEVEL = 0.05  # rad: soles that are level but for encoders, zeros and yielding
+LEG = 0.5  # m: length by which a sole's height counts as an angle
+CLEARLY = 2.0  # times worse or better, from which a turned sign is told
+BEYOND_RANGE = 0.1  # rad
+NEAR_WEIGHT = 0.2  # of the nominal weight
+NEAR_CENTER = 0.03  # m, between centre of pressure and nominal centre of mass
+BOTH = "double"
+
+
+@dataclass(frozen=True)
+class SignCheck:
+    """What the robot says of a table's signs.
+
+    Attributes:
+        confirmed: by column of the contract, what confirms its sign.
+        doubtful: what contradicts the signs or units, one sentence each.
+    """
+
+    confirmed: dict[str, str]
+    doubtful: list[str]
+
+
+def check_signs(measurements: Measurements, nominal: Nominal) -> SignCheck:
+    """Turn each sign, one at a time, and see whether the robot fits better or worse."""
+    confirmed: dict[str, str] = {}
+    doubtful: list[str] = []
+    for part in (_by_range, _by_closed_legs, _by_weight, _by_center):
+        for name, how, doubt in part(measurements, nominal):
+            if doubt and name in confirmed:
+                continue  # by its range: another joint of the closed legs has the wrong sign
+            if doubt:
+                doubtful.append(doubt)
+            else:
+                confirmed.setdefault(name, how)
+    return SignCheck(confirmed, doubtful)
+
+
+Finding = tuple[str, str, str]  # column, what confirms it, or the doubt
+
+
+def _by_closed_legs(m: Measurements, nominal: Nominal) -> Iterator[Finding]:
+    """Soles lie level on level ground only if all joints between them have the right sign."""
+    angles = m.joint_angles[m.support == BOTH]
+    if not len(angles):
+        return
+    base = _open(angles, m, nominal)
+    for k, joint in enumerate(m.joints):
+        turned = _open(_turned(angles, k), m, nominal)
+        name = f"q.{joint}"
+        if base > LEVEL and turned < base / CLEARLY:
+            yield (
+                name,
+                "",
+                f"{name}: the soles would be level within {number(turned, '.2g')} rad with its sign turned, "
+                f"they are within {number(base, '.2g')} rad",
+            )
+        elif base <= LEVEL and turned > CLEARLY * max(base, LEVEL / CLEARLY):
+            yield name, "closed legs", ""
+    if base > LEVEL:
+        text = "closed legs: by the angles the soles are level"
+        yield (
+            "",
+            "",
+            f"{text} within {number(base, '.2g')} rad only, expected {LEVEL:g}: a sign, unit or zero",
+        )
+
+
+def _open(angles: np.ndarray, m: Measurements, nominal: Nominal) -> float:
+    """Return by how much the soles miss being level and at one height, r.m.s. [rad]."""
+    error = nominal.swing_sole(angles)[:, 2:5] - [m.top_height[1] - m.top_height[0], 0.0, 0.0]
+    error[:, 0] /= LEG
+    return float(np.sqrt((error**2).sum(axis=1).mean()))
+
+
+def _turned(values: np.ndarray, k: int) -> np.ndarray:
+    other = values.copy()
+    other[:, k] *= -1
+    return other
+
+
+def _by_range(m: Measurements, nominal: Nominal) -> Iterator[Finding]:
+    """A joint with a one-sided range shows its sign."""
+    for k, joint in enumerate(m.joints):
+        low, high = nominal.parameters.tree.joint_range[k]
+        values = m.joint_angles[:, k]
+        beyond, turned = (
+            float(np.maximum(low - angles, angles - high).max()) for angles in (values, -values)
+        )
+        name = f"q.{joint}"
+        if beyond > BEYOND_RANGE > turned:
+            yield (
+                name,
+                "",
+                f"{name}: leaves its range by {number(beyond, '.2g')} rad, not with its sign turned",
+            )
+        elif beyond <= BEYOND_RANGE < turned:
+            yield name, "range of the joint", ""
+
+
+def _by_weight(m: Measurements, nominal: Nominal) -> Iterator[Finding]:
+    """The vertical forces carry the robot."""
+    if m.contacts is None:
+        names, total = [f"cell.{plate}" for plate in PLATES], m.cell_forces.sum(axis=1)
+    else:
+        assert m.wrenches is not None
+        names = [f"wrench.{plate}.fz" for plate in PLATES]
+        total = np.nansum(m.wrenches[..., m.contacts.channels.index("fz")], axis=1)
+    weight, found = nominal.mass * m.gravity, float(np.median(total))
+    if abs(found / weight - 1) < NEAR_WEIGHT:
+        for name in names:
+            yield name, "weight", ""
+    else:
+        text = f"weight: the vertical forces sum to {number(found, '.4g')} N"
+        yield "", "", f"{text}, the robot's model weighs {number(weight, '.4g')} N: a unit, sign or zero"
+
+
+def _by_center(m: Measurements, nominal: Nominal) -> Iterator[Finding]:
+    """The centre of pressure lies below the nominal centre of mass only with the moments' right signs."""
+    if m.contacts is None:
+        return
+    base = _apart(m, nominal)
+    if base is None:
+        return
+    for k, channel in enumerate(m.contacts.channels):
+        if channel not in ("mx", "my"):
+            continue
+        for p, plate in enumerate(PLATES):
+            assert m.wrenches is not None
+            readings = m.wrenches.copy()
+            readings[:, p, k] *= -1
+            turned = _apart(dataclasses.replace(m, wrenches=readings), nominal)
+            if turned is None:
+                continue
+            name = f"wrench.{plate}.{channel}"
+            if base > NEAR_CENTER and turned < base / CLEARLY:
+                yield (
+                    name,
+                    "",
+                    f"{name}: the centre of pressure fits {base / turned:.1f} times as well with its sign "
+                    "turned",
+                )
+            elif base <= NEAR_CENTER and turned > CLEARLY * base:
+                yield name, "centre of pressure", ""
+    if base > NEAR_CENTER:
+        text = f"centre of pressure: {number(1e3 * base, '.0f')} mm from the model's centre of mass"
+        yield "", "", f"{text} (r.m.s.), expected {1e3 * NEAR_CENTER:.0f} or less: a sign, unit, zero or pose"
+
+
+def _apart(m: Measurements, nominal: Nominal) -> float | None:
+    """Return the distance between centre of pressure and nominal centre of mass, r.m.s. [m]."""
+    try:
+        apart = contact_pressure(m, nominal).center - nominal.center_of_mass(m.joint_angles)
+    except InputError:
+        return None
+    both = m.support == BOTH
+    return float(np.sqrt((apart[both] ** 2).sum(axis=1).mean())) if both.any() else None

@@ -1,0 +1,71 @@
+"""Force-torque sensors in the feet: their frames, their place in the scene, and what is below them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tulip_testbed.sim.robot import Robot
+
+
+def add_foot_sensors(spec: mujoco.MjSpec, feet: Sequence[str], mounting: Sequence[float]) -> None:
+    """Add a site with a force and a torque sensor to each foot.
+
+    Args:
+        feet: names of the feet's bodies.
+        mounting: see `sim.sensors.FootSensors`.
+    """
+    rotation, place = frame_of(mounting)
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat()
+    for foot in feet:
+        name = f"{foot}_wrench"
+        spec.body(foot).add_site(name=name, pos=place, quat=[w, x, y, z])
+        for kind, sensor in (
+            ("force", mujoco.mjtSensor.mjSENS_FORCE),
+            ("torque", mujoco.mjtSensor.mjSENS_TORQUE),
+        ):
+            spec.add_sensor(
+                name=f"{name}_{kind}", type=sensor, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=name
+            )
+
+
+def foot_addresses(model: mujoco.MjModel, feet: Sequence[str]) -> np.ndarray:
+    """Return the addresses of the channels of both feet in `sensordata`, (2, 6).
+
+    MuJoCo's sensors give the wrench that the leg exerts on the foot. The reading is its opposite: the
+    wrench of the ground on the foot, less the weight of the foot.
+    """
+    kinds = ("force", "torque")
+    first = [[model.sensor(f"{foot}_wrench_{kind}").adr[0] for kind in kinds] for foot in feet]
+    return (np.array(first, int).reshape(-1, 2, 1) + np.arange(3)).reshape(-1, 6)
+
+
+def frame_of(mounting: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Return rotation and origin of a sensor's frame in its foot's frame, (3, 3) and (3,) [m]."""
+    return Rotation.from_euler("xyz", mounting[3:]).as_matrix(), np.array(mounting[:3])
+
+
+def in_sensor_frame(mounting: Sequence[float], wrenches: np.ndarray) -> np.ndarray:
+    """Transform wrenches from the foot's frame to the sensor's, (..., 6) [N, Nm]."""
+    rotation, place = frame_of(mounting)
+    force, moment = wrenches[..., :3], wrenches[..., 3:]
+    return np.concatenate([force @ rotation, (moment - np.cross(place, force)) @ rotation], axis=-1)
+
+
+def nominal_feet(robot: Robot) -> np.ndarray:
+    """Return mass and centre of both nominal feet with all that hangs on them, (2, 4) [kg, m].
+
+    The centre is in the foot's frame, with the joints beyond the foot, if any, as the file draws them.
+    """
+    model = robot.model
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    rows = []
+    for foot in (model.body(name).id for name in robot.feet):
+        arm = data.subtree_com[foot] - data.xpos[foot]
+        rows.append([model.body_subtreemass[foot], *(arm @ data.xmat[foot].reshape(3, 3))])
+    return np.array(rows)

@@ -1,0 +1,197 @@
+"""Columns of the contact sensors of a measurement folder, and how they are read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements.column_mapping import MappedTable
+from tulip_testbed.sim.measurements.contact_entries import (
+    CellsEntry,
+    CopEntry,
+    WrenchEntry,
+    contacts_of,
+    pose_of,
+)
+from tulip_testbed.sim.measurements.contacts import VERTICAL, Contacts
+from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES
+
+Entries = Sequence[WrenchEntry | CopEntry | CellsEntry]
+COP = ("x", "y", "fz")  # m, m, N; in the sensor's frame
+POSE_AXES = ("x", "y", "yaw")
+
+
+def reading_columns(entries: Entries, prefix_end: str = "") -> list[str]:
+    """List the columns of the contacts' readings, without the plates' poses.
+
+    Args:
+        prefix_end: "_std" for the columns of their s.d., which cops do not have.
+    """
+    names = []
+    for entry in entries:
+        if isinstance(entry, WrenchEntry):
+            names += [f"wrench{prefix_end}.{entry.name}.{channel}" for channel in entry.channels]
+        elif isinstance(entry, CellsEntry):
+            names += [f"cell{prefix_end}.{entry.name}.{cell}" for cell in entry.cells]
+        elif not prefix_end:
+            names += [f"cop.{entry.name}.{axis}" for axis in COP]
+    return names
+
+
+def pose_columns() -> list[str]:
+    """List the columns of the plates' recorded poses."""
+    return [f"plate.{plate}.{axis}" for plate in PLATES for axis in POSE_AXES]
+
+
+def read_poses(table: MappedTable) -> np.ndarray:
+    """Return the recorded poses of both plates, (m, 2, 3) [m, m, rad]."""
+    return np.stack([table.matrix(f"plate.{plate}", POSE_AXES) for plate in PLATES], axis=1)
+
+
+def read_contacts(
+    entries: Entries, table: MappedTable, support: np.ndarray, cell_sd: float | None
+) -> dict[str, Any]:
+    """Read the fields of `Measurements` that the contacts give.
+
+    Args:
+        entries: right and left, of one kind.
+        support: (m,).
+        cell_sd: s.d. of a cell's averaged reading [N]; None: unknown.
+
+    Raises:
+        InputError: a reading is missing that a foot on the ground must have.
+    """
+    m, on_ground = len(table), entries[0].mount == "ground"
+    place = {
+        "plate_poses": read_poses(table) if on_ground else np.zeros((m, 2, 3)),
+        "top_height": np.array([entry.top_height if on_ground else 0.0 for entry in entries], float),
+    }
+    loaded = np.stack([support != other for other in ("left", "right")])  # by the support that lifts it
+    wrenches = [entry for entry in entries if isinstance(entry, WrenchEntry)]
+    cops = [entry for entry in entries if isinstance(entry, CopEntry)]
+    cells = [entry for entry in entries if isinstance(entry, CellsEntry)]
+    if wrenches:
+        return place | _read_wrenches(wrenches, table, loaded)
+    return place | (_read_cops(cops, table, loaded) if cops else _read_cells(cells, table, loaded, cell_sd))
+
+
+def _read_wrenches(entries: list[WrenchEntry], table: MappedTable, loaded: np.ndarray) -> dict[str, Any]:
+    channels = tuple(entries[0].channels)
+    readings = [
+        _present(table, "wrench", channels, entry.name, stands)
+        for entry, stands in zip(entries, loaded, strict=True)
+    ]
+    spreads = [table.matrix(f"wrench_std.{entry.name}", channels, True) for entry in entries]
+    return _no_cells(len(table)) | {
+        "contacts": contacts_of(entries),
+        "wrenches": np.stack(readings, axis=1),
+        "wrenches_sd": np.stack(spreads, axis=1),
+    }
+
+
+def _read_cells(
+    entries: list[CellsEntry], table: MappedTable, loaded: np.ndarray, cell_sd: float | None
+) -> dict[str, Any]:
+    """Read four cells in the corners of each board as version 1 does, any others as vertical wrenches.
+
+    So are boards of four of which a lifted one was not recorded. The twist of the boards is lost.
+    """
+    forces = [
+        _present(table, "cell", tuple(entry.cells), entry.name, stands)
+        for entry, stands in zip(entries, loaded, strict=True)
+    ]
+    if all(entry.at_corners for entry in entries) and not np.isnan(np.hstack(forces)).any():
+        return _corner_cells(entries, table)
+    levers = [_levers(np.array(list(entry.cells.values()), float)) for entry in entries]
+    wrenches = [force @ lever.T for force, lever in zip(forces, levers, strict=True)]
+    covariances = [] if cell_sd is None else [cell_sd**2 * lever @ lever.T for lever in levers]
+    return _vertical(wrenches, covariances, "ground", np.zeros((2, 6)))
+
+
+def _read_cops(entries: list[CopEntry], table: MappedTable, loaded: np.ndarray) -> dict[str, Any]:
+    """Read centres of pressure as vertical wrenches.
+
+    Their covariance depends on the load; it is taken at each contact's mean load and point.
+    """
+    wrenches, covariances = [], []
+    for entry, stands in zip(entries, loaded, strict=True):
+        cop = _present(table, "cop", COP, entry.name, stands, True)
+        x, y, load = cop.T
+        wrenches.append(np.column_stack([load, y * load, -x * load]))
+        if entry.sd is not None and stands.any():
+            x, y, load = cop[stands].mean(axis=0)
+            slope = np.array([[0.0, 0.0, 1.0], [0.0, load, y], [-load, 0.0, -x]])
+            covariances.append(slope * np.square(entry.sd) @ slope.T)
+    return _vertical(wrenches, covariances, entries[0].mount, pose_of(entries))
+
+
+def _levers(places: np.ndarray) -> np.ndarray:
+    """Return fz, mx and my of a unit force at each of k places, (3, k)."""
+    return np.array([np.ones(len(places)), places[:, 1], -places[:, 0]])
+
+
+def _vertical(
+    wrenches: list[np.ndarray], covariances: list[np.ndarray], mount: str, pose: np.ndarray
+) -> dict[str, Any]:
+    """Return tared sensors of vertical wrenches, both with the mean of their covariances.
+
+    Args:
+        wrenches: fz, mx, my of the right and of the left, (m, 3) each. covariances: (3, 3) each, or none.
+    """
+    readings = np.stack(wrenches, axis=1)
+    contacts = Contacts(
+        mount=mount,
+        channels=VERTICAL,
+        pose=pose,
+        covariance=np.mean(covariances, axis=0) if covariances else None,
+        zero_sd=np.zeros((2, len(VERTICAL))),
+        below=np.zeros((2, 4)),
+        below_sd=np.zeros((2, 4)),
+    )
+    read = {"contacts": contacts, "wrenches": readings, "wrenches_sd": np.full(readings.shape, np.nan)}
+    return _no_cells(len(readings)) | read
+
+
+def _present(
+    table: MappedTable,
+    prefix: str,
+    names: tuple[str, ...],
+    side: str,
+    stands: np.ndarray,
+    any_gap: bool = False,
+) -> np.ndarray:
+    """Return a contact's readings, (m, c); NaN in all of them for a foot in the air that was not recorded.
+
+    Args:
+        stands: whether the foot is on the ground, (m,).
+        any_gap: whether a single gap, in the air, makes the contact absent, rather than be refused.
+    """
+    values = table.matrix(f"{prefix}.{side}", names, True)
+    gaps = np.isnan(values)
+    absent: np.ndarray = np.any(gaps, axis=1) if any_gap else np.all(gaps, axis=1)
+    wrong = gaps & (stands | ~absent)[:, None]
+    if wrong.any():
+        row, k = (int(index[0]) for index in np.nonzero(wrong))
+        expected = (
+            "a number, since this foot stands" if stands[row] else "all of the contact's readings, or none"
+        )
+        name = f"{prefix}.{side}.{names[k]}"
+        raise InputError(f"{table.path}: column '{name}', row {row + 1}: found nothing, expected {expected}")
+    return np.where(np.expand_dims(absent, 1), np.nan, values)
+
+
+def _corner_cells(entries: list[CellsEntry], table: MappedTable) -> dict[str, np.ndarray]:
+    cells = [[entry.cells[corner] for corner in CORNERS] for entry in entries]
+    return {
+        "cell_forces": table.matrix("cell", CELLS),
+        "cell_forces_sd": table.matrix("cell_std", CELLS, True),
+        "cells": np.array(cells, float),
+    }
+
+
+def _no_cells(m: int) -> dict[str, np.ndarray]:
+    empty = np.zeros((m, 0))
+    return {"cell_forces": empty, "cell_forces_sd": empty, "cells": np.zeros((2, 0, 2))}

@@ -1,0 +1,247 @@
+"""`tulip import`: a laboratory's own table becomes a measurement folder, and no sign or unit is guessed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tulip_testbed as tt
+from tulip_testbed.cli.main import main
+from tulip_testbed.experiments.table_import.column_names import propose, read_name
+from tulip_testbed.sim.measurements import read_measurements
+from tulip_testbed.sim.measurements.contacts import VERTICAL
+
+EXAMPLE = Path(__file__).parent.parent / "docs" / "your-data"
+PLATES = """
+[plates.right]
+top_height = 0.05
+cells = {front_left = [0.2165, 0.119], front_right = [0.2165, -0.119], rear_right = [-0.2165, -0.119], \
+rear_left = [-0.2165, 0.119]}
+[plates.left]
+top_height = 0.05
+cells = {front_left = [0.2165, 0.119], front_right = [0.2165, -0.119], rear_right = [-0.2165, -0.119], \
+rear_left = [-0.2165, 0.119]}
+"""
+WRENCHES = "".join(
+    f"""
+[[contacts]]
+name = "{side}"
+kind = "wrench"
+mount = "ground"
+channels = ["fz", "mx", "my"]
+top_height = 0.05
+zero = "tared"
+"""
+    for side in ("right", "left")
+)
+
+
+@pytest.fixture(scope="module")
+def measured():
+    return read_measurements(EXAMPLE)
+
+
+def camel(joint):
+    side, *rest = joint.split("_")
+    return side[0].upper() + "".join(word.capitalize() for word in rest)
+
+
+@pytest.fixture
+def table(measured, tmp_path):
+    """Write a table of a laboratory with names, units and signs of its own."""
+
+    def written(turned=(), change=lambda columns: None):
+        columns = {"posture": measured.posture, "placement": measured.placement, "time": measured.time}
+        for k, joint in enumerate(measured.joints):
+            sign = -1 if joint in turned else 1
+            columns[f"{camel(joint)} [deg]"] = sign * np.rad2deg(measured.joint_angles[:, k])
+        for name, values in measured.columns().items():
+            if name.startswith("plate."):
+                columns[name.replace(".", "_") + ("_rad" if name.endswith("yaw") else "_m")] = values
+        for p, side in enumerate(("R", "L")):
+            forces, cells = measured.cell_forces[:, 4 * p : 4 * p + 4], measured.cells[p]
+            columns[f"{side} plate fz (N)"] = forces.sum(axis=1)
+            columns[f"{side} plate mx (N m)"] = forces @ cells[:, 1]
+            columns[f"{side} plate my (N m)"] = -forces @ cells[:, 0]
+        change(columns)
+        path = tmp_path / "own.csv"
+        lines = [",".join(columns)]
+        lines += [",".join(str(v[row]) for v in columns.values()) for row in range(len(measured))]
+        path.write_text("\n".join(lines) + "\n")
+        return path
+
+    return written
+
+
+@pytest.fixture
+def stated(tmp_path):
+    def written(text):
+        path = tmp_path / "map.toml"
+        path.write_text(text)
+        return str(path)
+
+    return written
+
+
+def test_names_say_what_a_column_is():
+    assert read_name("RKnee [deg]") == ("value", {"right", "knee"}, "deg")
+    assert read_name("left_hip_pitch (rad)") == ("value", {"left", "hip", "pitch"}, "rad")
+    assert read_name("l_sole.fx sd") == ("spread", {"left", "sole", "fx"}, "")
+    assert read_name("cmd_r_knee_deg") == ("command", {"right", "knee"}, "deg")
+    assert read_name("speed_rad_s").unit == "rad/s"
+    assert read_name("M [N m]").unit == "Nm"
+    assert read_name("angle [grad]").unit == "grad"
+
+
+def test_a_table_of_its_own_names_is_imported(table, stated, measured, tmp_path):
+    path = table()
+    found = tt.import_table(path, tmp_path / "data", stated=[stated(WRENCHES)])
+    assert found.folder == tmp_path / "data"
+    assert (tmp_path / "data" / "postures.csv").read_bytes() == path.read_bytes()
+    m = read_measurements(tmp_path / "data")
+    assert m.contacts is not None
+    assert m.contacts.channels == VERTICAL
+    assert m.joint_angles == pytest.approx(measured.joint_angles, abs=1e-12)
+    assert m.plate_poses == pytest.approx(measured.plate_poses)
+    knee = found.mapped["q.right_knee"]
+    assert knee == {
+        "column": "RKnee [deg]",
+        "unit": "deg",
+        "sign": 1,
+        "by": "words of the name",
+        "checked": "range of the joint",
+    }
+    assert "closed legs" in {one["checked"] for one in found.mapped.values()}
+    assert found.mapped["wrench.left.fz"]["checked"] == "weight"
+    assert found.problems == ()
+    assert any(text.startswith("signs +1, which nothing here has checked: ") for text in found.assumed)
+    assert "RKnee [deg]" in repr(found)
+
+
+def test_a_turned_sign_is_noticed_and_can_be_stated(table, stated, measured, tmp_path):
+    path = table(turned=("left_knee",))
+    found = tt.import_table(path, tmp_path / "wrong", stated=[stated(WRENCHES)])
+    named = [text for text in found.problems if text.startswith("q.left_knee: ")]
+    assert len(named) >= 1
+    assert "q.left_knee: the soles would be level within" in " ".join(named)
+    assert not any(text.startswith("q.right_knee") for text in found.problems)
+    entry = "q.left_knee=LKnee [deg]:deg:-1"
+    found = tt.import_table(path, tmp_path / "data", stated=[stated(WRENCHES), entry])
+    assert found.problems == ()
+    assert found.mapped["q.left_knee"]["sign"] == -1
+    assert found.mapped["q.left_knee"]["by"] == "statement"
+    assert read_measurements(tmp_path / "data").joint_angles == pytest.approx(measured.joint_angles)
+
+
+def test_a_moment_of_the_wrong_sign_is_noticed(table, stated, tmp_path):
+    def turn(columns):
+        for side in "RL":
+            columns[f"{side} plate my (N m)"] = -columns[f"{side} plate my (N m)"]
+
+    found = tt.import_table(table(change=turn), tmp_path / "data", stated=[stated(WRENCHES)])
+    assert any("centre of pressure" in text for text in found.problems), found.problems
+
+
+def test_a_unit_that_is_not_written_has_to_be_stated(table, stated, tmp_path):
+    def strip(columns):
+        columns["RKnee"] = columns.pop("RKnee [deg]")
+
+    path = table(change=strip)
+    found = tt.import_table(path, tmp_path / "data", stated=[stated(WRENCHES)])
+    assert found.folder is None
+    assert not (tmp_path / "data").exists()
+    assert found.problems == (
+        "q.right_knee: column 'RKnee' has no unit in its name; state one of rad, mrad, deg",
+    )
+    found = tt.import_table(path, tmp_path / "data", stated=[stated(WRENCHES), "q.right_knee=RKnee:deg"])
+    assert found.folder == tmp_path / "data"
+    assert found.problems == ()
+
+
+def test_what_is_missing_is_named_at_once(table, stated, tmp_path):
+    def drop(columns):
+        del columns["RKnee [deg]"], columns["L plate fz (N)"], columns["placement"]
+
+    path = table(change=drop)
+    found = tt.import_table(path, tmp_path / "data", stated=[stated(WRENCHES)])
+    assert found.folder is None
+    assert "no column for q.right_knee; state one, or a constant in [constant_joints]" in found.problems
+    assert "no column for wrench.left.fz; state one" in found.problems
+    assert "a new placement begins where a plate's recorded pose changes" in found.assumed
+    nothing = tt.import_table(path, tmp_path / "data")
+    assert any(text.startswith("contacts: not stated") for text in nothing.problems)
+
+
+def test_a_joint_may_be_constant_and_a_placement_be_found(table, stated, measured, tmp_path):
+    def drop(columns):
+        del columns["LAnkleRoll [deg]"], columns["placement"]
+
+    text = WRENCHES + "[constant_joints]\nleft_ankle_roll = {value = 0.1, sd = 0.05}\n"
+    found = tt.import_table(table(change=drop), tmp_path / "data", stated=[stated(text)])
+    m = read_measurements(tmp_path / "data")
+    assert m.constant_joints == {"left_ankle_roll": 0.05}
+    assert m.placement.tolist() == measured.placement.tolist()
+    assert found.mapped["placement"]["by"] == "added"
+
+
+def test_columns_that_could_be_the_same_are_not_chosen_from(table, stated, tmp_path):
+    def twice(columns):
+        columns["knee right deg [deg]"] = columns["right knee angle [deg]"] = columns["RKnee [deg]"]
+
+    found = tt.import_table(table(change=twice), tmp_path / "data", stated=[stated(WRENCHES)])
+    assert found.folder is not None  # the words of one are exactly the joint's
+    proposal = propose(["a knee pos [deg]", "knee a angle [deg]"], ["q.a_knee"], ["q.a_knee"], {})
+    assert proposal.undecided == [
+        "q.a_knee: columns 'a knee pos [deg]', 'knee a angle [deg]' could be it; state one"
+    ]
+
+
+def test_a_folder_that_would_break_the_contract_is_not_left(table, stated, tmp_path):
+    def radians(columns):
+        columns["RKnee [rad]"] = columns.pop("RKnee [deg]")
+
+    found = tt.import_table(table(change=radians), tmp_path / "data", stated=[stated(WRENCHES)])
+    assert found.folder is None
+    assert not list(tmp_path.glob("*data*"))
+    assert "column 'q.right_knee', row 1: found" in found.problems[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "entries", "message"),
+    [
+        ("plates = 3", (), "map.toml: key 'plates': found 3; expected an object"),
+        ("[[contacts", (), "map.toml: not a TOML file"),
+        ("colums = 1", (), "map.toml: key 'colums': found 1; expected no such key"),
+        (WRENCHES, ("q.right_knee",), "map: found 'q.right_knee', expected a file"),
+        (
+            WRENCHES,
+            ("q.right_kne=RKnee [deg]:deg",),
+            "unknown column 'q.right_kne'; did you mean 'q.right_knee'",
+        ),
+        (WRENCHES, ("q.right_knee=RKnie:deg",), "unknown column 'RKnie'"),
+        (WRENCHES, ("q.right_knee=RKnee [deg]:furlong",), "found 'furlong'; expected a unit of angle"),
+        (WRENCHES + PLATES, (), "found 'contacts' and 'plates', expected one of them"),
+        ("[constant_joints]\nneck = {value = 0.0, sd = 0.1}\n", (), "unknown joint 'neck'"),
+    ],
+)
+def test_wrong_statements_are_named(table, stated, tmp_path, text, entries, message):
+    with pytest.raises(tt.InputError) as error:
+        tt.import_table(table(), tmp_path / "data", stated=[stated(text), *entries])
+    assert message in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_the_command_prints_one_document(table, stated, tmp_path, capsys):
+    arguments = ["import", str(table()), "--out", str(tmp_path / "data"), "--json", "--map"]
+    assert main([*arguments, stated(WRENCHES)]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert list(document) == ["mapped", "assumed", "problems", "folder"]
+    assert document["folder"] == str(tmp_path / "data")
+    assert document["mapped"]["q.left_hip_yaw"]["column"] == "LHipYaw [deg]"
+    assert main(["import", str(table()), "--out", str(tmp_path / "other")]) == 1
+    out = capsys.readouterr()
+    assert "contacts: not stated" in out.out
+    assert "No folder was written" in out.err + out.out
