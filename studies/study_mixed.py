@@ -142,7 +142,7 @@ def figures(plan: PosturePlan) -> list[Any]:
 
 COLUMNS = (
     "criterion",
-    "geometric mean s.e. (relative)",
+    "geometric mean s.e./sigma",
     "median of s.e./paper",
     "largest",
     "condition number",
@@ -160,7 +160,7 @@ def study_pool(settings: Settings) -> Iterator[str]:
     yield header("postures on one foot", *COLUMNS)
     chosen = from_pools(pools, counts, rest, goal.smooth[-1])
     first = [dataclasses.replace(one, angles=one.angles[: counts[one.support]]) for one in pools]
-    for name, single in (("random", first), ("the best of eight times as many random ones", chosen)):
+    for name, single in (("random", first), ("the best of up to eight times as many random ones", chosen)):
         angles = plan.joint_angles.copy()
         for one in single:
             angles[plan.support == one.support] = one.angles
