@@ -54,7 +54,8 @@ def measured_plan(observed: Observation) -> PosturePlan:
     """
     m = observed.measurements
     gain = mechanism(exact_rig(observed)).gain
-    pose = swing_pose(observed)[:, [0, 1, 5]]
+    pose, rows = swing_pose(observed)[:, [0, 1, 5]], observed.geometry.on_swing_foot
+    pose[rows] = observed.nominal.other_sole(observed.joint_angles, m.support)[rows]
     first = np.array([np.flatnonzero(observed.stance == number)[0] for number in observed.stance])
     return PosturePlan(
         joints=m.joints,

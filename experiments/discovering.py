@@ -15,8 +15,7 @@ from tulip_testbed.discovery.proposals import Proposal, proposals
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.discovery_tables import weak_table
-from tulip_testbed.experiments.identify import Identification, identify
-from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.experiments.identify import Identification, identify, plain_estimator
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight.units import units
 from tulip_testbed.identification.regressor import check_robot
@@ -114,7 +113,8 @@ def discover_effects(
     if found.result == "fail":
         raise InputError(f"{source}: found {found.seen}; expected {found.expected} (the preflight says more)")
     check_tolerances(tolerances or {})
-    before = identify(measurements, robot, source, DEFAULT)  # says what does not fit, before the work
+    # Says what does not fit, before the work.
+    before = identify(measurements, robot, source, plain_estimator(measurements))
     steps = progress("looking for what is missing", 4)
     discovery = discover(measurements, robot, seed, tolerances=tolerances, source=source, progress=steps)
     after = None

@@ -26,8 +26,8 @@ from tulip_testbed.identification.base_parameters import (
 )
 from tulip_testbed.identification.contact_pressure import contact_pressure, zero_columns
 from tulip_testbed.identification.distributions import t_ppf
+from tulip_testbed.identification.estimators import DEFAULT, Estimate, estimate_by
 from tulip_testbed.identification.estimators import ESTIMATORS as OF_REGRESSION
-from tulip_testbed.identification.estimators import Estimate, estimate_by
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.rank import describe_combinations, labels
@@ -144,6 +144,11 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
         if self.calibration is not None:
             added += calibration_report(self.calibration, self.full.names)
         return [self.table(), *self.correlations.above().parts(), *added, mass_line(*self.mass)]
+
+
+def plain_estimator(measurements: Measurements) -> str:
+    """Return the estimator for a first look: the usual one, or the one that estimates zeros of wrenches."""
+    return DEFAULT if measurements.contacts is None else SELF_CALIBRATING
 
 
 def warn_of_unrest(found: Identification, source: str) -> None:

@@ -15,13 +15,16 @@ from tulip_testbed.sim.errors import InputError
 STREAM = 2**32 - 1  # spawn key of the members of a single experiment: no placement has this number
 
 
-def default_estimator(estimator: str | None, ordinary: float | None) -> str:
+def default_estimator(estimator: str | None, ordinary: float | None, laboratory: Laboratory) -> str:
     """Return the estimator that was asked for, or the one that fits the laboratory.
+
+    Zeros of force-torque sensors and ordinary imperfections are estimated by the self-calibrating one alone.
 
     Args:
         ordinary: scale of the imperfections; None: the laboratory has none.
     """
-    return estimator or (DEFAULT if ordinary is None else SELF_CALIBRATING)
+    exact = ordinary is None and laboratory.rig.sensors.feet is None
+    return estimator or (DEFAULT if exact else SELF_CALIBRATING)
 
 
 def check_ordinary(laboratory: Laboratory, ordinary: float | None) -> None:

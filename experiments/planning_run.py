@@ -259,7 +259,8 @@ def measured_for(robot: Robot, folder: Path, joints: tuple[str, ...]) -> Measure
 
 def as_plan(robot: Robot, measured: Measurements) -> PosturePlan:
     """Measured postures as if they were planned; the swing foot is where the angles put it."""
-    pose = nominal_robot(robot).swing_sole(measured.joint_angles)[:, [0, 1, 5]]
+    nominal = nominal_robot(robot, common_support(measured.support))
+    pose = nominal.other_sole(measured.joint_angles, measured.support)
     return PosturePlan(
         joints=measured.joints,
         joint_angles=measured.joint_angles,

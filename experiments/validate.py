@@ -109,7 +109,9 @@ def validate(
             little to identify; imperfections that cannot be drawn or simulated.
     """
     began = time.perf_counter()
-    estimator = look_up("estimator", default_estimator(estimator, ordinary), ESTIMATORS, "estimator")
+    estimator = look_up(
+        "estimator", default_estimator(estimator, ordinary, laboratory), ESTIMATORS, "estimator"
+    )
     check_ordinary(laboratory, ordinary)
     at_least("seed", seed, 0)
     laboratory.check(plan, engine)
@@ -154,7 +156,8 @@ def evaluate(run: Run, found: Identification, truth: np.ndarray) -> list[Check]:
             checks.append(ideal_error_check(f"{name}: largest error (mm)", estimate, kept, pairs))
     if not noisy:
         checks.append(skipped("joint chi-square and |z|", "noise-free data have no standard errors to test"))
-    measured = correlations_at(found.parameters, run.measurements.joint_angles)
+    taken = run.measurements
+    measured = correlations_at(found.parameters, taken.joint_angles, taken.support)
     planned = planned_correlations(run, found.parameters)
     checks += correlation_checks(full.numbers, measured, planned, pairs)
     if found.calibration is not None and noisy:
@@ -197,12 +200,12 @@ def planned_correlations(run: Run, parameters: BaseParameters) -> np.ndarray:
     """Compute the correlations (eq. 15) that the planned angles of the measured postures predict, (p, p)."""
     row = {int(number): k for k, number in enumerate(run.plan.posture)}
     rows = [row[int(number)] for number in run.measurements.posture]
-    return correlations_at(parameters, run.plan.joint_angles[rows])
+    return correlations_at(parameters, run.plan.joint_angles[rows], run.plan.support[rows])
 
 
-def correlations_at(parameters: BaseParameters, joint_angles: np.ndarray) -> np.ndarray:
+def correlations_at(parameters: BaseParameters, joint_angles: np.ndarray, support: np.ndarray) -> np.ndarray:
     """Compute eq. 15 by the regressor of these angles, whatever the estimator, (p, p)."""
-    matrix = stacked_regressor(parameters, joint_angles)
+    matrix = stacked_regressor(parameters, joint_angles, support)
     return correlations(solve_least_squares(matrix, np.zeros(len(matrix)))[1])
 
 

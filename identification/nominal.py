@@ -66,6 +66,18 @@ class Nominal:
         place_on_feet(places, self.swing_frame, -self.points[1], parameters.on_swing_foot(support))
         return places[:, parameters.base] + rotations[:, parameters.base] @ self.points[0]
 
+    def other_sole(self, joint_angles: np.ndarray, support: np.ndarray) -> np.ndarray:
+        """Compute the pose of the sole that is not the base frame's: x, y, yaw, (m, 3) [m, m, rad].
+
+        Args:
+            joint_angles, support: see `center_of_mass`.
+        """
+        pose, rows = self.swing_sole(joint_angles)[:, [0, 1, 5]], self.parameters.on_swing_foot(support)
+        foot = self.parameters.rotations(joint_angles, support)[:, self.parameters.base]
+        yaw = np.arctan2(foot[:, 1, 0], foot[:, 0, 0])
+        there = np.column_stack([self.stance_sole(joint_angles, support)[:, :2], yaw])
+        return np.where(rows[:, None], there, pose)
+
     def swing_sole(self, joint_angles: np.ndarray) -> np.ndarray:
         """Compute the swing sole's pose in the base frame: x, y, z, roll, pitch, yaw, (m, 6) [m, rad]."""
         tree, base = self.parameters.tree, self.parameters.base

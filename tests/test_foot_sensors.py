@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from typing import Any
 
 import mujoco
@@ -11,6 +12,7 @@ import pytest
 from scipy.stats import ks_2samp
 
 from studies.study_equilibrium import compare, excess_wrenches, laboratories
+from tulip_testbed.cli.main import main
 from tulip_testbed.effects.injection import edited, from_then_on
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.truth_record import truth_of
@@ -20,7 +22,7 @@ from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.foot_sensors import add_foot_sensors, foot_addresses, in_sensor_frame
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.measurements import PosturePlan, read_measurements
 from tulip_testbed.sim.measurements.contacts import WRENCH
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig, preset_rig
@@ -64,15 +66,18 @@ def heavy_foot(spec: mujoco.MjSpec) -> None:
 
 @pytest.fixture(scope="module")
 def mixed(plan) -> PosturePlan:
-    """Fifteen postures on both feet and three on the right one, on a placement of their own."""
-    both, one = plan.take(plan.placement <= 3), plan.take(np.arange(3))
-    one = dataclasses.replace(
-        one, joint_angles=ON_RIGHT, support=np.full(3, "right"), posture=one.posture + 1000
-    )
-    one = dataclasses.replace(one, placement=np.full(3, 4))
+    """Fifteen postures on both feet, and three on each, on placements of their own."""
+    parts = [plan.take(plan.placement <= 3)]
+    on_left = (ON_RIGHT * np.tile([-1, -1, 1, 1, 1, -1], 2))[:, [*range(6, 12), *range(6)]]
+    for placement, (support, angles) in enumerate((("right", ON_RIGHT), ("left", on_left)), 4):
+        one = plan.take(np.arange(3))
+        if support == "left":
+            one = dataclasses.replace(one, swing_pose=one.swing_pose * [1, -1, -1])
+        part = {"joint_angles": angles, "support": np.full(3, support), "placement": np.full(3, placement)}
+        parts.append(dataclasses.replace(one, posture=one.posture + 1000 * placement, **part))
     names = ("joint_angles", "posture", "placement", "support", "swing_pose")
-    joined = {name: np.concatenate([getattr(both, name), getattr(one, name)]) for name in names}
-    return dataclasses.replace(both, **joined)
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return dataclasses.replace(plan, **joined)
 
 
 @pytest.fixture(scope="module")
@@ -93,12 +98,12 @@ def run(request):
 def grounded(robot: Robot, measured: Any, zeros: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Turn readings into wrenches of the ground about the base frame's origin, (m, 2, 3) twice [N, Nm].
 
-    Poses are MuJoCo's kinematics at the measured angles with the right foot flat on the ground.
+    Poses are MuJoCo's kinematics at the measured angles with the foot that carries flat on the ground.
     """
     data, chain = mujoco.MjData(robot.model), ClosedChain(robot.model, robot)
     forces, moments = np.zeros((2, len(measured), 2, 3))
     for row, angles in enumerate(measured.joint_angles):
-        data.qpos[:7] = chain.base_pose(angles)
+        data.qpos[:7] = chain.base_pose(angles, int(measured.support[row] == "left"))
         data.qpos[7:] = angles
         mujoco.mj_kinematics(robot.model, data)
         for side, foot in enumerate(robot.feet):
@@ -126,8 +131,9 @@ def test_their_center_of_pressure_is_below_mujocos_center_of_mass(run, robot):
     forces, moments = (part.sum(axis=1) for part in grounded(robot, run.measurements, run.truth.zeros))
     pressure = np.column_stack([-moments[:, 1], moments[:, 0]]) / forces[:, 2:]
     data, chain = mujoco.MjData(robot.model), ClosedChain(robot.model, robot)
-    for found, angles in zip(pressure, run.measurements.joint_angles, strict=True):
-        data.qpos[:7] = chain.base_pose(angles)
+    rows = zip(pressure, run.measurements.joint_angles, run.measurements.support, strict=True)
+    for found, angles, support in rows:
+        data.qpos[:7] = chain.base_pose(angles, int(support == "left"))
         data.qpos[7:] = angles
         mujoco.mj_kinematics(robot.model, data)
         mujoco.mj_comPos(robot.model, data)
@@ -136,27 +142,28 @@ def test_their_center_of_pressure_is_below_mujocos_center_of_mass(run, robot):
         np.testing.assert_allclose(pressure, [held.com for held in run.truth.held], rtol=0, atol=2e-5)
 
 
-def test_a_foot_in_the_air_reads_its_zero_minus_its_weight(run, robot):
-    measured = run.measurements
-    hanging = np.flatnonzero(measured.support == "right")
+@pytest.mark.parametrize("support", ["right", "left"])
+def test_a_foot_in_the_air_reads_its_zero_minus_its_weight(run, robot, support):
+    measured, side = run.measurements, int(support == "right")
+    hanging = np.flatnonzero(measured.support == support)
     assert len(hanging) == 3
     data, chain = mujoco.MjData(robot.model), ClosedChain(robot.model, robot)
-    foot = robot.model.body("left_foot")
+    foot = robot.model.body(robot.feet[side])
     for row in hanging:
-        data.qpos[:7] = chain.base_pose(measured.joint_angles[row])
+        data.qpos[:7] = chain.base_pose(measured.joint_angles[row], 1 - side)
         data.qpos[7:] = measured.joint_angles[row]
         mujoco.mj_kinematics(robot.model, data)
-        weight = data.body("left_foot").xmat.reshape(3, 3).T @ [0.0, 0.0, -foot.mass[0] * GRAVITY]
+        weight = data.body(foot.id).xmat.reshape(3, 3).T @ [0.0, 0.0, -foot.mass[0] * GRAVITY]
         assert abs(weight[0]) > 0.1  # N, tilted
         expected = np.concatenate([weight, np.cross(foot.ipos, weight)])
-        np.testing.assert_allclose(measured.wrenches[row, 1] - run.truth.zeros[1], expected, atol=2e-3)
+        np.testing.assert_allclose(measured.wrenches[row, side] - run.truth.zeros[side], expected, atol=2e-3)
 
 
 @pytest.mark.parametrize("sticks", [False, True])
 def test_mujocos_sensors_are_the_contacts_and_the_weight(robot, plan, sticks):
     """Summed up from `mj_contactForce`, the constant forces of dry friction and the weight."""
     rig = edited(foot_rig(robot, mounting=TILTED), heavy_foot)
-    stand = Stand(rig, boards_under(rig, plan.swing_pose[:1])[0])
+    stand = Stand(rig, boards_under(rig, plan.foot_poses[:1])[0])
     put_down(stand, plan.joint_angles[0])
     held, reason = hold(stand, plan.joint_angles[0])
     assert held is not None, reason
@@ -385,10 +392,8 @@ def test_a_laboratory_takes_the_preset(robot, plan, engine):
 
 
 def test_the_truth_file_knows_zeros_and_wrenches(robot, plan):
-    run = Laboratory(robot, sensors="foot-ft").run(plan.take(np.arange(2)), engine="statics")
+    run: Any = Laboratory(robot, sensors="foot-ft").run(plan.take(np.arange(2)), engine="statics")
     document: Any = truth_of(run).plain()
-    assert run.truth.zeros is not None
-    assert run.truth.wrenches is not None
     assert np.array_equal(document["zeros"], run.truth.zeros)
     assert np.array_equal(document["wrenches"], run.truth.wrenches)
     assert document["configuration"]["sensors"]["feet"]["zero_sd"] == list(SHEET.zero_sd)
@@ -397,3 +402,18 @@ def test_the_truth_file_knows_zeros_and_wrenches(robot, plan):
 def test_the_composer_refuses_them(robot, plan):
     with pytest.raises(InputError, match="rig: found sensors in the feet, expected plates"):
         laboratory_environment(preset_rig("foot-ft", robot), plan.joint_angles[0])
+
+
+def test_a_folder_holds_what_they_read_and_not_the_truth(tmp_path, robot):
+    folder, truth = tmp_path / "data", tmp_path / "truth.json"
+    arguments = ["--statics", "--preset", "foot-ft", "--seed", "4", "--out", str(folder)]
+    assert main(["simulate", *arguments, "--truth", str(truth)]) == 0
+    read: Any = read_measurements(folder, robot)
+    known = json.loads(truth.read_text())
+    error = read.wrenches - np.array(known["wrenches"]) - np.array(known["zeros"])
+    sd = np.sqrt(np.diag(read.contacts.covariance))
+    np.testing.assert_allclose(error.std(axis=(0, 1)) / sd, 1, atol=5 / np.sqrt(4 * len(read)))
+    assert np.isposinf(read.contacts.zero_sd).all()
+    np.testing.assert_allclose(read.contacts.below, [[0.6, 0.03, 0, -0.035]] * 2, atol=1e-12)
+    text = (folder / "manifest.json").read_text()
+    assert not any(f"{abs(zero):.6g}" in text for zero in np.ravel(known["zeros"]))

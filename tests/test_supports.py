@@ -59,6 +59,20 @@ def test_slopes_are_those_of_finite_differences(robot, angles):
     np.testing.assert_allclose(geometry.center[:, :2], nominal.center_of_mass(angles, SUPPORT), atol=1e-12)
 
 
+def test_the_other_sole_in_the_frame_of_the_foot_that_carries(robot, angles):
+    nominal = nominal_robot(robot, "mixed")
+    found = nominal.other_sole(angles, SUPPORT)
+    model, data = robot.model, mujoco.MjData(robot.model)
+    for k, support in enumerate(SUPPORT):
+        data.qpos[[model.joint(name).qposadr[0] for name in joint_names(model)]] = angles[k]
+        mujoco.mj_kinematics(model, data)
+        base, other = robot.feet[::-1] if support == "left" else robot.feet
+        turn = data.body(base).xmat.reshape(3, 3)
+        place = data.body(other).xpos + data.body(other).xmat.reshape(3, 3) @ sole_point(model, other)
+        expected = turn.T @ (place - data.body(base).xpos) - sole_point(model, base)
+        np.testing.assert_allclose(found[k, :2], expected[:2], atol=1e-12)
+
+
 def test_the_common_support():
     for rows, expected in (
         (["double", "right"], "right"),

@@ -272,7 +272,7 @@ def monte_carlo(
     Raises:
         InputError: what cannot be run; a folder that holds another Monte Carlo.
     """
-    chosen = default_estimator(estimator, ordinary)
+    chosen = default_estimator(estimator, ordinary, laboratory)
     settings = Settings(runs, seed, chosen, random_robots, engine, ordinary)
     with tempfile.TemporaryDirectory() as scratch:
         kept = Path(scratch) / "runs" if folder is None else Path(folder)

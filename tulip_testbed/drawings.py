@@ -23,7 +23,6 @@ from tulip_testbed.sim.measurements.data import feet_in_contact
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, sole_corners
 from tulip_testbed.sim.scene import boards_under, nominal_plates
-from tulip_testbed.standing import center_of_mass
 
 SCALE = 400.0  # pixels a metre
 MOST_COLUMNS = 4
@@ -60,7 +59,7 @@ def support_polygons(robot: Robot, plan: PosturePlan) -> str:
     every posture's nominal centre of mass with the shortest way to the polygon's edge, d_e.
     """
     model = robot.model
-    com = center_of_mass(nominal_robot(robot), plan.joint_angles, plan.support)
+    com = nominal_robot(robot, "mixed").center_of_mass(plan.joint_angles, plan.support)
     inner = planning_ranges(robot).stability_margin if "planning" in robot.settings else None
     size = nominal_plates(robot)[0].size
     corners = [sole_corners(model, foot)[:, :2] for foot in robot.feet]

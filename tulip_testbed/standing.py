@@ -1,10 +1,9 @@
-"""Where the nominal robot stands: links, soles and centre of mass in the base frame of each support."""
+"""Where the nominal robot stands: links and soles in the base frame of each posture's support."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.sim.measurements.data import base_foot
@@ -38,12 +37,3 @@ def soles_in_base(nominal: Nominal, joint_angles: np.ndarray, support: np.ndarra
         placed = positions[:, base, None] + local @ rotations[:, base].transpose(0, 2, 1)
         soles.append(placed[..., :2])
     return np.stack(soles, axis=1)
-
-
-def center_of_mass(nominal: Nominal, joint_angles: np.ndarray, support: np.ndarray) -> np.ndarray:
-    """Projection of the nominal centre of mass in the base frame, (m, 2) [m]."""
-    rotations, positions = link_frames(nominal, joint_angles, support)
-    frames = np.array(nominal.parameters.tree.frame_of_link)
-    standard = standard_parameters(nominal.robot.model)
-    moments = standard[:, :1] * positions[:, frames] + (rotations[:, frames] @ standard[:, 1:, None])[..., 0]
-    return moments.sum(axis=1)[:, :2] / standard[:, 0].sum()

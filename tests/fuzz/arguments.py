@@ -228,7 +228,10 @@ ALL = (
     EFFECTS,
 )
 ARGUMENT_KINDS: dict[str, Change] = {
-    "seeds": line(REFUSED, with_value(SEEDS, NO_WHOLE)),
+    "seeds": line(
+        REFUSED,  # random postures without a seed are what they are by default
+        [given for given in with_value(SEEDS, NO_WHOLE) if given != (*RANDOM, "--seed", "None")],
+    ),
     "large seeds": line(EITHER, with_value(SEEDS[:3], HUGE)),
     "sizes": line(REFUSED, with_value(SIZES, NO_WHOLE)),
     "large sizes": line(REFUSED, with_value(SIZES, HUGE)),

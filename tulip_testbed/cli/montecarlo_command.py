@@ -76,10 +76,10 @@ def montecarlo_command(
     from tulip_testbed.experiments.montecarlo.settings import Settings
 
     began = time.perf_counter()
-    where, chosen = "dynamics" if dynamics else "statics", default_estimator(estimator, ordinary)
-    settings = Settings(runs, seed, chosen, random_robots, where, ordinary)
     check_engine(engine, address)
     laboratory, made = laboratory_and_plan(robot, preset, plan, rig)
+    where, chosen = "dynamics" if dynamics else "statics", default_estimator(estimator, ordinary, laboratory)
+    settings = Settings(runs, seed, chosen, random_robots, where, ordinary)
     try:
         report = montecarlo(laboratory, made, settings, Place(out, workers, address), progress).report.plain()
     except Interrupted as stopped:

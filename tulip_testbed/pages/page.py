@@ -145,7 +145,7 @@ def validation_page(run: ValidationRecord) -> Page:
         (renumbered(robot, parameters, entry["pair"]), entry["joint"])
         for entry in robot.settings.get("correlated", [])
     ]
-    matrix = correlations_at(parameters, measured.joint_angles)
+    matrix = correlations_at(parameters, measured.joint_angles, measured.support)
     high = tuple(
         correlation_table(model, content[model]["correlations"], parameters, measured.joint_angles)
         for model in shown

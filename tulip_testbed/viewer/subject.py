@@ -6,11 +6,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.identify import identify, plain_estimator
 from tulip_testbed.experiments.validation_record import ValidationRecord
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
-from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.feasibility import stability_margin, support_polygon
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.pages.words import NO_TRUE_COM
@@ -26,7 +25,7 @@ from tulip_testbed.sim.measurements.plan_folder import check_model
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.scene import boards_under, nominal_plates
-from tulip_testbed.standing import center_of_mass, soles_in_base
+from tulip_testbed.standing import soles_in_base
 
 
 @dataclass(frozen=True)
@@ -89,9 +88,9 @@ class Subject:
 
 def planned(plan: PosturePlan, robot: Robot) -> Subject:
     """Show a plan: the robot where it is to stand, by its nominal model."""
-    nominal = nominal_robot(robot)
+    nominal = nominal_robot(robot, "mixed")
     rig = preset_rig("ideal", robot)
-    com = center_of_mass(nominal, plan.joint_angles, plan.support)
+    com = nominal.center_of_mass(plan.joint_angles, plan.support)
     polygons = support_polygons(nominal, plan.joint_angles, plan.support)
     board = nominal_plates(robot)[0]
     return Subject(
@@ -130,11 +129,12 @@ def measured(
     check_model(f"{source}: manifest.json", model["model"], model["sha256"], robot)
     subject = replace(of_measurements(measurements, robot, source), series=series)
     try:
-        found = identify(measurements, robot, source, DEFAULT)
+        found = identify(measurements, robot, source, estimator := plain_estimator(measurements))
     except InputError as error:
         return replace(subject, notes=(f"No estimate: {error}.",))
-    com = found.parameters.regressor(measurements.joint_angles) @ found.full.value
-    note = f"Estimate: full model, {DEFAULT}."
+    estimated = replace(subject.nominal, parameters=found.parameters, value=found.full.value)
+    com = estimated.center_of_mass(measurements.joint_angles, measurements.support)
+    note = f"Estimate: full model, {estimator}."
     return replace(subject, com=subject.com | {"estimate": com}, notes=(note,))
 
 
@@ -143,8 +143,8 @@ def validated(run: ValidationRecord) -> Subject:
     measurements, report = run.measurements, run.report
     subject = of_measurements(measurements, run.robot)
     value = np.array([row.estimate for row in report.full.parameters])
-    parameters = nominal_robot(run.robot, common_support(measurements.support)).parameters
-    com = {"estimate": parameters.regressor(measurements.joint_angles) @ value}
+    estimated = replace(nominal_robot(run.robot, common_support(measurements.support)), value=value)
+    com = {"estimate": estimated.center_of_mass(measurements.joint_angles, measurements.support)}
     notes = [f"Estimate: full model, {report.estimator}."]
     if run.truth.com is None:
         notes.append(NO_TRUE_COM)
@@ -167,12 +167,12 @@ def of_measurements(measurements: Measurements, robot: Robot, source: str = "mea
     Raises:
         InputError: measurements of other joints.
     """
-    nominal = nominal_robot(robot)
+    nominal = nominal_robot(robot, "mixed")
     if measurements.joints != nominal.parameters.tree.joints:
         raise InputError(f"{source}: found other joints than those of {robot.model_file.name}")
     polygons = support_polygons(nominal, measurements.joint_angles, measurements.support)
     cop = center_of_pressure(measurements)
-    com = center_of_mass(nominal, measurements.joint_angles, measurements.support)
+    com = nominal.center_of_mass(measurements.joint_angles, measurements.support)
     return Subject(
         nominal=nominal,
         joint_angles=measurements.joint_angles,
