@@ -221,6 +221,8 @@ def test_every_command_has_its_function():
         "view": tt.view,
         "report": tt.report,
         "robot": tt.load_robot,
+        "import": tt.import_table,
+        "predict": tt.predict,
     }
     assert all(callable(function) for function in offered.values())
     assert set(COMMANDS) - set(offered) == {"model", "tolerance", "compare", "benchmark"}

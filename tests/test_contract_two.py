@@ -8,7 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
+from tests.fuzz.documents import STRANGE, json_values, places
 from tulip_testbed.experiments.check_folder import check_folder
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.sim.errors import InputError
@@ -487,3 +490,49 @@ def test_check_lists_what_a_folder_of_version_two_lacks(write, robot):
     assert told["verdict"] == "could not read"
     assert "columns missing: q.right_knee, wrench.left.fz" in " ".join(told["complaints"]["table"])
     assert not told["complaints"]["manifest"]
+
+
+@settings(
+    max_examples=60,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(data=st.data())
+def test_any_change_of_the_contacts_is_read_or_refused_in_one_line(write, plates, data):
+    """Keys that are lost, and values of another type, size or length."""
+    below = {"mass": 0.4, "mass_sd": 0.02, "center": [0.02, 0.0, -0.04], "center_sd": 0.005}
+    covariance = np.diag([1.0, 1.0, 4.0, 0.01, 0.01, 0.01]).tolist()
+    kind = data.draw(st.sampled_from(["wrench", "cop", "cells"]))
+    if kind == "wrench":
+        entries = pair(below=below, covariance=covariance, zero=[0, 0, 1.5, None, 0.1, 0.1])
+    else:
+        more = (
+            {"sd": [0.1, 0.1, 1.0], "mount": "ground"}
+            if kind == "cop"
+            else {"cells": {"a": [0.0, 0.0], "b": [1.0, 0.0], "c": [0.0, 1.0]}}
+        )
+        entries = [{"name": side, "kind": kind, "top_height": 0.0} | more for side in ("right", "left")]
+    constant = {"constant_joints": {"left_knee": {"value": 0.1, "sd": 0.1}}}
+    document = {
+        "contacts": json.loads(json.dumps(entries)),
+        "mapping": {"q.right_knee": {"column": "F1", "unit": "deg", "sign": -1}},
+        **constant,
+    }
+    columns = readings(plates) | {"F1": np.rad2deg(plates.joint_angles[:, 3])} | three_cells(plates)[1]
+    for side in ("right", "left"):
+        columns |= {f"cop.{side}.{axis}": columns[f"wrench.{side}.fz"] / 1e3 for axis in ("x", "y")}
+        columns[f"cop.{side}.fz"] = columns[f"wrench.{side}.fz"]
+    drop = ("q.right_knee", "q.left_knee")
+    assert len(read_measurements(write(entries, columns, drop, mapping=document["mapping"], **constant)))
+    inside, key = data.draw(st.sampled_from(list(places(document))))
+    if isinstance(inside, dict) and data.draw(st.booleans()):
+        del inside[key]
+    else:
+        inside[key] = data.draw(json_values | st.sampled_from(STRANGE))
+    folder, message = write(document.pop("contacts", None), columns, drop, **document), "one line"
+    try:
+        assert len(read_measurements(folder))
+    except InputError as error:
+        message = str(error)
+    assert len(message.splitlines()) == 1

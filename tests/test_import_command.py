@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 import tulip_testbed as tt
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.table_import.column_names import propose, read_name
+from tulip_testbed.experiments.table_import.import_map import ImportMap, read_map, with_unknowns
 from tulip_testbed.sim.measurements import read_measurements
 from tulip_testbed.sim.measurements.contacts import VERTICAL
 
@@ -232,6 +235,20 @@ def test_wrong_statements_are_named(table, stated, tmp_path, text, entries, mess
         tt.import_table(table(), tmp_path / "data", stated=[stated(text), *entries])
     assert message in str(error.value)
     assert len(str(error.value).splitlines()) == 1
+
+
+def test_the_documented_statements_can_be_read():
+    guide = (EXAMPLE.parent / "your-data.md").read_text()
+    (block,) = re.findall(r"```toml\n(.*?)```", guide, flags=re.DOTALL)
+    document = tomllib.loads(block)
+    document["contacts"] = [with_unknowns(document["contacts"][0] | {"name": n}) for n in ("right", "left")]
+    found = ImportMap.model_validate(document)
+    assert found.columns["q.right_knee"].sign == -1
+    whole = read_map([str(EXAMPLE.parent.parent / "examples" / "icub_stand.toml")])
+    assert whole.contacts is not None
+    assert len(whole.constant_joints) == 6
+    for name in ("RKnee [deg]", "right_knee_angle (rad)", "knee.r_deg"):
+        assert list(propose([name], ["q.right_knee"], ["q.right_knee"], {}).mapping) == ["q.right_knee"]
 
 
 def test_the_command_prints_one_document(table, stated, tmp_path, capsys):

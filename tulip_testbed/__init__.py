@@ -14,7 +14,18 @@ from importlib import import_module
 
 FUNCTIONS = (
     *("load_robot", "read_measurements", "write_measurements", "identify", "Laboratory", "discover"),
-    *("validate", "monte_carlo", "plan", "check", "import_table", "atlas", "view", "report", "InputError"),
+    *(
+        "validate",
+        "monte_carlo",
+        "plan",
+        "check",
+        "import_table",
+        "predict",
+        "atlas",
+        "view",
+        "report",
+        "InputError",
+    ),
 )
 MODULES = ("effects", "plans")
 

@@ -12,6 +12,7 @@ from tulip_testbed.api import import_table as import_table
 from tulip_testbed.api import load_robot as load_robot
 from tulip_testbed.api import monte_carlo as monte_carlo
 from tulip_testbed.api import plan as plan
+from tulip_testbed.api import predict as predict
 from tulip_testbed.api import read_measurements as read_measurements
 from tulip_testbed.api import report as report
 from tulip_testbed.api import validate as validate

@@ -33,6 +33,8 @@ from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory, Run
 from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo, Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.planning_run import PlanSettings, optimal_plan
+from tulip_testbed.experiments.predict import Prediction
+from tulip_testbed.experiments.predict import predict as _predict
 from tulip_testbed.experiments.records import read_record, record_of
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.experiments.table_import.import_map import read_map
@@ -65,6 +67,7 @@ __all__ = [
     "load_robot",
     "monte_carlo",
     "plan",
+    "predict",
     "read_measurements",
     "report",
     "validate",
@@ -343,6 +346,33 @@ def check(
     if isinstance(measurements, str | Path):
         return check_folder(Path(measurements), robot, known)
     return check_measurements(_measurements(measurements, likely=False), robot, known)
+
+
+@checked
+@one_blas_thread
+def predict(
+    measurements: Measured,
+    robot: Robot | None = None,
+    train: Sequence[str] = (),
+    test: Sequence[str] = (),
+) -> Prediction:
+    """Ask whether the identified model predicts other postures better than the CAD masses do.
+
+    Args:
+        measurements: or their folder, or a run.
+        robot: the nominal robot, whose masses are CAD's; TULip if None.
+        train, test: postures by number, "1-40", or placements, "placement:1-8"; the rest if left out. Without
+            both the postures are split by blocks of placements and by halves.
+
+    Returns:
+        r.m.s. of the centre of pressure on postures that took no part, for CAD, a constant, the identified
+        model and one with a prior at CAD; `beats_cad`.
+
+    Raises:
+        InputError: measurements that do not fit the robot, or parts that are not there.
+    """
+    source = _source(measurements) or "measurements"
+    return _predict(_measurements(measurements), robot or load_robot(), train, test, source)
 
 
 def _corrections(corrections: Effects, robot: Robot) -> tuple[EffectInstance, ...]:

@@ -90,13 +90,15 @@ class Proposal(NamedTuple):
     Attributes:
         mapping: by the contract's names; columns that have them already are not listed.
         exact: the contract's names that the table has.
-        undecided: what the user has to say, one sentence each.
+        undecided: what the user has to say, one sentence each. silent: columns that are not used, since
+            their names write no unit.
         unused: columns of the table that nothing was found for.
     """
 
     mapping: dict[str, MappingEntry]
     exact: list[str]
     undecided: list[str]
+    silent: list[str]
     unused: list[str]
 
 
@@ -140,13 +142,9 @@ def propose(
         else:
             silent.append(found[0])
     taken = {entry.column for entry in mapping.values()}
-    if silent := [column for column in silent if column not in taken]:
-        undecided.append(
-            f"not used, since no unit is written in the name: {listed(map(repr, silent))}; state it to use "
-            "them"
-        )
+    silent = [column for column in silent if column not in taken]
     left = [column for column in free if column not in taken and column not in silent]
-    return Proposal(mapping, exact, undecided, left)
+    return Proposal(mapping, exact, undecided, silent, left)
 
 
 def _matches(name: str, read: dict[str, Named]) -> list[str]:

@@ -115,6 +115,11 @@ def import_table(table: Path, robot: Robot, folder: Path, stated: ImportMap) -> 
     _check_columns(work)
     found = propose(list(work.table.types), names, required, stated.columns)
     work.problems += found.undecided
+    if found.silent:
+        work.assumed.append(
+            f"not used, since no unit is written in the name: {listed(map(repr, found.silent))}; state it to "
+            "use one"
+        )
     _complete(work, found)
     has = {*found.mapping, *found.exact, *work.added}
     if lacks := [name for name in required if name not in has]:

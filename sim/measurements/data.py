@@ -80,6 +80,13 @@ class SensorSheet:
     placement_sd: tuple[float, float, float] | None = None
 
 
+OF_ROWS = (  # fields of `Measurements` with a value for every row
+    *("posture", "placement", "support", "time", "window", "samples"),
+    *("joint_angles", "joint_angles_sd", "command", "motor", "cell_forces", "cell_forces_sd"),
+    *("plate_poses", "wrenches", "wrenches_sd", "speed", "acceleration"),
+)
+
+
 @dataclass(frozen=True, eq=False)
 class Measurements:
     """Measurements, one row per held posture; they contain nothing of a simulation's truth.
@@ -150,6 +157,11 @@ class Measurements:
 
     def __repr__(self) -> str:
         return f"Measurements: {len(self)} rows, {_described(self)}, robot {self.robot['model']}"
+
+    def take(self, rows: np.ndarray) -> Measurements:
+        """Select rows by a mask or by indices in any order."""
+        values = {name: getattr(self, name) for name in OF_ROWS}
+        return replace(self, **{name: v[rows] for name, v in values.items() if v is not None})
 
     def columns(self) -> dict[str, np.ndarray]:
         """Return the rows as columns by the names that they have in a measurement folder, (m,) each.

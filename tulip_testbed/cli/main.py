@@ -31,6 +31,7 @@ COMMANDS: dict[str, str] = {
     "montecarlo": "Repeat a simulated experiment and test the stated standard errors.",
     "check": "Check a measurement folder for faults.",
     "identify": "Identify the robot's base parameters from a measurement folder.",
+    "predict": "Ask whether the identified model predicts better than the CAD masses.",
     "postures": "Draw random feasible postures, or describe a plan.",
     "plan": "Search for optimal postures (section IV of the paper).",
     "import": "Make a measurement folder of a laboratory's own table.",

@@ -1,0 +1,374 @@
+"""Compare how identified and CAD masses predict the centre of pressure of postures that took no part."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from tulip_testbed.experiments.posture_splits import Split, by_blocks, by_halves, clusters, stated
+from tulip_testbed.identification.base_parameters import (
+    BaseParameters,
+    common_support,
+    standard_parameters,
+)
+from tulip_testbed.identification.contact_pressure import contact_pressure, zero_columns
+from tulip_testbed.identification.distributions import t_ppf
+from tulip_testbed.identification.estimators import estimate_by
+from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD
+from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.regressor import check_robot, regression
+from tulip_testbed.sim.column import Column
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.numbers import number
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.table import Shown, Table
+
+CAD, CONSTANT, IDENTIFIED, WITH_PRIOR = "CAD", "constant", "identified", "identified with prior at CAD"
+ESTIMATOR = "mixed-model"
+LEAST_BLOCKS = 3  # that an interval needs
+RESAMPLES, SEED = 2000, 0
+STARTS = (0.1, 1.0)  # of the prior's scale
+SMALLEST = 1e-6  # m: s.d. that count as none
+WIDE = 0.1  # m: what a zero of which nothing is known may move the centre of pressure by
+ROUNDS = 4  # of linearisation about the zeros
+RANK = 1e-9  # of the largest singular value
+
+
+@dataclass(frozen=True)
+class Score:
+    """How well a model predicts.
+
+    Attributes:
+        name: of the model. split: see `Split`.
+        rms: of the residuals in x and y, (2,) [m]. interval: 95 %, by blocks, (2, 2) [m]: low and high by
+            axis; None with too few blocks.
+        beats_cad: whether the mean squared residual is less than that of CAD; None: undecided.
+    """
+
+    name: str
+    split: str
+    rms: np.ndarray
+    interval: np.ndarray | None
+    beats_cad: bool | None
+
+    def plain(self) -> dict[str, Any]:
+        """Return the JSON object."""
+        low, high = (None, None) if self.interval is None else (_axes(end) for end in self.interval)
+        return {
+            "name": self.name,
+            "split": self.split,
+            "rms_mm": _axes(self.rms),
+            "low95": low,
+            "high95": high,
+            "beats_cad": self.beats_cad,
+        }
+
+
+def _axes(values: np.ndarray) -> dict[str, float]:
+    return {axis: round(1e3 * float(value), 4) for axis, value in zip("xy", values, strict=True)}
+
+
+@dataclass(frozen=True, repr=False)
+class Prediction(Shown):
+    """How well the models predict postures that took no part.
+
+    Attributes:
+        scores: of every model and split.
+        beats_cad: whether the identified model beats CAD on the first split; None: undecided or not possible.
+        notes: what could not be done and why, and how the prior was weighed.
+    """
+
+    scores: tuple[Score, ...]
+    beats_cad: bool | None
+    notes: tuple[str, ...]
+
+    def plain(self) -> dict[str, Any]:
+        """Return the JSON document."""
+        models = [score.plain() for score in self.scores]
+        return {"models": models, "beats_cad": self.beats_cad, "notes": list(self.notes)}
+
+    @property
+    def verdict(self) -> str:
+        """Return the answer in a sentence."""
+        if self.beats_cad is None:
+            known = any(score.name == IDENTIFIED for score in self.scores)
+            why = "these postures do not decide it" if known else "there is no identified model"
+            return f"Identified beats CAD: undecided; {why}."
+        if self.beats_cad:
+            return "Identified beats CAD: yes."
+        return "Identified beats CAD: no, the CAD masses predict better."
+
+    def parts(self) -> list[Table | str]:
+        """Return the scores, the verdict and the notes."""
+        columns = (Column("model"), Column("postures left out by"))
+        columns += tuple(Column(f"r.m.s. {axis} (95 %)", "mm", ".2f", 1e3) for axis in "xy")
+        columns += (Column("beats CAD"),)
+        rows = [
+            [
+                score.name,
+                score.split,
+                *(
+                    (rms, *ends)
+                    for rms, ends in zip(
+                        score.rms.tolist(),
+                        [(np.nan, np.nan)] * 2 if score.interval is None else score.interval.T.tolist(),
+                        strict=True,
+                    )
+                ),
+                "" if score.name == CAD else {True: "yes", False: "no", None: "undecided"}[score.beats_cad],
+            ]
+            for score in self.scores
+        ]
+        note = "Intervals: bootstrap over blocks; beats CAD: Student's t over the same blocks, 95 %."
+        return [
+            Table("Centre of pressure of postures that took no part", columns, rows, note),
+            *self.notes,
+            self.verdict,
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """What the models have to explain.
+
+    Attributes:
+        matrix: H, (m, 2, p). residual: of CAD, (m, 2) [m].
+        spread: root of the prior's covariance of the base parameters, (p, k) [m].
+        zeros: change of the residual by sensors' zeros of which nothing is known, each of size 1, (m, 2, z).
+        size: of these columns by 1 N or 1 Nm, (z,).
+    """
+
+    measurements: Measurements
+    robot: Robot
+    parameters: BaseParameters
+    value: np.ndarray
+    matrix: np.ndarray
+    residual: np.ndarray
+    spread: np.ndarray
+    zeros: np.ndarray
+    size: np.ndarray
+
+    def rows(self, values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+        """Return the rows of a matrix (m, 2, k) for some postures, (2 n, k)."""
+        return values[chosen].reshape(2 * len(chosen), -1)
+
+
+def predict(
+    measurements: Measurements,
+    robot: Robot,
+    train: Sequence[str] = (),
+    test: Sequence[str] = (),
+    source: str = "measurements",
+) -> Prediction:
+    """Score CAD, a constant and identified models on postures that took no part in their training.
+
+    Args:
+        train, test: see `posture_splits.stated`; without both the postures are split by blocks and by halves.
+
+    Raises:
+        InputError: measurements that do not fit the robot, or parts that are not there.
+    """
+    nominal = nominal_robot(robot, common_support(measurements.support))
+    check_robot(nominal.parameters, measurements, robot, source)
+    problem = _problem(measurements, robot, nominal)
+    if train or test:
+        splits = [stated(measurements, train, test)]
+    else:
+        splits = [split(measurements) for split in (by_blocks, by_halves)]
+    scores: list[Score] = []
+    notes: list[str] = []
+    for split in splits:
+        _score(problem, nominal, split, scores, notes)
+    beats = [one.beats_cad for one in scores if one.name == IDENTIFIED and one.split == splits[0].name]
+    return Prediction(tuple(scores), beats[0] if beats else None, tuple(dict.fromkeys(notes)))
+
+
+def _problem(m: Measurements, robot: Robot, nominal: Nominal) -> _Problem:
+    parameters = nominal.parameters
+    center = nominal.center_of_mass(m.joint_angles, m.support)
+    zeros, size = _zeros(m, nominal)
+    return _Problem(
+        measurements=m,
+        robot=robot,
+        parameters=parameters,
+        value=nominal.value,
+        matrix=parameters.regressor(m.joint_angles, m.support).reshape(len(m), 2, -1),
+        residual=contact_pressure(m, nominal).center - center,
+        spread=cad_spread(parameters, standard_parameters(robot.model)),
+        zeros=zeros,
+        size=size,
+    )
+
+
+def _zeros(m: Measurements, nominal: Nominal) -> tuple[np.ndarray, np.ndarray]:
+    """Return what unknown zeros change in columns of size 1, (m, 2, z), and their size, (z,) [1/N, 1/Nm]."""
+    columns = zero_columns(observe(m, nominal))[:, :2]
+    size = np.sqrt((columns**2).mean(axis=(0, 1)))
+    size = np.where(size > 0, size, 1.0)
+    return columns / size, size
+
+
+def _about_zeros(problem: _Problem, nominal: Nominal, train: np.ndarray) -> _Problem:
+    """Return the problem with the zeros removed that CAD and the training postures show.
+
+    A zero of the vertical force scales the centre of pressure, so that a single linearisation does not do.
+    """
+    m, contacts = problem.measurements, problem.measurements.contacts
+    if contacts is None or m.wrenches is None or not problem.zeros.shape[2]:
+        return problem
+    unknown = observe(m, nominal).contacts.unknown
+    assert unknown is not None
+    center = nominal.center_of_mass(m.joint_angles, m.support)
+    for _ in range(ROUNDS):
+        target = problem.residual[train].ravel()
+        found = np.linalg.lstsq(problem.rows(problem.zeros, train), target, rcond=RANK)[0] / problem.size
+        zero = np.zeros(contacts.zero_sd.shape)
+        zero[unknown] = found
+        m = replace(m, wrenches=m.wrenches - zero)
+        zeros, size = _zeros(m, nominal)
+        residual = contact_pressure(m, nominal).center - center
+        problem = replace(problem, residual=residual, zeros=zeros, size=size)
+    return problem
+
+
+def cad_spread(parameters: BaseParameters, standard: np.ndarray) -> np.ndarray:
+    """Return base parameters' changes by one s.d. of every link's mass and centre of mass, (p, 4 n) [m].
+
+    The s.d. are those of the estimator `prior`; one scale of them all is estimated.
+
+    Args:
+        standard: (n, 4) [kg, kg m].
+    """
+    mass, total = standard[:, 0], float(standard[:, 0].sum())
+    by_standard = parameters.from_standard.reshape(len(parameters.names), -1, 4)
+    value = parameters.values(standard)
+    by_mass = np.einsum("pnk,nk->pn", by_standard, standard) - value[:, None] * mass
+    by_center = CENTER_SD * by_standard[..., 1:] * mass[:, None]
+    return np.hstack([MASS_SD * by_mass, by_center.reshape(len(value), -1)]) / total
+
+
+def _score(problem: _Problem, nominal: Nominal, split: Split, scores: list[Score], notes: list[str]) -> None:
+    """Add the scores of every model that the split allows."""
+    m, left = problem.measurements, dict.fromkeys((CAD, CONSTANT, IDENTIFIED, WITH_PRIOR))
+    rows = np.concatenate([test for _, test in split.folds])
+    found: dict[str, list[np.ndarray]] = {name: [] for name in left}
+    scales = []
+    for train, test in split.folds:
+        if not len(train):
+            raise InputError(f"{split.name}: found no posture to train with, expected two blocks or more")
+        local = _about_zeros(problem, nominal, train)
+        found[CAD].append(local.residual[test])
+        found[CONSTANT].append(local.residual[test] - local.residual[train].mean(axis=0))
+        if IDENTIFIED not in found:
+            continue
+        try:
+            data = regression(problem.parameters, m.take(train), problem.robot)
+            found[IDENTIFIED].append(_identified(local, estimate_by(data, ESTIMATOR).value, train, test))
+        except InputError as reason:
+            notes.append(f"No identified model by {split.name}: {reason}.")
+            found.pop(IDENTIFIED, None)
+            found.pop(WITH_PRIOR, None)
+            continue
+        residual, scale = _with_prior(local, train, test)
+        scales.append(scale)
+        found[WITH_PRIOR].append(residual)
+    if problem.zeros.shape[2]:
+        notes.append("The sensors' zeros are unknown: those of every model, CAD too, are fitted in training.")
+    if scales:
+        low, high = (number(end, ".2f") for end in (min(scales), max(scales)))
+        notes.append(
+            f"Prior by {split.name}: s.d. of {low} to {high} times {100 * MASS_SD:.0f} % of each link's mass "
+            f"and {1e3 * CENTER_SD:.0f} mm of its centre (0: CAD), by the marginal likelihood in training."
+        )
+    block = clusters(m)[rows]
+    cad = np.concatenate(found[CAD])
+    for name, parts in found.items():
+        residual = np.concatenate(parts)
+        beats = None if name == CAD else _beats(cad, residual, block)
+        rms = np.sqrt((residual**2).mean(axis=0))
+        scores.append(Score(name, split.name, rms, _interval(residual, block), beats))
+
+
+def _sums(values: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sums of values, (m, ...), over blocks, and their numbers of rows."""
+    names, number = np.unique(block, return_inverse=True)
+    sums = np.zeros((len(names), *values.shape[1:]))
+    np.add.at(sums, number, values)
+    return sums, np.bincount(number)
+
+
+def _interval(residual: np.ndarray, block: np.ndarray) -> np.ndarray | None:
+    """Return the 95 % interval of the r.m.s. by a bootstrap over blocks, (2, 2) [m]; None with too few."""
+    sums, counts = _sums(residual**2, block)
+    if len(counts) < LEAST_BLOCKS:
+        return None
+    drawn = np.random.default_rng(SEED).integers(len(counts), size=(RESAMPLES, len(counts)))
+    rms = np.sqrt(sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1)[:, None])
+    return np.quantile(rms, [0.025, 0.975], axis=0)
+
+
+def _beats(cad: np.ndarray, residual: np.ndarray, block: np.ndarray) -> bool | None:
+    """Tell whether a model's squared residuals are smaller than CAD's, by Student's t over blocks."""
+    gain, counts = _sums((cad**2 - residual**2).sum(axis=1), block)
+    if len(gain) < LEAST_BLOCKS:
+        return None
+    # Of a ratio of sums: blocks of many postures count for more.
+    each = gain - counts * gain.sum() / counts.sum()
+    error = np.sqrt(len(gain) / (len(gain) - 1) * (each**2).sum())
+    half = float(t_ppf(0.975, len(gain) - 1)) * error
+    return None if abs(gain.sum()) <= half else bool(gain.sum() > 0)
+
+
+def _identified(problem: _Problem, value: np.ndarray, train: np.ndarray, test: np.ndarray) -> np.ndarray:
+    """Return the residuals of an estimate, (n, 2) [m].
+
+    Zeros imitate some parameters: where they are unknown, both are fitted together, by least squares.
+    """
+    if not problem.zeros.shape[2]:
+        return problem.residual[test] - problem.matrix[test] @ (value - problem.value)
+    both = np.concatenate([problem.matrix, problem.zeros], axis=2)
+    change = np.linalg.lstsq(problem.rows(both, train), problem.residual[train].ravel(), rcond=RANK)[0]
+    return problem.residual[test] - both[test] @ change
+
+
+def _with_prior(problem: _Problem, train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the residuals of a posterior about CAD, (n, 2) [m], and the prior's scale.
+
+    The scale, the noise and what is common to a placement maximise the marginal likelihood of the training
+    postures, whose residuals are normal with covariance scale^2 H S S' H' + sigma^2 + tau^2 by placement.
+    """
+    residual = problem.residual[train].ravel()
+    reach = problem.rows(problem.matrix, train) @ problem.spread
+    zeros = WIDE * problem.rows(problem.zeros, train)
+    fixed = zeros @ zeros.T
+    same = np.equal.outer(problem.measurements.placement[train], problem.measurements.placement[train])
+    common = np.kron(same, np.eye(2))
+    shared = bool((same.sum(axis=1) > 1).any())
+    prior, unit = reach @ reach.T, np.eye(len(residual))
+    size = float(np.sqrt((residual**2).mean()))
+
+    def covariance(logs: np.ndarray) -> np.ndarray:
+        scale, sigma, tau = np.exp(2 * np.clip(logs, np.log(SMALLEST), 10))
+        return scale * prior + sigma * unit + fixed + (tau * common if shared else 0.0)
+
+    def cost(logs: np.ndarray) -> float:
+        root = np.linalg.cholesky(covariance(logs))
+        white = np.linalg.solve(root, residual)
+        return float(2 * np.log(np.diag(root)).sum() + white @ white)
+
+    starts = [np.log([scale, size / 2, size / 2]) for scale in STARTS]
+    options = {"xatol": 1e-3, "fatol": 1e-4, "maxiter": 400}
+    best = min(
+        (minimize(cost, s, method="Nelder-Mead", options=options) for s in starts), key=lambda r: r.fun
+    )
+    scale = float(np.exp(np.clip(best.x[0], np.log(SMALLEST), 10)))
+    weights = np.linalg.solve(covariance(best.x), residual)
+    change = scale**2 * problem.spread @ (reach.T @ weights)
+    shown = WIDE * problem.zeros[test] @ (zeros.T @ weights)
+    return problem.residual[test] - problem.matrix[test] @ change - shown, scale

@@ -1,0 +1,188 @@
+"""`tulip predict`: models are scored on postures that took no part, and the truth decides who should win."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import tulip_testbed as tt
+from tulip_testbed.cli.main import main
+from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
+from tulip_testbed.experiments.posture_splits import by_blocks, by_halves, clusters, stated
+from tulip_testbed.experiments.predict import CAD, CONSTANT, IDENTIFIED, WITH_PRIOR, cad_spread
+from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.sim.measurements import write_measurements
+
+SEED = 4217  # development seeds are 0 to 99
+
+
+@pytest.fixture(scope="module")
+def laboratory(robot):
+    return tt.Laboratory(robot, sensors="wii")
+
+
+def measured(laboratory, spread):
+    """Measure a robot whose masses and centres differ from its CAD."""
+    outcome = source_of(laboratory, tt.plans.random, spread, "statics")([np.random.SeedSequence(SEED)])[0]
+    assert not isinstance(outcome, str)
+    return outcome.measurements
+
+
+@pytest.fixture(scope="module")
+def heavier(laboratory):
+    """Masses that differ by 10 %, centres by a tenth of half an edge."""
+    return measured(laboratory, 0.1)
+
+
+@pytest.fixture(scope="module")
+def predicted(heavier, robot):
+    return tt.predict(heavier, robot)
+
+
+def score(found, name, split="blocks"):
+    return next(one for one in found.scores if (one.name, one.split) == (name, split))
+
+
+def total(found, name, split="blocks"):
+    return float(np.linalg.norm(score(found, name, split).rms))
+
+
+def test_a_robot_unlike_its_cad_is_predicted_better_by_identification(predicted):
+    assert predicted.beats_cad is True
+    for split in ("blocks", "halves"):
+        assert score(predicted, WITH_PRIOR, split).beats_cad is True
+        assert total(predicted, IDENTIFIED, split) < 0.7 * total(predicted, CAD, split)
+        assert total(predicted, WITH_PRIOR, split) < total(predicted, IDENTIFIED, split)
+    assert predicted.verdict == "Identified beats CAD: yes."
+
+
+def test_a_robot_like_its_cad_is_predicted_no_better_by_identification(laboratory, robot):
+    found = tt.predict(measured(laboratory, None), robot)
+    assert found.beats_cad is not True
+    assert total(found, IDENTIFIED) > total(found, CAD)
+    # The training postures weigh the prior so much that hardly anything changes.
+    assert total(found, WITH_PRIOR) == pytest.approx(total(found, CAD), rel=0.03)
+    assert total(found, WITH_PRIOR) < total(found, IDENTIFIED)
+
+
+def test_residuals_of_cad_are_those_of_the_measurements(predicted, heavier, robot):
+    """By MuJoCo's centre of mass of the nominal robot with its stance foot at the base frame."""
+    import mujoco
+
+    from tulip_testbed.identification.center_of_pressure import center_of_pressure
+    from tulip_testbed.sim.robot import joint_names, sole_point
+
+    model, data, off = robot.model, mujoco.MjData(robot.model), []
+    cop = center_of_pressure(heavier)
+    for row in range(len(heavier)):
+        for joint, angle in zip(joint_names(model), heavier.joint_angles[row], strict=True):
+            data.joint(joint).qpos = angle
+        mujoco.mj_forward(model, data)
+        foot = data.body(robot.stance_foot)
+        turn = foot.xmat.reshape(3, 3)
+        center = turn.T @ (data.subtree_com[1] - foot.xpos) - sole_point(model, robot.stance_foot)
+        off.append(cop[row] - center[:2])
+    rms = np.sqrt(np.mean(np.square(off), axis=0))
+    assert score(predicted, CAD).rms == pytest.approx(
+        rms, abs=1e-6
+    )  # soles of measured angles are not quite level
+
+
+def test_the_interval_is_as_wide_as_the_scatter_between_placements(predicted, heavier):
+    """By the delta method: the r.m.s. of the placements' own mean squares."""
+    found, placements = score(predicted, CONSTANT), np.unique(heavier.placement)
+    assert found.interval is not None
+    half = (found.interval[1] - found.interval[0]) / 2
+    assert ((found.interval[0] < found.rms) & (found.rms < found.interval[1])).all()
+    # A mean square of k normal numbers has a relative s.d. of sqrt(2 / k): placements' errors are common.
+    expected = 1.96 * found.rms / 2 * np.sqrt(2 / len(placements))
+    assert ((half > expected / 3) & (half < 2 * expected)).all()
+
+
+def test_no_posture_trains_and_is_predicted(heavier):
+    posture = heavier.posture.copy()
+    posture[-1] = posture[0]  # measured again, in the last placement
+    again = dataclasses.replace(heavier, posture=posture)
+    for split in (by_blocks(again), by_halves(again)):
+        predicted = np.concatenate([test for _, test in split.folds])
+        assert sorted(predicted) == list(range(len(again)))
+        for train, test in split.folds:
+            assert not set(again.posture[train]) & set(again.posture[test])
+            assert not set(again.placement[train]) & set(again.placement[test])
+            assert len(train)
+    assert len(by_blocks(again).folds) == 5
+    assert len(by_halves(again).folds) == 2
+
+
+def test_one_placement_is_split_by_time(heavier):
+    one = dataclasses.replace(heavier, placement=np.ones(len(heavier), int))
+    block = clusters(one)
+    assert len(np.unique(block)) == 10
+    assert (np.diff(block[np.argsort(one.time)]) >= 0).all()
+
+
+def test_the_prior_has_the_spread_that_is_stated(robot):
+    """Drawn robots: the covariance of their base parameters at small spreads."""
+    parameters, standard = base_parameters(robot), standard_parameters(robot.model)
+    small, generator, drawn = 1e-3, np.random.default_rng(5), []
+    mass, center = standard[:, 0], standard[:, 1:] / standard[:, :1]
+    for _ in range(4000):
+        masses = mass * (1 + 0.2 * small * generator.standard_normal(len(mass)))
+        centers = center + 0.02 * small * generator.standard_normal(center.shape)
+        drawn.append(parameters.values(np.column_stack([masses, masses[:, None] * centers])))
+    spread = small * cad_spread(parameters, standard)
+    stated_covariance, found = spread @ spread.T, np.cov(np.array(drawn).T)
+    scale = np.sqrt(np.diag(stated_covariance))
+    assert found / scale / scale[:, None] == pytest.approx(
+        stated_covariance / scale / scale[:, None], abs=0.08
+    )
+
+
+def test_stated_parts_and_what_is_wrong_with_them(heavier, robot):
+    numbers = np.unique(heavier.placement)
+    split = stated(heavier, (f"placement:{numbers[0]}-{numbers[-4]}",), ())
+    train, test = split.folds[0]
+    assert set(heavier.placement[test]) == set(numbers[-3:])
+    assert len(train) + len(test) == len(heavier)
+    found = tt.predict(heavier, robot, test=[f"placement:{numbers[-3]}-{numbers[-1]}"])
+    assert {one.split for one in found.scores} == {"stated"}
+    for train_texts, message in (
+        (["first"], "train: found 'first', expected postures such as 1-40"),
+        (["9000-9001"], "train: found no row of 9000-9001"),
+    ):
+        with pytest.raises(tt.InputError, match=message):
+            tt.predict(heavier, robot, train=train_texts)
+    with pytest.raises(tt.InputError, match=r"train, test: found postures .* in both"):
+        tt.predict(heavier, robot, train=["1-20"], test=["15-30"])
+
+
+def test_too_few_postures_do_not_identify_but_cad_is_scored(heavier, robot, tmp_path, capsys):
+    few = heavier.take(np.flatnonzero(heavier.placement <= np.unique(heavier.placement)[2]))
+    write_measurements(tmp_path / "few", few)
+    assert main(["predict", str(tmp_path / "few"), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["beats_cad"] is None
+    assert {one["name"] for one in document["models"]} == {CAD, CONSTANT}
+    for one in document["models"]:
+        assert one["low95"]["x"] <= one["rms_mm"]["x"] <= one["high95"]["x"]
+    assert any(note.startswith("No identified model by blocks: ") for note in document["notes"])
+
+
+def test_the_command_prints_a_table(heavier, tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    write_measurements(tmp_path / "data", heavier)
+    assert main(["predict", str(tmp_path / "data"), "--train", "1-100"]) == 0
+    out = capsys.readouterr().out
+    assert IDENTIFIED in out
+    assert "Identified beats CAD: " in out
+
+
+def test_rows_are_taken_with_all_that_belongs_to_them(heavier):
+    part = heavier.take(np.array([4, 2]))
+    assert part.posture.tolist() == heavier.posture[[4, 2]].tolist()
+    assert np.array_equal(part.cell_forces, heavier.cell_forces[[4, 2]])
+    assert part.cells is heavier.cells
+    assert np.array_equal(part.top_height, heavier.top_height)

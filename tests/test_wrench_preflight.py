@@ -1,0 +1,157 @@
+"""Preflight of wrench sensors: what they carry, what must cancel, and which checks need cells."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tulip_testbed.experiments.check_folder import check_measurements
+from tulip_testbed.sim.measurements import read_measurements
+from tulip_testbed.sim.measurements.contacts import VERTICAL, WRENCH, Contacts
+
+EXAMPLE = Path(__file__).parent.parent / "docs" / "your-data"
+FEET_NOISE = np.diag([1.0, 1.0, 1.0, 0.05, 0.05, 0.05]) ** 2
+
+
+@pytest.fixture(scope="module")
+def standing(robot):
+    """Sensors in the feet, at the ankle, with horizontal forces that cancel in the base frame.
+
+    The angles are those of the example; MuJoCo says how each foot is turned.
+    """
+    import mujoco
+
+    m = read_measurements(EXAMPLE)
+    model, data = robot.model, mujoco.MjData(robot.model)
+    wrenches = np.zeros((len(m), 2, 6))
+    push = np.random.default_rng(1).normal(0, 5, (len(m), 3)) * [1, 1, 0]
+    for row in range(len(m)):
+        for joint, angle in zip(m.joints, m.joint_angles[row], strict=True):
+            data.joint(joint).qpos = angle
+        mujoco.mj_forward(model, data)
+        base = data.body(robot.stance_foot).xmat.reshape(3, 3)
+        for p, foot in enumerate(robot.feet):
+            turn = base.T @ data.body(foot).xmat.reshape(3, 3)
+            force = (push[row] if p == 0 else -push[row]) + [
+                0,
+                0,
+                m.cell_forces[row, 4 * p : 4 * p + 4].sum(),
+            ]
+            wrenches[row, p, :3] = turn.T @ force
+    wrenches[..., 3:] = np.random.default_rng(2).normal(0, 0.5, (len(m), 2, 3))
+    contacts = Contacts(
+        mount="foot",
+        channels=WRENCH,
+        pose=np.zeros((2, 6)),
+        covariance=FEET_NOISE,
+        zero_sd=np.zeros((2, 6)),
+        below=np.zeros((2, 4)),
+        below_sd=np.zeros((2, 4)),
+    )
+    return dataclasses.replace(
+        m,
+        contacts=contacts,
+        wrenches=wrenches,
+        wrenches_sd=np.full_like(wrenches, np.nan),
+        cell_forces=np.zeros((len(m), 0)),
+        cell_forces_sd=np.zeros((len(m), 0)),
+        cells=np.zeros((2, 0, 2)),
+        plate_poses=np.zeros((len(m), 2, 3)),
+        top_height=np.zeros(2),
+    )
+
+
+def checks(m, robot):
+    return {one["name"]: one for one in check_measurements(m, robot).document["checks"]}
+
+
+def with_contacts(m, **fields):
+    return dataclasses.replace(m, contacts=dataclasses.replace(m.contacts, **fields))
+
+
+def test_forces_that_cancel_pass_and_those_of_cells_are_skipped_with_a_reason(standing, robot):
+    found = checks(standing, robot)
+    assert found["horizontal forces"]["result"] == "pass"
+    assert found["carried weight"]["result"] == "pass"
+    for name in ("cell loads", "plate poses", "repeats", "scatter about the model"):
+        assert found[name]["result"] == "not evaluated"
+        assert "there are wrench sensors" in found[name]["seen"]
+
+
+def test_forces_that_do_not_cancel_are_told_and_weighed_by_the_height_of_the_sensor(standing, robot):
+    wrenches = standing.wrenches.copy()
+    wrenches[:, 0, 0] += 30.0
+    pushed = dataclasses.replace(standing, wrenches=wrenches)
+    found = checks(pushed, robot)["horizontal forces"]
+    # 30 N of 225 N at the ankle, 60 mm over the sole, are 8 mm.
+    assert found["result"] == "fail"
+    assert "they do not cancel" in found["seen"]
+    pose = np.zeros((2, 6))
+    pose[:, 2] = -0.06
+    assert checks(with_contacts(pushed, pose=pose), robot)["horizontal forces"]["result"] == "warn"
+
+
+def test_a_turned_foot_turns_its_forces(standing, robot):
+    """Without the feet's yaw the same readings would not cancel."""
+    yaw = np.zeros((2, 6))
+    yaw[1, 5] = np.pi / 2
+    found = checks(with_contacts(standing, pose=yaw), robot)["horizontal forces"]
+    assert found["result"] != "pass"
+
+
+def test_the_threshold_is_that_of_noise_and_zeros_or_a_share_of_the_weight(standing, robot):
+    wrenches = standing.wrenches.copy()
+    wrenches[:, 0, 0] += 12.0
+    pushed = dataclasses.replace(standing, wrenches=wrenches)
+    zero = np.zeros((2, 6))
+    zero[:, :3] = 3.0
+    assert checks(pushed, robot)["horizontal forces"]["result"] != "pass"
+    assert checks(with_contacts(pushed, zero_sd=zero), robot)["horizontal forces"]["result"] == "pass"
+    unstated = checks(with_contacts(pushed, covariance=None), robot)["horizontal forces"]
+    assert unstated["result"] != "pass"
+    assert "2 % of the weight" in unstated["expected"]
+    unknown = checks(with_contacts(pushed, zero_sd=np.full((2, 6), np.inf)), robot)
+    for name in ("horizontal forces", "carried weight"):
+        assert unknown[name]["result"] == "not evaluated"
+        assert "zeros" in unknown[name]["seen"]
+
+
+def test_vertical_channels_have_no_horizontal_forces(standing, robot):
+    places = [WRENCH.index(channel) for channel in VERTICAL]
+    m = with_contacts(
+        dataclasses.replace(
+            standing,
+            wrenches=standing.wrenches[..., places],
+            wrenches_sd=standing.wrenches_sd[..., places],
+        ),
+        channels=VERTICAL,
+        covariance=None,
+        zero_sd=np.zeros((2, 3)),
+    )
+    found = checks(m, robot)["horizontal forces"]
+    assert found["result"] == "not evaluated"
+    assert "vertical forces and their moments only" in found["seen"]
+
+
+def test_a_wrong_weight_is_told(standing, robot):
+    wrenches = standing.wrenches.copy()
+    wrenches[..., 2] *= 1.3
+    found = checks(dataclasses.replace(standing, wrenches=wrenches), robot)["carried weight"]
+    assert found["result"] == "fail"
+    assert "+30" in found["seen"] or "+29" in found["seen"]
+
+
+def test_a_dead_channel_is_told_but_not_a_constant_joint(standing, robot):
+    wrenches = standing.wrenches.copy()
+    wrenches[:, 1, 3] = 0.25
+    angles = standing.joint_angles.copy()
+    angles[:, 0] = 0.1
+    m = dataclasses.replace(standing, wrenches=wrenches, joint_angles=angles)
+    assert "q.right_hip_yaw reads 0.1 in all postures" in checks(m, robot)["stuck readings"]["seen"]
+    m = dataclasses.replace(m, constant_joints={"right_hip_yaw": 0.1})
+    found = checks(m, robot)["stuck readings"]
+    assert "wrench.left.mx reads 0.25" in found["seen"]
+    assert "right_hip_yaw" not in found["seen"]
