@@ -17,6 +17,7 @@ from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import SIZE, residuals
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements
 
 PLACEMENTS = 8
 
@@ -29,7 +30,8 @@ class DynamicsCheck:
         postures: number that stood. tried: number that were tried.
         left: root mean square of the residuals after the effects are removed from the simulated dynamics,
             relative to the noise; well below 1 if statics and dynamics agree about the adopted effects.
-        cells: root mean square difference of measured and simulated cells without and with the effects [N].
+        cells: root mean square difference of measured and simulated cells, or vertical forces of wrench
+            sensors, without and with the effects [N].
         reason: why nothing could be compared, or "".
     """
 
@@ -81,9 +83,14 @@ def check_in_dynamics(
     full[common - 1] = left
     full[common - 1, 3:5] *= changed.on_four_cells[at["after"]] & plain.on_four_cells[at["before"]]
     used = np.isin(white.rows // SIZE, common - 1)
-    cells = tuple(
-        float(np.sqrt(((m.cell_forces[at[key]] - observed.measurements.cell_forces[common - 1]) ** 2).mean()))
-        for key, m in shown.items()
-    )
+    read = _forces(observed.measurements)[common - 1]
+    cells = [float(np.sqrt(((_forces(m)[at[key]] - read) ** 2).mean())) for key, m in shown.items()]
     rms = float(np.sqrt((white(full)[used] ** 2).mean()))
     return DynamicsCheck(len(common), len(rows), rms, (cells[0], cells[1]), "")
+
+
+def _forces(m: Measurements) -> np.ndarray:
+    """Return the readings of the cells, or the vertical forces of wrench sensors, (m, k) [N]."""
+    if m.contacts is None or m.wrenches is None:
+        return m.cell_forces
+    return m.wrenches[:, :, m.contacts.channels.index("fz")]

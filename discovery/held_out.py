@@ -73,7 +73,8 @@ def rows_of(observed: Observation, rows: np.ndarray) -> Observation:
         and f.name not in ("cells", "standard", "board_share", "servo_gain", "servo_stiffness")
         and len(getattr(observed, f.name)) == count
     }
-    return replace(observed, measurements=replace(m, **cut), **kept)
+    contacts = observed.contacts.take(rows)
+    return replace(observed, measurements=replace(m, **cut), contacts=contacts, **kept)
 
 
 def check_placements(measurements: Measurements) -> None:

@@ -150,6 +150,7 @@ def _functions(linear: LinearModel) -> list[tuple[str, np.ndarray]]:
     part = number * min(MOST_PARTS, number.max() + 1) // (number.max() + 1)
     out.append(("differs between placements", (part[:, None] == np.arange(part.max() + 1)).astype(float)))
     out.append(("is not zero", np.ones((len(observed), 1))))
-    share = observed.foot_loads[0][:, 0] / observed.cell_forces.sum(axis=1)
+    down = observed.foot_loads[0]
+    share = down[:, 0] / down.sum(axis=1)
     out.append(("depends on the load share", _powers(share)))
     return out

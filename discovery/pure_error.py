@@ -52,8 +52,8 @@ def pure_error(observed: Observation, theta: np.ndarray, noise: Noise) -> PureEr
         apart = (residual[first] - residual[second])[:, rows]
         covariance = (own[first] + own[second])[:, rows, rows]
         use = used[first][:, rows].all(axis=1) & used[second][:, rows].all(axis=1)
-        solved = np.linalg.solve(covariance, apart[..., None])[..., 0]
-        size = float((apart * solved)[use].sum())
+        solved = np.linalg.solve(covariance[use], apart[use, :, None])[..., 0]
+        size = float((apart[use] * solved).sum())
         dof = int(use.sum()) * (rows.stop - rows.start)
         if dof:
             ratio[channel], p[channel] = size / dof, float(chi2_sf(size, dof))

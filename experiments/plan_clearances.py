@@ -10,8 +10,10 @@ import numpy as np
 from tulip_testbed.identification.link_clearances import LinkPairs, clearances_at, link_pairs
 from tulip_testbed.identification.link_paths import path_clearances
 from tulip_testbed.identification.margins import planning_margins
+from tulip_testbed.identification.planning.one_foot import with_feet_exchanged
 from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.measurements.data import base_foot
 from tulip_testbed.sim.path import ClosedChain, straight_path
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.table import Table
@@ -30,19 +32,26 @@ def clearances_of(robot: Robot, plan: PosturePlan) -> dict[str, list[dict[str, A
     Returns:
         "postures" and "paths": links, distance [mm] and the posture, or the two that the path connects.
     """
-    pairs = link_pairs(robot, planning_margins(robot).link_clearance)
-    held = clearances_at(pairs, plan.joint_angles, WITHIN).distance
+    margin = planning_margins(robot).link_clearance
+    pairs, foot = link_pairs(robot, margin), base_foot(plan.support)
+    held = np.full((len(plan), len(pairs.names)), WITHIN)
     chain = ClosedChain(robot.model, robot)
     same = (plan.placement[1:] == plan.placement[:-1]) & (plan.support[1:] == plan.support[:-1])
-    ways, steps = [], [step for step, kept in zip(pairwise(range(len(plan))), same, strict=True) if kept]
-    for start, end in steps:
-        path = chain.path if plan.support[start] == "double" else straight_path
-        found = path_clearances(pairs, path, plan.joint_angles[start], plan.joint_angles[end], WITHIN)
-        ways.append(found.distance.min(axis=0, initial=WITHIN))
-    on_paths = np.array(ways).reshape(-1, len(pairs.names))
+    ways = np.full((int(same.sum()), len(pairs.names)), WITHIN)
+    steps = [step for step, kept in zip(pairwise(range(len(plan))), same, strict=True) if kept]
+    for carrying in np.unique(foot):
+        own = pairs if carrying == 0 else link_pairs(with_feet_exchanged(robot), margin)
+        columns = np.array([pairs.names.index(name) for name in own.names], int)
+        rows = np.flatnonzero(foot == carrying)
+        held[np.ix_(rows, columns)] = clearances_at(own, plan.joint_angles[rows], WITHIN).distance
+        for k, (start, end) in enumerate(steps):
+            if foot[start] == carrying:
+                path = chain.path if plan.support[start] == "double" else straight_path
+                found = path_clearances(own, path, plan.joint_angles[start], plan.joint_angles[end], WITHIN)
+                ways[k, columns] = found.distance.min(axis=0, initial=WITHIN)
     return {
         "postures": _nearest(pairs, held, [[int(number)] for number in plan.posture]),
-        "paths": _nearest(pairs, on_paths, [[int(plan.posture[k]) for k in step] for step in steps]),
+        "paths": _nearest(pairs, ways, [[int(plan.posture[k]) for k in step] for step in steps]),
     }
 
 

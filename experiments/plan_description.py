@@ -13,11 +13,12 @@ from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlat
 from tulip_testbed.experiments.plan_clearances import clearance_table, clearances_of
 from tulip_testbed.experiments.planning_run import joined
 from tulip_testbed.experiments.usable_plan import planned_parameters
-from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
+from tulip_testbed.identification.base_parameters import BaseParameters, common_support, standard_parameters
 from tulip_testbed.identification.feasibility import predicted_cell_loads, predicted_foot_loads
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.planning.one_foot import from_other_foot, single_support_margins
 from tulip_testbed.identification.planning.optimal_plan import smallest_margins
 from tulip_testbed.identification.planning.problem import Problem, planning_problem
-from tulip_testbed.identification.planning.single_support import single_support_margins
 from tulip_testbed.identification.reading_noise import ReadingNoise, cell_noise, placement_levers
 from tulip_testbed.identification.statistics import (
     HIGH_CORRELATION,
@@ -29,7 +30,7 @@ from tulip_testbed.identification.statistics import (
 from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
-from tulip_testbed.sim.measurements.data import feet_in_contact
+from tulip_testbed.sim.measurements.data import base_foot, feet_in_contact
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, joint_names, sole_point
@@ -57,7 +58,7 @@ def described_plan(
     rig, parameters = preset_rig(preset, robot), planned_parameters(robot, plan)
     model = robot.model
     nominal = parameters.values(standard_parameters(model))
-    matrix = regressor_by_mujoco(robot, plan.joint_angles, parameters)
+    matrix = regressor_by_mujoco(robot, plan.joint_angles, parameters, plan.support)
     rows = matrix.reshape(-1, len(nominal))
     noise = reading_noise_of(rig, plan, parameters, nominal)
     covariance = np.linalg.inv(np.tensordot(matrix, noise.weights(matrix), axes=((0, 1), (0, 1))))
@@ -77,24 +78,27 @@ def described_plan(
     }
 
 
-def regressor_by_mujoco(robot: Robot, joint_angles: np.ndarray, parameters: BaseParameters) -> np.ndarray:
+def regressor_by_mujoco(
+    robot: Robot, joint_angles: np.ndarray, parameters: BaseParameters, support: np.ndarray
+) -> np.ndarray:
     """The base regressor by MuJoCo's kinematics, which planning does not use, (m, 2, p) [-].
 
     The CoM is W(q) phi / M with the standard parameters phi, W = [p_l, R_l] a link, and H theta with
-    theta = B phi / M; so W = H B, and H = W B^+.
+    theta = B phi / M; so W = H B, and H = W B^+. Places are from the stance foot's sole point, in the axes of
+    the foot that carries.
     """
     model = robot.model
     data = mujoco.MjData(model)
     joints = [model.joint(name).qposadr[0] for name in joint_names(model)]
     point = sole_point(model, robot.stance_foot)
     stacked = np.empty((len(joint_angles), 2, 4 * (model.nbody - 1)))
-    for k, angles in enumerate(joint_angles):
+    for k, (angles, carrying) in enumerate(zip(joint_angles, base_foot(support), strict=True)):
         data.qpos[:] = model.qpos0
         data.qpos[joints] = angles
         mujoco.mj_kinematics(model, data)
         foot = data.body(robot.stance_foot)
-        base = foot.xmat.reshape(3, 3)
-        places = (data.xpos[1:] - foot.xpos - base @ point) @ base
+        base = data.body(robot.feet[carrying]).xmat.reshape(3, 3)
+        places = (data.xpos[1:] - foot.xpos - foot.xmat.reshape(3, 3) @ point) @ base
         turns = base.T @ data.xmat[1:].reshape(-1, 3, 3)
         stacked[k] = np.concatenate([places[:, None], turns.mT], axis=1)[..., :2].reshape(-1, 2).T
     return stacked @ np.linalg.pinv(parameters.from_standard)
@@ -142,10 +146,10 @@ def reading_noise_of(
     rig: Rig, plan: PosturePlan, parameters: BaseParameters, nominal: np.ndarray
 ) -> ReadingNoise:
     """Noise of the centre of pressure that the rig's sensors promise at planned postures."""
-    com = parameters.regressor(plan.joint_angles) @ nominal
+    com = nominal_robot(rig.robot, parameters.support).center_of_mass(plan.joint_angles, plan.support)
     readings = planned_readings(rig, plan, com)
     sheet = readings.sensors
-    slope = (sheet.encoder_sd or 0.0) * (parameters.slope(plan.joint_angles) @ nominal)
+    slope = (sheet.encoder_sd or 0.0) * (parameters.slope(plan.joint_angles, plan.support) @ nominal)
     own = (sheet.cell_sd or 0.0) ** 2 * cell_noise(readings, com) + slope @ slope.mT
     sd = np.array([*rig.sensors.mark_sd, *rig.sensors.placement_sd])
     return ReadingNoise(own, placement_levers(readings) * sd, plan.placement)
@@ -158,19 +162,23 @@ def margins_of(robot: Robot, plan: PosturePlan) -> dict[str, dict[str, Any]] | N
     a random one's.
     """
     try:
-        problem = planning_problem(robot, nominal_plates(robot)[0])
+        problem = planning_problem(robot, nominal_plates(robot)[0], support=common_support(plan.support))
     except InputError:
         return None
-    both, one = plan.support == "double", plan.support == "right"
+    both = plan.support == "double"
     found = smallest_margins(problem, plan.take(both)) if both.any() else {}
-    return found | (_single_margins(problem, plan.take(one)) if one.any() else {})
+    for support in ("right", "left"):
+        if (one := plan.support == support).any():
+            own = problem if support == "right" else from_other_foot(problem)
+            found |= _single_margins(own, plan.take(one), f"{support} foot")
+    return found
 
 
-def _single_margins(problem: Problem, plan: PosturePlan) -> dict[str, dict[str, Any]]:
+def _single_margins(problem: Problem, plan: PosturePlan, head: str) -> dict[str, dict[str, Any]]:
     least = {}
     for name, margin in single_support_margins(problem, plan.joint_angles, plan.swing_pose).items():
         row = int(margin.values.argmin())
-        least[f"one foot: {name}"] = {
+        least[f"{head}: {name}"] = {
             "value": float(margin.values[row]),
             "unit": margin.unit,
             "posture": int(plan.posture[row]),

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from tulip_testbed.experiments.plan_state import no_state, read_state, state_file, write_state
+from tulip_testbed.experiments.planning_jobs import Job, Show, mixed_job, next_job, trial_job
 from tulip_testbed.experiments.usable_plan import enough
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
@@ -19,20 +18,13 @@ from tulip_testbed.identification.planning.interior_point import SOLVERS, casadi
 from tulip_testbed.identification.planning.interrupted import StateError
 from tulip_testbed.identification.planning.objectives import Objective
 from tulip_testbed.identification.planning.optimal_plan import (
-    initial_state,
     objective_by_name,
-    optimize_plan,
-    plan_from_state,
     with_repeats,
 )
 from tulip_testbed.identification.planning.problem import Problem, planning_problem
-from tulip_testbed.identification.planning.search import HOPS, SearchState, round_count
+from tulip_testbed.identification.planning.search import HOPS, SearchState
 from tulip_testbed.identification.planning.sequential import (
-    initial_next_state,
     measured_information,
-    next_plan_from_state,
-    next_round_count,
-    optimize_next_placements,
 )
 from tulip_testbed.identification.planning.single_support import single_support_plan
 from tulip_testbed.sim.errors import InputError, at_least, at_most, listed, look_up
@@ -41,13 +33,12 @@ from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_measu
 from tulip_testbed.sim.measurements.plan_folder import check_model
 from tulip_testbed.sim.measurements.table_files import MOST_ROWS, read_json
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import Robot, sha256
+from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.robot_check import warn_of_robot
 from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.scene_check import check_scene
 
 SIGMA_MM = 4.16  # the paper's residual per axis (eq. 14)
-Show = Callable[[SearchState], None]
 
 
 @dataclass(frozen=True)
@@ -62,6 +53,7 @@ class PlanSettings:
         single_support: postures on the right foot alone, after the others.
         repeats: postures that come twice: half at once, half placed anew.
         solver: of the last round, one of `SOLVERS`.
+        right, left: postures on the right and on the left foot alone, optimised together with the others.
     """
 
     seed: int = 1
@@ -72,6 +64,14 @@ class PlanSettings:
     single_support: int = 0
     repeats: int = 0
     solver: str = SOLVERS[0]
+    right: int = 0
+    left: int = 0
+
+    @property
+    def on_one_foot(self) -> dict[str, int]:
+        """Numbers of postures on one foot that are optimised together with those on both, none if 0."""
+        counts = {"right": self.right, "left": self.left}
+        return {foot: count for foot, count in counts.items() if count}
 
     @property
     def size(self) -> tuple[int, int, int]:
@@ -101,6 +101,8 @@ class Search:
             seed: of the start; the settings' if None.
         """
         seed, size = self.settings.seed if seed is None else seed, self.settings.size
+        if counts := self.settings.on_one_foot:
+            return mixed_job(self.problem, self.goal, size, counts, seed, self.settings.solver)
         if self.measured is None:
             return trial_job(self.problem, self.goal, size, seed, self.settings.solver)
         return next_job(self.problem, self.goal, size, seed, self.measured)
@@ -131,7 +133,7 @@ def set_up_search(
     """
     for name, least in (
         *(("seed", 0), ("placements", 1), ("postures_per_placement", 1), ("hops", 0)),
-        *(("single_support", 0), ("repeats", 0)),
+        *(("single_support", 0), ("repeats", 0), ("right", 0), ("left", 0)),
     ):
         at_least(name, getattr(settings, name), least)
     placements, per, _ = settings.size
@@ -143,14 +145,25 @@ def set_up_search(
         if measured is not None:
             raise InputError("solver: found ipopt for a plan after measurements, expected slsqp")
         casadi_module()
+    if counts := settings.on_one_foot:
+        _check_mixed(settings, measured)
     check_scene(preset_rig("ideal", robot))
     warn_of_robot(robot)
-    support = "double" if measured is None else common_support(measured.support)
+    rows = np.array(["double", *counts]) if measured is None else measured.support
+    support = common_support(rows)
     problem = planning_problem(robot, nominal_plates(robot)[0], support=support)
     goal = objective_by_name(problem, settings.objective, 1e-3 * SIGMA_MM)
-    taken = 0 if measured is None else len(measured)
+    taken = sum(counts.values()) if measured is None else len(measured)
     enough("placements, postures_per_placement", taken + placements * per, problem.parameters)
     return Search(robot, settings, measured, problem, goal)
+
+
+def _check_mixed(settings: PlanSettings, measured: Measurements | None) -> None:
+    """Refuse settings that do not go with postures on one foot among the others."""
+    if measured is not None:
+        raise InputError("right, left: found postures on one foot after measurements, expected none")
+    if settings.single_support:
+        raise InputError("right, left: found with single_support, expected one of them")
 
 
 def optimal_plan(robot: Robot, settings: PlanSettings, measured: Measurements | None = None) -> PosturePlan:
@@ -164,62 +177,6 @@ def optimal_plan(robot: Robot, settings: PlanSettings, measured: Measurements | 
     """
     search = set_up_search(robot, settings, measured)
     return search.extended(search.job().run(lambda state: None, None))
-
-
-@dataclass(frozen=True)
-class Job:
-    """A search for a plan.
-
-    Attributes:
-        key: what a run that is to be taken up has to share with the interrupted one.
-        rounds: how many it takes.
-        run: from a state, or from the start; calls back after every round.
-        best: the best plan of a state.
-    """
-
-    key: list[Any]
-    rounds: int
-    run: Callable[[Show, SearchState | None], PosturePlan]
-    best: Callable[[SearchState], PosturePlan]
-
-
-def trial_job(
-    problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int, solver: str = SOLVERS[0]
-) -> Job:
-    """A whole plan from a random start.
-
-    Args:
-        size: placements, postures on each, hops.
-        solver: of the polish, one of `SOLVERS`.
-    """
-    placements, per, hops = size
-
-    def run(show: Show, state: SearchState | None) -> PosturePlan:
-        return optimize_plan(problem, goal, placements, per, seed, hops, show, state, solver)
-
-    def best(state: SearchState) -> PosturePlan:
-        drawn, _ = initial_state(problem, goal, placements, per, seed)
-        return plan_from_state(problem, goal, drawn, state, seed, hops, solver)
-
-    return Job([*_key(problem, goal, size, seed), solver], round_count(goal, hops), run, best)
-
-
-def next_job(
-    problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int, measured: Measurements
-) -> Job:
-    """The placements that tell most after what was measured."""
-    placements, per, hops = size
-    taken = measured_information(problem, measured)
-
-    def run(show: Show, state: SearchState | None) -> PosturePlan:
-        return optimize_next_placements(problem, goal, measured, placements, per, seed, hops, show, state)
-
-    def best(state: SearchState) -> PosturePlan:
-        drawn, _ = initial_next_state(problem, goal, taken, placements, per, seed)
-        return next_plan_from_state(problem, goal, drawn, state, measured, seed, hops)
-
-    key = [*_key(problem, goal, size, seed), float(np.trace(taken)), len(measured)]
-    return Job(key, next_round_count(placements, hops), run, best)
 
 
 def carry_out(job: Job, kept: Path, show: Show) -> tuple[PosturePlan, bool]:
@@ -330,10 +287,6 @@ def joined(plans: list[PosturePlan]) -> PosturePlan:
         swing_pose=stacked("swing_pose"),
         torques=None if all(plan.torques is None for plan in plans) else stacked("feed_forward"),
     )
-
-
-def _key(problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int) -> list[Any]:
-    return [goal.name, *size, seed, problem.robot.model_hash, sha256(problem.robot.path)]
 
 
 def _interrupted(out: Path) -> bool:

@@ -6,7 +6,7 @@ force times place: `bears` and `levers` say how much a unit of it adds. A cell b
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,6 +42,11 @@ class ContactReadings:
     zero_sd: np.ndarray | None = None
     below: np.ndarray | None = None
     unknown: np.ndarray | None = None
+
+    def take(self, rows: np.ndarray) -> ContactReadings:
+        """Return the readings of some rows, by a mask or by indices."""
+        below = None if self.below is None else self.below[rows]
+        return replace(self, values=self.values[rows], below=below)
 
 
 def of_cells(measurements: Measurements) -> ContactReadings:

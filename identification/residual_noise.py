@@ -98,10 +98,12 @@ def encoder_by_closure(observed: Observation) -> float | None:
 
 
 def cell_by_twist(observed: Observation) -> float | None:
-    """Estimate the cells' s.d. by the twist of rigid plates [N]; None if there are too few postures.
+    """Estimate the cells' s.d. by the twist of rigid plates [N]; None if there are too few postures, or none.
 
     Zero, gain and drift of a cell are no noise: parts that vary with load, position and time are removed.
     """
+    if not has_twist(observed):
+        return None
     m, left, freedom = len(observed), [], 0
     for side in (0, 1):
         rows = observed.on_four_cells[:, side] & feet_in_contact(observed)[:, side]

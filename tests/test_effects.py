@@ -13,11 +13,13 @@ from hypothesis import strategies as st
 from tests.effect_changes import SEED, UNIT, agreement, changes, statically
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import split_label
+from tulip_testbed.effects.instruments import acts_on
 from tulip_testbed.effects.targets import check_target, leg_links
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import ANCHORED, ROWS, residuals
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import CORNERS
 
 SENSORS = {  # readings alone: the prediction removes the effect up to rounding
@@ -84,6 +86,11 @@ def plain(noiseless, two) -> Measurements:
 @pytest.fixture(scope="module")
 def base(noiseless, few) -> Measurements:
     return statically(noiseless, few)
+
+
+@pytest.fixture(scope="module")
+def in_feet(robot, few) -> Measurements:
+    return statically(preset_rig("foot-ideal", robot), few)
 
 
 def split(text):
@@ -202,8 +209,9 @@ def zero(effect):
 
 
 @pytest.mark.parametrize("name", catalogue())
-def test_no_effect_predicts_nothing(name, robot, base, nominal):
-    effect, observed = catalogue()[name], observe(base, nominal)
+def test_no_effect_predicts_nothing(name, robot, base, in_feet, nominal):
+    effect = catalogue()[name]
+    observed = observe(base if acts_on(effect, None) else in_feet, nominal)
     target = effect.targets.of(robot, tuple(np.unique(base.placement).tolist()))[0]
     same = residuals(effect.predict(observed, target, zero(effect)), nominal.value)
     assert np.abs(same - residuals(observed, nominal.value)).max() < 1e-12
@@ -212,13 +220,18 @@ def test_no_effect_predicts_nothing(name, robot, base, nominal):
 @pytest.mark.parametrize(
     "name", sorted(set(catalogue()) - {"unsettled"})
 )  # no time at all to settle is most of it
-def test_no_effect_changes_nothing_in_the_laboratory(name, noiseless, robot, two, plain):
+def test_no_effect_changes_nothing_in_the_laboratory(name, noiseless, robot, two, plain, few, in_feet):
     effect = catalogue()[name]
     target = effect.targets.of(robot, tuple(np.unique(two.placement).tolist()))[-1]
-    same = statically(effect.inject(noiseless, target, zero(effect)), two)
-    assert plain.posture.tolist() == same.posture.tolist()
-    for field in ("joint_angles", "cell_forces", "plate_poses"):
-        assert getattr(same, field) == pytest.approx(getattr(plain, field), abs=1e-6)
+    if acts_on(effect, None):
+        before, same = plain, statically(effect.inject(noiseless, target, zero(effect)), two)
+        fields = ("joint_angles", "cell_forces", "plate_poses")
+    else:
+        rig = effect.inject(preset_rig("foot-ideal", robot), target, zero(effect))
+        before, same, fields = in_feet, statically(rig, few), ("joint_angles", "wrenches")
+    assert before.posture.tolist() == same.posture.tolist()
+    for field in fields:
+        assert getattr(same, field) == pytest.approx(getattr(before, field), abs=1e-6)
 
 
 def test_a_creeping_robot_stands_in_equilibrium(noiseless, two, nominal):

@@ -15,6 +15,7 @@ from tulip_testbed.experiments.planning_run import as_plan, joined
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.planning.closed_chain import chain_at
 from tulip_testbed.identification.planning.objectives import objectives
+from tulip_testbed.identification.planning.one_foot import open_chain_torques, single_support_margins
 from tulip_testbed.identification.planning.optimal_plan import smallest_margins, with_repeats
 from tulip_testbed.identification.planning.problem import planning_problem
 from tulip_testbed.identification.planning.sequential import (
@@ -22,11 +23,7 @@ from tulip_testbed.identification.planning.sequential import (
     optimize_next_placements,
     search_next,
 )
-from tulip_testbed.identification.planning.single_support import (
-    open_chain_torques,
-    single_support_margins,
-    single_support_plan,
-)
+from tulip_testbed.identification.planning.single_support import single_support_plan
 from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.preflight import preflight
@@ -160,7 +157,7 @@ def test_postures_on_one_foot_keep_their_margins_and_show_26_parameters(robot, o
     assert set(margins) >= {"stability margin", "torques", "swing foot lifted", "cell load"}
     said = described_plan(robot, with_one_foot, "wii")
     assert len(said["predicted_standard_error_mm"]) == 26
-    assert said["margins"]["one foot: stability margin"]["value"] >= 0
+    assert said["margins"]["right foot: stability margin"]["value"] >= 0
     found = measured(robot, with_one_foot)
     assert "right" in set(found.support)
     assert len(identify(found, robot).full.value) == 26
@@ -180,10 +177,10 @@ def test_what_blocks_postures_on_one_foot_is_named(robot, plate, optimal):
 
 
 def test_the_plan_is_described_by_other_code_than_made_it(robot, plan, parameters, with_one_foot):
-    both = regressor_by_mujoco(robot, plan.joint_angles, parameters)
+    both = regressor_by_mujoco(robot, plan.joint_angles, parameters, plan.support)
     np.testing.assert_allclose(both, parameters.regressor(plan.joint_angles), atol=1e-12)
     larger = base_parameters(robot, support="right")
-    mixed = regressor_by_mujoco(robot, with_one_foot.joint_angles, larger)
+    mixed = regressor_by_mujoco(robot, with_one_foot.joint_angles, larger, with_one_foot.support)
     np.testing.assert_allclose(mixed, larger.regressor(with_one_foot.joint_angles), atol=1e-12)
 
 

@@ -297,6 +297,8 @@ def plan(
     repeats: int = 0,
     hops: int = HOPS,
     solver: str = SOLVERS[0],
+    right: int = 0,
+    left: int = 0,
 ) -> PosturePlan:
     """Search for optimal postures (section IV): from a random feasible start, under every constraint.
 
@@ -310,6 +312,7 @@ def plan(
         repeats: postures that come twice.
         hops: exchanges of a placement's postures; a minute for the default.
         solver: of the last round, "slsqp" or "ipopt".
+        right, left: postures on the right and on the left foot alone, optimised together with the others.
 
     Raises:
         InputError: a setting out of range, or too few postures to identify the robot.
@@ -317,7 +320,7 @@ def plan(
     size = (placements, postures_per_placement, hops)
     if after is not None:
         check_contract(after)
-    wanted = PlanSettings(seed, objective, *size, single_support, repeats, solver)
+    wanted = PlanSettings(seed, objective, *size, single_support, repeats, solver, right, left)
     return optimal_plan(robot or load_robot(), wanted, after)
 
 

@@ -1,7 +1,7 @@
 """The posture plans that come with TULip, and plans of one's own.
 
-`plans.random` holds 150 random postures on 30 foot placements, `plans.optimal` 150 optimised ones; both are
-read when they are first asked for.
+`plans.random` holds 150 random postures on 30 foot placements, `plans.optimal` 150 optimised ones, and
+`plans.mixed` 108 on both feet, on the right and on the left one; they are read when they are first asked for.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ from tulip_testbed.sim.measurements import PosturePlan, read_plan, write_plan
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.shipped import PLANS
 
-SHIPPED = ("random", "optimal")
+SHIPPED = ("random", "optimal", "mixed")
 
 random: PosturePlan
 optimal: PosturePlan
+mixed: PosturePlan
 
-__all__ = ["SHIPPED", "optimal", "random", "read", "write"]
+__all__ = ["SHIPPED", "mixed", "optimal", "random", "read", "write"]
 
 
 @checked

@@ -21,24 +21,30 @@ from tulip_testbed.sim.robot import CORNERS, PLATES
 
 
 def _apply(m: Measurements, target: str, values: Values) -> Measurements:
-    return replace(m, joint_angles=m.joint_angles + _error(m.joints, m.cell_forces, target, values))
+    return replace(m, joint_angles=m.joint_angles + _error(m.joints, _down(m), target, values))
 
 
 def _undo(observed: Observation, target: str, values: Values) -> Observation:
-    error = _error(observed.tree.joints, observed.cell_forces, target, values)
+    error = _error(observed.tree.joints, observed.foot_loads[0], target, values)
     return observed.changed(joint_angles=observed.joint_angles - error)
 
 
-def _error(joints: tuple[str, ...], forces: np.ndarray, target: str, values: Values) -> np.ndarray:
+def _down(m: Measurements) -> np.ndarray:
+    """Return the vertical force on both feet as it is read, (m, 2) [N]."""
+    if m.contacts is None or m.wrenches is None:
+        return m.cell_forces.reshape(-1, len(PLATES), len(CORNERS)).sum(axis=2)
+    return m.wrenches[:, :, m.contacts.channels.index("fz")]
+
+
+def _error(joints: tuple[str, ...], down: np.ndarray, target: str, values: Values) -> np.ndarray:
     """Return reading minus angle, (m, n_joints) [rad].
 
     Args:
-        forces: of the cells, (m, 8) [N].
+        down: vertical force on both feet, (m, 2) [N].
         target: the plate under the joint's leg and the joint, `PLATE.JOINT`.
     """
     plate, _, joint = target.partition(".")
-    load = forces.reshape(-1, len(PLATES), len(CORNERS))[:, PLATES.index(plate)].sum(axis=1)
-    return values[0] * np.outer(load, indicator(joints, joint))
+    return values[0] * np.outer(down[:, PLATES.index(plate)], indicator(joints, joint))
 
 
 EFFECT = Effect(

@@ -43,5 +43,5 @@ EFFECT = Effect(
     mechanism=Misreading(_apply, _undo),
     words="The zeros of all cells of the {target} plate drift by {0} each over the experiment.",
     targets=PLATE_NAMES,
-    instrument="plates",
+    instrument="cells",
 )

@@ -130,38 +130,71 @@ def linear_step(
     shared = 6 * count + (np.arange(count) // per)[:, None] * 3 + np.arange(3)
     columns = np.concatenate([own, shared], axis=1)  # (m, 9)
     size = 6 * count + 3 * places
+    at_least, at_most = np.full((2, count, 9), -np.inf)
+    at_most = -at_most
+    r = problem.ranges
+    intervals = np.array([r.torso_roll, r.torso_pitch, r.torso_yaw, r.swing_x, r.swing_y, r.swing_yaw])
+    at_least[:, 3:], at_most[:, 3:] = (intervals.T[:, None] - plan.design[:, 3:]) / SCALE[3:]
+    slopes = found.inequality_jacobian * SCALE
+    room = found.inequalities if missed is None else found.inequalities + missed
+    step, gain = elastic_step(
+        cost, columns, size, found.inequalities, slopes, (at_least, at_most), region, room
+    )
+    return step * SCALE, gain
+
+
+def elastic_step(
+    cost: np.ndarray,
+    columns: np.ndarray,
+    size: int,
+    inequalities: np.ndarray,
+    slopes: np.ndarray,
+    interval: tuple[np.ndarray, np.ndarray],
+    region: np.ndarray,
+    room: np.ndarray,
+) -> tuple[np.ndarray, float]:
+    """Minimise a linear function of scaled variables in a trust region, with penalties for violations.
+
+    Args:
+        cost: derivatives of the objective by each posture's variables, (m, v).
+        columns: which of all variables these are, (m, v); postures may share some.
+        size: number of all variables.
+        inequalities: values at the start, feasible where at least 0, (m, s).
+        slopes: their derivatives, (m, s, v).
+        interval: smallest and largest step of each variable, (m, v) each.
+        region: trust region of each posture, (m,).
+        room: their values for the linear program, (m, s): `inequalities`, or corrected for curvature.
+
+    Returns:
+        The step, (m, v), and the predicted reduction of the objective with its penalties; no step and 0 if
+        the program fails.
+    """
+    count, width = columns.shape
     objective = np.zeros(size + count)
     np.add.at(objective, columns, cost)
     objective[size:] = PENALTY  # of each posture's elastic variable
-
-    slopes = found.inequality_jacobian * SCALE
-    reachable = found.inequalities < region[:, None] * np.abs(slopes).sum(axis=2) + 1e-3
+    reachable = inequalities < region[:, None] * np.abs(slopes).sum(axis=2) + 1e-3
     row, column = np.nonzero(reachable)
     rows = np.arange(len(row))
     matrix = scipy.sparse.coo_array(
         (
             np.concatenate([-slopes[row, column].ravel(), -np.ones(len(row))]),
             (
-                np.concatenate([np.repeat(rows, 9), rows]),
+                np.concatenate([np.repeat(rows, width), rows]),
                 np.concatenate([columns[row].ravel(), size + row]),
             ),
         ),
         shape=(len(row), size + count),
     )
-    r = problem.ranges
-    low, high = np.full((2, count, 9), -np.inf)
-    high = -high
-    intervals = np.array([r.torso_roll, r.torso_pitch, r.torso_yaw, r.swing_x, r.swing_y, r.swing_yaw])
-    low[:, 3:], high[:, 3:] = (intervals.T[:, None] - plan.design[:, 3:]) / SCALE[3:]
+    low, high = interval
     low, high = np.clip(low, -region[:, None], 0.0), np.clip(high, 0.0, region[:, None])
     bounds = np.zeros((size + count, 2))
     bounds[columns, 0], bounds[columns, 1] = low, high
     bounds[size:, 1] = np.inf
-    room = found.inequalities if missed is None else found.inequalities + missed
     result = scipy.optimize.linprog(
         objective, A_ub=matrix, b_ub=room[row, column], bounds=bounds, method="highs"
     )
     if result.x is None:
-        return np.zeros_like(plan.design), 0.0
-    lack = np.maximum(-found.inequalities.min(axis=1), 0.0)
-    return result.x[columns] * SCALE, float(PENALTY * lack.sum() - result.fun)
+        return np.zeros(columns.shape), 0.0
+    lack = np.maximum(-inequalities.min(axis=1), 0.0)
+    return result.x[columns], float(PENALTY * lack.sum() - result.fun)

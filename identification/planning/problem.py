@@ -48,6 +48,7 @@ class Problem:
         legs: frames at hip and ankle, and their distance with a straight knee [m].
         pairs: pairs of links that must keep a distance.
         nominal: nominal base parameters, (p,) [m].
+        side: +1 if the swing foot is the left one, -1 if it is the right one.
     """
 
     robot: Robot
@@ -72,6 +73,7 @@ class Problem:
     legs: tuple[Limb, ...]
     pairs: LinkPairs
     nominal: np.ndarray
+    side: float = 1.0
 
     @property
     def weight(self) -> float:

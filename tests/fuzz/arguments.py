@@ -42,6 +42,7 @@ SEEDS = tuple((line, "--seed") for line in (SIMULATE, MONTECARLO, RANDOM, SEARCH
 SIZES = (
     *((MONTECARLO, "--runs"), (RANDOM, "--placements"), (RANDOM, "--per-placement"), (SEARCH, "--repeats")),
     *((SEARCH, "--placements"), (SEARCH, "--postures-per-placement"), (SEARCH, "--single-support")),
+    *((SEARCH, "--right"), (SEARCH, "--left")),
 )
 WORKERS = tuple((line, "--workers") for line in (SIMULATE, MONTECARLO, VALIDATE, DISCOVER))
 CHOICES = (

@@ -29,6 +29,12 @@ def plan_command(
     single_support: Annotated[
         int, tyro.conf.arg(metavar="N", help="postures on the right foot alone, after the others")
     ] = 0,
+    right: Annotated[
+        int, tyro.conf.arg(metavar="N", help="postures on the right foot, optimised together with the others")
+    ] = 0,
+    left: Annotated[
+        int, tyro.conf.arg(metavar="N", help="postures on the left foot, optimised together with the others")
+    ] = 0,
     repeats: Annotated[
         int, tyro.conf.arg(metavar="N", help="postures that come twice: half at once, half placed anew")
     ] = 0,
@@ -63,10 +69,12 @@ def plan_command(
     check_out(out)
     if table1 and after is not None:
         raise InputError("--after: found with --table1, expected one of them")
+    if table1 and (right or left):
+        raise InputError("--right, --left: found with --table1, expected one of them")
     own = described_robot(robot)
     measured = None if after is None else measured_for(own, after, base_parameters(own).tree.joints)
     size = (placements, postures_per_placement, hops)
-    settings = PlanSettings(seed, objective, *size, single_support, repeats, solver)
+    settings = PlanSettings(seed, objective, *size, single_support, repeats, solver, right, left)
     search = set_up_search(own, settings, measured, CHOSEN if table1 else 1)
     if table1:
         return table1_trials(search, out, preset, as_json)

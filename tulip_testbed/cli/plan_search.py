@@ -10,7 +10,8 @@ import numpy as np
 from tulip_testbed.cli.terminal import best_so_far, print_json, say, show
 from tulip_testbed.experiments.plan_description import described_plan, trial_table
 from tulip_testbed.experiments.plan_state import read_state
-from tulip_testbed.experiments.planning_run import Job, Search, carry_out
+from tulip_testbed.experiments.planning_jobs import Job
+from tulip_testbed.experiments.planning_run import Search, carry_out
 from tulip_testbed.experiments.written_plan import (
     CHOSEN,
     TABLE1,

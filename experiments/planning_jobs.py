@@ -1,0 +1,126 @@
+"""The searches for plans as jobs that can be carried out from any of their states."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from tulip_testbed.identification.planning.interior_point import SOLVERS
+from tulip_testbed.identification.planning.mixed_plan import (
+    MixedStart,
+    mixed_plan_from_state,
+    mixed_start,
+    optimize_mixed_plan,
+)
+from tulip_testbed.identification.planning.objectives import Objective
+from tulip_testbed.identification.planning.optimal_plan import (
+    initial_state,
+    optimize_plan,
+    plan_from_state,
+)
+from tulip_testbed.identification.planning.problem import Problem
+from tulip_testbed.identification.planning.search import SearchState, round_count
+from tulip_testbed.identification.planning.sequential import (
+    initial_next_state,
+    measured_information,
+    next_plan_from_state,
+    next_round_count,
+    optimize_next_placements,
+)
+from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.robot import sha256
+
+Show = Callable[[SearchState], None]
+
+
+@dataclass(frozen=True)
+class Job:
+    """A search for a plan.
+
+    Attributes:
+        key: what a run that is to be taken up has to share with the interrupted one.
+        rounds: how many it takes.
+        run: from a state, or from the start; calls back after every round.
+        best: the best plan of a state.
+    """
+
+    key: list[Any]
+    rounds: int
+    run: Callable[[Show, SearchState | None], PosturePlan]
+    best: Callable[[SearchState], PosturePlan]
+
+
+def trial_job(
+    problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int, solver: str = SOLVERS[0]
+) -> Job:
+    """A whole plan from a random start.
+
+    Args:
+        size: placements, postures on each, hops.
+        solver: of the polish, one of `SOLVERS`.
+    """
+    placements, per, hops = size
+
+    def run(show: Show, state: SearchState | None) -> PosturePlan:
+        return optimize_plan(problem, goal, placements, per, seed, hops, show, state, solver)
+
+    def best(state: SearchState) -> PosturePlan:
+        drawn, _ = initial_state(problem, goal, placements, per, seed)
+        return plan_from_state(problem, goal, drawn, state, seed, hops, solver)
+
+    return Job([*_key(problem, goal, size, seed), solver], round_count(goal, hops), run, best)
+
+
+def mixed_job(
+    problem: Problem,
+    goal: Objective,
+    size: tuple[int, int, int],
+    counts: dict[str, int],
+    seed: int,
+    solver: str = SOLVERS[0],
+) -> Job:
+    """A plan on both feet and on one from a random start; arguments as `trial_job`.
+
+    Args:
+        counts: number of postures on the "right" and on the "left" foot.
+    """
+    placements, per, hops = size
+
+    @cache
+    def start() -> MixedStart:
+        return mixed_start(problem, goal, placements, per, counts, seed)
+
+    def run(show: Show, state: SearchState | None) -> PosturePlan:
+        return optimize_mixed_plan(problem, goal, start(), seed, hops, show, state, solver)
+
+    def best(state: SearchState) -> PosturePlan:
+        return mixed_plan_from_state(problem, goal, replace(start(), state=state), seed, hops, solver)
+
+    key = [*_key(problem, goal, size, seed), solver, *(f"{n} {foot}" for foot, n in counts.items())]
+    return Job(key, round_count(goal, hops), run, best)
+
+
+def next_job(
+    problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int, measured: Measurements
+) -> Job:
+    """The placements that tell most after what was measured."""
+    placements, per, hops = size
+    taken = measured_information(problem, measured)
+
+    def run(show: Show, state: SearchState | None) -> PosturePlan:
+        return optimize_next_placements(problem, goal, measured, placements, per, seed, hops, show, state)
+
+    def best(state: SearchState) -> PosturePlan:
+        drawn, _ = initial_next_state(problem, goal, taken, placements, per, seed)
+        return next_plan_from_state(problem, goal, drawn, state, measured, seed, hops)
+
+    key = [*_key(problem, goal, size, seed), float(np.trace(taken)), len(measured)]
+    return Job(key, next_round_count(placements, hops), run, best)
+
+
+def _key(problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int) -> list[Any]:
+    return [goal.name, *size, seed, problem.robot.model_hash, sha256(problem.robot.path)]

@@ -1,0 +1,299 @@
+"""All constraints on a posture on one foot, with derivatives by the joint angles.
+
+They are written for the foot that the problem calls the stance foot. Standing on the left foot is standing
+on the stance foot of the robot with its feet exchanged (`from_other_foot`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from tulip_testbed.identification.feasibility import place_polygon, predicted_cell_loads, support_polygon
+from tulip_testbed.identification.kinematics import roll_pitch_yaw
+from tulip_testbed.identification.planning.closed_chain import (
+    Chain,
+    chain_at,
+    com_jacobian,
+    cross,
+    point_jacobian,
+    torso_turn,
+)
+from tulip_testbed.identification.planning.collisions import link_room
+from tulip_testbed.identification.planning.constraints import ANGLE, FORCE, LENGTH, TORQUE
+from tulip_testbed.identification.planning.legs import holding_torques, leg_stretch, limb_distances
+from tulip_testbed.identification.planning.problem import Problem, planning_problem
+from tulip_testbed.sim.measurements import lay_boards
+from tulip_testbed.sim.robot import Robot
+
+LEAST_SD = 1e-9  # m, of the CoM, so that its slope is finite
+Part = tuple[np.ndarray, Callable[[], np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A kind of quantity: the size that is one in the optimisation, and its readable unit with its size."""
+
+    scale: float
+    unit: str
+    size: float
+
+
+DISTANCE, TURN = Quantity(LENGTH, "mm", 1e3), Quantity(ANGLE, "deg", float(np.rad2deg(1)))
+LOAD, SHARE = Quantity(FORCE, "N", 1.0), Quantity(TORQUE, "% of limit", 100.0)
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """One constraint on m postures, k values each.
+
+    Attributes:
+        values: feasible where at least 0, (m, k) [m, rad, N, or share of the limit].
+        slopes: computes their derivatives by the joint angles, (m, k, n).
+        quantity: what they are.
+    """
+
+    values: np.ndarray
+    slopes: Callable[[], np.ndarray]
+    quantity: Quantity
+
+
+@dataclass(frozen=True)
+class Margin:
+    """Margin of one constraint by posture, (m,), in a readable unit; feasible where at least 0."""
+
+    values: np.ndarray
+    unit: str
+
+
+@dataclass(frozen=True)
+class OneFoot:
+    """Evaluated postures on one foot; m postures, s inequalities, p base parameters.
+
+    Attributes:
+        chain: joint angles and kinematics.
+        inequalities: constraint values, feasible where at least 0, (m, s).
+        inequality_jacobian: their derivatives by the joint angles, (m, s, n).
+        regressor, regressor_slopes: R_b in the carrying foot's frame, (m, 2, p), and its derivative by the
+            joint angles, (m, 2, n, p).
+    """
+
+    chain: Chain
+    inequalities: np.ndarray
+    inequality_jacobian: np.ndarray
+    regressor: np.ndarray
+    regressor_slopes: np.ndarray
+
+
+def from_other_foot(problem: Problem) -> Problem:
+    """Return the problem of standing on the swing foot, which becomes the stance foot.
+
+    The base parameters remain those of the given problem; their regressor becomes that of the centre of mass
+    in the other foot's frame, since the rotations of all frames are then taken relative to that foot.
+    """
+    robot, ranges = problem.robot, problem.ranges
+    there = planning_problem(
+        with_feet_exchanged(robot),
+        problem.plate,
+        replace(
+            ranges,
+            swing_y=(-ranges.swing_y[1], -ranges.swing_y[0]),
+            swing_yaw=(-ranges.swing_yaw[1], -ranges.swing_yaw[0]),
+        ),
+        problem.margins,
+        support="right",
+    )
+    return replace(
+        there,
+        parameters=replace(problem.parameters, base=there.parameters.base),
+        parameter_covariance=problem.parameter_covariance,
+        nominal=problem.nominal,
+        side=-problem.side,
+    )
+
+
+@lru_cache(maxsize=8)
+def with_feet_exchanged(robot: Robot) -> Robot:
+    """Return the robot with its swing foot as stance foot."""
+    return replace(robot, stance_foot=robot.swing_foot, swing_foot=robot.stance_foot)
+
+
+def one_foot_constraints(problem: Problem, chain: Chain, swing: np.ndarray) -> dict[str, Constraint]:
+    """Compute the constraints on postures on the stance foot.
+
+    Args:
+        problem: the robot and its constraints.
+        chain: the postures.
+        swing: last pose of the standing swing foot, under which its board lies, (m, 3) [m, m, rad].
+    """
+    angles, ranges, margins = chain.angles, problem.ranges, problem.margins
+    low, high = problem.limits.T
+    limited = np.isfinite(problem.torques)
+    limits = np.where(limited, problem.torques, np.inf)
+    torque = open_chain_torques(problem, chain)
+    spare = np.stack([margins.torque_share - torque / limits[:, k] for k in range(2)], axis=2)
+    height, side = _lifted(problem, chain)
+    least_side = min(problem.side * y for y in ranges.swing_y)
+    limb, limb_slope = limb_distances(problem, chain)
+    room, room_slope = leg_stretch(problem, chain)
+    link, link_slope = link_room(problem, chain, np.ones(len(angles), bool))
+    apart, inward = _edge_distances(problem.soles[0], chain.com[:, :2])
+    sd, sd_slope = _uncertainty(problem, angles, inward)
+
+    def plan_view() -> np.ndarray:
+        return com_jacobian(problem, chain)[:, :2]
+
+    def stops() -> np.ndarray:
+        one = np.eye(angles.shape[1])
+        return np.broadcast_to(np.concatenate([one, -one]), (len(angles), 2 * len(one), len(one)))
+
+    def torques() -> np.ndarray:
+        slope = holding_torques(problem, chain, np.zeros((len(angles), 6)))[1]
+        both = np.stack([-slope / limits[:, k, None] for k in range(2)], axis=2)
+        return both.reshape(len(angles), -1, len(low))
+
+    torso, torso_slope = _torso_room(problem, chain)
+    cells = _cell_loads(problem, chain.com, swing)
+    found = {
+        "joint limits": (np.concatenate([angles - low, high - angles], axis=1) - margins.joint, stops, TURN),
+        "torso range": (torso, torso_slope, TURN),
+        "least height": (
+            chain.positions[:, problem.torso, 2:] - ranges.least_height,
+            lambda: point_jacobian(problem, chain, problem.torso)[:, 2:],
+            DISTANCE,
+        ),
+        "stability margin": (
+            apart - margins.assurance * sd - ranges.stability_margin,
+            lambda: inward @ plan_view() - margins.assurance * sd_slope(),
+            DISTANCE,
+        ),
+        "sole margin": (apart - ranges.sole_margin, lambda: inward @ plan_view(), DISTANCE),
+        "cell load": (
+            cells - ranges.least_cell_load,
+            lambda: _cell_slope(problem, cells, chain.com, swing) @ plan_view(),
+            LOAD,
+        ),
+        "torques": (spare.reshape(len(angles), -1), torques, SHARE),
+        "leg clearance": (limb - margins.leg_clearance, lambda: limb_slope, DISTANCE),
+        "straight leg": (
+            room - np.array([margins.stretch * leg[2] for leg in problem.legs]),
+            lambda: room_slope,
+            DISTANCE,
+        ),
+        "link clearance": (link, lambda: link_slope, DISTANCE),
+        "swing foot lifted": (height[0] - margins.lifted, height[1], DISTANCE),
+        "swing foot to its side": (side[0] - least_side, side[1], DISTANCE),
+    }
+    return {name: Constraint(*parts) for name, parts in found.items() if parts[0].shape[1]}
+
+
+def single_support_margins(problem: Problem, angles: np.ndarray, swing: np.ndarray) -> dict[str, Margin]:
+    """Compute the margins by constraint for postures on the stance foot.
+
+    Args:
+        problem: the robot and its constraints.
+        angles: joint angles, (m, n) [rad].
+        swing: last pose of the standing swing foot, under which its board lies, (m, 3) [m, m, rad].
+    """
+    margins = {}
+    for name, found in one_foot_constraints(problem, chain_at(problem, angles), swing).items():
+        least = found.quantity.size * found.values.min(axis=1)
+        margins[name] = Margin(least, found.quantity.unit)
+    return margins
+
+
+def evaluate_one_foot(problem: Problem, angles: np.ndarray, swing: np.ndarray) -> OneFoot:
+    """Evaluate postures on the stance foot with all derivatives; arguments as `single_support_margins`."""
+    chain = chain_at(problem, angles)
+    found = one_foot_constraints(problem, chain, swing).values()
+    values = np.concatenate([each.values / each.quantity.scale for each in found], axis=1)
+    return OneFoot(
+        chain=chain,
+        inequalities=values - problem.margins.rounding,
+        inequality_jacobian=np.concatenate([each.slopes() / each.quantity.scale for each in found], axis=1),
+        regressor=problem.parameters.regressor(angles),
+        regressor_slopes=problem.parameters.slope(angles),
+    )
+
+
+def open_chain_torques(problem: Problem, chain: Chain) -> np.ndarray:
+    """Compute the drive torques that hold the robot on its stance foot, (m, n) [N m].
+
+    A drive carries the moment of the weight beyond it about its axis: tau = -a . (r x m g).
+    """
+    load = -problem.gravity * (chain.moment - chain.beyond[:, None] * chain.pivots)
+    return chain.axes[..., 1] * load[..., 0] - chain.axes[..., 0] * load[..., 1]
+
+
+def _torso_room(problem: Problem, chain: Chain) -> Part:
+    """Return the margins of the torso's orientation to its ranges, (m, 6) [rad], and their slopes."""
+    angles, ranges = roll_pitch_yaw(chain.rotations[:, problem.torso]), problem.ranges
+    low, high = np.array([ranges.torso_roll, ranges.torso_pitch, ranges.torso_yaw]).T
+
+    def slopes() -> np.ndarray:
+        turning = chain.axes.mT * problem.moved[:, problem.torso]
+        rate = np.linalg.solve(torso_turn(angles)[1], turning)
+        return np.concatenate([rate, -rate], axis=1)
+
+    return np.concatenate([angles - low, high - angles], axis=1), slopes
+
+
+def _lifted(problem: Problem, chain: Chain) -> tuple[Part, Part]:
+    """Return the height of the swing sole's corners, (m, 4), and its place to its own side, (m, 1) [m]."""
+    foot, place = chain.rotations[:, problem.swing], chain.positions[:, problem.swing]
+    corners = np.column_stack([problem.soles[1], np.full(len(problem.soles[1]), problem.points[1][2])])
+    height = place[:, 2, None] + np.einsum("mb,cb->mc", foot[:, 2], corners)
+    side = place[:, 1] + foot[:, 1] @ problem.points[1]
+
+    def speed(points: np.ndarray) -> np.ndarray:
+        arm = place[:, None] + points @ foot.mT
+        moved = problem.moved[:, problem.swing, None]
+        return cross(chain.axes[:, None], arm[:, :, None] - chain.pivots[:, None]) * moved
+
+    return (
+        (height, lambda: speed(corners)[..., 2]),
+        (problem.side * side[:, None], lambda: problem.side * speed(problem.points[1:])[..., 1]),
+    )
+
+
+def _uncertainty(problem: Problem, angles: np.ndarray, inward: np.ndarray) -> Part:
+    """Return the s.d. of the nominal CoM across every edge of the stance sole, (m, 4) [m], and its slopes."""
+    spread = problem.parameter_covariance
+    across = np.einsum("ek,mkp->mep", inward, problem.parameters.regressor(angles))
+    sd = np.sqrt(np.einsum("mep,pq,meq->me", across, spread, across))
+
+    def slopes() -> np.ndarray:
+        turned = np.einsum("ek,mknp->menp", inward, problem.parameters.slope(angles))
+        rate = np.einsum("menp,mep->men", turned, across @ spread)
+        return rate / np.maximum(sd, LEAST_SD)[..., None]
+
+    return sd, slopes
+
+
+def _edge_distances(sole: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return distances of points (m, 2) inside a sole's edges, (m, 4) [m], and inner normals, (4, 2)."""
+    polygon = support_polygon(sole)
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    normal = np.column_stack([-edge[:, 1], edge[:, 0]]) / np.linalg.norm(edge, axis=1)[:, None]
+    return ((points[:, None] - polygon) * normal).sum(axis=2), normal
+
+
+def _cell_loads(problem: Problem, com: np.ndarray, swing: np.ndarray) -> np.ndarray:
+    """Return the cell loads of the stance foot's plate, (m, 4) [N]."""
+    loads, order = [], slice(None, None, 1 if problem.side > 0 else -1)  # boards: the right one first
+    share = np.array([1.0, 0.0])
+    for point, pose in zip(com[:, :2], swing, strict=True):
+        soles = np.array([problem.soles[0], place_polygon(problem.soles[1], pose)])
+        boards = lay_boards(soles[order], problem.plate.size, problem.ranges.plate_gap)[order]
+        cop = np.array([point, boards[1, :2]])
+        loads.append(predicted_cell_loads(share, cop, boards, problem.plate, problem.weight)[:4])
+    return np.array(loads)
+
+
+def _cell_slope(problem: Problem, loads: np.ndarray, com: np.ndarray, swing: np.ndarray) -> np.ndarray:
+    """Differentiate the cell loads by the CoM's x and y, of which they are linear functions, (m, 4, 2)."""
+    steps = np.eye(3)[:2]
+    return np.stack([_cell_loads(problem, com + step, swing) - loads for step in steps], axis=2)

@@ -1,0 +1,225 @@
+"""Plans of mixed support: what every row keeps, by independent routes, and what the search gains."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import mujoco
+import numpy as np
+import pytest
+
+from studies.improve.single_support import holding_torques
+from studies.study_mixed import ratios
+from tests.test_cli import refused
+from tests.test_link_clearances import Collisions
+from tulip_testbed import plans
+from tulip_testbed.experiments.plan_description import described_plan, regressor_by_mujoco
+from tulip_testbed.identification.base_parameters import base_parameters, common_support
+from tulip_testbed.identification.planning.closed_chain import chain_at
+from tulip_testbed.identification.planning.mixed_plan import (
+    board_pose,
+    from_pools,
+    mixed_start,
+    optimize_mixed_plan,
+    random_pools,
+)
+from tulip_testbed.identification.planning.objectives import objectives
+from tulip_testbed.identification.planning.one_foot import (
+    evaluate_one_foot,
+    from_other_foot,
+    one_foot_constraints,
+    single_support_margins,
+    with_feet_exchanged,
+)
+from tulip_testbed.identification.planning.problem import planning_problem
+from tulip_testbed.identification.planning.single_support import feasible_pool
+from tulip_testbed.identification.planning_ranges import planning_ranges
+from tulip_testbed.sim.control import torque_limits
+from tulip_testbed.sim.measurements import read_plan, write_plan
+from tulip_testbed.sim.robot import joint_names, sole_corners, sole_point
+
+SEED = 331
+COUNTS = {"right": 4, "left": 4}
+PER, PLACEMENTS = 3, 3
+# The joints of a hip lie at one place, so that these links are neighbours and may touch.
+HIPS = [{"torso", f"{side}_hip_yaw", f"{side}_hip", f"{side}_upper_leg"} for side in ("right", "left")]
+
+
+@pytest.fixture(scope="module")
+def problem(robot, plate):
+    return planning_problem(robot, plate, support="mixed")
+
+
+@pytest.fixture(scope="module")
+def other(problem):
+    return from_other_foot(problem)
+
+
+@pytest.fixture(scope="module")
+def goal(problem):
+    return objectives(problem.nominal, 4.16e-3)["d-optimal"]
+
+
+@pytest.fixture(scope="module")
+def start(problem, goal):
+    return mixed_start(problem, goal, PLACEMENTS, PER, COUNTS, SEED)
+
+
+@pytest.fixture(scope="module")
+def states():
+    return []
+
+
+@pytest.fixture(scope="module")
+def mixed(problem, goal, start, states):
+    """Nine postures on both feet and four on each foot."""
+    return optimize_mixed_plan(problem, goal, start, SEED, hops=0, progress=states.append)
+
+
+@pytest.fixture(scope="module")
+def on_one_foot(problem, other):
+    """A few random feasible postures on each foot, with what they stand on."""
+    found = []
+    for own in (problem, other):
+        swing = board_pose(own)
+        angles = feasible_pool(own, swing, 2, np.random.default_rng(SEED), 2)
+        found.append((own, angles, np.tile(swing, (len(angles), 1))))
+    return found
+
+
+def mirrored(robot, angles):
+    """The mirror image of postures: legs exchanged, turns about x and z reversed."""
+    names = joint_names(robot.model)
+    other = {"right": "left", "left": "right"}
+    places = [names.index(name.replace(side := name.split("_")[0], other[side], 1)) for name in names]
+    signs = [1.0 if robot.model.joint(name).axis[1] else -1.0 for name in names]
+    return angles[:, places] * signs
+
+
+def criterion(problem, plan):
+    rows = problem.parameters.regressor(plan.joint_angles, plan.support).reshape(-1, len(problem.nominal))
+    return objectives(problem.nominal, 4.16e-3)["d-optimal"].value(rows.T @ rows)
+
+
+def test_derivatives_on_either_foot_are_central_differences(on_one_foot):
+    step = 1e-6
+    for own, angles, swing in on_one_foot:
+        found = evaluate_one_foot(own, angles, swing)
+        for joint, unit in enumerate(np.eye(angles.shape[1])):
+            ahead, back = (evaluate_one_foot(own, angles + s * step * unit, swing) for s in (1, -1))
+            slope = (ahead.regressor - back.regressor) / (2 * step)
+            np.testing.assert_allclose(found.regressor_slopes[:, :, joint], slope, atol=1e-7)
+            slope = (ahead.inequalities - back.inequalities) / (2 * step)
+            np.testing.assert_allclose(found.inequality_jacobian[..., joint], slope, atol=5e-3)
+
+
+def test_the_left_foot_is_the_mirror_image_of_the_right_one(robot, problem, other, on_one_foot):
+    _, angles, swing = on_one_foot[0]
+    here = one_foot_constraints(problem, chain_at(problem, angles), swing)
+    image = chain_at(other, mirrored(robot, angles))
+    there = one_foot_constraints(other, image, swing * [1, -1, -1])
+    assert list(here) == list(there)
+    for name, constraint in here.items():
+        least = [each.values.min(axis=1) for each in (constraint, there[name])]
+        np.testing.assert_allclose(least[0], least[1], atol=1e-6, err_msg=name)
+    assert board_pose(other).tolist() == (board_pose(problem) * [1, -1, 1]).tolist()
+
+
+def test_rows_on_either_foot_stand_by_mujoco(robot, mixed):
+    """CoM over the carrying sole, other foot and links off the ground, drives within their limits."""
+    model, ranges = robot.model, planning_ranges(robot)
+    data, low_high = mujoco.MjData(model), np.array([model.joint(name).range for name in mixed.joints])
+    qpos = [model.joint(name).qposadr[0] for name in mixed.joints]
+    for support, own in (("right", robot), ("left", with_feet_exchanged(robot))):
+        rows = np.flatnonzero(mixed.support == support)
+        assert len(rows) == COUNTS[support]
+        sole = sole_corners(model, own.stance_foot)[:, :2]
+        collisions, limits = Collisions(own), torque_limits(robot)
+        for row in rows:
+            angles = mixed.joint_angles[row]
+            data.qpos[:] = model.qpos0
+            data.qpos[qpos] = angles
+            mujoco.mj_fwdPosition(model, data)
+            foot, lifted = (data.body(name) for name in own.feet)
+            base, point = foot.xmat.reshape(3, 3), sole_point(model, own.stance_foot)
+            com = (data.subtree_com[1] - foot.xpos) @ base - point
+            room = np.minimum(com[:2] - sole.min(axis=0), sole.max(axis=0) - com[:2])
+            assert room.min() > ranges.stability_margin
+            corners = sole_corners(model, own.swing_foot) @ lifted.xmat.reshape(3, 3).T + lifted.xpos
+            assert ((corners - foot.xpos) @ base - point)[:, 2].min() > 0.0199
+            assert (angles > low_high[:, 0]).all()
+            assert (angles < low_high[:, 1]).all()
+            depths = collisions.at(angles)
+            assert not {pair for pair in depths if not any(pair <= hip for hip in HIPS)}
+            expected = holding_torques(own, model, angles, com[:2])
+            np.testing.assert_allclose(mixed.feed_forward[row], expected, atol=1e-9)
+            assert (np.abs(expected) < 0.851 * limits).all()
+
+
+def test_margins_hold_in_every_row(problem, other, mixed, robot):
+    for support, own in (("right", problem), ("left", other)):
+        one = mixed.take(mixed.support == support)
+        margins = single_support_margins(own, one.joint_angles, one.swing_pose)
+        assert min(margin.values.min() for margin in margins.values()) >= 0
+    said = described_plan(robot, mixed, "wii")["margins"]
+    assert min(margin["value"] for margin in said.values()) > -1e-6
+    assert {"left foot: stability margin", "right foot: torques", "sole margin"} <= set(said)
+
+
+def test_every_posture_on_one_foot_is_put_down_by_itself(mixed, robot, tmp_path):
+    for number in np.unique(mixed.placement):
+        part = mixed.take(mixed.placement == number)
+        assert set(part.support.tolist()) == {"double"} or len(part) == 1
+    assert len(np.unique(mixed.posture)) == len(mixed) == PLACEMENTS * PER + sum(COUNTS.values())
+    write_plan(tmp_path / "plan", mixed)
+    again = read_plan(tmp_path / "plan", robot)
+    np.testing.assert_array_equal(again.joint_angles, mixed.joint_angles)
+
+
+def test_the_search_beats_the_best_of_a_random_pool(problem, goal, mixed):
+    """With the same numbers and the same postures on both feet, and a pool twice as large as the start's."""
+    pools = random_pools(problem, COUNTS, SEED + 1, 6)
+    both = problem.parameters.regressor(mixed.joint_angles[mixed.support == "double"])
+    chosen = from_pools(pools, COUNTS, np.einsum("mip,miq->pq", both, both), goal.smooth[-1])
+    angles = mixed.joint_angles.copy()
+    for one in chosen:
+        angles[mixed.support == one.support] = one.angles
+    pool = criterion(problem, dataclasses.replace(mixed, joint_angles=angles))
+    found = criterion(problem, mixed)
+    assert found < pool - 0.3  # of twice the logarithm of a standard error: 14 % less
+    assert found == pytest.approx(mixed.made["final_objective"], rel=1e-9)
+    assert found < mixed.made["initial_objective"] - 0.5
+
+
+def test_a_search_is_taken_up_in_the_same_bits(problem, goal, start, states, mixed):
+    again = optimize_mixed_plan(problem, goal, start, SEED, hops=0, state=states[0])
+    assert again.joint_angles.tobytes() == mixed.joint_angles.tobytes()
+
+
+def test_the_description_is_by_other_code(robot, mixed):
+    parameters = base_parameters(robot, support=common_support(mixed.support))
+    assert len(parameters.names) == 27
+    found = regressor_by_mujoco(robot, mixed.joint_angles, parameters, mixed.support)
+    np.testing.assert_allclose(found, parameters.regressor(mixed.joint_angles, mixed.support), atol=1e-12)
+
+
+def test_the_shipped_plan_promises_a_third_of_the_papers_errors(robot):
+    plan = plans.mixed
+    counts = {support: int((plan.support == support).sum()) for support in ("double", "right", "left")}
+    assert counts == {"double": 20, "right": 44, "left": 44}
+    said = described_plan(robot, plan, "wii")
+    names = base_parameters(robot, support="mixed").names
+    share = ratios(np.array(said["predicted_standard_error_mm"]), names)
+    assert np.median(share) < 0.2
+    assert share.max() < 0.8
+    assert min(margin["value"] for margin in said["margins"].values()) > -1e-6
+    np.testing.assert_allclose(
+        plan.made["described"]["predicted_standard_error_mm"], said["predicted_standard_error_mm"], rtol=1e-6
+    )
+
+
+def test_options_that_do_not_go_together(capsys, tmp_path):
+    new = ("plan", "--out", tmp_path / "new", "--right", 3, "--left", 3)
+    assert "--right, --left: found with --table1" in refused(capsys, *new, "--table1")
+    assert "--right, --left: found with single_support" in refused(capsys, *new, "--single-support", 4)
+    assert "--left: found -1" in refused(capsys, "plan", "--out", tmp_path / "new", "--left", -1)
