@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
 
 from tulip_testbed.experiments.posture_splits import Split, by_blocks, by_halves, clusters, stated
+from tulip_testbed.experiments.prediction_problem import SMALLEST, Problem, problem_of
 from tulip_testbed.identification.base_parameters import (
-    BaseParameters,
     common_support,
-    standard_parameters,
 )
-from tulip_testbed.identification.contact_pressure import contact_pressure
 from tulip_testbed.identification.distributions import t_ppf
 from tulip_testbed.identification.estimators import estimate_by
 from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD
-from tulip_testbed.identification.nominal import Nominal, nominal_robot
-from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.regressor import check_robot, regression
-from tulip_testbed.identification.residual_channels import carried
 from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements
@@ -36,7 +32,6 @@ LEAST_BLOCKS = 3  # that an interval needs
 RESAMPLES, SEED = 2000, 0
 STARTS = (0.1, 1.0)  # of the prior's scale
 HARMLESS = 1e-5  # m: residuals that leave nothing to beat
-SMALLEST = 1e-6  # m: s.d. that count as none
 WIDE = 0.1  # m: what a zero of which nothing is known may move the centre of pressure by
 RANK = 1e-9  # of the largest singular value
 
@@ -134,30 +129,6 @@ class Prediction(Shown):
         ]
 
 
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """What the models have to explain.
-
-    Attributes:
-        matrix: H, (m, 2, p). residual: of CAD, (m, 2) [m].
-        spread: root of the prior's covariance of the base parameters, (p, k) [m].
-        zeros: change of the residual by sensors' zeros of which nothing is known, each of size 1, (m, 2, z).
-    """
-
-    measurements: Measurements
-    robot: Robot
-    parameters: BaseParameters
-    value: np.ndarray
-    matrix: np.ndarray
-    residual: np.ndarray
-    spread: np.ndarray
-    zeros: np.ndarray
-
-    def rows(self, values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-        """Return the rows of a matrix (m, 2, k) for some postures, (2 n, k)."""
-        return values[chosen].reshape(2 * len(chosen), -1)
-
-
 def predict(
     measurements: Measurements,
     robot: Robot,
@@ -175,7 +146,7 @@ def predict(
     """
     nominal = nominal_robot(robot, common_support(measurements.support))
     check_robot(nominal.parameters, measurements, robot, source)
-    problem = _problem(measurements, robot, nominal)
+    problem = problem_of(measurements, robot, nominal)
     if train or test:
         splits = [stated(measurements, train, test)]
     else:
@@ -188,78 +159,14 @@ def predict(
     return Prediction(tuple(scores), beats[0] if beats else None, tuple(dict.fromkeys(notes)))
 
 
-def _problem(m: Measurements, robot: Robot, nominal: Nominal) -> _Problem:
-    parameters = nominal.parameters
-    unknown = observe(m, nominal).contacts.unknown
-    if m.wrenches is None or unknown is None or not unknown.any():
-        center, zeros = contact_pressure(m, nominal).center, np.zeros((len(m), 2, 0))
-    else:
-        center, zeros = _about_zeros(m, nominal, unknown)
-    return _Problem(
-        measurements=m,
-        robot=robot,
-        parameters=parameters,
-        value=nominal.value,
-        matrix=parameters.regressor(m.joint_angles, m.support).reshape(len(m), 2, -1),
-        residual=center - nominal.center_of_mass(m.joint_angles, m.support),
-        spread=cad_spread(parameters, standard_parameters(robot.model)),
-        zeros=zeros,
-    )
-
-
-def _about_zeros(m: Measurements, nominal: Nominal, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the centre of pressure, (m, 2) [m], and its change by zeros of size 1, (m, 2, z).
-
-    The vertical forces hold the zeros too: the moments are divided by the robot's weight, so that zeros
-    enter linearly.
-
-    Args:
-        unknown: channels whose zeros are unknown, (2, c).
-    """
-    mass = m.weighed_mass[0] if m.weighed_mass else nominal.mass
-
-    def center(wrenches: np.ndarray) -> np.ndarray:
-        other = replace(m, wrenches=wrenches)
-        observed = observe(other, nominal)
-        forces = carried(observed).reshape(len(m), 2, -1)
-        total = (forces * observed.contacts.bears).sum(axis=(1, 2))
-        return contact_pressure(other, nominal).center * (total / (mass * m.gravity))[:, None]
-
-    assert m.wrenches is not None
-    here, columns = center(m.wrenches), []
-    for side, channel in np.argwhere(unknown):
-        zero = np.zeros(unknown.shape)
-        zero[side, channel] = 1.0
-        columns.append(center(m.wrenches + zero) - here)
-    changes = np.stack(columns, axis=2)
-    size = np.sqrt((changes**2).mean(axis=(0, 1)))
-    return here, changes[..., size > SMALLEST] / size[size > SMALLEST]
-
-
-def _without_zeros(problem: _Problem, train: np.ndarray) -> np.ndarray:
+def _without_zeros(problem: Problem, train: np.ndarray) -> np.ndarray:
     """Return CAD's residuals less what zeros explain of the training postures', (m, 2) [m]."""
     target = problem.residual[train].ravel()
     size = np.linalg.lstsq(problem.rows(problem.zeros, train), target, rcond=RANK)[0]
     return problem.residual - problem.zeros @ size
 
 
-def cad_spread(parameters: BaseParameters, standard: np.ndarray) -> np.ndarray:
-    """Return base parameters' changes by one s.d. of every link's mass and centre of mass, (p, 4 n) [m].
-
-    The s.d. are those of the estimator `prior`; one scale of them all is estimated.
-
-    Args:
-        standard: (n, 4) [kg, kg m].
-    """
-    mass, total = standard[:, 0], float(standard[:, 0].sum())
-    by_standard = parameters.from_standard.reshape(len(parameters.names), -1, 4)
-    value = parameters.values(standard)
-    by_mass = np.einsum("pnk,nk->pn", by_standard, standard) - value[:, None] * mass
-    by_center = CENTER_SD * by_standard[..., 1:] * mass[:, None]
-    return np.hstack([MASS_SD * by_mass, by_center.reshape(len(value), -1)]) / total
-
-
-def _score(problem: _Problem, split: Split, scores: list[Score], notes: list[str]) -> None:
+def _score(problem: Problem, split: Split, scores: list[Score], notes: list[str]) -> None:
     """Add the scores of every model that the split allows."""
     m, left = problem.measurements, dict.fromkeys((CAD, CONSTANT, IDENTIFIED, WITH_PRIOR))
     rows = np.concatenate([test for _, test in split.folds])
@@ -334,7 +241,7 @@ def _beats(cad: np.ndarray, residual: np.ndarray, block: np.ndarray) -> bool | N
     return None if abs(gain.sum()) <= half else bool(gain.sum() > 0)
 
 
-def _identified(problem: _Problem, value: np.ndarray, train: np.ndarray, test: np.ndarray) -> np.ndarray:
+def _identified(problem: Problem, value: np.ndarray, train: np.ndarray, test: np.ndarray) -> np.ndarray:
     """Return the residuals of an estimate, (n, 2) [m].
 
     Zeros imitate some parameters: where they are unknown, both are fitted together, by least squares.
@@ -346,7 +253,7 @@ def _identified(problem: _Problem, value: np.ndarray, train: np.ndarray, test: n
     return problem.residual[test] - both[test] @ change
 
 
-def _with_prior(problem: _Problem, train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, float]:
+def _with_prior(problem: Problem, train: np.ndarray, test: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the residuals of a posterior about CAD, (n, 2) [m], and the prior's scale.
 
     The scale, the noise and what is common to a placement maximise the marginal likelihood of the training
