@@ -24,6 +24,7 @@ from tulip_testbed.discovery.undetectable import Undetectable, undetectable
 from tulip_testbed.discovery.unusual_members import STANDS_OUT, SURE, too_wide
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.residual_noise import Noise
@@ -116,7 +117,7 @@ def discover(
         InputError: measurements that do not fit the robot, too few placements or postures, or an unknown
             family.
     """
-    observed = observe(measurements, nominal_robot(robot, _support(measurements)))
+    observed = observe(measurements, nominal_robot(robot, common_support(measurements.support)))
     if hold_out:
         check_placements(measurements)
     search = Search.of(observed, tolerances, effects)
@@ -178,10 +179,6 @@ def _discover(
         heldout=validation,
         wall_s=time.perf_counter() - began,
     )
-
-
-def _support(measurements: Measurements) -> str:
-    return "double" if (measurements.support == "double").all() else "right"
 
 
 def stands_out(selection: Selection, term: Fitted, error: np.ndarray) -> bool:

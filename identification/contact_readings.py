@@ -15,6 +15,7 @@ from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.measurements.contacts import WRENCH, Contacts
 
 ASSUMED_FORCE, ASSUMED_MOMENT = 1.0, 0.05  # N, Nm: noise of a wrench sensor without a data sheet
+LEAST_NOISE = 1e-6  # of the assumed variance, that every channel has
 # S.d. of a zero of which nothing is known, in weights of the robot; assumed: a larger one would be noticed.
 WIDE_FORCE, WIDE_MOMENT = 0.5, 0.1  # -, m
 
@@ -96,10 +97,13 @@ def of_wrenches(
 
 
 def noise_of_wrenches(contacts: Contacts) -> np.ndarray:
-    """Return the stated or else an assumed covariance of a posture's averaged reading, (c, c) [N, Nm]."""
+    """Return the stated or else an assumed covariance of a posture's averaged reading, (c, c) [N, Nm].
+
+    A channel without noise gets a millionth of the assumed variance, so that readings can be scaled.
+    """
     assumed = np.diag(by_kind(contacts.channels, ASSUMED_FORCE, ASSUMED_MOMENT) ** 2)
     stated = contacts.covariance
-    return assumed if stated is None or not np.any(stated) else stated
+    return assumed if stated is None or not np.any(stated) else stated + LEAST_NOISE * assumed
 
 
 def by_kind(channels: tuple[str, ...], force: float, moment: float) -> np.ndarray:

@@ -30,9 +30,10 @@ from tulip_testbed.experiments.settings_table import settings_table
 from tulip_testbed.experiments.validate import correlations_at
 from tulip_testbed.experiments.validation_record import ValidationRecord
 from tulip_testbed.identification.base_parameters import base_parameters, common_support, renumbered
-from tulip_testbed.identification.center_of_pressure import center_of_pressure
+from tulip_testbed.identification.contact_pressure import contact_pressure
 from tulip_testbed.identification.feasibility import support_polygon
 from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import observe
 from tulip_testbed.pages import figures as drawn
 from tulip_testbed.pages import words
 from tulip_testbed.pages.figures import Figure
@@ -165,7 +166,7 @@ def validation_page(run: ValidationRecord) -> Page:
             "Postures",
             (words.dropped(content), words.POLYGON_WORDS, *([words.NO_TRUE_COM] if com is None else [])),
             figures=_polygons(robot, measured, com),
-            pictures=_pictures(robot, measured, measured.plate_poses, missing),
+            pictures=_pictures(robot, measured, _contact_poses(robot, measured), missing),
         ),
         Section("How it was made", tables=(settings_table(run.document.plain()),)),
     )
@@ -263,19 +264,25 @@ def _z(model: ModelReport) -> tuple[list[int], np.ndarray]:
 
 def _polygons(robot: Robot, measured: Measurements, com: np.ndarray | None) -> tuple[Figure, ...]:
     soles = soles_in_base(nominal_robot(robot), measured.joint_angles, measured.support)
-    carrying, cop = feet_in_contact(measured.support), center_of_pressure(measured)
-    placements = np.unique(measured.placement)
+    nominal = nominal_robot(robot, common_support(measured.support))
+    carrying, cop = feet_in_contact(measured.support), contact_pressure(measured, nominal).center
+    placements, poses = np.unique(measured.placement), _contact_poses(robot, measured)
     board = nominal_plates(robot)[0].size
     found = []
     for placement in placements[np.unique(np.linspace(0, len(placements) - 1, POLYGONS).astype(int))]:
         rows = np.flatnonzero(measured.placement == placement)
         feet = soles[rows[0]][carrying[rows[0]]]
         points = {"CoP": cop[rows]} | ({} if com is None else {"CoM, truth": com[rows]})
-        plates = measured.plate_poses[rows[0]]
+        plates = poses[rows[0]]
         found.append(
             drawn.support_polygon_figure(int(placement), plates, support_polygon(feet), points, board)
         )
     return tuple(found)
+
+
+def _contact_poses(robot: Robot, measured: Measurements) -> np.ndarray:
+    """Poses of the plates, or of the soles where the sensors are in the feet, (m, 2, 3) [m, m, rad]."""
+    return observe(measured, nominal_robot(robot, common_support(measured.support))).contact_poses
 
 
 def _pictures(

@@ -15,11 +15,10 @@ from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
 from tulip_testbed.experiments.discovery_tables import CHANNEL_NAMES, behind, candidate_table, gap_table
 from tulip_testbed.experiments.residual_curves import Curve, residual_curves, time_order
-from tulip_testbed.identification.center_of_pressure import cell_positions
 from tulip_testbed.pages.words import VERDICTS
 from tulip_testbed.viewer.balance_series import ABOVE_GROUND, factor_for, from_above, log_balance
 from tulip_testbed.viewer.layout import space_view
-from tulip_testbed.viewer.plates_view import log_loads, log_plates
+from tulip_testbed.viewer.plates_view import log_plates, log_subject_loads
 from tulip_testbed.viewer.robot_view import log_geometry, log_motion
 from tulip_testbed.viewer.subject import of_measurements
 
@@ -50,8 +49,7 @@ def log_discovery(recording: rr.RecordingStream, run: DiscoveryRecord) -> None:
     log_geometry(recording, "world/robot", run.robot.visual_model)
     log_motion(recording, "world/robot", index, subject)
     log_plates(recording, "world/plates", index, subject)
-    positions = cell_positions(run.measurements)
-    log_loads(recording, "world/loads", index, positions, run.measurements.cell_forces, subject.weight)
+    log_subject_loads(recording, "world/loads", index, subject)
     log_balance(recording, index, subject)
     assert subject.cop is not None
     residual = {side: getattr(run, side)[:, :2] for side in sides(run)}

@@ -12,8 +12,9 @@ from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stream_of
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import montecarlo_file
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
-from tulip_testbed.identification.base_parameters import standard_parameters
-from tulip_testbed.identification.center_of_pressure import center_of_pressure
+from tulip_testbed.identification.base_parameters import common_support, standard_parameters
+from tulip_testbed.identification.contact_pressure import contact_pressure
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.viewer.balance_series import from_above, log_balance
 from tulip_testbed.viewer.layout import Views, above_view, laid_out, space_views
 from tulip_testbed.viewer.plates_view import log_plates
@@ -64,9 +65,10 @@ def cop_clouds(run: MonteCarloRecord) -> tuple[dict[int, np.ndarray], str]:
     count = min(CLOUD_RUNS, settings.runs)
     simulate = source_of(made, run.plan, settings.spread, settings.engine)
     points: dict[int, list[np.ndarray]] = {}
+    nominal = nominal_robot(run.robot, common_support(run.plan.support))
     for outcome in simulate([stream_of(settings.seed, k) for k in range(count)]):
         if not isinstance(outcome, str):
-            cop = center_of_pressure(outcome.measurements)
+            cop = contact_pressure(outcome.measurements, nominal).center
             for posture, point in zip(outcome.measurements.posture, cop, strict=True):
                 points.setdefault(int(posture), []).append(point)
     versions = f" {other[0]} is {other[1]} in the run and {other[2]} here." if other else ""

@@ -7,6 +7,7 @@ import rerun as rr
 from scipy.spatial.transform import Rotation
 
 from tulip_testbed.colours import CELL_COLOURS, rgb
+from tulip_testbed.identification.center_of_pressure import cell_positions
 from tulip_testbed.sim.robot import PLATES
 from tulip_testbed.viewer.subject import Subject
 
@@ -19,7 +20,7 @@ def log_plates(recording: rr.RecordingStream, path: str, index: rr.TimeColumn, s
     """Boards and cells by their recorded poses; the boards' top is z = 0."""
     for k, plate in enumerate(PLATES):
         poses, height = subject.plates[:, k], float(subject.top_height[k])
-        half = [*(subject.board.size / 2), THICKNESS * height / 2]
+        half = [*(subject.board.size / 2), THICKNESS * (height or subject.board.top_height) / 2]
         turn = Rotation.from_rotvec(poses[:, 2, None] * [0, 0, 1]).as_quat()
         place = np.column_stack([poses[:, :2], np.zeros(len(poses))])
         entity = f"{path}/{plate}"
@@ -31,9 +32,22 @@ def log_plates(recording: rr.RecordingStream, path: str, index: rr.TimeColumn, s
             fill_mode=rr.components.FillMode.Solid,
         )
         recording.log(f"{entity}/board", board, static=True)
+        if not len(subject.cells[k]):
+            continue
         cells = np.column_stack([subject.cells[k], np.full(4, CELL_RADIUS - height)])
         feet = rr.Points3D(cells, radii=CELL_RADIUS, colors=[rgb(colour) for colour in CELL_COLOURS])
         recording.log(f"{entity}/cells", feet, static=True)
+
+
+def log_subject_loads(
+    recording: rr.RecordingStream, path: str, index: rr.TimeColumn, subject: Subject
+) -> None:
+    """The load on every cell, or on each foot where there are none; nothing of a plan."""
+    if subject.measurements is not None and subject.cell_forces is not None:
+        positions = cell_positions(subject.measurements)
+        log_loads(recording, path, index, positions, subject.cell_forces, subject.weight)
+    elif subject.foot_loads is not None and subject.load_points is not None:
+        log_loads(recording, path, index, subject.load_points, subject.foot_loads, subject.weight)
 
 
 def log_loads(
@@ -47,15 +61,16 @@ def log_loads(
     """The load on every cell: an arrow down onto the board above it; a negative reading points up.
 
     Args:
-        positions: of the cells in the base frame, (m, 8, 2) [m].
-        forces: (m, 8) [N].
+        positions: of the cells, or of the load on each foot, in the base frame, (m, k, 2) [m].
+        forces: (m, k) [N].
         weight: of the robot [N].
     """
     length = METRES_PER_WEIGHT * forces / weight
     zero = np.zeros_like(length)
     origins = np.dstack([positions, length]).reshape(-1, 3)
     vectors = np.dstack([zero, zero, -length]).reshape(-1, 3)
-    colours = [rgb(colour) for colour in CELL_COLOURS] * 2
+    count = forces.shape[1]
+    colours = [rgb(colour) for colour in CELL_COLOURS] * 2 if count == 8 else [rgb(CELL_COLOURS[0])]
     recording.log(path, rr.Arrows3D.from_fields(colors=colours, radii=0.006), static=True)
-    columns = rr.Arrows3D.columns(origins=origins, vectors=vectors).partition([8] * len(forces))
+    columns = rr.Arrows3D.columns(origins=origins, vectors=vectors).partition([count] * len(forces))
     recording.send_columns(path, [index], columns)

@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 
 from tulip_testbed.colours import PALETTE, rgb
-from tulip_testbed.sim.robot import CELLS
+from tulip_testbed.sim.robot import CELLS, PLATES
 from tulip_testbed.viewer.balance_series import magnification
 from tulip_testbed.viewer.plates_view import METRES_PER_WEIGHT
 from tulip_testbed.viewer.subject import Subject
@@ -33,6 +33,8 @@ def curves(subject: Subject) -> dict[str, dict[str, np.ndarray]]:
     plots: dict[str, dict[str, np.ndarray]] = {}
     if subject.cell_forces is not None:
         plots["cells"] = dict(zip(CELLS, subject.cell_forces.T, strict=True))
+    elif subject.foot_loads is not None:
+        plots["feet"] = dict(zip(PLATES, subject.foot_loads.T, strict=True))
     joints = subject.nominal.parameters.tree.joints
     if subject.command is not None:
         errors = 1e3 * (subject.joint_angles - subject.command)
@@ -49,6 +51,7 @@ def curves(subject: Subject) -> dict[str, dict[str, np.ndarray]]:
 
 TITLES = {
     "cells": "Cells, N",
+    "feet": "Vertical force on each foot, N",
     "tracking": "Tracking error, mrad",
     "joints": "Joints, deg",
     "cop": "CoP, mm",
@@ -79,12 +82,12 @@ def posture_text(subject: Subject, row: int) -> str:
         points["residual"] = subject.residual
     lines += [f"| {name} | {1e3 * p[row, 0]:.2f} | {1e3 * p[row, 1]:.2f} |" for name, p in points.items()]
     lines += ["", f"Margin of stability d_e: {1e3 * subject.margin[row]:.1f} mm" + _of_plan(subject)]
-    if subject.cell_forces is not None:
-        force = subject.cell_forces[row]
+    if subject.foot_loads is not None:
+        right, left = subject.foot_loads[row]
         lines += [
             "",
-            f"Right plate {force[:4].sum():.1f} N, left {force[4:].sum():.1f} N, together "
-            f"{force.sum():.1f} N; the nominal robot weighs {subject.weight:.1f} N.",
+            f"Right foot {right:.1f} N, left {left:.1f} N, together "
+            f"{right + left:.1f} N; the nominal robot weighs {subject.weight:.1f} N.",
         ]
     if subject.command is not None:
         error = 1e3 * (subject.joint_angles[row] - subject.command[row])

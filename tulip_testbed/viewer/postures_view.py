@@ -7,10 +7,9 @@ import rerun as rr
 
 from tulip_testbed.colours import COMMAND, SKELETON
 from tulip_testbed.identification.base_parameters import standard_parameters
-from tulip_testbed.identification.center_of_pressure import cell_positions
 from tulip_testbed.viewer.balance_series import log_balance, log_close_up
 from tulip_testbed.viewer.layout import laid_out, posture_views
-from tulip_testbed.viewer.plates_view import log_loads, log_plates
+from tulip_testbed.viewer.plates_view import log_plates, log_subject_loads
 from tulip_testbed.viewer.plots import curves, log_curves, log_text
 from tulip_testbed.viewer.robot_view import log_geometry, log_masses, log_motion, log_skeleton
 from tulip_testbed.viewer.subject import Subject
@@ -33,10 +32,7 @@ def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
     if subject.command is not None:
         log_skeleton(recording, "world/commanded", index, subject, subject.command, COMMAND)
     log_plates(recording, "world/plates", index, subject)
-    if subject.measurements is not None:
-        positions = cell_positions(subject.measurements)
-        forces = subject.measurements.cell_forces
-        log_loads(recording, "world/loads", index, positions, forces, subject.weight)
+    log_subject_loads(recording, "world/loads", index, subject)
     log_balance(recording, index, subject)
     log_close_up(recording, index, subject)
     for name, lines in curves(subject).items():

@@ -9,9 +9,10 @@ import numpy as np
 from tulip_testbed.experiments.identify import identify, plain_estimator
 from tulip_testbed.experiments.validation_record import ValidationRecord
 from tulip_testbed.identification.base_parameters import common_support
-from tulip_testbed.identification.center_of_pressure import center_of_pressure
+from tulip_testbed.identification.contact_pressure import contact_pressure
 from tulip_testbed.identification.feasibility import stability_margin, support_polygon
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.identification.observation import observe
 from tulip_testbed.pages.words import NO_TRUE_COM
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import (
@@ -38,7 +39,8 @@ class Subject:
         cells: in their plate's frame, (2, 4, 2) [m]. top_height: of the plates, (2,) [m].
         com: projections of the centre of mass by where they come from ("truth", "estimate", "nominal
             model"), (m, 2) [m] each.
-        command: (m, n_joints) [rad], None: unknown. cell_forces: (m, 8) [N], None: a plan.
+        command: (m, n_joints) [rad], None: unknown. cell_forces: (m, 8) [N], None: a plan, or no cells.
+        foot_loads: vertical force on each foot, (m, 2) [N], and its point, (m, 2, 2) [m]. None: a plan.
         cop: (m, 2) [m], None: a plan.
         polygons: support polygon of every row, (k, 2) [m]. margin: d_e of the point that is judged (the CoP,
             in a plan the nominal CoM), (m,) [m].
@@ -63,6 +65,8 @@ class Subject:
     least_margin: float | None
     command: np.ndarray | None = None
     cell_forces: np.ndarray | None = None
+    foot_loads: np.ndarray | None = None
+    load_points: np.ndarray | None = None
     cop: np.ndarray | None = None
     series: Series | None = None
     measurements: Measurements | None = None
@@ -171,7 +175,8 @@ def of_measurements(measurements: Measurements, robot: Robot, source: str = "mea
     if measurements.joints != nominal.parameters.tree.joints:
         raise InputError(f"{source}: found other joints than those of {robot.model_file.name}")
     polygons = support_polygons(nominal, measurements.joint_angles, measurements.support)
-    cop = center_of_pressure(measurements)
+    seen, cop = observe(measurements, nominal), contact_pressure(measurements, nominal).center
+    down, points = seen.foot_loads
     com = nominal.center_of_mass(measurements.joint_angles, measurements.support)
     return Subject(
         nominal=nominal,
@@ -179,7 +184,7 @@ def of_measurements(measurements: Measurements, robot: Robot, source: str = "mea
         posture=measurements.posture,
         placement=measurements.placement,
         support=measurements.support,
-        plates=measurements.plate_poses,
+        plates=seen.contact_poses,
         board=nominal_plates(robot)[0],
         cells=measurements.cells,
         top_height=measurements.top_height,
@@ -189,7 +194,9 @@ def of_measurements(measurements: Measurements, robot: Robot, source: str = "mea
         margin=_margins(cop, polygons),
         least_margin=robot.settings.get("planning", {}).get("stability_margin"),
         command=measurements.command,
-        cell_forces=measurements.cell_forces,
+        cell_forces=measurements.cell_forces if measurements.contacts is None else None,
+        foot_loads=down,
+        load_points=points,
         cop=cop,
         measurements=measurements,
     )
