@@ -42,6 +42,8 @@ def identification_document(
     for model, estimate in (("full", found.full), ("simplified", found.simplified)):
         weak = weak_directions(estimate, found.parameters)
         document[model] = model_report(estimate, None).plain() | {"hardly_known": weak}
+    if found.hidden:
+        document["hidden_by_zeros"] = found.hidden
     if found.calibration is not None:
         document |= calibration_document(found.calibration, found.full.names)
     return document
@@ -63,6 +65,8 @@ def identification_report(
         ]
     if found.full.standard is not None:
         parts.append(standard_table("full", document["full"]["links"], found.full.standard.identifiable))
+    if found.hidden:
+        parts.append(f"Unknown zeros: {found.hidden}.")
     if found.calibration is not None:
         parts += calibration_report(found.calibration, found.full.names)
     summary = ESTIMATORS[found.estimator]

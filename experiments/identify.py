@@ -119,6 +119,13 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
         """Return the correlations of the full model's parameters by the estimator's covariance (eq. 15)."""
         return Correlations(self.full.numbers, self.full.names, correlations(self.full.covariance))
 
+    @property
+    def hidden(self) -> str:
+        """Return which parameters the unknown zeros of force-torque sensors imitate, "" if there are none."""
+        if not len(self.confounded):
+            return ""
+        return describe_combinations(self.confounded, labels(self.full.numbers, self.full.names))
+
     def table(self, model: str = "full") -> Table:
         """Return the parameters of a model, "full" or "simplified".
 
@@ -137,10 +144,7 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
 
         The self-calibrating estimator adds its families, members and budget.
         """
-        added: list[Table | str] = []
-        if len(self.confounded):
-            named = labels(self.full.numbers, self.full.names)
-            added.append(f"Unknown zeros: {describe_combinations(self.confounded, named)}.")
+        added: list[Table | str] = [f"Unknown zeros: {self.hidden}."] if self.hidden else []
         if self.calibration is not None:
             added += calibration_report(self.calibration, self.full.names)
         return [self.table(), *self.correlations.above().parts(), *added, mass_line(*self.mass)]
