@@ -9,6 +9,8 @@ import numpy as np
 
 from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
 from tulip_testbed.calibration.families import TOLERANCES
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.instruments import acts_on
 from tulip_testbed.sim.table import Column, Table
 
 SPREAD = "Spread: estimated s.d. of the members, with its 95 % interval; 1 is usual."
@@ -105,7 +107,8 @@ def _clear(one: CalibratedFamily) -> np.ndarray:
 
 def _exact(found: SelfCalibration) -> str:
     """Name the families that the tolerances leave out."""
-    names = [name for name in TOLERANCES if name not in {one.family.name for one in found.families}]
+    contacts, there = found.observed.measurements.contacts, {one.family.name for one in found.families}
+    names = [name for name in TOLERANCES if name not in there and acts_on(catalogue()[name], contacts)]
     return f"Taken as exact: {', '.join(names)}." if names else ""
 
 

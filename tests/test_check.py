@@ -172,7 +172,7 @@ def test_command_line_passes_fails_and_cannot_read(precise, tmp_path, capsys):
 def test_an_incomplete_folder_hears_everything_at_once(robot, tmp_path, capsys):
     folder = tmp_path / "mine"
     folder.mkdir()
-    (folder / "manifest.json").write_text('{"format": "tulip-measurements", "version": 2, "gravity": 9.81}')
+    (folder / "manifest.json").write_text('{"format": "tulip-measurements", "version": 3, "gravity": 9.81}')
     (folder / "postures.csv").write_text(
         "posture,placement,q.right_knee,cell.right.front_left,cell.right.frontright\n1,1.5,bent,20.5,3\n"
     )
@@ -180,7 +180,7 @@ def test_an_incomplete_folder_hears_everything_at_once(robot, tmp_path, capsys):
     text = " ".join(found["manifest"] + found["table"])
     for part in (
         "keys missing: robot, joints, plates, weighed_mass, sensors",
-        "key 'version': found 2",
+        "key 'version': found 3",
         "columns missing: q.right_hip_yaw, q.right_hip_roll",
         "plate.left.yaw",
         "columns that the format does not know: cell.right.frontright",

@@ -11,6 +11,7 @@ from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.detectability import noncentrality
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import split_label
+from tulip_testbed.effects.instruments import effects_on
 from tulip_testbed.experiments.atlases.isolability import ISOLABLE
 from tulip_testbed.experiments.benchmark import benchmark_run as run
 from tulip_testbed.experiments.benchmark import cases as arms
@@ -52,7 +53,7 @@ def test_all_arms_and_kinds_are_there(small):
         *(arms.NULL, arms.ROBOTS, arms.SINGLE, arms.SEVERAL, arms.LEFT_OUT, arms.OUTSIDE_ARM, arms.ABSORBED)
     }
     single = {c.kinds[0] for c in every if c.arm == arms.SINGLE and not c.dynamics}
-    assert single == {e.name for e in catalogue().values() if e.statics} - {"payload"}
+    assert single == {effect.name for effect in effects_on(None, statics=True)} - {"payload"}
     for multiple in arms.MULTIPLES:
         assert any(c.multiple == multiple and c.arm == arms.SINGLE for c in every)
     assert all(c.dynamics for c in every if set(c.kinds) & set(arms.ONLY_DYNAMICS))

@@ -10,6 +10,7 @@ from tests.test_cli import refused
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, check_instance
+from tulip_testbed.effects.instruments import effects_on
 from tulip_testbed.effects.random_effects import draw_effect
 from tulip_testbed.experiments.rig_folder import write_rig
 from tulip_testbed.sim.errors import InputError
@@ -60,7 +61,7 @@ def test_one_effect_is_explained(capsys):
         ("joint-compliance:right_knee=-1e-4", "compliance [rad/Nm]: found -0.0001, expected 0 or more"),
         ("", "unknown effect ''"),
         ("random=3", "--effect random=3: found a target or values, expected `random` alone"),
-        ("randm", "unsettled, random"),
+        ("randm", "wrench-zero, random"),
     ],
 )
 def test_what_is_wrong_is_named(text, message, tmp_path, capsys):
@@ -156,7 +157,7 @@ def test_draws_are_valid_and_of_all_kinds(statics, robot):
     for found in drawn:
         check_instance(found, robot, placements, "draw")
         assert found.finding
-    possible = [e.name for e in catalogue().values() if e.statics or not statics]
+    possible = [effect.name for effect in effects_on(None, statics)]
     assert {found.effect.name for found in drawn} == set(possible)
     sizes = [f.values[0] for f in drawn if f.effect.name == "encoder-offset"]
     assert np.std(sizes) == pytest.approx(np.radians(1.0), rel=0.5)

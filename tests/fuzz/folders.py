@@ -210,7 +210,7 @@ MEASURED_EDITS: dict[str, tuple] = {
     "negative spreads": (cells((-1.0, -1e-9, -30.0), *MAY_MISS[:-1]), REFUSED),
     "tiny spreads": (cells((0.0, 5e-324, 1e-300, 1e-160), *MAY_MISS[:-2]), SAME),
     "tiny times": (whole({"time": lambda v: 1e-300 * np.arange(len(v))}), SAME),
-    "left foot only": (cells(("left",), "support"), refused(WHOLE, "column 'support', row ", "or 'right'")),
+    "left foot only": (cells(("left",), "support"), refused(WHOLE, "right_foot.z")),
     "right foot only": (cells(("right",), "support"), refused(WHOLE, "left_foot.z")),
     "equal readings": (whole({"cell.r": lambda v: 0 * v + 20, "cell.l": lambda v: 0 * v + 36.25}), RIGHT),
     "no error at all": (whole({"plate.": lambda v: 0 * v, "cell.": lambda v: 0 * v + 25}), RIGHT),

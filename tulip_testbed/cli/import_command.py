@@ -27,7 +27,7 @@ def import_command(
     ] = (),
     as_json: Json = False,
 ) -> int:
-    """Make a measurement folder of a laboratory's own table.
+    """Make a measurement folder of your own table.
 
     The table keeps its names, units and signs; the manifest maps them to the contract's. Columns are found by
     their names, units in brackets. What is not written has to be stated. Signs are +1 unless stated, and are
