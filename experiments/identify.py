@@ -24,7 +24,7 @@ from tulip_testbed.identification.base_parameters import (
     common_support,
     simplified_numbers,
 )
-from tulip_testbed.identification.contact_pressure import contact_pressure, zero_columns
+from tulip_testbed.identification.contact_pressure import contact_pressure
 from tulip_testbed.identification.distributions import t_ppf
 from tulip_testbed.identification.estimators import DEFAULT, Estimate, estimate_by
 from tulip_testbed.identification.estimators import ESTIMATORS as OF_REGRESSION
@@ -210,9 +210,9 @@ def identify(
         free = confounded_directions(observed, data)
         full, simplified, found = calibrated_estimates(observed, data, kept, tolerances)
         return Identification(parameters, full, simplified, found.mass, estimator, found, free)
-    if zero_columns(observe(measurements, nominal_robot(robot, parameters.support))).shape[2]:
+    if observe(measurements, nominal_robot(robot, parameters.support)).contacts.unsure.any():
         raise InputError(
-            f"{source}: found force-torque sensors whose zeros no foot in the air shows, with estimator "
+            f"{source}: found force-torque sensors whose zeros no foot in the air shows well, with estimator "
             f"{estimator}; expected `estimator={SELF_CALIBRATING}`"
         )
     full = estimate_by(data, estimator)

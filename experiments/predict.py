@@ -274,7 +274,10 @@ def _with_prior(problem: Problem, train: np.ndarray, test: np.ndarray) -> tuple[
         return scale * prior + sigma * unit + fixed + (tau * common if shared else 0.0)
 
     def cost(logs: np.ndarray) -> float:
-        root = np.linalg.cholesky(covariance(logs))
+        try:
+            root = np.linalg.cholesky(covariance(logs))
+        except np.linalg.LinAlgError:  # exact readings
+            return np.inf
         white = np.linalg.solve(root, residual)
         return float(2 * np.log(np.diag(root)).sum() + white @ white)
 

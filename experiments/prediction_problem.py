@@ -45,8 +45,8 @@ class Problem:
 def problem_of(m: Measurements, robot: Robot, nominal: Nominal) -> Problem:
     """Return what measurements of a robot leave to explain."""
     parameters = nominal.parameters
-    unknown = observe(m, nominal).contacts.unknown
-    if m.wrenches is None or unknown is None or not unknown.any():
+    unknown = observe(m, nominal).contacts.unsure
+    if m.wrenches is None or not unknown.any():
         center, zeros = contact_pressure(m, nominal).center, np.zeros((len(m), 2, 0))
     else:
         center, zeros = _about_zeros(m, nominal, unknown)
@@ -71,14 +71,15 @@ def _about_zeros(m: Measurements, nominal: Nominal, unknown: np.ndarray) -> tupl
     Args:
         unknown: channels whose zeros are unknown, (2, c).
     """
-    mass = m.weighed_mass[0] if m.weighed_mass else nominal.mass
 
     def center(wrenches: np.ndarray) -> np.ndarray:
         other = replace(m, wrenches=wrenches)
+        if m.weighed_mass is not None:
+            return contact_pressure(other, nominal).center
         observed = observe(other, nominal)
         forces = carried(observed).reshape(len(m), 2, -1)
         total = (forces * observed.contacts.bears).sum(axis=(1, 2))
-        return contact_pressure(other, nominal).center * (total / (mass * m.gravity))[:, None]
+        return contact_pressure(other, nominal).center * (total / (nominal.mass * m.gravity))[:, None]
 
     assert m.wrenches is not None
     here, columns = center(m.wrenches), []
@@ -86,6 +87,8 @@ def _about_zeros(m: Measurements, nominal: Nominal, unknown: np.ndarray) -> tupl
         zero = np.zeros(unknown.shape)
         zero[side, channel] = 1.0
         columns.append(center(m.wrenches + zero) - here)
+    if m.weighed_mass is None:  # an error of the weight is no error of the CAD model's centre of mass
+        columns.append(-here)
     changes = np.stack(columns, axis=2)
     size = np.sqrt((changes**2).mean(axis=(0, 1)))
     return here, changes[..., size > SMALLEST] / size[size > SMALLEST]

@@ -32,6 +32,8 @@ class ContactPressure:
 def contact_pressure(measurements: Measurements, nominal: Nominal) -> ContactPressure:
     """Return centre of pressure, load and mass by the contacts.
 
+    The moments of wrench sensors are divided by the weighed weight, if there is one: it has less noise.
+
     Raises:
         InputError: the contacts of a posture carry no weight.
     """
@@ -45,7 +47,8 @@ def contact_pressure(measurements: Measurements, nominal: Nominal) -> ContactPre
     mass = total / measurements.gravity
     error = float(mass.std(ddof=1) / np.sqrt(len(mass)))
     moment = (carried(observed)[..., None] * observed.cell_places).sum(axis=1)
-    return ContactPressure(moment / total[:, None], down / total[:, None], (float(mass.mean()), error))
+    weight = total if measurements.weighed_mass is None else np.full(len(total), observed.weight)
+    return ContactPressure(moment / weight[:, None], down / total[:, None], (float(mass.mean()), error))
 
 
 def contact_noise(measurements: Measurements, nominal: Nominal, fitted: np.ndarray) -> np.ndarray:
@@ -56,7 +59,11 @@ def contact_noise(measurements: Measurements, nominal: Nominal, fitted: np.ndarr
     """
     if measurements.contacts is None:
         return cell_noise(measurements, fitted)
-    lever = _reach(observe(measurements, nominal), "cells")
+    observed = observe(measurements, nominal)
+    lever = _reach(observed, "cells")
+    if measurements.weighed_mass is None:  # the centre of pressure is that over the measured force
+        bears = observed.contacts.bears.ravel()
+        lever = lever - bears * fitted[..., None] / observed.weight
     return lever @ lever.mT
 
 
@@ -65,6 +72,11 @@ def pose_levers(measurements: Measurements, nominal: Nominal) -> np.ndarray:
     if measurements.contacts is None:
         return placement_levers(measurements)
     return _reach(observe(measurements, nominal), "plates")
+
+
+def slope_of_center(measurements: Measurements, nominal: Nominal) -> np.ndarray:
+    """Differentiate the residual of the centre of pressure by the joint angles, (m, 2, n_joints) [m/rad]."""
+    return _reach(observe(measurements, nominal), "angles")
 
 
 def zero_columns(observed: Observation) -> np.ndarray:

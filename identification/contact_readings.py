@@ -15,6 +15,7 @@ from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.measurements.contacts import WRENCH, Contacts
 
 ASSUMED_FORCE, ASSUMED_MOMENT = 1.0, 0.05  # N, Nm: noise of a wrench sensor without a data sheet
+UNSURE = 0.5  # of a reading's noise
 LEAST_NOISE = 1e-6  # of the assumed variance, that every channel has
 # S.d. of a zero of which nothing is known, in weights of the robot; assumed: a larger one would be noticed.
 WIDE_FORCE, WIDE_MOMENT = 0.5, 0.1  # -, m
@@ -43,6 +44,14 @@ class ContactReadings:
     zero_sd: np.ndarray | None = None
     below: np.ndarray | None = None
     unknown: np.ndarray | None = None
+
+    @property
+    def unsure(self) -> np.ndarray:
+        """Return of which channels the zero is no better known than half a reading's noise, (2, c) bool."""
+        if self.zero_sd is None or self.by_channel is None:
+            return np.zeros((2, 0), bool)
+        noise = np.linalg.norm(np.linalg.inv(self.by_channel), axis=1)
+        return self.zero_sd > UNSURE * noise
 
     def take(self, rows: np.ndarray) -> ContactReadings:
         """Return the readings of some rows, by a mask or by indices."""

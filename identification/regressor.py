@@ -7,7 +7,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
-from tulip_testbed.identification.contact_pressure import contact_noise, contact_pressure, pose_levers
+from tulip_testbed.identification.contact_pressure import (
+    contact_noise,
+    contact_pressure,
+    pose_levers,
+    slope_of_center,
+)
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.posture_geometry import PostureGeometry
@@ -195,6 +200,9 @@ def regression(
     if parameters.on_swing_foot(support).any():
         known = PostureGeometry(nominal, tree, angles, support, standard_parameters(robot.model))
         output, known_slope = output - known.stance_sole[:, :2], known.stance_sole_slope[:, :2]
+    if measurements.contacts is not None and measurements.contacts.mount == "foot":
+        # The left sensor's place moves with the angles too.
+        known_slope = -slope_of_center(measurements, nominal) - slope @ nominal.value
     output = output.ravel()
     fitted = _fitted(matrix, output).reshape(-1, 2) + (pressure.center - output.reshape(-1, 2))
     return Regression(

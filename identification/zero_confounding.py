@@ -8,6 +8,7 @@ from tulip_testbed.identification.contact_pressure import zero_columns
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.rank import undetermined_directions
 from tulip_testbed.identification.regressor import Regression
+from tulip_testbed.identification.residual_channels import by_weight
 
 SINGULAR = 1e-9  # relative
 NOT_LEVEL = 1e-4  # relative: the square of a tilt of half a degree
@@ -23,9 +24,9 @@ def confounded_directions(observed: Observation, data: Regression) -> np.ndarray
     zeros = zero_columns(observed)
     if not zeros.shape[2]:
         return np.zeros((0, p))
-    columns = np.concatenate([zeros, np.zeros((m, 3, 1))], axis=2)
-    if observed.measurements.weighed_mass is None:
-        columns[:, 2, -1] = 1.0  # the weight is unknown too
+    columns = zeros
+    if observed.measurements.weighed_mass is None:  # the weight is unknown too
+        columns = np.concatenate([zeros, by_weight(observed)[..., None]], axis=2)
     columns[:, 2] /= observed.weight
     whole = np.concatenate([data.matrix.reshape(m, 2, p), np.zeros((m, 1, p))], axis=1).reshape(-1, p)
     basis, size, _ = np.linalg.svd(columns.reshape(3 * m, -1), full_matrices=False)

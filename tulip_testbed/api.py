@@ -356,7 +356,7 @@ def predict(
     train: Sequence[str] = (),
     test: Sequence[str] = (),
 ) -> Prediction:
-    """Ask whether the identified model predicts other postures better than the CAD masses do.
+    """Ask whether the identified model predicts better than CAD.
 
     Args:
         measurements: or their folder, or a run.

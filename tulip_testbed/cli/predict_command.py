@@ -27,7 +27,7 @@ def predict_command(
     test: Part = (),
     as_json: Json = False,
 ) -> int:
-    """Ask whether the identified model predicts other postures better than the CAD masses do.
+    """Ask whether the identified model predicts better than CAD.
 
     Models are the robot's own masses (CAD), CAD and a constant, the identified one, and the identified one
     with a prior at CAD. Each predicts the centre of pressure of postures that took no part in its training:
