@@ -345,13 +345,15 @@ def sole_corners(model: mujoco.MjModel, foot: str) -> np.ndarray:
     """
     wanted = [f"{foot}_{corner}" for corner in CORNERS]
     if missing := [n for n in wanted if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, n) < 0]:
-        raise InputError(f"foot '{foot}' lacks the sole corners (geoms) {listed(missing)}")
+        raise InputError(
+            f"foot '{shortened(foot)}' lacks the sole corners (geoms) {shortened(listed(missing), 300)}"
+        )
     corners = np.array([model.geom(name).pos for name in wanted])
     corners[:, 2] -= [model.geom(name).size[0] for name in wanted]
     x, y = corners[:, 0], corners[:, 1]
     if min(x[:2]) <= max(x[2:]) or min(y[[0, 3]]) <= max(y[[1, 2]]):
         raise InputError(
-            f"foot '{foot}': found the sole corners {listed(CORNERS)} at (x, y) = "
+            f"foot '{shortened(foot)}': found the sole corners {listed(CORNERS)} at (x, y) = "
             f"{listed(map(tuple, np.round(corners[:, :2], 4).tolist()))} m in its frame, "
             "expected x forward and y to the left"
         )
@@ -367,8 +369,8 @@ def sole_point(model: mujoco.MjModel, foot: str) -> np.ndarray:
     heights = sole_corners(model, foot)[:, 2]
     if np.ptp(heights) > 1e-6:
         raise InputError(
-            f"foot '{foot}': found sole corners at heights {listed(np.round(heights, 6))} m in its frame, "
-            "expected one height (the frame's z is the sole's normal)"
+            f"foot '{shortened(foot)}': found sole corners at heights {listed(np.round(heights, 6))} m in its "
+            "frame, expected one height (the frame's z is the sole's normal)"
         )
     return np.array([0.0, 0.0, heights.mean()])
 
