@@ -368,9 +368,10 @@ def sole_point(model: mujoco.MjModel, foot: str) -> np.ndarray:
     """
     heights = sole_corners(model, foot)[:, 2]
     if np.ptp(heights) > 1e-6:
+        found = listed(np.round(heights, 6))
         raise InputError(
-            f"foot '{shortened(foot)}': found sole corners at heights {listed(np.round(heights, 6))} m in its "
-            "frame, expected one height (the frame's z is the sole's normal)"
+            f"foot '{shortened(foot)}': found sole corners at heights {found} m in its frame, "
+            "expected one height (the frame's z is the sole's normal)"
         )
     return np.array([0.0, 0.0, heights.mean()])
 
