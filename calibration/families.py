@@ -252,6 +252,9 @@ def families_in(
     families = families_of(observed.nominal.robot, tolerances, free, contacts)
     if contacts is None or found.zero_sd is None or not found.zero_sd.any():
         return families
+    if found.unknown is not None and found.unknown.any():
+        # A gain multiplies a zero of unknown size: it could be anything.
+        families = tuple(family for family in families if family.name != "wrench-gain")
     sd = {
         f"{foot}.{channel}": float(value)
         for foot, row in zip(PLATES, found.zero_sd, strict=True)

@@ -262,3 +262,12 @@ def test_the_command_prints_one_document(table, stated, tmp_path, capsys):
     out = capsys.readouterr()
     assert "contacts: not stated" in out.out
     assert "No folder was written" in out.err + out.out
+
+
+def test_a_file_and_a_single_column_are_both_heard(table, stated, tmp_path, capsys):
+    single = "q.right_knee=RKnee [deg]:deg:-1"
+    arguments = ["import", str(table()), "--out", str(tmp_path / "data"), "--json"]
+    main([*arguments, "--map", stated(WRENCHES), "--map", single])
+    document = json.loads(capsys.readouterr().out)
+    assert document["mapped"]["q.right_knee"]["sign"] == -1
+    assert not any("contacts" in problem for problem in document["problems"])

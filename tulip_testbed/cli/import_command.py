@@ -19,10 +19,11 @@ def import_command(
     robot: RobotFile = TULIP,
     stated: Annotated[
         tuple[str, ...],
+        tyro.conf.UseAppendAction,
         tyro.conf.arg(
             name="map",
             metavar="FILE.toml | NAME=COLUMN:UNIT:SIGN",
-            help="what the table does not say: contacts, columns, units, signs, constant joints",
+            help="what the table does not say: contacts, columns, units, signs, constant joints; repeatable",
         ),
     ] = (),
     as_json: Json = False,
