@@ -51,11 +51,13 @@ def _corrected_wrenches(observed: Observation) -> Measurements:
     assert contacts is not None
     assert found.by_channel is not None
     assert m.wrenches is not None
-    change = (observed.cell_forces - found.values).reshape(len(observed), 2, -1)
-    wrenches = m.wrenches + change @ np.linalg.inv(found.by_channel).T
     forces = carried(observed)
     total = forces @ found.bears.ravel()
-    down = (forces.reshape(change.shape) * found.bears).sum(axis=2)
+    down = (forces.reshape(len(observed), 2, -1) * found.bears).sum(axis=2)
+    # The force on the foot is scaled; the sensor's zero and what hangs below it are not.
+    share = np.where(forces != 0, (1 - observed.lift / total)[:, None], 1.0)
+    change = (observed.cell_forces * share - found.values).reshape(len(observed), 2, -1)
+    wrenches = m.wrenches + change @ np.linalg.inv(found.by_channel).T
     moments = (forces[..., None] * observed.cell_places).sum(axis=1)
     plain = moments / (observed.weight + observed.lift)[:, None]
     shift = turned(-observed.contact_poses[..., 2], (_center(observed) - plain)[:, None])
@@ -65,11 +67,10 @@ def _corrected_wrenches(observed: Observation) -> Measurements:
         for k, name in enumerate(("mx", "my", "mz")):
             if name in contacts.channels:
                 wrenches[:, side, contacts.channels.index(name)] += own[:, k]
-    share = np.where(down != 0, (1 - observed.lift / total)[:, None], 1.0)
     return replace(
         m,
         joint_angles=observed.joint_angles,
-        wrenches=wrenches * share[..., None],
+        wrenches=wrenches,
         plate_poses=observed.plate_poses,
     )
 

@@ -9,7 +9,6 @@ import numpy as np
 from tulip_testbed.identification.center_of_pressure import center_of_pressure, load_shares, total_mass
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.observation import Observation, observe
-from tulip_testbed.identification.reading_noise import cell_noise, placement_levers
 from tulip_testbed.identification.residual_channels import carried, fields, sensitivity
 from tulip_testbed.sim.measurements import Measurements
 
@@ -51,32 +50,26 @@ def contact_pressure(measurements: Measurements, nominal: Nominal) -> ContactPre
     return ContactPressure(moment / weight[:, None], down / total[:, None], (float(mass.mean()), error))
 
 
-def contact_noise(measurements: Measurements, nominal: Nominal, fitted: np.ndarray) -> np.ndarray:
+def center_slopes(observed: Observation) -> dict[str, np.ndarray]:
+    """Differentiate the residual of the centre of pressure by angles, readings and poses, (m, 2, k) each.
+
+    The names are those of `residual_channels.fields`.
+    """
+    slope, at = sensitivity(observed, observed.nominal.value)[:, :2], fields(observed)
+    return {name: slope[..., at[name]] for name in ("angles", "cells", "plates")}
+
+
+def wrench_noise(observed: Observation, by_reading: np.ndarray, fitted: np.ndarray) -> np.ndarray:
     """Return the covariance of each posture's centre of pressure for readings with an s.d. of 1, (m, 2, 2).
 
     Args:
+        by_reading: of `center_slopes`.
         fitted: centre of pressure without noise, see `cell_noise`, (m, 2) [m].
     """
-    if measurements.contacts is None:
-        return cell_noise(measurements, fitted)
-    observed = observe(measurements, nominal)
-    lever = _reach(observed, "cells")
-    if measurements.weighed_mass is None:  # the centre of pressure is that over the measured force
-        bears = observed.contacts.bears.ravel()
-        lever = lever - bears * fitted[..., None] / observed.weight
+    lever = by_reading
+    if observed.measurements.weighed_mass is None:  # the centre of pressure is that over the measured force
+        lever = lever - observed.contacts.bears.ravel() * fitted[..., None] / observed.weight
     return lever @ lever.mT
-
-
-def pose_levers(measurements: Measurements, nominal: Nominal) -> np.ndarray:
-    """Return the displacement of the centre of pressure by the contacts' poses, (m, 2, 6) [-, -, m]."""
-    if measurements.contacts is None:
-        return placement_levers(measurements)
-    return _reach(observe(measurements, nominal), "plates")
-
-
-def slope_of_center(measurements: Measurements, nominal: Nominal) -> np.ndarray:
-    """Differentiate the residual of the centre of pressure by the joint angles, (m, 2, n_joints) [m/rad]."""
-    return _reach(observe(measurements, nominal), "angles")
 
 
 def zero_columns(observed: Observation) -> np.ndarray:
@@ -92,8 +85,3 @@ def zero_columns(observed: Observation) -> np.ndarray:
     return np.concatenate(
         [by_reading[..., k * s : k * (s + 1)] @ found.by_channel[:, found.unknown[s]] for s in (0, 1)], axis=2
     )
-
-
-def _reach(observed: Observation, name: str) -> np.ndarray:
-    """Return the derivative of the centre of pressure by some readings, (m, 2, k)."""
-    return sensitivity(observed, observed.nominal.value)[:, :2, fields(observed)[name]]

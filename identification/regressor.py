@@ -7,16 +7,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
-from tulip_testbed.identification.contact_pressure import (
-    contact_noise,
-    contact_pressure,
-    pose_levers,
-    slope_of_center,
-)
+from tulip_testbed.identification.contact_pressure import center_slopes, contact_pressure, wrench_noise
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
 from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.posture_geometry import PostureGeometry
-from tulip_testbed.identification.reading_noise import usable_sd
+from tulip_testbed.identification.reading_noise import cell_noise, placement_levers, usable_sd
 from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.measurements import Measurements, SensorSheet
 from tulip_testbed.sim.measurements.plan_folder import check_model
@@ -200,16 +196,21 @@ def regression(
     if parameters.on_swing_foot(support).any():
         known = PostureGeometry(nominal, tree, angles, support, standard_parameters(robot.model))
         output, known_slope = output - known.stance_sole[:, :2], known.stance_sole_slope[:, :2]
-    if measurements.contacts is not None and measurements.contacts.mount == "foot":
-        # The left sensor's place moves with the angles too.
-        known_slope = -slope_of_center(measurements, nominal) - slope @ nominal.value
-    output = output.ravel()
-    fitted = _fitted(matrix, output).reshape(-1, 2) + (pressure.center - output.reshape(-1, 2))
+    fitted = _fitted(matrix, output.ravel()).reshape(-1, 2) + (pressure.center - output)
+    if measurements.contacts is None:
+        cells, levers = cell_noise(measurements, fitted), placement_levers(measurements)
+    else:
+        observed = observe(measurements, nominal)
+        by = center_slopes(observed)
+        cells, levers = wrench_noise(observed, by["cells"], fitted), by["plates"]
+        sheet = replace(sheet, cell_sd=1.0)  # readings are scaled to it
+        if observed.in_feet:  # the left sensor's place moves with the angles too
+            known_slope = -by["angles"] - slope @ nominal.value
     return Regression(
         matrix=matrix,
         blur=_blur(slope, ENCODER_SD if sheet.encoder_sd is None else sheet.encoder_sd),
         source=source,
-        output=output,
+        output=output.ravel(),
         numbers=np.arange(1, columns + 1),
         names=parameters.names,
         placement=measurements.placement,
@@ -217,9 +218,9 @@ def regression(
         slope=slope,
         known_slope=known_slope,
         encoder_sd=usable_sd(sheet.encoder_sd) if by_closure is None else by_closure,
-        cells=contact_noise(measurements, nominal, fitted),
-        levers=pose_levers(measurements, nominal),
-        sensors=sheet if measurements.contacts is None else replace(sheet, cell_sd=1.0),
+        cells=cells,
+        levers=levers,
+        sensors=sheet,
         parameters=parameters,
         robot=robot,
         mass=measurements.weighed_mass or pressure.mass,

@@ -78,17 +78,20 @@ class Sensors:
 
 UNTARED: Six = (5.0, 5.0, 5.0, 0.2, 0.2, 0.2)  # N, Nm, s.d. of the zeros of a mounted sensor, assumed
 
+FINE_ENCODERS = {  # of careful laboratories [rad]
+    "encoder_repeatability": 1e-4,
+    "encoder_noise": 1e-4,
+    "encoder_resolution": 2 * np.pi / 2**16,
+    "motor_repeatability": 1e-4,
+    "motor_noise": 1e-4,
+    "motor_resolution": 2 * np.pi / 2000 / 111,
+}
 # A preset is a set of variance components without systematic effects.
 PRESETS: dict[str, Sensors] = {
     "ideal": Sensors(),
     # Research-grade plates and a placement jig: CoP residual below 0.5 mm per axis.
     "force-plate": Sensors(
-        encoder_repeatability=1e-4,
-        encoder_noise=1e-4,
-        encoder_resolution=2 * np.pi / 2**16,
-        motor_repeatability=1e-4,
-        motor_noise=1e-4,
-        motor_resolution=2 * np.pi / 2000 / 111,
+        **FINE_ENCODERS,
         cell_repeatability=0.1,
         cell_noise=0.3,
         cell_resolution=0.01,
@@ -115,12 +118,7 @@ PRESETS: dict[str, Sensors] = {
     "foot-ideal": Sensors(feet=FootSensors(zero_sd=UNTARED)),
     # ATI Mini45, calibration SI-580-20, without tare; docs/laboratory.md says where each figure is from.
     "foot-ft": Sensors(
-        encoder_repeatability=1e-4,
-        encoder_noise=1e-4,
-        encoder_resolution=2 * np.pi / 2**16,
-        motor_repeatability=1e-4,
-        motor_noise=1e-4,
-        motor_resolution=2 * np.pi / 2000 / 111,
+        **FINE_ENCODERS,
         weighed_mass_sd=0.005,
         feet=FootSensors(
             repeatability=(0.58, 0.58, 1.16, 0.02, 0.02, 0.02),

@@ -8,6 +8,7 @@ import pytest
 import tulip_testbed as tt
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Misreading
+from tulip_testbed.effects.removal import corrected
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.identification.contact_readings import of_wrenches
 from tulip_testbed.identification.nominal import nominal_robot
@@ -118,3 +119,13 @@ def test_an_effect_on_wrenches_is_undone(text, value, run, robot):
     again = effect.predict(observe(wrong, nominal), target, (value,))
     expected = residuals(observe(m, nominal), nominal.value)
     np.testing.assert_allclose(residuals(again, nominal.value), expected, atol=1e-9)
+
+
+def test_what_lifts_the_robot_is_taken_off_the_feet_but_not_off_zeros(run, robot):
+    """A force of 20 N is removed from the measurements: the sum of the forces changes by just that."""
+    nominal = nominal_robot(robot)
+    observed = observe(run.measurements, nominal)
+    lifted = observed.changed(lift=np.full(len(observed), 20.0))
+    again = observe(corrected(lifted), nominal)
+    change = residuals(again, nominal.value)[:, 2] - residuals(observed, nominal.value)[:, 2]
+    np.testing.assert_allclose(change, -20.0, atol=1e-9)

@@ -114,4 +114,7 @@ def _legend(subject: Subject) -> list[str]:
             "blue, rear right green, rear left orange. A cell that reads less than under the empty board "
             "points up."
         )
+    elif subject.foot_loads is not None:
+        scale = 1e3 * METRES_PER_WEIGHT / subject.weight
+        lines.append(f"Arrows: vertical force on each foot by its sensor, {scale:.1f} mm per N.")
     return ["\n\n".join([*lines, *subject.notes])]
