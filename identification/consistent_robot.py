@@ -1,0 +1,283 @@
+"""The physically consistent robot that has given base parameters and is otherwise nearest to CAD.
+
+Statics sees the base parameters and the total mass alone, which are linear in the links' masses and first
+moments. Of all robots that have them, this is the one with the least divergence from CAD
+
+    sum over links of  tr(P0^-1 P) - log det(P0^-1 P) - 4,
+
+the Bregman divergence of -log det between pseudo-inertias, which does not depend on frames or units (Lee,
+Wensing and Park 2020, "Geometric robot dynamic identification: a convex programming approach"). The mass of
+every link lies in its ellipsoid (`pseudo_inertia.bounding_ellipsoids`): positive definite pseudo-inertias
+alone would put a centre of mass anywhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from tulip_testbed.identification.pseudo_inertia import standard_of
+
+RANK = 1e-10  # of the largest singular value
+STEPS = 200  # of Newton's method
+ROUNDS = 30  # of the active set
+CONVERGED = 1e-14  # of the right-hand side
+LEAST = 0.01  # of CAD's pseudo-inertia that every link of the nearest robot keeps
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """What a robot is to have.
+
+    Attributes:
+        from_standard: see `BaseParameters`, (p, 4 n_links).
+        value, covariance: estimate of the base parameters, (p,) [m] and (p, p) [m2].
+        mass: of the whole robot [kg].
+    """
+
+    from_standard: np.ndarray
+    value: np.ndarray
+    covariance: np.ndarray
+    mass: float
+
+
+@dataclass(frozen=True, eq=False)
+class ConsistentRobot:
+    """A physically consistent robot.
+
+    Attributes:
+        pseudo: pseudo-inertias of the links, (n_links, 4, 4).
+        value: its base parameters, (p,) [m]: the estimate's, or the nearest that a consistent robot has.
+        misfit: distance of `value` from the estimate, sqrt(d' C^-1 d) [standard errors]; 0: none.
+    """
+
+    pseudo: np.ndarray
+    value: np.ndarray
+    misfit: float
+
+    @property
+    def standard(self) -> np.ndarray:
+        """Return the standard parameters, (n_links, 4) [kg, kg m]."""
+        return standard_of(self.pseudo)
+
+
+def consistent_robot(reference: np.ndarray, ellipsoids: np.ndarray, target: Target) -> ConsistentRobot:
+    """Find the consistent robot with the target's base parameters that is nearest to CAD.
+
+    If no consistent robot has them, it is one with the nearest base parameters in the metric of their
+    covariance, in which every link keeps a hundredth of CAD's pseudo-inertia.
+
+    Args:
+        reference: CAD's pseudo-inertias, (n_links, 4, 4), positive definite; zero for a link without mass.
+        ellipsoids: of `bounding_ellipsoids`, (n_links, 4, 4).
+    """
+    space = _space(reference, ellipsoids, target.from_standard)
+    wanted = np.append(target.mass * target.value, target.mass)
+    found = _nearest_to_reference(space, wanted)
+    if found is not None:
+        return ConsistentRobot(_robot(space, found), target.value, 0.0)
+    value, misfit = _nearest_value(space, target)
+    found = _nearest_to_reference(space, np.append(target.mass * value, target.mass))
+    if found is None:
+        raise ArithmeticError("the projection on the nearest consistent base parameters did not converge")
+    return ConsistentRobot(_robot(space, found), value, misfit)
+
+
+def data_shares(pseudo: np.ndarray, from_standard: np.ndarray) -> np.ndarray:
+    """Return how much of each link's mass and centre the data determine, (n_links, 4): 0 CAD to 1 data.
+
+    In the metric of the divergence's Hessian, tr(P^-1 dP P^-1 dP), it is the squared norm of the part of the
+    number's gradient that base parameters and total mass span, over the squared norm of the whole gradient.
+    A link without mass has zeros.
+
+    Args:
+        pseudo: of the robot, (n_links, 4, 4).
+    """
+    heavy = np.flatnonzero(pseudo[:, 3, 3] > 0)
+    roots = np.linalg.cholesky(pseudo[heavy])
+    rows = _rows(roots, _weights(from_standard, heavy))
+    _, size, turned = np.linalg.svd(rows.reshape(len(rows), -1), full_matrices=False)
+    spanned = turned[size > RANK * size[0]].reshape(-1, len(heavy), 16)
+    shares = np.zeros((len(pseudo), 4))
+    for k, link in enumerate(heavy):
+        mass = pseudo[link, 3, 3]
+        weights = np.zeros((4, 4))  # of [h, m]: mass, then the centre's coordinates
+        weights[0, 3] = 1.0
+        weights[1:, :3] = np.eye(3) / mass
+        weights[1:, 3] = -pseudo[link, :3, 3] / mass**2
+        gradient = _symmetric(roots[k], weights).reshape(4, 16)
+        shares[link] = ((gradient @ spanned[:, k].T) ** 2).sum(axis=1) / (gradient**2).sum(axis=1)
+    return shares
+
+
+@dataclass(frozen=True, eq=False)
+class _Space:
+    """Robots X as multiples of the reference, P = L X L' with the reference L L'; X = 1 is the reference.
+
+    Attributes:
+        heavy: links with mass, (h,). size: number of all links.
+        roots: L of each, (h, 4, 4).
+        rows: base parameters times the mass and total mass are <rows, X>, (p + 1, h, 4, 4).
+        basis: orthonormal matrices that span them, (k, h, 4, 4). onto: <basis, X> = onto @ <rows, X>, (k, p + 1).
+        ellipsoids: Q with <Q, X> >= 0, (h, 4, 4), of norm 1.
+    """
+
+    heavy: np.ndarray
+    size: int
+    roots: np.ndarray
+    rows: np.ndarray
+    basis: np.ndarray
+    onto: np.ndarray
+    ellipsoids: np.ndarray
+
+
+def _space(reference: np.ndarray, ellipsoids: np.ndarray, from_standard: np.ndarray) -> _Space:
+    heavy = np.flatnonzero(reference[:, 3, 3] > 0)
+    roots = np.linalg.cholesky(reference[heavy])
+    rows = _rows(roots, _weights(from_standard, heavy))
+    left, size, turned = np.linalg.svd(rows.reshape(len(rows), -1), full_matrices=False)
+    kept = size > RANK * size[0]
+    bounds = roots.mT @ ellipsoids[heavy] @ roots
+    return _Space(
+        heavy=heavy,
+        size=len(reference),
+        roots=roots,
+        rows=rows,
+        basis=turned[kept].reshape(-1, len(heavy), 4, 4),
+        onto=left[:, kept].T / size[kept, None],
+        ellipsoids=bounds / np.linalg.norm(bounds, axis=(1, 2), keepdims=True),
+    )
+
+
+def _weights(from_standard: np.ndarray, heavy: np.ndarray) -> np.ndarray:
+    """Return the weights of [h, m] of the links with mass, (p + 1, h, 4); the last row is the total mass."""
+    by_link = from_standard.reshape(len(from_standard), -1, 4)[:, heavy][..., [1, 2, 3, 0]]
+    total = np.zeros((1, len(heavy), 4))
+    total[..., 3] = 1.0
+    return np.concatenate([by_link, total])
+
+
+def _rows(roots: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    return np.stack([_symmetric(root, weights[:, k]) for k, root in enumerate(roots)], axis=1)
+
+
+def _symmetric(root: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return symmetric matrices G with <G, X> = w' P e_4, P = L X L', for each row w of the weights."""
+    product = (weights @ root)[:, :, None] * root[3]
+    return (product + product.mT) / 2
+
+
+def _robot(space: _Space, found: np.ndarray) -> np.ndarray:
+    pseudo = np.zeros((space.size, 4, 4))
+    whole = space.roots @ found @ space.roots.mT
+    pseudo[space.heavy] = (whole + whole.mT) / 2
+    return pseudo
+
+
+def _nearest_to_reference(space: _Space, wanted: np.ndarray) -> np.ndarray | None:
+    """Return X nearest to 1 with <rows, X> = wanted inside of all ellipsoids, (h, 4, 4); None: there is none.
+
+    Ellipsoids that the solution touches are equations, the others are left out: an active set, which the
+    signs of the multipliers confirm.
+    """
+    goal = space.onto @ wanted
+    count, active = len(space.basis), np.zeros(len(space.heavy), bool)
+    for _ in range(ROUNDS):
+        touched = np.flatnonzero(active)
+        bounds = np.zeros((len(touched), *space.basis.shape[1:]))
+        bounds[np.arange(len(touched)), touched] = space.ellipsoids[touched]
+        solved = _least_divergence(
+            np.concatenate([space.basis, bounds]), np.append(goal, np.zeros(len(touched)))
+        )
+        if solved is None:
+            return None
+        found, multipliers = solved
+        outside = (space.ellipsoids * found).sum(axis=(1, 2)) < -1e-12
+        needed = active.copy()
+        needed[touched] = multipliers[count:] < 0
+        if (now := needed | outside & ~active).tolist() == active.tolist():
+            return found
+        active = now
+    return None
+
+
+def _least_divergence(matrices: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Minimise tr X - log det X subject to <matrices, X> = goal by Newton's method on the dual problem.
+
+    X = (1 + sum of l_k V_k)^-1 for multipliers l, which are the unknowns: as many as there are equations.
+
+    Args:
+        matrices: V, (k, h, 4, 4), symmetric. goal: (k,).
+
+    Returns:
+        X, (h, 4, 4), and l, (k,); None: no X is positive definite, since the dual has no maximum.
+    """
+    flat = matrices.reshape(len(matrices), -1)
+    multipliers = np.zeros(len(goal))
+    found, cost = _primal(matrices, multipliers, goal)
+    accepted = CONVERGED * max(1.0, float(np.abs(goal).max()))
+    best = np.inf
+    for _ in range(STEPS):
+        lack = flat @ found.ravel() - goal
+        away = float(np.abs(lack).max())
+        if away <= accepted or (away < 1e3 * accepted and away >= best):
+            return found, multipliers
+        best = min(best, away)
+        turned = (found @ matrices @ found).reshape(len(flat), -1)
+        try:
+            step = cho_solve(cho_factor(turned @ flat.T), lack)
+        except (LinAlgError, ValueError):
+            return None
+        decrement = float(lack @ step)
+        if not np.isfinite(decrement) or np.abs(multipliers).max() > 1e12:
+            return None
+        length = 1.0
+        while length > 1e-9:
+            now, change = _primal(matrices, multipliers + length * step, goal)
+            if np.isfinite(change) and (decrement < 1e-8 or change <= cost - 0.25 * length * decrement):
+                break
+            length /= 2
+        else:
+            return None
+        multipliers, found, cost = multipliers + length * step, now, change
+    return None
+
+
+def _primal(matrices: np.ndarray, multipliers: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return X and the negative of the dual at given multipliers; infinite where X is not positive definite."""
+    inverse = np.eye(4) + np.tensordot(multipliers, matrices, axes=1)
+    size = np.linalg.eigvalsh(inverse)
+    if size.min() <= 0:
+        return inverse, np.inf
+    return np.linalg.inv(inverse), float(multipliers @ goal - np.log(size).sum())
+
+
+def _nearest_value(space: _Space, target: Target) -> tuple[np.ndarray, float]:
+    """Return the base parameters of a consistent robot nearest to the estimate, (p,) [m], and the misfit.
+
+    It is a semidefinite program: least squares subject to X - LEAST positive semidefinite, the ellipsoids and
+    the total mass.
+    """
+    import cvxpy as cp  # takes a second to load, and few estimates need it
+
+    links = [cp.Variable((4, 4), symmetric=True) for _ in space.heavy]
+    flat = space.rows.reshape(*space.rows.shape[:2], 16)
+    sums = sum(flat[:, k] @ cp.vec(one, order="C") for k, one in enumerate(links))
+    deviation = np.sqrt(np.diag(target.covariance))
+    root = np.linalg.cholesky(target.covariance / np.outer(deviation, deviation))
+    whiten = np.linalg.inv(root) / deviation
+    away = whiten @ (sums[:-1] / target.mass - target.value)
+    inside = [one >> LEAST * np.eye(4) for one in links]
+    inside += [
+        cp.sum(cp.multiply(bound, one)) >= 0 for bound, one in zip(space.ellipsoids, links, strict=True)
+    ]
+    problem = cp.Problem(
+        cp.Minimize(cp.norm(away)), [*inside, sums[-1] / target.mass == 1.0]
+    )
+    problem.solve(solver=cp.CLARABEL)
+    if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
+        raise ArithmeticError(f"the search for consistent base parameters ended as {problem.status}")
+    value = np.asarray(sums.value[:-1]) / target.mass
+    return value, float(np.linalg.norm(whiten @ (value - target.value)))
