@@ -1,0 +1,1 @@
+"""From an identification to a model file of the robot."""

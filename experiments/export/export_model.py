@@ -1,0 +1,220 @@
+"""Write the identified robot as a model file: consistent, checked, and otherwise the user's own file."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from tulip_testbed.experiments.export.exported_model import ExportedModel
+from tulip_testbed.experiments.export.inertial_text import with_inertias
+from tulip_testbed.experiments.export.published_links import PublishedLinks, published_links
+from tulip_testbed.experiments.export.robot_samples import robot_samples
+from tulip_testbed.experiments.export.written_urdf import written_urdf
+from tulip_testbed.experiments.identify import Identification
+from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
+from tulip_testbed.identification.consistent_robot import Target, consistent_robot, data_shares
+from tulip_testbed.identification.pseudo_inertia import (
+    bounding_ellipsoids,
+    pseudo_inertias,
+    solid,
+    standard_of,
+)
+from tulip_testbed.sim.errors import InputError, at_least, at_most, listed, shortened, warn
+from tulip_testbed.sim.files import check_new, present, read_bytes, write_bytes
+from tulip_testbed.sim.mjcf_files import mjcf_files
+from tulip_testbed.sim.robot import Robot, check_unchanged, load_spec
+
+ENDINGS = (".xml", ".urdf")
+EXACT = 1e-9  # m: how far the base parameters of the file may be from the stated ones
+SAMPLES, MOST_SAMPLES = 200, 100_000
+MOST_SHOWN = 5  # missing files in a note
+
+
+@dataclass(frozen=True)
+class Export:
+    """What is written.
+
+    Attributes:
+        path: of the model, .xml or .urdf.
+        source: the published file of which `tulip robot` made the robot: its inertias are replaced instead
+            of those of the prepared robot; None: the robot's own MJCF.
+        samples: number of random robots, written beside the model; 0: none.
+        seed: of the samples.
+    """
+
+    path: Path
+    source: Path | None = None
+    samples: int = SAMPLES
+    seed: int = 1
+
+
+def export_model(
+    found: Identification, robot: Robot, export: Export, weighed: tuple[float, float] | None = None
+) -> ExportedModel:
+    """Write the identified robot.
+
+    Args:
+        found: the identification. robot: the nominal one, CAD.
+        weighed: mass of the robot on a scale and its standard error [kg]; None: that of the identification.
+
+    Raises:
+        InputError: files that exist, of another ending or of another robot; a file whose settings overrule
+            its inertias.
+    """
+    parameters = _check(found, robot, export)
+    samples_path = export.path.with_name(f"{export.path.stem}-samples.npz")
+    if export.samples:
+        check_new(samples_path)
+    reference = solid(pseudo_inertias(robot.model))
+    ellipsoids = bounding_ellipsoids(robot.visual_model, reference)
+    mass, mass_error = weighed or found.mass
+    full = found.full
+    target = Target(parameters.from_standard[full.numbers - 1], full.value, full.covariance, mass)
+    consistent = consistent_robot(reference, ellipsoids, target)
+    content, notes = _content(robot, export, parameters, consistent.pseudo, consistent.value)
+    result = ExportedModel(
+        links=parameters.tree.links,
+        cad=pseudo_inertias(robot.model),
+        robot=consistent,
+        shares=data_shares(consistent.pseudo, target.from_standard),
+        mass=mass,
+        mass_source="weighed" if weighed else "by the measured forces",
+        files=(export.path, *([samples_path] if export.samples else [])),
+        notes=notes,
+    )
+    archive = b""
+    if export.samples:
+        rng = np.random.default_rng(export.seed)
+        drawn = robot_samples(robot.model, ellipsoids, target, mass_error, export.samples, rng)
+        archive = drawn.archive(parameters.tree.links, full.names)
+    write_bytes(export.path, content, new=True)
+    if export.samples:
+        write_bytes(samples_path, archive, new=True)
+    if consistent.misfit:
+        warn(f"{export.path}: {result.misfit_line}")
+    return result
+
+
+def _check(found: Identification, robot: Robot, export: Export) -> BaseParameters:
+    """Refuse what cannot be exported; returns the robot's base parameters."""
+    if export.path.suffix.lower() not in ENDINGS:
+        raise InputError(
+            f"{export.path}: found a name that ends in '{export.path.suffix}', expected {listed(ENDINGS)}"
+        )
+    check_new(export.path)
+    at_least("samples", export.samples, 0)
+    at_most("samples", export.samples, MOST_SAMPLES)
+    at_least("seed", export.seed, 0)
+    parameters = base_parameters(robot, support=found.parameters.support)
+    if found.parameters.tree.links != parameters.tree.links or found.parameters.names != parameters.names:
+        raise InputError(
+            f"{robot.model_file}: found a robot with other links than the identification's; give the robot that "
+            "was identified"
+        )
+    if len(found.full.numbers) != len(parameters.names):
+        raise InputError(
+            f"found an estimate of {len(found.full.numbers)} of {len(parameters.names)} base parameters, "
+            "expected all"
+        )
+    if export.source is not None and _kind(export.source) != export.path.suffix.lower():
+        raise InputError(
+            f"{export.path}: found the ending '{export.path.suffix}', expected {_kind(export.source)}, that of "
+            f"the source {export.source}"
+        )
+    return parameters
+
+
+def _kind(source: Path) -> str:
+    return ".urdf" if b"<robot" in read_bytes(source)[:4096] else ".xml"
+
+
+def _content(
+    robot: Robot, export: Export, parameters: BaseParameters, pseudo: np.ndarray, value: np.ndarray
+) -> tuple[bytes, tuple[str, ...]]:
+    """Return the bytes of the model, read back and compared, and notes on them."""
+    heavy = {
+        name: pseudo[k] for k, name in enumerate(parameters.tree.links) if standard_of(pseudo[k])[0] > 0
+    }
+    if export.source is not None:
+        source = published_links(export.source, robot)
+        content = with_inertias(read_bytes(export.source), source.changed(pseudo), export.source)
+        standard = _published_standard(content, export, robot)
+        notes = _missing_files(export.source, export.path)
+    elif export.path.suffix.lower() == ".urdf":
+        content = written_urdf(robot, pseudo)
+        standard = _published_standard(content, export, robot)
+        notes = (
+            "The URDF is written anew from the robot's MJCF: links, hinges, limits and inertias, without "
+            "shapes and motors.",
+        )
+    else:
+        check_unchanged(robot, robot.model_file)
+        _check_compiler(robot)
+        content = with_inertias(read_bytes(robot.model_file), heavy, robot.model_file)
+        model = _compiled(content, robot)
+        parameters = base_parameters(robot, model, parameters.support)
+        standard, notes = standard_parameters(model), _missing_files(robot.model_file, export.path)
+    apart = float(np.abs(parameters.values(standard) - value).max())
+    if not apart <= EXACT:
+        raise InputError(
+            f"{export.path}: the base parameters of the written file are {1e3 * apart:.3g} mm away from the "
+            "stated ones; a setting of the file overrules its inertias (<compiler>: boundmass, balanceinertia)"
+        )
+    return content, notes
+
+
+def _check_compiler(robot: Robot) -> None:
+    """Refuse settings of an MJCF with which MuJoCo does not use the inertias in it."""
+    if robot.spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
+        raise InputError(
+            f"{robot.model_file}: <compiler>: found inertiafromgeom='true', expected 'auto' or 'false': MuJoCo "
+            "would take masses from the shapes and not from the file"
+        )
+    least = robot.spec.compiler.boundmass
+    if least > 0:
+        raise InputError(
+            f"{robot.model_file}: <compiler>: found boundmass='{least:g}', expected none: it may raise a mass"
+        )
+
+
+def _compiled(content: bytes, robot: Robot) -> mujoco.MjModel:
+    """Compile an MJCF that stands where the robot's own stands, in a copy of the robot's files."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        inside = [name for name in robot.hashes if present(robot.folder / name) and ".." not in Path(name).parts]
+        for name in inside:
+            write_bytes(folder / name, read_bytes(robot.folder / name))
+        place = folder / robot.model_file.relative_to(robot.folder)
+        write_bytes(place, content)
+        return load_spec(place, folder).compile()
+
+
+def _published_standard(content: bytes, export: Export, robot: Robot) -> np.ndarray:
+    """Read a file back as a published one; returns the standard parameters of the robot's links, (n, 4)."""
+    with tempfile.TemporaryDirectory() as scratch:
+        place = Path(scratch) / export.path.name
+        write_bytes(place, content)
+        links: PublishedLinks = published_links(place, robot)
+    return standard_of(links.by_link(robot.model.nbody - 1))
+
+
+def _missing_files(source: Path, path: Path) -> tuple[str, ...]:
+    """Return a note on files that the model names and that are not found from its new place."""
+    if source.parent.resolve() == path.parent.resolve():
+        return ()
+    names = [
+        file.relative_to(source.parent)
+        for file in mjcf_files(source, source.parent)
+        if file != source and file.is_relative_to(source.parent)
+    ]
+    missing = [str(name) for name in names if not present(path.parent / name)]
+    if not missing:
+        return ()
+    return (
+        f"The model names {len(missing)} files that are not found from its new place "
+        f"({shortened(listed(missing[:MOST_SHOWN]), 200)}): put it beside {source}, or copy them.",
+    )

@@ -1,0 +1,58 @@
+"""The identification that a folder holds, made again with its covariance."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
+from tulip_testbed.discovery.discover import CALIBRATED, NAMED
+from tulip_testbed.effects.instance import EffectDocument, EffectInstance
+from tulip_testbed.experiments.discovery_record import read_discovery
+from tulip_testbed.experiments.identify import Identification, identify, plain_estimator
+from tulip_testbed.experiments.run_file import kind_of
+from tulip_testbed.experiments.validation_record import read_validation
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements, read_measurements
+from tulip_testbed.sim.robot import Robot
+
+
+def identified_run(
+    folder: Path, robot: Robot
+) -> tuple[Identification, Measurements, tuple[EffectInstance, ...]]:
+    """Identify the robot of a folder as the folder did.
+
+    Args:
+        folder: of a validation, which names its estimator; of a discovery, whose adopted effects are removed;
+            or of measurements, for the default estimator.
+
+    Returns:
+        the identification, its measurements and the effects that were removed from them.
+
+    Raises:
+        InputError: a folder without an estimate, of another robot, or that was changed.
+    """
+    folder = Path(folder)
+    kind = kind_of(folder)
+    if kind == "validation":
+        record = read_validation(folder, robot)
+        known = (record.document.configuration.model_extra or {}).get("adopted", [])
+        effects = _effects([EffectDocument.model_validate(one) for one in known], robot, folder)
+        measurements, estimator = record.measurements, record.report.estimator
+    elif kind == "discovery":
+        found = read_discovery(folder, robot)
+        effects = _effects(found.report.adopted, robot, folder)
+        measurements = found.measurements
+        settled = found.report.verdict in (NAMED, CALIBRATED)
+        estimator = SELF_CALIBRATING if settled else plain_estimator(measurements)
+    elif kind == "measurement":
+        measurements, effects, estimator = read_measurements(folder), (), SELF_CALIBRATING
+    else:
+        raise InputError(
+            f"{folder}: found a {kind} folder, which holds no estimate of one robot; expected the folder of a "
+            "validation, a discovery or measurements"
+        )
+    return identify(measurements, robot, str(folder), estimator, adopted=effects), measurements, effects
+
+
+def _effects(documents: list, robot: Robot, folder: Path) -> tuple[EffectInstance, ...]:
+    return tuple(EffectInstance.from_document(one, robot, str(folder)) for one in documents)

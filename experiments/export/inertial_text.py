@@ -1,0 +1,153 @@
+"""Replace the inertias in the text of an MJCF or a URDF; every other byte stays as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from xml.parsers import expat
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from tulip_testbed.identification.pseudo_inertia import central
+from tulip_testbed.sim.errors import InputError, shortened
+
+ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # of MJCF's fullinertia
+INDENT = b"  "
+
+
+@dataclass
+class _Element:
+    """A body or a link in the text.
+
+    Attributes:
+        start: of its start tag, in bytes. after: end of the start tag.
+        inertial: start and end of its <inertial>; None: there is none.
+    """
+
+    start: int
+    after: int
+    inertial: tuple[int, int] | None = None
+
+
+def with_inertias(content: bytes, pseudo: Mapping[str, np.ndarray], where: Path) -> bytes:
+    """Return the file with the inertias of some bodies (MJCF) or links (URDF) replaced.
+
+    Args:
+        content: of the file. pseudo: pseudo-inertias in the frames of the bodies by name, (4, 4) each.
+        where: the file, for messages.
+
+    Raises:
+        InputError: the file itself does not hold a body, which may stand in an included file.
+    """
+    kind, elements = _elements(content, where)
+    if missing := [name for name in pseudo if name not in elements]:
+        raise InputError(
+            f"{where}: found no <{kind} name={quoteattr(shortened(missing[0]))}>, expected every link with a "
+            "mass in the file itself: write included, attached or replicated bodies into it"
+        )
+    changes = []
+    for name, one in pseudo.items():
+        element, text = elements[name], inertial_xml(one, kind)
+        if element.inertial is not None:
+            changes.append((*element.inertial, text))
+        elif content[: element.after].endswith(b"/>"):  # an empty element gets an end tag
+            closing = b">" + text + f"</{kind}>".encode()
+            changes.append((element.after - 2, element.after, closing))
+        else:
+            changes.append((element.after, element.after, _new_line(content, element.start) + text))
+    for start, end, text in sorted(changes, reverse=True):
+        content = content[:start] + text + content[end:]
+    return content
+
+
+def inertial_spans(content: bytes, where: Path) -> list[tuple[int, int]]:
+    """Return start and end of every <inertial> of a body or link, in bytes."""
+    _, elements = _elements(content, where)
+    return sorted(one.inertial for one in elements.values() if one.inertial is not None)
+
+
+def inertial_xml(pseudo: np.ndarray, kind: str) -> bytes:
+    """Return the <inertial> of a body of an MJCF ("body") or of a link of a URDF ("link")."""
+    mass, center, inertia = central(pseudo)
+    entries = [float(inertia[entry]) for entry in ENTRIES]
+    if kind == "body":
+        text = f'<inertial pos="{_joined(center)}" mass="{mass!r}" fullinertia="{_joined(entries)}"/>'
+    else:
+        names = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+        tensor = " ".join(f'{name}="{value!r}"' for name, value in zip(names, entries, strict=True))
+        text = (
+            f'<inertial><origin xyz="{_joined(center)}" rpy="0 0 0"/><mass value="{mass!r}"/>'
+            f"<inertia {tensor}/></inertial>"
+        )
+    return text.encode()
+
+
+def _joined(values: Iterable[float]) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def _elements(content: bytes, where: Path) -> tuple[str, dict[str, _Element]]:
+    """Return what bodies are called in the file, "body" or "link", and where each stands, by name."""
+    parser = expat.ParserCreate()
+    path: list[str] = []
+    owners: list[_Element | None] = []
+    found: dict[str, _Element] = {}
+    kinds: list[str] = []
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        at = parser.CurrentByteIndex
+        path.append(tag)
+        if len(path) == 1:
+            kinds.append("link" if tag == "robot" else "body")
+        owner = None
+        if _is_body(path) and "name" in attributes:
+            owner = found[attributes["name"]] = _Element(at, _end_of_tag(content, at))
+        elif tag == "inertial" and owners and (above := owners[-1]) is not None:
+            above.inertial = (at, at)
+        owners.append(owner)
+
+    def end(tag: str) -> None:
+        path.pop()
+        owners.pop()
+        if tag == "inertial" and owners and (above := owners[-1]) is not None:
+            assert above.inertial is not None
+            at = parser.CurrentByteIndex
+            closed = content.startswith(b"</inertial", at)  # otherwise an empty element, which ends here
+            above.inertial = (above.inertial[0], content.index(b">", at) + 1 if closed else at)
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    try:
+        parser.Parse(content, True)
+    except expat.ExpatError as error:
+        raise InputError(f"{where}: broken XML: {error}") from None
+    return kinds[0], found
+
+
+def _is_body(path: list[str]) -> bool:
+    """Return whether a path of tags leads to a body of an MJCF or to a link of a URDF."""
+    if path[0] == "robot":
+        return path == ["robot", "link"]
+    return path[-1] == "body" and path[:2] == ["mujoco", "worldbody"]
+
+
+def _end_of_tag(content: bytes, start: int) -> int:
+    """Return where a start tag ends; quoted values may hold a '>'."""
+    quote = 0
+    for k in range(start, len(content)):
+        byte = content[k]
+        if quote:
+            quote = 0 if byte == quote else quote
+        elif byte in b"\"'":
+            quote = byte
+        elif byte == ord(">"):
+            return k + 1
+    raise AssertionError("a parsed start tag has an end")
+
+
+def _new_line(content: bytes, start: int) -> bytes:
+    """Return a line break with the indentation of a child of the element that starts here."""
+    line = content[content.rfind(b"\n", 0, start) + 1 : start]
+    ending = b"\r\n" if b"\r\n" in content else b"\n"
+    return ending + line + INDENT if not line.strip() else b""

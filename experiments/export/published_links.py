@@ -1,0 +1,164 @@
+"""The bodies of a published file behind the links of the robot that `tulip robot` made of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from scipy.linalg import sqrtm
+
+from tulip_testbed.experiments.robot_import.published import read_published
+from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS
+from tulip_testbed.identification.pseudo_inertia import moved, pseudo_inertias, solid
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.robot import Robot, joint_names
+
+APART = 1e-6  # m, and as a sine: hinges that are farther apart are not the same
+
+
+@dataclass(frozen=True, eq=False)
+class PublishedLinks:
+    """Bodies of a published file, of which several may be fixed to each other in one link.
+
+    Attributes:
+        names: of the bodies with mass. link: number of the robot's link that each belongs to, (b,).
+        pseudo: their pseudo-inertias in the frames of these links, (b, 4, 4).
+        transform: homogeneous, from the bodies' own frames to those of the links, (b, 4, 4).
+    """
+
+    names: tuple[str, ...]
+    link: np.ndarray
+    pseudo: np.ndarray
+    transform: np.ndarray
+
+    def by_link(self, count: int) -> np.ndarray:
+        """Return the sum of the pseudo-inertias of every link, (count, 4, 4)."""
+        sums = np.zeros((count, 4, 4))
+        np.add.at(sums, self.link, self.pseudo)
+        return sums
+
+    def changed(self, wanted: np.ndarray) -> dict[str, np.ndarray]:
+        """Return new pseudo-inertias in the bodies' own frames by name, (4, 4) each.
+
+        The bodies of a link share its change: their masses are scaled alike and their places stretched and
+        moved alike. This is a congruence, which keeps every body positive definite, and their sum is exact.
+
+        Args:
+            wanted: pseudo-inertias of the links, (n_links, 4, 4).
+        """
+        each = solid(self.pseudo)
+        sums = np.zeros_like(wanted)
+        np.add.at(sums, self.link, each)
+        found = {}
+        for k, name in enumerate(self.names):
+            stretched = moved(each[k], _stretch(sums[self.link[k]], wanted[self.link[k]]))
+            found[name] = moved(stretched, np.linalg.inv(self.transform[k]))
+        return found
+
+
+def published_links(path: Path, robot: Robot) -> PublishedLinks:
+    """Match the bodies of a published MJCF or URDF with the links of a robot.
+
+    Hinges of the same name have to lie on the same axes at zero angles.
+
+    Raises:
+        InputError: no MJCF or URDF, or one of another robot.
+    """
+    source = read_published(path)
+    model, data = source.model, mujoco.MjData(source.model)
+    for k in range(model.njnt):
+        joint = model.joint(k)
+        if joint.type[0] in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+            turns = joint.name in joint_names(robot.model)
+            data.qpos[int(joint.qposadr[0])] = 0.0 if turns else source.reference.get(joint.name, 0.0)
+    mujoco.mj_kinematics(model, data)
+    other = mujoco.MjData(robot.model)
+    other.qpos[[int(robot.model.joint(name).qposadr[0]) for name in joint_names(robot.model)]] = 0.0
+    mujoco.mj_kinematics(robot.model, other)
+    onto = _alignment(path, (model, data), (robot.model, other))
+    bodies, links = [], []
+    own = {name: int(robot.model.joint(name).bodyid[0]) for name in joint_names(robot.model)}
+    for body in range(1, model.nbody):
+        if int(model.body_rootid[body]) == source.root and model.body_mass[body] > LEAST_MASS:
+            bodies.append(body)
+            links.append(_link(model, body, own) - 1)
+    poses = [_pose(data, body) for body in bodies]
+    transform = np.array(
+        [
+            np.linalg.inv(_pose(other, link + 1)) @ onto @ pose
+            for pose, link in zip(poses, links, strict=True)
+        ]
+    )
+    pseudo = pseudo_inertias(model)[np.array(bodies) - 1]
+    names = tuple(model.body(body).name for body in bodies)
+    return PublishedLinks(names, np.array(links), moved(pseudo, transform), transform)
+
+
+def _link(model: mujoco.MjModel, body: int, own: dict[str, int]) -> int:
+    """Return the robot's body that moves with a body of the file: that of the next hinge above it."""
+    while body:
+        first = int(model.body_jntadr[body])
+        for k in range(first, first + int(model.body_jntnum[body])):
+            if model.joint(k).name in own:
+                return own[model.joint(k).name]
+        body = int(model.body_parentid[body])
+    return 1  # the root
+
+
+def _pose(data: mujoco.MjData, body: int) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = data.xmat[body].reshape(3, 3), data.xpos[body]
+    return pose
+
+
+def _alignment(
+    path: Path, source: tuple[mujoco.MjModel, mujoco.MjData], robot: tuple[mujoco.MjModel, mujoco.MjData]
+) -> np.ndarray:
+    """Return the rigid transform from the file's world to the robot's, (4, 4), from axes of equal hinges."""
+    names = joint_names(robot[0])
+    there = {source[0].joint(k).name: k for k in range(source[0].njnt)}
+    if missing := [name for name in names if name not in there]:
+        raise InputError(f"{path}: found no joint '{missing[0]}', expected the file that the robot is made of")
+    a = [there[name] for name in names]
+    b = [robot[0].joint(name).id for name in names]
+    left, _, right = np.linalg.svd(robot[1].xaxis[b].T @ source[1].xaxis[a])
+    turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    axes = robot[1].xaxis[b]
+    across = np.eye(3) - axes[:, :, None] * axes[:, None]  # off the axis, along which an anchor is free
+    gap = robot[1].xanchor[b] - source[1].xanchor[a] @ turn.T
+    place = np.linalg.lstsq(across.reshape(-1, 3), (across @ gap[..., None]).ravel(), rcond=None)[0]
+    apart = np.linalg.norm((across @ (gap - place)[..., None])[..., 0], axis=1)
+    tilted = np.linalg.norm(source[1].xaxis[a] @ turn.T - axes, axis=1)
+    worst = int(np.argmax(np.maximum(apart, tilted)))
+    if max(apart[worst], tilted[worst]) > APART:
+        raise InputError(
+            f"{path}: joint '{names[worst]}': found its axis {1e3 * apart[worst]:.3g} mm and "
+            f"{np.degrees(tilted[worst]):.3g} degrees away from the robot's, expected the file that the robot "
+            "is made of"
+        )
+    found = np.eye(4)
+    found[:3, :3], found[:3, 3] = turn, place
+    return found
+
+
+def _stretch(old: np.ndarray, new: np.ndarray) -> np.ndarray:
+    """Return T with T old T' = new, (4, 4): one factor for all masses, a symmetric stretch about the centre."""
+    (mass, center, second), (mass_now, center_now, second_now) = _parts(old), _parts(new)
+    root = np.real(sqrtm(second))
+    back = np.linalg.inv(root)
+    stretch = back @ np.real(sqrtm(root @ second_now @ root)) @ back
+    scale = np.sqrt(mass_now / mass)
+    found = np.eye(4)
+    # Distances from the centre scale with the root of second moments over masses.
+    found[:3, :3] = stretch
+    found[:3, 3] = scale * center_now - stretch @ center
+    found[3, 3] = scale
+    return found
+
+
+def _parts(pseudo: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return mass, centre and second moments about the centre."""
+    mass, center = pseudo[3, 3], pseudo[:3, 3] / pseudo[3, 3]
+    return mass, center, pseudo[:3, :3] - mass * np.outer(center, center)

@@ -1,0 +1,103 @@
+"""Random consistent robots that the measurements allow: for control that shall hold for all of them."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from tulip_testbed.identification.consistent_robot import Target, consistent_robot
+from tulip_testbed.identification.pseudo_inertia import central, pseudo_inertia, pseudo_inertias
+from tulip_testbed.sim.random_robots import draw_robot
+
+SPREAD = 0.1  # assumed, of what statics cannot see: of ln mass, of centres in half edges, of ln lengths
+
+
+@dataclass(frozen=True, eq=False)
+class RobotSamples:
+    """Robots drawn at random, s of them.
+
+    Attributes:
+        pseudo: pseudo-inertias, (s, n_links, 4, 4).
+        value: base parameters, (s, p) [m].
+        misfit: distance to the base parameters that were drawn, (s,) [standard errors]; 0: none.
+    """
+
+    pseudo: np.ndarray
+    value: np.ndarray
+    misfit: np.ndarray
+
+    def archive(self, links: Sequence[str], parameters: Sequence[str]) -> bytes:
+        """Return a NumPy archive (.npz): mass, center_of_mass, inertia, base_parameters and names."""
+        count, size = self.pseudo.shape[:2]
+        mass = self.pseudo[..., 3, 3]
+        center, inertia = np.zeros((count, size, 3)), np.zeros((count, size, 3, 3))
+        for k, link in zip(*np.nonzero(mass > 0), strict=True):
+            _, center[k, link], inertia[k, link] = central(self.pseudo[k, link])
+        content = io.BytesIO()
+        np.savez_compressed(
+            content,
+            links=np.array(links),
+            mass=mass,
+            center_of_mass=center,
+            inertia=inertia,
+            pseudo_inertia=self.pseudo,
+            parameters=np.array(parameters),
+            base_parameters=self.value,
+            misfit_in_standard_errors=self.misfit,
+        )
+        return content.getvalue()
+
+
+def robot_samples(
+    model: mujoco.MjModel,
+    ellipsoids: np.ndarray,
+    target: Target,
+    mass_error: float,
+    count: int,
+    rng: np.random.Generator,
+) -> RobotSamples:
+    """Draw consistent robots.
+
+    Base parameters and total mass are normal with the estimate's covariance. What they leave open is drawn
+    about CAD with the spread of `draw_robot`, and the lengths of the inertia boxes with it too; each draw is
+    then projected on its base parameters as the exported robot is.
+
+    Args:
+        model: the robot with CAD's masses. ellipsoids: of `bounding_ellipsoids`.
+        mass_error: standard error of the total mass [kg].
+    """
+    deviation = np.sqrt(np.diag(target.covariance))
+    root = np.linalg.cholesky(target.covariance / np.outer(deviation, deviation)) * deviation[:, None]
+    cad = pseudo_inertias(model)
+    found = []
+    for _ in range(count):
+        value = target.value + root @ rng.standard_normal(len(root))
+        mass = target.mass + mass_error * rng.standard_normal()
+        reference = _drawn(cad, draw_robot(model, SPREAD, rng), rng)
+        drawn = Target(target.from_standard, value, target.covariance, mass)
+        found.append(consistent_robot(reference, ellipsoids, drawn))
+    return RobotSamples(
+        pseudo=np.array([one.pseudo for one in found]),
+        value=np.array([one.value for one in found]),
+        misfit=np.array([one.misfit for one in found]),
+    )
+
+
+def _drawn(cad: np.ndarray, standard: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return pseudo-inertias with drawn masses, centres and lengths of the inertia boxes."""
+    from tulip_testbed.identification.pseudo_inertia import solid
+
+    found = np.zeros_like(cad)
+    for k in np.flatnonzero(standard[:, 0] > 0):
+        mass, _, inertia = central(cad[k])
+        second = standard[k, 0] / mass * (np.trace(inertia) / 2 * np.eye(3) - inertia)
+        size, axes = np.linalg.eigh(second)
+        size = size * np.exp(2 * SPREAD * rng.standard_normal(3))
+        second = (axes * size) @ axes.T
+        tensor = np.trace(second) * np.eye(3) - second
+        found[k] = pseudo_inertia(standard[k, 0], standard[k, 1:] / standard[k, 0], tensor)
+    return solid(found)

@@ -1,0 +1,138 @@
+"""Write a robot that is an MJCF as a plain URDF: links, hinges with axes and limits, inertias."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from tulip_testbed.experiments.export.inertial_text import inertial_xml
+from tulip_testbed.identification.pseudo_inertia import moved
+from tulip_testbed.sim.control import joint_torques
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.robot import Robot
+
+FASTEST = 100.0  # rad/s: a URDF needs a limit of the speed, which an MJCF does not have
+
+
+def written_urdf(robot: Robot, pseudo: np.ndarray) -> bytes:
+    """Return a URDF of the robot with other inertias.
+
+    The frame of a link is the body's frame, moved to its last hinge where that is elsewhere. A body with
+    several hinges gets links without mass between them. Shapes, motors and sensors are left out.
+
+    Args:
+        pseudo: pseudo-inertias of the links in the frames of the bodies, (n_links, 4, 4).
+
+    Raises:
+        InputError: a hinge whose zero is not where the file draws it (`ref`), which a URDF cannot express.
+    """
+    model, torques = robot.model, joint_torques(robot.spec)
+    lines = ['<?xml version="1.0"?>', f'<robot name="{_escaped(robot.name)}">']
+    if (pseudo[:, 3, 3] == 0).any() or (model.body_jntnum > 1).any():
+        # MuJoCo refuses links that move without mass; other programs pass over this.
+        lines.append('  <mujoco><compiler boundmass="1e-9" boundinertia="1e-12"/></mujoco>')
+    taken = {model.body(k).name for k in range(model.nbody)}
+    shift = np.zeros((model.nbody, 3))  # from the body's frame to the link's, in the body's axes
+    for body in range(1, model.nbody):
+        name, above = model.body(body).name, int(model.body_parentid[body])
+        hinges = _hinges(model, body, robot)
+        shift[body] = model.jnt_pos[hinges[-1]] if hinges else 0.0
+        own = pseudo[body - 1]
+        inertial = ""
+        if own[3, 3] > 0:
+            inertial = inertial_xml(moved(own, _translation(-shift[body])), "link").decode()
+        lines.append(f'  <link name="{_escaped(name)}">{inertial}</link>')
+        if not above:
+            continue
+        parent, start, turn = model.body(above).name, model.body_pos[body] - shift[above], _rpy(model, body)
+        if not hinges:
+            lines.append(_joint(f"{name}_fixed", "fixed", parent, name, start, turn))
+        for k, hinge in enumerate(hinges):
+            child = name
+            if k < len(hinges) - 1:
+                child = _unused(f"{model.joint(hinge).name}_link", taken)
+                lines.append(f'  <link name="{_escaped(child)}"/>')
+            anchor = model.jnt_pos[hinge]
+            origin = start + _axes(model, body) @ anchor if k == 0 else anchor - model.jnt_pos[hinges[k - 1]]
+            torque = torques.get(model.joint(hinge).name, 0.0)
+            lines.append(
+                _joint(
+                    model.joint(hinge).name,
+                    "revolute" if model.jnt_limited[hinge] else "continuous",
+                    parent,
+                    child,
+                    origin,
+                    turn if k == 0 else np.zeros(3),
+                    f'<axis xyz="{_joined(model.jnt_axis[hinge])}"/>{_limit(model, hinge, torque)}',
+                )
+            )
+            parent = child
+    return ("\n".join([*lines, "</robot>"]) + "\n").encode()
+
+
+def _hinges(model: mujoco.MjModel, body: int, robot: Robot) -> list[int]:
+    first = int(model.body_jntadr[body])
+    found = []
+    for joint in range(first, first + int(model.body_jntnum[body])):
+        if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE:
+            continue
+        if zero := float(model.qpos0[model.jnt_qposadr[joint]]):
+            raise InputError(
+                f"{robot.model_file}: joint '{model.joint(joint).name}': found ref {zero:g} rad, expected 0 "
+                "for a URDF; export an MJCF"
+            )
+        found.append(joint)
+    return found
+
+
+def _joint(
+    name: str, kind: str, parent: str, child: str, origin: np.ndarray, turn: np.ndarray, more: str = ""
+) -> str:
+    return (
+        f'  <joint name="{_escaped(name)}" type="{kind}"><parent link="{_escaped(parent)}"/>'
+        f'<child link="{_escaped(child)}"/><origin xyz="{_joined(origin)}" rpy="{_joined(turn)}"/>{more}</joint>'
+    )
+
+
+def _limit(model: mujoco.MjModel, hinge: int, torque: float) -> str:
+    limits = f'effort="{torque!r}" velocity="{FASTEST!r}"'
+    if model.jnt_limited[hinge]:
+        low, high = map(float, model.jnt_range[hinge])
+        limits = f'lower="{low!r}" upper="{high!r}" {limits}'
+    return f"<limit {limits}/>"
+
+
+def _axes(model: mujoco.MjModel, body: int) -> np.ndarray:
+    turn = np.zeros(9)
+    mujoco.mju_quat2Mat(turn, model.body_quat[body])
+    return turn.reshape(3, 3)
+
+
+def _rpy(model: mujoco.MjModel, body: int) -> np.ndarray:
+    """Return a body's rotation as roll, pitch and yaw about fixed axes, (3,) [rad]."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(_axes(model, body)).as_euler("xyz")
+
+
+def _translation(by: np.ndarray) -> np.ndarray:
+    found = np.eye(4)
+    found[:3, 3] = by
+    return found
+
+
+def _joined(values: np.ndarray) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def _escaped(text: str) -> str:
+    from xml.sax.saxutils import escape
+
+    return escape(text, {'"': "&quot;"})
+
+
+def _unused(name: str, taken: set[str]) -> str:
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
