@@ -13,10 +13,10 @@ alone would put a centre of mass anywhere.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import warnings
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from tulip_testbed.identification.pseudo_inertia import standard_of
 
@@ -24,6 +24,8 @@ RANK = 1e-10  # of the largest singular value
 STEPS = 200  # of Newton's method
 ROUNDS = 30  # of the active set
 CONVERGED = 1e-14  # of the right-hand side
+SHORTEST = 1e-9  # step of the line search
+FARTHEST = 100.0  # mean divergence of a link from CAD: beyond it nothing is left of the link
 LEAST = 0.01  # of CAD's pseudo-inertia that every link of the nearest robot keeps
 
 
@@ -73,16 +75,27 @@ def consistent_robot(reference: np.ndarray, ellipsoids: np.ndarray, target: Targ
         reference: CAD's pseudo-inertias, (n_links, 4, 4), positive definite; zero for a link without mass.
         ellipsoids: of `bounding_ellipsoids`, (n_links, 4, 4).
     """
-    space = _space(reference, ellipsoids, target.from_standard)
-    wanted = np.append(target.mass * target.value, target.mass)
-    found = _nearest_to_reference(space, wanted)
-    if found is not None:
-        return ConsistentRobot(_robot(space, found), target.value, 0.0)
-    value, misfit = _nearest_value(space, target)
-    found = _nearest_to_reference(space, np.append(target.mass * value, target.mass))
+    if (found := robot_with(reference, ellipsoids, target)) is not None:
+        return found
+    value, misfit = _nearest_value(_space(reference, ellipsoids, target.from_standard), target)
+    found = robot_with(reference, ellipsoids, replace(target, value=value))
     if found is None:
         raise ArithmeticError("the projection on the nearest consistent base parameters did not converge")
-    return ConsistentRobot(_robot(space, found), value, misfit)
+    return replace(found, misfit=misfit)
+
+
+def robot_with(
+    reference: np.ndarray, ellipsoids: np.ndarray, target: Target, farthest: float = FARTHEST
+) -> ConsistentRobot | None:
+    """Find the consistent robot with exactly these base parameters that is nearest to CAD; None: there is none.
+
+    Args:
+        reference, ellipsoids: see `consistent_robot`.
+        farthest: mean divergence of the links beyond which a robot counts as none.
+    """
+    space = _space(reference, ellipsoids, target.from_standard)
+    found = _nearest_to_reference(space, np.append(target.mass * target.value, target.mass), farthest)
+    return None if found is None else ConsistentRobot(_robot(space, found), target.value, 0.0)
 
 
 def data_shares(pseudo: np.ndarray, from_standard: np.ndarray) -> np.ndarray:
@@ -176,73 +189,93 @@ def _robot(space: _Space, found: np.ndarray) -> np.ndarray:
     return pseudo
 
 
-def _nearest_to_reference(space: _Space, wanted: np.ndarray) -> np.ndarray | None:
+def _nearest_to_reference(space: _Space, wanted: np.ndarray, farthest: float) -> np.ndarray | None:
     """Return X nearest to 1 with <rows, X> = wanted inside of all ellipsoids, (h, 4, 4); None: there is none.
 
     Ellipsoids that the solution touches are equations, the others are left out: an active set, which the
     signs of the multipliers confirm.
     """
-    goal = space.onto @ wanted
-    count, active = len(space.basis), np.zeros(len(space.heavy), bool)
+    goal, count, size = space.onto @ wanted, len(space.basis), len(space.heavy)
+    active = np.zeros(size, bool)
+    start, pressure = np.zeros(count), np.zeros(size)
     for _ in range(ROUNDS):
         touched = np.flatnonzero(active)
         bounds = np.zeros((len(touched), *space.basis.shape[1:]))
         bounds[np.arange(len(touched)), touched] = space.ellipsoids[touched]
         solved = _least_divergence(
-            np.concatenate([space.basis, bounds]), np.append(goal, np.zeros(len(touched)))
+            np.concatenate([space.basis, bounds]),
+            np.append(goal, np.zeros(len(touched))),
+            np.append(start, pressure[touched]),
+            farthest * size,
         )
         if solved is None:
             return None
         found, multipliers = solved
+        start, pressure = multipliers[:count], np.zeros(size)
+        pressure[touched] = np.minimum(multipliers[count:], 0.0)
         outside = (space.ellipsoids * found).sum(axis=(1, 2)) < -1e-12
-        needed = active.copy()
-        needed[touched] = multipliers[count:] < 0
-        if (now := needed | outside & ~active).tolist() == active.tolist():
+        now = (pressure < 0) | outside & ~active
+        if (now == active).all():
             return found
         active = now
     return None
 
 
-def _least_divergence(matrices: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+def _least_divergence(
+    matrices: np.ndarray, goal: np.ndarray, start: np.ndarray, farthest: float
+) -> tuple[np.ndarray, np.ndarray] | None:
     """Minimise tr X - log det X subject to <matrices, X> = goal by Newton's method on the dual problem.
 
     X = (1 + sum of l_k V_k)^-1 for multipliers l, which are the unknowns: as many as there are equations.
 
     Args:
         matrices: V, (k, h, 4, 4), symmetric. goal: (k,).
+        start: multipliers to begin with, (k,); zeros if they are of no use.
+        farthest: divergence from which on the search ends: without a solution the dual has no maximum.
 
     Returns:
-        X, (h, 4, 4), and l, (k,); None: no X is positive definite, since the dual has no maximum.
+        X, (h, 4, 4), and l, (k,); None: there is no positive definite X, or it is farther away.
     """
     flat = matrices.reshape(len(matrices), -1)
-    multipliers = np.zeros(len(goal))
+    multipliers = start
     found, cost = _primal(matrices, multipliers, goal)
+    if not np.isfinite(cost):
+        multipliers = np.zeros(len(goal))
+        found, cost = _primal(matrices, multipliers, goal)
     accepted = CONVERGED * max(1.0, float(np.abs(goal).max()))
-    best = np.inf
+    before = np.inf
     for _ in range(STEPS):
         lack = flat @ found.ravel() - goal
         away = float(np.abs(lack).max())
-        if away <= accepted or (away < 1e3 * accepted and away >= best):
+        if away <= accepted or (away < 1e3 * accepted and away >= before):
             return found, multipliers
-        best = min(best, away)
-        turned = (found @ matrices @ found).reshape(len(flat), -1)
+        before = away
+        curvature = (found @ matrices @ found).reshape(flat.shape) @ flat.T
         try:
-            step = cho_solve(cho_factor(turned @ flat.T), lack)
-        except (LinAlgError, ValueError):
+            step = np.linalg.solve(curvature, lack)
+        except np.linalg.LinAlgError:
             return None
         decrement = float(lack @ step)
-        if not np.isfinite(decrement) or np.abs(multipliers).max() > 1e12:
-            return None
-        length = 1.0
-        while length > 1e-9:
+        length = min(1.0, 0.9 * _longest(matrices, found, step))
+        while length > SHORTEST:
             now, change = _primal(matrices, multipliers + length * step, goal)
-            if np.isfinite(change) and (decrement < 1e-8 or change <= cost - 0.25 * length * decrement):
+            # Near the end, rounding hides the descent.
+            if np.isfinite(change) and (decrement < 1e-8 or change <= cost - 0.1 * length * decrement):
                 break
             length /= 2
         else:
             return None
         multipliers, found, cost = multipliers + length * step, now, change
+        if -cost > farthest:  # the dual is a lower bound of the divergence
+            return None
     return None
+
+
+def _longest(matrices: np.ndarray, found: np.ndarray, step: np.ndarray) -> float:
+    """Return how many times a step of the multipliers can be made while X stays positive definite."""
+    root = np.linalg.cholesky(found)
+    least = np.linalg.eigvalsh(root.mT @ np.tensordot(step, matrices, axes=1) @ root).min()
+    return -1 / least if least < 0 else np.inf
 
 
 def _primal(matrices: np.ndarray, multipliers: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, float]:
@@ -251,7 +284,8 @@ def _primal(matrices: np.ndarray, multipliers: np.ndarray, goal: np.ndarray) -> 
     size = np.linalg.eigvalsh(inverse)
     if size.min() <= 0:
         return inverse, np.inf
-    return np.linalg.inv(inverse), float(multipliers @ goal - np.log(size).sum())
+    found = np.linalg.inv(inverse)
+    return (found + found.mT) / 2, float(multipliers @ goal - np.log(size).sum())
 
 
 def _nearest_value(space: _Space, target: Target) -> tuple[np.ndarray, float]:
@@ -273,10 +307,10 @@ def _nearest_value(space: _Space, target: Target) -> tuple[np.ndarray, float]:
     inside += [
         cp.sum(cp.multiply(bound, one)) >= 0 for bound, one in zip(space.ellipsoids, links, strict=True)
     ]
-    problem = cp.Problem(
-        cp.Minimize(cp.norm(away)), [*inside, sums[-1] / target.mass == 1.0]
-    )
-    problem.solve(solver=cp.CLARABEL)
+    problem = cp.Problem(cp.Minimize(cp.norm(away)), [*inside, sums[-1] / target.mass == 1.0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of an inaccurate optimum: what is used of it is made exact below
+        problem.solve(solver=cp.CLARABEL)
     if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
         raise ArithmeticError(f"the search for consistent base parameters ended as {problem.status}")
     value = np.asarray(sums.value[:-1]) / target.mass

@@ -136,9 +136,7 @@ def _content(
     robot: Robot, export: Export, parameters: BaseParameters, pseudo: np.ndarray, value: np.ndarray
 ) -> tuple[bytes, tuple[str, ...]]:
     """Return the bytes of the model, read back and compared, and notes on them."""
-    heavy = {
-        name: pseudo[k] for k, name in enumerate(parameters.tree.links) if standard_of(pseudo[k])[0] > 0
-    }
+    heavy = {name: pseudo[k] for k, name in enumerate(parameters.tree.links) if standard_of(pseudo[k])[0] > 0}
     if export.source is not None:
         source = published_links(export.source, robot)
         content = with_inertias(read_bytes(export.source), source.changed(pseudo), export.source)
@@ -185,7 +183,9 @@ def _compiled(content: bytes, robot: Robot) -> mujoco.MjModel:
     """Compile an MJCF that stands where the robot's own stands, in a copy of the robot's files."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        inside = [name for name in robot.hashes if present(robot.folder / name) and ".." not in Path(name).parts]
+        inside = [
+            name for name in robot.hashes if present(robot.folder / name) and ".." not in Path(name).parts
+        ]
         for name in inside:
             write_bytes(folder / name, read_bytes(robot.folder / name))
         place = folder / robot.model_file.relative_to(robot.folder)

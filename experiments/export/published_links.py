@@ -86,10 +86,7 @@ def published_links(path: Path, robot: Robot) -> PublishedLinks:
             links.append(_link(model, body, own) - 1)
     poses = [_pose(data, body) for body in bodies]
     transform = np.array(
-        [
-            np.linalg.inv(_pose(other, link + 1)) @ onto @ pose
-            for pose, link in zip(poses, links, strict=True)
-        ]
+        [np.linalg.inv(_pose(other, link + 1)) @ onto @ pose for pose, link in zip(poses, links, strict=True)]
     )
     pseudo = pseudo_inertias(model)[np.array(bodies) - 1]
     names = tuple(model.body(body).name for body in bodies)
@@ -120,7 +117,9 @@ def _alignment(
     names = joint_names(robot[0])
     there = {source[0].joint(k).name: k for k in range(source[0].njnt)}
     if missing := [name for name in names if name not in there]:
-        raise InputError(f"{path}: found no joint '{missing[0]}', expected the file that the robot is made of")
+        raise InputError(
+            f"{path}: found no joint '{missing[0]}', expected the file that the robot is made of"
+        )
     a = [there[name] for name in names]
     b = [robot[0].joint(name).id for name in names]
     left, _, right = np.linalg.svd(robot[1].xaxis[b].T @ source[1].xaxis[a])

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
-from tulip_testbed.identification.consistent_robot import Target, consistent_robot
-from tulip_testbed.identification.pseudo_inertia import central, pseudo_inertia, pseudo_inertias
+from tulip_testbed.identification.consistent_robot import (
+    ConsistentRobot,
+    Target,
+    consistent_robot,
+    robot_with,
+)
+from tulip_testbed.identification.pseudo_inertia import central, pseudo_inertia, pseudo_inertias, solid
 from tulip_testbed.sim.random_robots import draw_robot
 
 SPREAD = 0.1  # assumed, of what statics cannot see: of ln mass, of centres in half edges, of ln lengths
+TRIES = 20
+PLAUSIBLE = 5.0  # mean divergence of a link from the drawn CAD
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +70,9 @@ def robot_samples(
     """Draw consistent robots.
 
     Base parameters and total mass are normal with the estimate's covariance. What they leave open is drawn
-    about CAD with the spread of `draw_robot`, and the lengths of the inertia boxes with it too; each draw is
-    then projected on its base parameters as the exported robot is.
+    about CAD with the spread of `draw_robot`, and the lengths of the inertia boxes with it too; the sample is
+    the consistent robot with the drawn base parameters that is nearest to the drawn CAD. Draws that no
+    plausible robot has are drawn again; after `TRIES` the nearest one is taken.
 
     Args:
         model: the robot with CAD's masses. ellipsoids: of `bounding_ellipsoids`.
@@ -73,13 +81,20 @@ def robot_samples(
     deviation = np.sqrt(np.diag(target.covariance))
     root = np.linalg.cholesky(target.covariance / np.outer(deviation, deviation)) * deviation[:, None]
     cad = pseudo_inertias(model)
-    found = []
-    for _ in range(count):
+
+    def draw() -> tuple[np.ndarray, np.ndarray, Target]:
         value = target.value + root @ rng.standard_normal(len(root))
         mass = target.mass + mass_error * rng.standard_normal()
         reference = _drawn(cad, draw_robot(model, SPREAD, rng), rng)
-        drawn = Target(target.from_standard, value, target.covariance, mass)
-        found.append(consistent_robot(reference, ellipsoids, drawn))
+        return reference, ellipsoids, replace(target, value=value, mass=mass)
+
+    def consistent() -> ConsistentRobot:
+        for _ in range(TRIES):
+            if (one := robot_with(*draw(), PLAUSIBLE)) is not None:
+                return one
+        return consistent_robot(*draw())
+
+    found = [consistent() for _ in range(count)]
     return RobotSamples(
         pseudo=np.array([one.pseudo for one in found]),
         value=np.array([one.value for one in found]),
@@ -89,8 +104,6 @@ def robot_samples(
 
 def _drawn(cad: np.ndarray, standard: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return pseudo-inertias with drawn masses, centres and lengths of the inertia boxes."""
-    from tulip_testbed.identification.pseudo_inertia import solid
-
     found = np.zeros_like(cad)
     for k in np.flatnonzero(standard[:, 0] > 0):
         mass, _, inertia = central(cad[k])

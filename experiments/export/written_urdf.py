@@ -54,7 +54,7 @@ def written_urdf(robot: Robot, pseudo: np.ndarray) -> bytes:
                 lines.append(f'  <link name="{_escaped(child)}"/>')
             anchor = model.jnt_pos[hinge]
             origin = start + _axes(model, body) @ anchor if k == 0 else anchor - model.jnt_pos[hinges[k - 1]]
-            torque = torques.get(model.joint(hinge).name, 0.0)
+            torque = float(torques.get(model.joint(hinge).name, 0.0))
             lines.append(
                 _joint(
                     model.joint(hinge).name,
