@@ -25,7 +25,8 @@ STEPS = 200  # of Newton's method
 ROUNDS = 30  # of the active set
 CONVERGED = 1e-14  # of the right-hand side
 SHORTEST = 1e-9  # step of the line search
-FARTHEST = 100.0  # mean divergence of a link from CAD: beyond it nothing is left of the link
+FARTHEST = 20.0  # mean divergence of a link from CAD; farther robots are sought by the conic program first
+NEGLIGIBLE = 1e-3  # standard errors
 LEAST = 0.01  # of CAD's pseudo-inertia that every link of the nearest robot keeps
 
 
@@ -78,10 +79,10 @@ def consistent_robot(reference: np.ndarray, ellipsoids: np.ndarray, target: Targ
     if (found := robot_with(reference, ellipsoids, target)) is not None:
         return found
     value, misfit = _nearest_value(_space(reference, ellipsoids, target.from_standard), target)
-    found = robot_with(reference, ellipsoids, replace(target, value=value))
-    if found is None:
-        raise ArithmeticError("the projection on the nearest consistent base parameters did not converge")
-    return replace(found, misfit=misfit)
+    for goal, away in ((target.value, 0.0), (value, misfit)) if misfit < NEGLIGIBLE else ((value, misfit),):
+        if (found := robot_with(reference, ellipsoids, replace(target, value=goal), np.inf)) is not None:
+            return replace(found, misfit=away)
+    raise ArithmeticError("the projection on the nearest consistent base parameters did not converge")
 
 
 def robot_with(

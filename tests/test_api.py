@@ -223,6 +223,7 @@ def test_every_command_has_its_function():
         "robot": tt.load_robot,
         "import": tt.import_table,
         "predict": tt.predict,
+        "export": tt.export_model,
     }
     assert all(callable(function) for function in offered.values())
     assert set(COMMANDS) - set(offered) == {"model", "tolerance", "compare", "benchmark"}

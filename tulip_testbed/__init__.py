@@ -21,6 +21,7 @@ FUNCTIONS = (
         "check",
         "import_table",
         "predict",
+        "export_model",
         "atlas",
         "view",
         "report",

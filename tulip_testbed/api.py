@@ -26,6 +26,10 @@ from tulip_testbed.experiments.check_folder import (
 )
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
+from tulip_testbed.experiments.export.export_model import SAMPLES, Export
+from tulip_testbed.experiments.export.export_model import export_model as _export_model
+from tulip_testbed.experiments.export.exported_model import ExportedModel
+from tulip_testbed.experiments.export.identified_run import identified_run
 from tulip_testbed.experiments.identify import Identification, warn_of_unrest
 from tulip_testbed.experiments.identify import identify as _identify
 from tulip_testbed.experiments.imperfections import default_estimator
@@ -62,6 +66,7 @@ __all__ = [
     "atlas",
     "check",
     "discover",
+    "export_model",
     "identify",
     "import_table",
     "load_robot",
@@ -373,6 +378,51 @@ def predict(
     """
     source = _source(measurements) or "measurements"
     return _predict(_measurements(measurements), robot or load_robot(), train, test, source)
+
+
+@checked
+@one_blas_thread
+def export_model(
+    found: Identification | Validation | Discovered | str | Path,
+    path: str | Path,
+    robot: Robot | None = None,
+    source: str | Path | None = None,
+    samples: int = SAMPLES,
+    seed: int = DEFAULT_SEED,
+) -> ExportedModel:
+    """Write the identified robot as a model file for MuJoCo or Pinocchio.
+
+    Base parameters and total mass are the identified ones; what statics cannot see is as near to CAD as
+    physical consistency allows. Only the <inertial> elements of the robot's own file change.
+
+    Args:
+        found: an identification, a validation or a discovery, or the folder of a validation, a discovery or
+            measurements.
+        path: of a new file, .xml or .urdf.
+        robot: the nominal robot, whose masses are CAD's; TULip if None.
+        source: published MJCF or URDF of which the robot was made: its inertias are replaced instead.
+        samples: random robots that the measurements allow, written beside the model as NAME-samples.npz.
+        seed: of the samples.
+
+    Returns:
+        mass, centre and inertia of every link before and after, how much of each is data, and how far the
+        robot is from the estimate.
+
+    Raises:
+        InputError: a folder without an estimate, another robot, a file that exists or has another ending, or
+            one whose settings overrule its inertias.
+    """
+    robot = robot or load_robot()
+    export = Export(Path(path), None if source is None else Path(source), samples, seed)
+    weighed = None
+    if isinstance(found, str | Path):
+        found, measurements = identified_run(Path(found), robot)
+        weighed = measurements.weighed_mass
+    elif isinstance(found, Validation):
+        weighed, found = found.run.measurements.weighed_mass, found.identification
+    elif isinstance(found, Discovered):
+        weighed, found = found.discovery.observed.measurements.weighed_mass, found.after or found.before
+    return _export_model(found, robot, export, weighed)
 
 
 def _corrections(corrections: Effects, robot: Robot) -> tuple[EffectInstance, ...]:

@@ -16,9 +16,7 @@ from tulip_testbed.sim.measurements import Measurements, read_measurements
 from tulip_testbed.sim.robot import Robot
 
 
-def identified_run(
-    folder: Path, robot: Robot
-) -> tuple[Identification, Measurements, tuple[EffectInstance, ...]]:
+def identified_run(folder: Path, robot: Robot) -> tuple[Identification, Measurements]:
     """Identify the robot of a folder as the folder did.
 
     Args:
@@ -26,7 +24,7 @@ def identified_run(
             or of measurements, for the default estimator.
 
     Returns:
-        the identification, its measurements and the effects that were removed from them.
+        the identification and its measurements.
 
     Raises:
         InputError: a folder without an estimate, of another robot, or that was changed.
@@ -51,7 +49,7 @@ def identified_run(
             f"{folder}: found a {kind} folder, which holds no estimate of one robot; expected the folder of a "
             "validation, a discovery or measurements"
         )
-    return identify(measurements, robot, str(folder), estimator, adopted=effects), measurements, effects
+    return identify(measurements, robot, str(folder), estimator, adopted=effects), measurements
 
 
 def _effects(documents: list, robot: Robot, folder: Path) -> tuple[EffectInstance, ...]:

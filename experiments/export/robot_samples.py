@@ -20,7 +20,6 @@ from tulip_testbed.sim.random_robots import draw_robot
 
 SPREAD = 0.1  # assumed, of what statics cannot see: of ln mass, of centres in half edges, of ln lengths
 TRIES = 20
-PLAUSIBLE = 5.0  # mean divergence of a link from the drawn CAD
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +71,7 @@ def robot_samples(
     Base parameters and total mass are normal with the estimate's covariance. What they leave open is drawn
     about CAD with the spread of `draw_robot`, and the lengths of the inertia boxes with it too; the sample is
     the consistent robot with the drawn base parameters that is nearest to the drawn CAD. Draws that no
-    plausible robot has are drawn again; after `TRIES` the nearest one is taken.
+    consistent robot has are drawn again; after `TRIES` the nearest one is taken.
 
     Args:
         model: the robot with CAD's masses. ellipsoids: of `bounding_ellipsoids`.
@@ -90,7 +89,7 @@ def robot_samples(
 
     def consistent() -> ConsistentRobot:
         for _ in range(TRIES):
-            if (one := robot_with(*draw(), PLAUSIBLE)) is not None:
+            if (one := robot_with(*draw())) is not None:
                 return one
         return consistent_robot(*draw())
 

@@ -47,7 +47,7 @@ def export_command(
     check_new(out)
     described = described_robot(robot)
     with working_on("identifying the robot"):
-        found, measurements, _ = identified_run(run, described)
+        found, measurements = identified_run(run, described)
     with working_on("looking for the consistent robot"):
         made = export_model(
             found, described, Export(out, source, samples, seed), measurements.weighed_mass

@@ -1,0 +1,241 @@
+"""The nearest consistent robot, against solutions that share nothing with it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+import scipy
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.identification.consistent_robot import Target, consistent_robot, data_shares
+from tulip_testbed.identification.pseudo_inertia import (
+    bounding_ellipsoids,
+    central,
+    pseudo_inertia,
+    pseudo_inertias,
+    solid,
+)
+from tulip_testbed.sim.random_robots import draw_robot
+
+ERROR = 1e-3  # m: standard error of every base parameter
+
+
+def cad_of(robot):
+    reference = solid(pseudo_inertias(robot.model))
+    return SimpleNamespace(
+        robot=robot,
+        reference=reference,
+        ellipsoids=bounding_ellipsoids(robot.visual_model, reference),
+        parameters=base_parameters(robot),
+    )
+
+
+@pytest.fixture(scope="module")
+def cads(robot, foreign):
+    return [cad_of(one) for one in (robot, *foreign.values())]
+
+
+@pytest.fixture(scope="module")
+def cad(cads):
+    return cads[0]
+
+
+def target(cad, standard, error=ERROR):
+    count = len(cad.parameters.names)
+    value = cad.parameters.values(standard)
+    return Target(cad.parameters.from_standard, value, error**2 * np.eye(count), standard[:, 0].sum())
+
+
+def check(cad, wanted, found):
+    """Everything that must hold of any consistent robot, by plain arithmetic."""
+    heavy = found.pseudo[:, 3, 3] > 0
+    assert heavy.tolist() == (cad.robot.model.body_mass[1:] > 0).tolist()
+    for one, bound in zip(found.pseudo[heavy], cad.ellipsoids[heavy], strict=True):
+        assert np.linalg.eigvalsh(one).min() > 0
+        mass, _, inertia = central(one)
+        moments = np.linalg.eigvalsh(inertia)
+        assert mass > 0
+        assert moments[0] > 0
+        assert moments[0] + moments[1] > moments[2]
+        assert np.trace(bound @ one) > -1e-9 * mass
+    assert np.abs(cad.parameters.values(found.standard) - found.value).max() < 1e-11
+    assert found.standard[:, 0].sum() == pytest.approx(wanted.mass, rel=1e-11)
+
+
+def random_robots_have_a_consistent_one(cads, seed):
+    rng = np.random.default_rng(seed)
+    cad = cads[rng.integers(len(cads))]
+    wanted = target(cad, draw_robot(cad.robot.model, 0.2, rng))
+    found = consistent_robot(cad.reference, cad.ellipsoids, wanted)
+    assert found.misfit == 0
+    assert np.array_equal(found.value, wanted.value)
+    check(cad, wanted, found)
+
+
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.integers(0, 2**32 - 1))
+def test_random_robots(cads, seed):
+    random_robots_have_a_consistent_one(cads, seed)
+
+
+@pytest.mark.slow
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.integers(0, 2**32 - 1))
+def test_two_hundred_random_robots(cads, seed):
+    random_robots_have_a_consistent_one(cads, seed)
+
+
+def test_the_estimate_of_cad_gives_cad(cad):
+    found = consistent_robot(cad.reference, cad.ellipsoids, target(cad, standard_parameters(cad.robot.model)))
+    assert np.abs(found.pseudo - cad.reference).max() < 1e-12
+
+
+def test_pseudo_inertia_of_point_masses():
+    """Against the definition: the integral of [x; 1] [x; 1]' over point masses."""
+    rng = np.random.default_rng(5)
+    mass, points = rng.uniform(0.1, 1, 9), rng.normal(size=(9, 3))
+    whole = np.column_stack([points, np.ones(9)])
+    expected = (whole * mass[:, None]).T @ whole
+    center = mass @ points / mass.sum()
+    arms = points - center
+    inertia = sum(m * (a @ a * np.eye(3) - np.outer(a, a)) for m, a in zip(mass, arms, strict=True))
+    found = pseudo_inertia(mass.sum(), center, inertia)
+    assert np.abs(found - expected).max() < 1e-13
+    for a, b in zip(central(found), (mass.sum(), center, inertia), strict=True):
+        assert np.abs(a - b).max() < 1e-13
+
+
+def small_case(rng):
+    """Two links, two first moments over the mass, in place of a robot's base parameters."""
+    reference = np.array(
+        [pseudo_inertia(m, rng.normal(size=3) / 10, np.diag([3.0, 4, 5]) * m / 100) for m in (2, 1)]
+    )
+    from_standard = np.array([[0.0, 1, 0, 0, 0.3, 1, 0, 0], [0, 0, 1, 0, 0, 0, 0, 1]])
+    everywhere = np.diag([-1e-6, -1e-6, -1e-6, 1.0])
+    return reference, from_standard, np.array([everywhere] * 2)
+
+
+def test_projection_against_a_search_over_cholesky_factors():
+    """The same minimum by SciPy's SLSQP, with P = L L' and the divergence written out."""
+    reference, from_standard, everywhere = small_case(np.random.default_rng(3))
+    standard = reference[:, 3, [3, 0, 1, 2]]
+    mass = 3.3
+    value = from_standard @ standard.ravel() / 3 + [0.05, -0.03]
+    found = consistent_robot(reference, everywhere, Target(from_standard, value, np.eye(2), mass))
+    lower = np.tril_indices(4)
+
+    def pseudo(x):
+        roots = np.zeros((2, 4, 4))
+        roots[:, lower[0], lower[1]] = x.reshape(2, 10)
+        return roots @ roots.mT
+
+    def divergence(x):
+        ratio = np.linalg.solve(reference, pseudo(x))
+        return (np.trace(ratio, axis1=1, axis2=2) - np.log(np.linalg.det(ratio)) - 4).sum()
+
+    def lack(x):
+        moved = pseudo(x)[:, 3, [3, 0, 1, 2]]
+        return [*(from_standard @ moved.ravel() - mass * value), moved[:, 0].sum() - mass]
+
+    start = np.linalg.cholesky(reference)[:, lower[0], lower[1]].ravel()
+    solved = scipy.optimize.minimize(
+        divergence, start, constraints={"type": "eq", "fun": lack}, options={"ftol": 1e-15, "maxiter": 500}
+    )
+    assert np.abs(lack(solved.x)).max() < 1e-9
+    assert np.abs(pseudo(solved.x) - found.pseudo).max() < 1e-5 * np.abs(found.pseudo).max()
+    own = np.linalg.cholesky(found.pseudo)[:, lower[0], lower[1]].ravel()
+    assert divergence(own) <= divergence(solved.x) + 1e-9
+    assert divergence(own) > 0.01
+
+
+def test_projection_does_not_depend_on_the_frames(cad):
+    """The divergence is invariant: turned and moved link frames give the same masses and moved centres."""
+    rng = np.random.default_rng(8)
+    wanted = target(cad, draw_robot(cad.robot.model, 0.2, rng))
+    found = consistent_robot(cad.reference, cad.ellipsoids, wanted)
+    moves = np.tile(np.eye(4), (len(cad.reference), 1, 1))
+    moves[:, :3, :3] = scipy.spatial.transform.Rotation.random(len(moves), rng=rng).as_matrix()
+    moves[:, :3, 3] = rng.normal(size=(len(moves), 3))
+    back = np.linalg.inv(moves)
+    # w' P e_4 = w' B (A P A') B' e_4 for B = A^-1, and the last row of B is e_4.
+    weights = wanted.from_standard.reshape(len(wanted.value), -1, 4)[..., [1, 2, 3, 0]]
+    turned = np.einsum("pka,kab->pkb", weights, back)[..., [3, 0, 1, 2]].reshape(len(wanted.value), -1)
+    other = consistent_robot(
+        moves @ cad.reference @ moves.mT,
+        back.mT @ cad.ellipsoids @ back,
+        Target(turned, wanted.value, wanted.covariance, wanted.mass),
+    )
+    assert np.abs(back @ other.pseudo @ back.mT - found.pseudo).max() < 1e-9
+
+
+def nearest_by_point_masses(cad, wanted):
+    """Distance of the nearest robot with all mass inside the ellipsoids, by non-negative least squares.
+
+    Such a robot is many point masses on the ellipsoids' surfaces; a dense cloud misses it by little.
+    """
+    rng = np.random.default_rng(0)
+    clouds, rows = [], wanted.from_standard.reshape(len(wanted.value), -1, 4)
+    for k, bound in enumerate(cad.ellipsoids):
+        if cad.reference[k, 3, 3] <= 0:
+            continue
+        shape = -bound[:3, :3]
+        middle = np.linalg.solve(shape, bound[:3, 3])
+        ball = rng.normal(size=(600, 3))
+        ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+        points = middle + ball @ np.linalg.inv(np.linalg.cholesky(shape))
+        clouds.append(rows[:, k] @ np.column_stack([np.ones(600), points]).T)
+    reachable = np.hstack(clouds)
+    away = (reachable - wanted.value[:, None]) / ERROR
+    size = np.abs(away).max()
+    stacked = np.vstack([away / size, np.full(away.shape[1], 1e4)])
+    weights, _ = scipy.optimize.nnls(stacked, np.append(np.zeros(len(away)), 1e4), maxiter=20000)
+    return float(np.linalg.norm(away @ weights / weights.sum()))
+
+
+@pytest.mark.parametrize("number", [2, 5, 13])
+def test_an_inconsistent_estimate_gives_the_nearest(cad, number):
+    wanted = target(cad, standard_parameters(cad.robot.model))
+    wanted.value[number - 1] += 50 * ERROR
+    found = consistent_robot(cad.reference, cad.ellipsoids, wanted)
+    check(cad, wanted, found)
+    distance = np.linalg.norm((found.value - wanted.value) / ERROR)
+    assert found.misfit == pytest.approx(distance, rel=1e-9)
+    assert 1 < found.misfit < 50
+    # A cloud of points reaches a little less than the ellipsoid; ours keeps a hundredth of CAD in every link.
+    assert found.misfit == pytest.approx(nearest_by_point_masses(cad, wanted), abs=0.15)
+
+
+def test_data_shares(cad):
+    """Numbers that the data determine or cannot reach, told from what they are."""
+    shares = data_shares(cad.reference, cad.parameters.from_standard)
+    assert ((shares >= 0) & (shares <= 1 + 1e-12)).all()
+    alone = data_shares(cad.reference, np.zeros((1, 4 * len(shares))))  # the total mass alone
+    heavy = cad.reference[:, 3, 3] ** 2
+    assert alone[:, 0] == pytest.approx(heavy / heavy.sum(), rel=1e-9)  # Var m_i is in proportion to m_i^2
+    every = data_shares(cad.reference, np.eye(4 * len(shares)))
+    assert every == pytest.approx(np.ones_like(every), abs=1e-9)
+
+
+def test_flat_links_get_some_extent():
+    flat = pseudo_inertia(1.0, np.array([0.1, 0, 0]), np.diag([0.0, 0.01, 0.01]))
+    assert np.linalg.eigvalsh(flat).min() < 1e-12
+    lifted = solid(np.array([flat]))[0]
+    assert np.linalg.eigvalsh(lifted).min() > 1e-7
+    assert np.array_equal(lifted[3], flat[3])
+    assert np.abs(lifted - flat).max() < 2e-6
+
+
+def test_pseudo_inertias_of_a_turned_inertia():
+    """MuJoCo's iquat turns the principal axes: the box's own shape tells where the long side is."""
+    text = (
+        '<mujoco><worldbody><body name="a"><freejoint/><geom type="box" size=".3 .1 .05" euler="0 0 90" '
+        'density="1000"/></body></worldbody></mujoco>'
+    )
+    found = pseudo_inertias(mujoco.MjModel.from_xml_string(text))[0]
+    mass = 8 * 0.3 * 0.1 * 0.05 * 1000
+    assert np.diag(found) == pytest.approx(mass * np.array([0.1**2 / 3, 0.3**2 / 3, 0.05**2 / 3, 1]))
