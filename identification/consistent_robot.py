@@ -88,7 +88,7 @@ def consistent_robot(reference: np.ndarray, ellipsoids: np.ndarray, target: Targ
 def robot_with(
     reference: np.ndarray, ellipsoids: np.ndarray, target: Target, farthest: float = FARTHEST
 ) -> ConsistentRobot | None:
-    """Find the consistent robot with exactly these base parameters that is nearest to CAD; None: there is none.
+    """Find the consistent robot with exactly these base parameters nearest to CAD, or None.
 
     Args:
         reference, ellipsoids: see `consistent_robot`.
@@ -134,7 +134,8 @@ class _Space:
         heavy: links with mass, (h,). size: number of all links.
         roots: L of each, (h, 4, 4).
         rows: base parameters times the mass and total mass are <rows, X>, (p + 1, h, 4, 4).
-        basis: orthonormal matrices that span them, (k, h, 4, 4). onto: <basis, X> = onto @ <rows, X>, (k, p + 1).
+        basis: orthonormal matrices that span them, (k, h, 4, 4).
+        onto: <basis, X> = onto @ <rows, X>, (k, p + 1).
         ellipsoids: Q with <Q, X> >= 0, (h, 4, 4), of norm 1.
     """
 
@@ -280,7 +281,7 @@ def _longest(matrices: np.ndarray, found: np.ndarray, step: np.ndarray) -> float
 
 
 def _primal(matrices: np.ndarray, multipliers: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return X and the negative of the dual at given multipliers; infinite where X is not positive definite."""
+    """Return X and the negative of the dual; infinite where X is not positive definite."""
     inverse = np.eye(4) + np.tensordot(multipliers, matrices, axes=1)
     size = np.linalg.eigvalsh(inverse)
     if size.min() <= 0:
@@ -298,8 +299,8 @@ def _nearest_value(space: _Space, target: Target) -> tuple[np.ndarray, float]:
     import cvxpy as cp  # takes a second to load, and few estimates need it
 
     links = [cp.Variable((4, 4), symmetric=True) for _ in space.heavy]
-    flat = space.rows.reshape(*space.rows.shape[:2], 16)
-    sums = sum(flat[:, k] @ cp.vec(one, order="C") for k, one in enumerate(links))
+    stacked = cp.hstack([cp.vec(one, order="C") for one in links])
+    sums = space.rows.reshape(len(space.rows), -1) @ stacked
     deviation = np.sqrt(np.diag(target.covariance))
     root = np.linalg.cholesky(target.covariance / np.outer(deviation, deviation))
     whiten = np.linalg.inv(root) / deviation

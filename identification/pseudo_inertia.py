@@ -86,9 +86,9 @@ def solid(pseudo: np.ndarray) -> np.ndarray:
 def bounding_ellipsoids(model: mujoco.MjModel, pseudo: np.ndarray) -> np.ndarray:
     """Return a matrix Q a link with tr(P Q) >= 0 for all mass inside its ellipsoid, (n_links, 4, 4).
 
-    The ellipsoid is the smallest around the box of the link's geometry, enlarged if CAD's own inertia takes up
-    more than half of the bound. Q = [[-S^-1, S^-1 c], [c' S^-1, 1 - c' S^-1 c]] for (x - c)' S^-1 (x - c) <= 1
-    (Wensing, Kim and Slotine 2018).
+    The ellipsoid is the smallest around the box of the link's geometry, enlarged if CAD's own inertia takes
+    up more than half of the bound. Q = [[-S^-1, S^-1 c], [c' S^-1, 1 - c' S^-1 c]] for the ellipsoid
+    (x - c)' S^-1 (x - c) <= 1 (Wensing, Kim and Slotine 2018).
 
     Args:
         model: the robot with its geometry. pseudo: its pseudo-inertias.
@@ -98,7 +98,8 @@ def bounding_ellipsoids(model: mujoco.MjModel, pseudo: np.ndarray) -> np.ndarray
     for k, (low, high) in enumerate(boxes):
         middle = (low + high) / 2
         shape = 1 / (3 * np.maximum((high - low) / 2, LEAST_GYRATION) ** 2)
-        where = np.block([[np.eye(3), -middle[:, None]], [np.zeros(3), 1.0]])
+        where = np.eye(4)
+        where[:3, 3] = -middle
         mass = pseudo[k, 3, 3]
         taken = 0.0
         if mass > 0:

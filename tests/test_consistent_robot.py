@@ -103,7 +103,8 @@ def test_pseudo_inertia_of_point_masses():
     expected = (whole * mass[:, None]).T @ whole
     center = mass @ points / mass.sum()
     arms = points - center
-    inertia = sum(m * (a @ a * np.eye(3) - np.outer(a, a)) for m, a in zip(mass, arms, strict=True))
+    each = [m * (a @ a * np.eye(3) - np.outer(a, a)) for m, a in zip(mass, arms, strict=True)]
+    inertia = np.sum(each, axis=0)
     found = pseudo_inertia(mass.sum(), center, inertia)
     assert np.abs(found - expected).max() < 1e-13
     for a, b in zip(central(found), (mass.sum(), center, inertia), strict=True):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
+import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,8 +17,15 @@ from tulip_testbed.experiments.export.published_links import PublishedLinks, pub
 from tulip_testbed.experiments.export.robot_samples import robot_samples
 from tulip_testbed.experiments.export.written_urdf import written_urdf
 from tulip_testbed.experiments.identify import Identification
+from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS
+from tulip_testbed.experiments.robot_import.urdf import find_mesh
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
-from tulip_testbed.identification.consistent_robot import Target, consistent_robot, data_shares
+from tulip_testbed.identification.consistent_robot import (
+    ConsistentRobot,
+    Target,
+    consistent_robot,
+    data_shares,
+)
 from tulip_testbed.identification.pseudo_inertia import (
     bounding_ellipsoids,
     pseudo_inertias,
@@ -31,7 +40,6 @@ from tulip_testbed.sim.robot import Robot, check_unchanged, load_spec
 ENDINGS = (".xml", ".urdf")
 EXACT = 1e-9  # m: how far the base parameters of the file may be from the stated ones
 SAMPLES, MOST_SAMPLES = 200, 100_000
-MOST_SHOWN = 5  # missing files in a note
 
 
 @dataclass(frozen=True)
@@ -69,16 +77,18 @@ def export_model(
     samples_path = export.path.with_name(f"{export.path.stem}-samples.npz")
     if export.samples:
         check_new(samples_path)
-    reference = solid(pseudo_inertias(robot.model))
+    source = None if export.source is None else published_links(export.source, robot)
+    cad = _cad(robot, export, source)
+    reference = solid(cad)
     ellipsoids = bounding_ellipsoids(robot.visual_model, reference)
     mass, mass_error = weighed or found.mass
     full = found.full
     target = Target(parameters.from_standard[full.numbers - 1], full.value, full.covariance, mass)
     consistent = consistent_robot(reference, ellipsoids, target)
-    content, notes = _content(robot, export, parameters, consistent.pseudo, consistent.value)
+    content, notes = _content(robot, export, source, parameters, consistent)
     result = ExportedModel(
         links=parameters.tree.links,
-        cad=pseudo_inertias(robot.model),
+        cad=cad,
         robot=consistent,
         shares=data_shares(consistent.pseudo, target.from_standard),
         mass=mass,
@@ -89,7 +99,7 @@ def export_model(
     archive = b""
     if export.samples:
         rng = np.random.default_rng(export.seed)
-        drawn = robot_samples(robot.model, ellipsoids, target, mass_error, export.samples, rng)
+        drawn = robot_samples(robot.model, cad, ellipsoids, target, mass_error, export.samples, rng)
         archive = drawn.archive(parameters.tree.links, full.names)
     write_bytes(export.path, content, new=True)
     if export.samples:
@@ -112,8 +122,8 @@ def _check(found: Identification, robot: Robot, export: Export) -> BaseParameter
     parameters = base_parameters(robot, support=found.parameters.support)
     if found.parameters.tree.links != parameters.tree.links or found.parameters.names != parameters.names:
         raise InputError(
-            f"{robot.model_file}: found a robot with other links than the identification's; give the robot that "
-            "was identified"
+            f"{robot.model_file}: found a robot with other links than the identification's; give the robot "
+            "that was identified"
         )
     if len(found.full.numbers) != len(parameters.names):
         raise InputError(
@@ -122,8 +132,8 @@ def _check(found: Identification, robot: Robot, export: Export) -> BaseParameter
         )
     if export.source is not None and _kind(export.source) != export.path.suffix.lower():
         raise InputError(
-            f"{export.path}: found the ending '{export.path.suffix}', expected {_kind(export.source)}, that of "
-            f"the source {export.source}"
+            f"{export.path}: found the ending '{export.path.suffix}', expected {_kind(export.source)}, that "
+            f"of the source {export.source}"
         )
     return parameters
 
@@ -132,18 +142,30 @@ def _kind(source: Path) -> str:
     return ".urdf" if b"<robot" in read_bytes(source)[:4096] else ".xml"
 
 
+def _cad(robot: Robot, export: Export, source: PublishedLinks | None) -> np.ndarray:
+    """Return CAD's pseudo-inertias, (n_links, 4, 4)."""
+    if source is not None:
+        return source.by_link(robot.model.nbody - 1)
+    found = pseudo_inertias(robot.model)
+    if export.path.suffix.lower() == ".urdf":
+        found[found[:, 3, 3] <= LEAST_MASS] = 0.0  # which stands for none, where a file needs a mass
+    return found
+
+
 def _content(
-    robot: Robot, export: Export, parameters: BaseParameters, pseudo: np.ndarray, value: np.ndarray
+    robot: Robot,
+    export: Export,
+    source: PublishedLinks | None,
+    parameters: BaseParameters,
+    found: ConsistentRobot,
 ) -> tuple[bytes, tuple[str, ...]]:
     """Return the bytes of the model, read back and compared, and notes on them."""
-    heavy = {name: pseudo[k] for k, name in enumerate(parameters.tree.links) if standard_of(pseudo[k])[0] > 0}
-    if export.source is not None:
-        source = published_links(export.source, robot)
-        content = with_inertias(read_bytes(export.source), source.changed(pseudo), export.source)
+    if source is not None and export.source is not None:
+        content = with_inertias(read_bytes(export.source), source.changed(found.pseudo), export.source)
         standard = _published_standard(content, export, robot)
         notes = _missing_files(export.source, export.path)
     elif export.path.suffix.lower() == ".urdf":
-        content = written_urdf(robot, pseudo)
+        content = written_urdf(robot, found.pseudo)
         standard = _published_standard(content, export, robot)
         notes = (
             "The URDF is written anew from the robot's MJCF: links, hinges, limits and inertias, without "
@@ -152,15 +174,19 @@ def _content(
     else:
         check_unchanged(robot, robot.model_file)
         _check_compiler(robot)
+        heavy = {
+            name: one for name, one in zip(parameters.tree.links, found.pseudo, strict=True) if one[3, 3] > 0
+        }
         content = with_inertias(read_bytes(robot.model_file), heavy, robot.model_file)
         model = _compiled(content, robot)
         parameters = base_parameters(robot, model, parameters.support)
         standard, notes = standard_parameters(model), _missing_files(robot.model_file, export.path)
-    apart = float(np.abs(parameters.values(standard) - value).max())
+    apart = float(np.abs(parameters.values(standard) - found.value).max())
     if not apart <= EXACT:
         raise InputError(
             f"{export.path}: the base parameters of the written file are {1e3 * apart:.3g} mm away from the "
-            "stated ones; a setting of the file overrules its inertias (<compiler>: boundmass, balanceinertia)"
+            "stated ones; a setting of the file overrules its inertias (<compiler>: boundmass, "
+            "balanceinertia)"
         )
     return content, notes
 
@@ -169,8 +195,8 @@ def _check_compiler(robot: Robot) -> None:
     """Refuse settings of an MJCF with which MuJoCo does not use the inertias in it."""
     if robot.spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
         raise InputError(
-            f"{robot.model_file}: <compiler>: found inertiafromgeom='true', expected 'auto' or 'false': MuJoCo "
-            "would take masses from the shapes and not from the file"
+            f"{robot.model_file}: <compiler>: found inertiafromgeom='true', expected 'auto' or 'false': "
+            "MuJoCo would take masses from the shapes and not from the file"
         )
     least = robot.spec.compiler.boundmass
     if least > 0:
@@ -206,15 +232,16 @@ def _missing_files(source: Path, path: Path) -> tuple[str, ...]:
     """Return a note on files that the model names and that are not found from its new place."""
     if source.parent.resolve() == path.parent.resolve():
         return ()
-    names = [
-        file.relative_to(source.parent)
-        for file in mjcf_files(source, source.parent)
-        if file != source and file.is_relative_to(source.parent)
-    ]
-    missing = [str(name) for name in names if not present(path.parent / name)]
+    if _kind(source) == ".urdf":
+        names = {str(mesh.get("filename")) for mesh in ET.fromstring(read_bytes(source)).iter("mesh")}
+        missing = sorted(name for name in names if find_mesh(name, source) and not find_mesh(name, path))
+    else:
+        files = [file for file in mjcf_files(source, source.parent) if file != source]
+        names = {os.path.relpath(file, source.parent) for file in files}
+        missing = sorted(name for name in names if not present(path.parent / name))
     if not missing:
         return ()
     return (
         f"The model names {len(missing)} files that are not found from its new place "
-        f"({shortened(listed(missing[:MOST_SHOWN]), 200)}): put it beside {source}, or copy them.",
+        f"({shortened(listed(missing), 200)}): put it beside {source}, or copy them.",
     )

@@ -82,8 +82,8 @@ class ExportedModel(Shown):
             of_center = zip(row["center_cad"], row["center"], row["center_data_share"], strict=True)
             rows.append([row["link"], *cells, *(value for axis in of_center for value in axis)])
         note = (
-            "From data: 100 %: base parameters and total mass determine the number; 0 %: it is what CAD makes "
-            "likely. Inertias follow mass and centre; statics sees nothing of them."
+            "From data: 100 %: base parameters and total mass determine the number; 0 %: it is what CAD "
+            "makes likely. Inertias follow mass and centre; statics sees nothing of them."
         )
         return Table("Masses and centres of mass of the links", tuple(columns), rows, note)
 
@@ -103,8 +103,9 @@ class ExportedModel(Shown):
         if not self.robot.misfit:
             return "The base parameters of the exported robot are those of the estimate."
         return (
-            f"No physically consistent robot has the estimated base parameters; the exported one is the nearest, "
-            f"{number(self.robot.misfit, '.3g')} standard errors away (in the metric of their covariance)."
+            "No physically consistent robot has the estimated base parameters; the exported one is the "
+            f"nearest, {number(self.robot.misfit, '.3g')} standard errors away (in the metric of their "
+            "covariance)."
         )
 
 

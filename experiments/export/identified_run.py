@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
@@ -38,7 +39,7 @@ def identified_run(folder: Path, robot: Robot) -> tuple[Identification, Measurem
         measurements, estimator = record.measurements, record.report.estimator
     elif kind == "discovery":
         found = read_discovery(folder, robot)
-        effects = _effects(found.report.adopted, robot, folder)
+        effects = _effects(found.report.effects, robot, folder)
         measurements = found.measurements
         settled = found.report.verdict in (NAMED, CALIBRATED)
         estimator = SELF_CALIBRATING if settled else plain_estimator(measurements)
@@ -46,11 +47,11 @@ def identified_run(folder: Path, robot: Robot) -> tuple[Identification, Measurem
         measurements, effects, estimator = read_measurements(folder), (), SELF_CALIBRATING
     else:
         raise InputError(
-            f"{folder}: found a {kind} folder, which holds no estimate of one robot; expected the folder of a "
-            "validation, a discovery or measurements"
+            f"{folder}: found a {kind} folder, which holds no estimate of one robot; expected the folder of "
+            "a validation, a discovery or measurements"
         )
     return identify(measurements, robot, str(folder), estimator, adopted=effects), measurements
 
 
-def _effects(documents: list, robot: Robot, folder: Path) -> tuple[EffectInstance, ...]:
+def _effects(documents: Sequence[EffectDocument], robot: Robot, folder: Path) -> tuple[EffectInstance, ...]:
     return tuple(EffectInstance.from_document(one, robot, str(folder)) for one in documents)

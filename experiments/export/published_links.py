@@ -134,8 +134,8 @@ def _alignment(
     if max(apart[worst], tilted[worst]) > APART:
         raise InputError(
             f"{path}: joint '{names[worst]}': found its axis {1e3 * apart[worst]:.3g} mm and "
-            f"{np.degrees(tilted[worst]):.3g} degrees away from the robot's, expected the file that the robot "
-            "is made of"
+            f"{np.degrees(tilted[worst]):.3g} degrees away from the robot's, expected the file that the "
+            "robot is made of"
         )
     found = np.eye(4)
     found[:3, :3], found[:3, 3] = turn, place
@@ -143,7 +143,7 @@ def _alignment(
 
 
 def _stretch(old: np.ndarray, new: np.ndarray) -> np.ndarray:
-    """Return T with T old T' = new, (4, 4): one factor for all masses, a symmetric stretch about the centre."""
+    """Return T with T old T' = new, (4, 4): masses by one factor, a symmetric stretch about the centre."""
     (mass, center, second), (mass_now, center_now, second_now) = _parts(old), _parts(new)
     root = np.real(sqrtm(second))
     back = np.linalg.inv(root)

@@ -15,7 +15,7 @@ from tulip_testbed.identification.consistent_robot import (
     consistent_robot,
     robot_with,
 )
-from tulip_testbed.identification.pseudo_inertia import central, pseudo_inertia, pseudo_inertias, solid
+from tulip_testbed.identification.pseudo_inertia import central, pseudo_inertia, solid
 from tulip_testbed.sim.random_robots import draw_robot
 
 SPREAD = 0.1  # assumed, of what statics cannot see: of ln mass, of centres in half edges, of ln lengths
@@ -60,6 +60,7 @@ class RobotSamples:
 
 def robot_samples(
     model: mujoco.MjModel,
+    cad: np.ndarray,
     ellipsoids: np.ndarray,
     target: Target,
     mass_error: float,
@@ -74,12 +75,12 @@ def robot_samples(
     consistent robot has are drawn again; after `TRIES` the nearest one is taken.
 
     Args:
-        model: the robot with CAD's masses. ellipsoids: of `bounding_ellipsoids`.
+        model: the robot with CAD's masses. cad: its pseudo-inertias, (n_links, 4, 4).
+        ellipsoids: of `bounding_ellipsoids`.
         mass_error: standard error of the total mass [kg].
     """
     deviation = np.sqrt(np.diag(target.covariance))
     root = np.linalg.cholesky(target.covariance / np.outer(deviation, deviation)) * deviation[:, None]
-    cad = pseudo_inertias(model)
 
     def draw() -> tuple[np.ndarray, np.ndarray, Target]:
         value = target.value + root @ rng.standard_normal(len(root))
@@ -104,7 +105,7 @@ def robot_samples(
 def _drawn(cad: np.ndarray, standard: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return pseudo-inertias with drawn masses, centres and lengths of the inertia boxes."""
     found = np.zeros_like(cad)
-    for k in np.flatnonzero(standard[:, 0] > 0):
+    for k in np.flatnonzero(cad[:, 3, 3] > 0):
         mass, _, inertia = central(cad[k])
         second = standard[k, 0] / mass * (np.trace(inertia) / 2 * np.eye(3) - inertia)
         size, axes = np.linalg.eigh(second)

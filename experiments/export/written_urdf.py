@@ -90,7 +90,8 @@ def _joint(
 ) -> str:
     return (
         f'  <joint name="{_escaped(name)}" type="{kind}"><parent link="{_escaped(parent)}"/>'
-        f'<child link="{_escaped(child)}"/><origin xyz="{_joined(origin)}" rpy="{_joined(turn)}"/>{more}</joint>'
+        f'<child link="{_escaped(child)}"/><origin xyz="{_joined(origin)}" rpy="{_joined(turn)}"/>{more}'
+        "</joint>"
     )
 
 
@@ -110,9 +111,11 @@ def _axes(model: mujoco.MjModel, body: int) -> np.ndarray:
 
 def _rpy(model: mujoco.MjModel, body: int) -> np.ndarray:
     """Return a body's rotation as roll, pitch and yaw about fixed axes, (3,) [rad]."""
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_matrix(_axes(model, body)).as_euler("xyz")
+    axes = _axes(model, body)
+    yaw = np.arctan2(axes[1, 0], axes[0, 0])  # at a vertical x axis any yaw will do
+    c, s = np.cos(yaw), np.sin(yaw)
+    rest = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ axes
+    return np.array([np.arctan2(-rest[1, 2], rest[1, 1]), np.arctan2(-rest[2, 0], rest[0, 0]), yaw])
 
 
 def _translation(by: np.ndarray) -> np.ndarray:

@@ -49,9 +49,7 @@ def export_command(
     with working_on("identifying the robot"):
         found, measurements = identified_run(run, described)
     with working_on("looking for the consistent robot"):
-        made = export_model(
-            found, described, Export(out, source, samples, seed), measurements.weighed_mass
-        )
+        made = export_model(found, described, Export(out, source, samples, seed), measurements.weighed_mass)
     if as_json:
         print_json(made.plain())
     else:

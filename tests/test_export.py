@@ -1,0 +1,325 @@
+"""`tulip export`: the file loads, holds the stated base parameters, and is otherwise the user's own."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import tulip_testbed as tt
+from tests.published_robot import write_published
+from tulip_testbed.cli.main import main
+from tulip_testbed.experiments.export.export_model import Export, export_model
+from tulip_testbed.experiments.export.inertial_text import inertial_spans, with_inertias
+from tulip_testbed.experiments.export.published_links import published_links
+from tulip_testbed.experiments.robot_import.robot_import import import_robot
+from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.identification.pseudo_inertia import pseudo_inertia, pseudo_inertias
+from tulip_testbed.sim.errors import InputError, InputWarning
+from tulip_testbed.sim.measurements import write_measurements, write_plan
+from tulip_testbed.sim.random_robots import draw_robot
+from tulip_testbed.sim.robot import joint_names
+
+SEED = 4218  # development seeds are 0 to 99
+
+
+@pytest.fixture(scope="module")
+def run(robot):
+    return tt.Laboratory(robot, "force-plate").run(tt.plans.random, SEED, "statics")
+
+
+@pytest.fixture(scope="module")
+def found(run, robot):
+    return tt.identify(run.measurements, robot, "mixed-model")
+
+
+@pytest.fixture(scope="module")
+def exported(found, robot, tmp_path_factory):
+    path = tmp_path_factory.mktemp("export") / "identified.xml"
+    return tt.export_model(found, path, robot, samples=5)
+
+
+def imagined(found, robot, standard, error=1e-4):
+    """An identification that found these standard parameters."""
+    parameters = base_parameters(robot)
+    full = dataclasses.replace(
+        found.full,
+        numbers=np.arange(1, len(parameters.names) + 1),
+        names=parameters.names,
+        value=parameters.values(standard),
+        covariance=error**2 * np.eye(len(parameters.names)),
+    )
+    return dataclasses.replace(
+        found, parameters=parameters, full=full, mass=(float(standard[:, 0].sum()), 0.01)
+    )
+
+
+def center_of_mass(model, angles):
+    """Centre of mass from the first hinge in the axes of the link above it, by MuJoCo's own kinematics."""
+    data = mujoco.MjData(model)
+    for name, angle in angles.items():
+        data.qpos[int(model.joint(name).qposadr[0])] = angle
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mass, place = model.body_mass, data.xipos
+    whole = mass @ place / mass.sum()
+    joint = model.joint(next(iter(angles))).id
+    above = int(model.body_parentid[model.jnt_bodyid[joint]])
+    return data.xmat[above].reshape(3, 3).T @ (whole - data.xanchor[joint])
+
+
+def outside(content, path):
+    """The bytes that do not belong to an <inertial>."""
+    kept, at = [], 0
+    for start, end in inertial_spans(content, path):
+        kept.append(content[at:start])
+        at = end
+    return b"|".join([*kept, content[at:]])
+
+
+def test_mujoco_reads_the_stated_base_parameters(exported, found, robot):
+    model = mujoco.MjModel.from_xml_path(str(exported.files[0]))
+    parameters = base_parameters(robot, model)
+    assert np.abs(parameters.values(standard_parameters(model)) - found.full.value).max() < 1e-9
+    assert model.body_mass.sum() == pytest.approx(exported.mass, abs=1e-9)
+    moments = np.sort(model.body_inertia[1:], axis=1)
+    assert (moments > 0).all()
+    assert (moments[:, 0] + moments[:, 1] > moments[:, 2]).all()
+
+
+def test_only_the_inertias_change(exported, robot):
+    path = robot.model_file
+    before, after = path.read_bytes(), exported.files[0].read_bytes()
+    assert before != after
+    assert outside(before, path) == outside(after, path)
+    assert len(inertial_spans(after, path)) == robot.model.nbody - 1
+
+
+def test_the_exported_robot_moves_its_center_of_mass_as_estimated(exported, found):
+    """Without the base parameters' map: MuJoCo's centre of mass at random angles, over the sole."""
+    model = mujoco.MjModel.from_xml_path(str(exported.files[0]))
+    rng, data = np.random.default_rng(1), mujoco.MjData(model)
+    names = joint_names(model)
+    columns = [int(model.joint(name).qposadr[0]) for name in names]
+    turns = rng.uniform(-0.5, 0.5, (20, len(names)))
+    regressor = found.parameters.regressor(turns)
+    for angles, rows in zip(turns, regressor, strict=True):
+        data.qpos[columns] = angles
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        foot = data.body("right_foot")
+        com = foot.xmat.reshape(3, 3).T @ (data.subtree_com[1] - foot.xpos)
+        # x and y of the swing foot's z parameter are zero only while that foot is level.
+        assert com[:2] == pytest.approx(rows @ found.full.value, abs=5e-2)
+
+
+def test_the_document(exported, robot):
+    told = exported.plain()
+    json.dumps(told)
+    assert {row["link"] for row in told["links"]} == {
+        robot.model.body(k).name for k in range(1, robot.model.nbody)
+    }
+    assert all(0 <= row["mass_data_share"] <= 1 for row in told["links"])
+    assert told["misfit_in_standard_errors"] == 0
+    assert [Path(name).name for name in told["files"]] == ["identified.xml", "identified-samples.npz"]
+    text = repr(exported)
+    assert "those of the estimate" in text
+    assert "right_lower_leg" in text
+
+
+def test_samples(exported, found, robot):
+    with np.load(exported.files[1]) as samples:
+        assert samples["links"].tolist() == list(found.parameters.tree.links)
+        pseudo, mass, center = (samples[name] for name in ("pseudo_inertia", "mass", "center_of_mass"))
+        inertia, value = samples["inertia"], samples["base_parameters"]
+    assert np.linalg.eigvalsh(pseudo).min() > 0
+    assert np.linalg.eigvalsh(inertia).min() > 0
+    for k in range(5):
+        standard = np.column_stack([mass[k], mass[k, :, None] * center[k]])
+        assert np.abs(found.parameters.values(standard) - value[k]).max() < 1e-9
+    away = value - found.full.value
+    chi2 = np.einsum("sp,pq,sq->s", away, np.linalg.inv(found.full.covariance), away)
+    assert (chi2 > 1).all()
+    assert (chi2 < 80).all()
+
+
+def test_samples_depend_on_the_seed_alone(found, robot, tmp_path):
+    archives = []
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        made = tt.export_model(found, tmp_path / f"{name}.xml", robot, samples=2, seed=seed)
+        with np.load(made.files[1]) as samples:
+            archives.append(samples["mass"])
+    assert np.array_equal(archives[0], archives[1])
+    assert not np.array_equal(archives[0], archives[2])
+
+
+@pytest.mark.parametrize("name", ["tulip", "humanoid", "humanoid_CMU"])
+def test_urdf_of_an_mjcf(name, robot, foreign, found, tmp_path):
+    """MuJoCo moves the centre of mass of the URDF as that of the exported MJCF."""
+    described = robot if name == "tulip" else foreign[name]
+    rng = np.random.default_rng(2)
+    wanted = imagined(found, described, draw_robot(described.model, 0.1, rng))
+    for ending in ("xml", "urdf"):
+        export_model(wanted, described, Export(tmp_path / f"a.{ending}", samples=0))
+    spec = mujoco.MjSpec.from_file(str(tmp_path / "a.urdf"))
+    spec.compiler.fusestatic = False
+    models = mujoco.MjModel.from_xml_path(str(tmp_path / "a.xml")), spec.compile()
+    assert models[1].body_mass.sum() == pytest.approx(models[0].body_mass.sum(), abs=1e-6)
+    for _ in range(10):
+        angles = dict(zip(joint_names(described.model), rng.uniform(-1, 1, 100), strict=False))
+        one, other = (center_of_mass(model, angles) for model in models)
+        assert np.abs(one - other).max() < 1e-9 + 1e-6 * (models[1].nbody > models[0].nbody)
+    read = published_links(tmp_path / "a.urdf", described)
+    sums = read.by_link(described.model.nbody - 1)
+    again = wanted.parameters.values(sums[:, 3, [3, 0, 1, 2]])
+    assert np.abs(again - wanted.full.value).max() < 1e-9
+
+
+@pytest.fixture(scope="module")
+def published(tmp_path_factory):
+    """A published URDF whose links are partly fixed to each other, and the robot made of it."""
+    folder = tmp_path_factory.mktemp("published")
+    urdf = write_published(folder / "source")
+    return urdf, import_robot(urdf).write(folder / "robot")
+
+
+def test_links_of_a_published_file_add_up(published):
+    urdf, robot = published
+    links = published_links(urdf, robot)
+    assert len(links.names) > robot.model.nbody - 1
+    assert (
+        np.abs(links.by_link(robot.model.nbody - 1) - pseudo_inertias(robot.model)).max() < 1e-5
+    )  # 1e-6 kg where there is no mass
+
+
+def test_a_published_urdf_gets_the_inertias(published, found, tmp_path):
+    urdf, robot = published
+    wanted = imagined(found, robot, draw_robot(robot.model, 0.2, np.random.default_rng(4)))
+    made = export_model(wanted, robot, Export(tmp_path / "new.urdf", urdf, samples=0))
+    before, after = urdf.read_bytes(), (tmp_path / "new.urdf").read_bytes()
+    assert outside(before, urdf) == outside(after, urdf)
+    links = published_links(tmp_path / "new.urdf", robot)
+    sums = links.by_link(robot.model.nbody - 1)
+    assert np.abs(wanted.parameters.values(sums[:, 3, [3, 0, 1, 2]]) - wanted.full.value).max() < 1e-9
+    assert np.abs(sums - made.robot.pseudo).max() < 1e-9
+    assert np.linalg.eigvalsh(links.pseudo).min() > 0
+    assert links.names == published_links(urdf, robot).names
+    assert any("meshes/torso.stl" in note for note in made.notes)
+    beside = export_model(wanted, robot, Export(urdf.with_name("new.urdf"), urdf, samples=0))
+    assert beside.notes == ()
+
+
+def test_another_robots_urdf_is_refused(published, found, robot, tmp_path):
+    urdf, _ = published
+    with pytest.raises(InputError, match="expected the file that the robot is made of"):
+        export_model(found, robot, Export(tmp_path / "new.urdf", urdf, samples=0))
+
+
+def test_an_inconsistent_estimate_is_told(found, robot, tmp_path):
+    wanted = imagined(found, robot, standard_parameters(robot.model), error=1e-3)
+    wanted.full.value[7] += 0.05
+    with pytest.warns(InputWarning, match="No physically consistent robot") as warned:
+        made = export_model(wanted, robot, Export(tmp_path / "a.xml", samples=0))
+    far = made.plain()["misfit_in_standard_errors"]
+    assert 5 < far < 50
+    assert f"{far:.3g} standard errors" in str(warned[0].message)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "a.xml"))
+    value = base_parameters(robot, model).values(standard_parameters(model))
+    assert np.linalg.norm(value - wanted.full.value) / 1e-3 == pytest.approx(far, rel=1e-5)
+
+
+def test_text_of_every_kind(tmp_path):
+    """Comments, quotes that hold '>', empty elements, end tags, CRLF, bodies without an inertia."""
+    text = (
+        b'<mujoco>\r\n <!-- <inertial pos="0 0 0"/> -->\r\n <worldbody>\r\n'
+        b'  <body name="a" user="1">\r\n'
+        b'   <inertial pos="1 0 0" mass="1" diaginertia="1 1 1"></inertial >\r\n'
+        b"   <body name='b>'\r\n pos='0 0 1'><freejoint/>\r\n    <body name=\"c\"/><inertial mass='2' "
+        b'pos="0 0 0" diaginertia="1 1 1"/></body>\r\n  </body>\r\n  <body name="d">\r\n  </body>\r\n'
+        b" </worldbody>\r\n</mujoco>"
+    )
+    one = pseudo_inertia(1.5, np.array([0.25, 0, 0]), np.eye(3))
+    changed = with_inertias(text, dict.fromkeys(("a", "b>", "c", "d"), one), tmp_path / "x.xml")
+    new = b'<inertial pos="0.25 0.0 0.0" mass="1.5" fullinertia="1.0 1.0 1.0 0.0 0.0 0.0"/>'
+    assert changed.count(new) == 4
+    assert b'<!-- <inertial pos="0 0 0"/> -->' in changed
+    assert b'<body name="c">' + new + b"</body>" in changed
+    assert b'<body name="d">\r\n    ' + new + b"\r\n  </body>" in changed
+    assert re.sub(rb"\s*" + re.escape(new), b"", changed).count(b"inertial") == 1
+    again = with_inertias(changed, dict.fromkeys(("a", "b>", "c", "d"), one), tmp_path / "x.xml")
+    assert again == changed
+    with pytest.raises(InputError, match='found no <body name="e">'):
+        with_inertias(text, {"e": one}, tmp_path / "x.xml")
+
+
+def with_model(robot, folder, change):
+    """A copy of TULip whose MJCF is changed."""
+    for file in robot.folder.iterdir():
+        if file.is_file():
+            (folder / file.name).write_bytes(file.read_bytes())
+    model = folder / "tulip.xml"
+    text = model.read_text()
+    assert change(text) != text
+    model.write_text(change(text))
+    return tt.load_robot(folder / "tulip.toml")
+
+
+def test_settings_that_overrule_inertias_are_refused_by_name(robot, found, tmp_path):
+    for k, (setting, word) in enumerate(
+        (('inertiafromgeom="true"', "inertiafromgeom='true'"), ('boundmass="0.1"', "boundmass='0.1'"))
+    ):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        other = with_model(robot, folder, lambda text, s=setting: text.replace('inertiafromgeom="false"', s))
+        with pytest.raises(InputError, match=word):
+            export_model(found, other, Export(tmp_path / "a.xml", samples=0))
+    assert not (tmp_path / "a.xml").exists()
+
+
+def test_a_body_in_an_included_file_is_refused(robot, found, tmp_path):
+    leg = re.search(
+        r' *<body name="left_hip_yaw".*</body>\n(?=    </body>\n  </worldbody>)',
+        robot.model_file.read_text(),
+        re.S,
+    )
+    assert leg is not None
+    (tmp_path / "leg.xml").write_text(f"<mujocoinclude>{leg[0]}</mujocoinclude>")
+    other = with_model(robot, tmp_path, lambda text: text.replace(leg[0], '<include file="leg.xml"/>'))
+    with pytest.raises(InputError, match=r'found no <body name="left_hip_yaw">.*included'):
+        export_model(found, other, Export(tmp_path / "a.xml", samples=0))
+
+
+def test_folders_of_every_kind(run, robot, tmp_path, capsys):
+    write_measurements(tmp_path / "data", run.measurements)
+    model = tmp_path / "a.xml"
+    assert main(["export", str(tmp_path / "data"), "--out", str(model), "--samples", "0", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["files"] == [str(model)]
+    write_plan(tmp_path / "plan", tt.plans.random)
+    for arguments, message in (
+        ([tmp_path / "plan", "--out", tmp_path / "b.xml"], "holds no estimate"),
+        ([tmp_path / "data", "--out", model], "exists already"),
+        ([tmp_path / "data", "--out", tmp_path / "b.sdf"], "expected .xml, .urdf"),
+        ([tmp_path / "none", "--out", tmp_path / "b.xml"], "no such folder"),
+    ):
+        assert main(["export", *map(str, arguments)]) == 2
+        assert message in capsys.readouterr().err
+    assert not (tmp_path / "b.xml").exists()
+
+
+def test_a_validation_is_exported_as_its_report_says(run, robot, tmp_path):
+    from tulip_testbed.experiments.validate import judge
+    from tulip_testbed.experiments.validation_record import validation_record, write_validation
+
+    judged = judge(run)
+    write_validation(tmp_path / "run", validation_record(judged))
+    by_folder = tt.export_model(tmp_path / "run", tmp_path / "a.xml", robot, samples=0)
+    in_memory = tt.export_model(judged, tmp_path / "b.xml", robot, samples=0)
+    assert np.array_equal(by_folder.robot.value, judged.identification.full.value)
+    assert (tmp_path / "a.xml").read_bytes() == (tmp_path / "b.xml").read_bytes()
+    assert in_memory.mass_source == by_folder.mass_source == "weighed"
