@@ -12,6 +12,7 @@ from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
     check_folder,
     montecarlo_file,
     open_folder,
+    raise_runs,
 )
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.usable_plan import random_plan
@@ -141,3 +142,35 @@ def test_first_difference_names_the_place():
     assert first_difference({"a": {"b": [1, 2]}}, {"a": {"b": [1, 2]}}) is None
     assert first_difference({"a": {"b": [1, 2]}}, {"a": {"b": [1, 3]}}) == ("a.b", [1, 2], [1, 3])
     assert first_difference({"a": 1, "c": 2}, {"a": 1}) == ("c", 2, None)
+
+
+def test_more_runs_in_the_same_folder(robot, plan, tmp_path):
+    """The last file, which was not full, is made anew; the folder ends as if made at once."""
+    laboratory, few = Laboratory(robot, "wii"), plan.take(plan.placement <= 8)
+
+    def carried_out(name, runs):
+        return tt.monte_carlo(laboratory, few, runs, folder=tmp_path / name, workers=1)
+
+    carried_out("raised", 2)
+    with pytest.raises(InputError, match=r"settings\.runs is 2 there and 1 here"):
+        carried_out("raised", 1)
+    found, straight = carried_out("raised", 3), carried_out("straight", 3)
+    assert found.report.runs == 3
+    assert found.errors_mm["full"].tolist() == straight.errors_mm["full"].tolist()
+    for file in ("run.json", "report.json", "runs/chunk-000000.parquet"):
+        assert (tmp_path / "raised" / file).read_bytes() == (tmp_path / "straight" / file).read_bytes()
+
+
+def test_more_runs_of_another_kind_are_refused(scenario, tmp_path):
+    begin(tmp_path / "run", scenario)
+    before = (tmp_path / "run" / "run.json").read_bytes()
+    raise_runs(tmp_path / "run", document_of(scenario, dataclasses.replace(SETTINGS, runs=200, seed=6)))
+    assert (tmp_path / "run" / "run.json").read_bytes() == before
+    with (
+        open_folder(tmp_path / "run", document_of(scenario), scenario[1]),
+        pytest.raises(InputError, match="another process is at work"),
+    ):
+        raise_runs(tmp_path / "run", document_of(scenario, dataclasses.replace(SETTINGS, runs=200)))
+    assert (tmp_path / "run" / "run.json").read_bytes() == before
+    raise_runs(tmp_path / "run", document_of(scenario, dataclasses.replace(SETTINGS, runs=200)))
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["settings"]["runs"] == 200

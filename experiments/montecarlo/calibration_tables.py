@@ -18,7 +18,7 @@ LEGEND = (
 )
 TOO_FEW = (
     "Inconclusive: no check failed, but there are too few runs to show that all hold: some intervals still "
-    "reach beyond the bounds. More runs, in a new folder, make them narrower."
+    "reach beyond the bounds. More runs make them narrower: ask for them in the same folder."
 )
 SPREADS = {
     "condition_number": ("condition number", ""),
@@ -92,26 +92,24 @@ def calibration_check_table(checks: list[dict[str, Any]]) -> Table:
     columns = (
         Column("check"),
         Column("result"),
-        Column("shown"),
         Column("worst no.", format="d"),
         Column("value", format=".4f"),
-        Column("interval", format=".4f", extra=True),
+        Column("interval", format=".4f"),
         Column("bounds", format=".2g"),
-        Column("beyond, no."),
+        Column("beyond, no.", extra=True),
         Column("where the bounds come from", extra=True),
     )
     rows = []
     for k, check in enumerate(checks):
 
-        def cell(name: str, check: dict[str, Any] = check, key: str = f"checks.{k}", mark: str = "") -> Cell:
-            return Cell(check[name], f"{key}.{name}", mark)
+        def cell(name: str, check: dict[str, Any] = check, key: str = f"checks.{k}") -> Cell:
+            return Cell(check[name], f"{key}.{name}")
 
-        evaluated = check["result"] != "not evaluated"
+        open_ended = check["result"] == "pass" and not check["shown"]
         rows.append(
             [
                 cell("name"),
-                cell("result", mark=check["result"]),
-                cell("shown") if evaluated else None,
+                Cell("inconclusive" if open_ended else check["result"], mark=check["result"]),
                 *(cell(name) for name in ("number", "value", "interval", "bounds")),
                 cell("beyond"),
                 cell("source"),
@@ -120,7 +118,8 @@ def calibration_check_table(checks: list[dict[str, Any]]) -> Table:
     note = (
         f"Bounds: bias within {BIAS[1]:g} s.e., found over stated s.e. {RATIO[0]:g} to {RATIO[1]:g}, "
         f"coverage {100 * COVERAGE[0]:g} to {100 * COVERAGE[1]:g} %. An estimator inside of them fails with "
-        f"a probability below {100 * LEVEL:g} %. Shown: the interval lies wholly inside of the bounds."
+        f"a probability below {100 * LEVEL:g} %. Pass: the runs show it, by intervals wholly inside of the "
+        "bounds; inconclusive: some still reach beyond them."
     )
     return Table("Checks", columns, rows, note)
 

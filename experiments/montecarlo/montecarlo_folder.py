@@ -16,6 +16,7 @@ from pydantic import Field
 
 from tulip_testbed.experiments.document import first_difference
 from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.settings import MonteCarloSettings, Settings
 from tulip_testbed.experiments.run_file import (
     PLAN_FOLDER,
@@ -123,6 +124,33 @@ def check_folder(folder: Path, document: RunsFile[Any]) -> bool:
     return True
 
 
+def raise_runs(folder: Path, document: RunsFile[MonteCarloSettings]) -> None:
+    """Ask for more runs in a folder that holds fewer of the same kind; leave every other folder alone.
+
+    A run depends on its number and the seed alone, so those that are there stay. A last file that was not
+    full is made anew.
+
+    Raises:
+        InputError: another process is at work in the folder, or it cannot be written.
+    """
+    if not present(folder / RUN_FILE):
+        return
+    try:
+        there = RunsFile[MonteCarloSettings].read(folder / RUN_FILE)
+    except InputError:  # `check_folder` says what it is
+        return
+    settings, asked = there.settings, document.settings
+    raised = there.model_copy(update={"settings": settings.model_copy(update={"runs": asked.runs})})
+    same = raised.model_copy(update={"machine": document.machine}).plain() == document.plain()
+    if settings.runs >= asked.runs or not same:
+        return
+    with _alone(folder):
+        if left := settings.runs % settings.chunk:
+            chunks = Chunks(folder / CHUNK_FOLDER, settings.runs, settings.chunk)
+            chunks.path((settings.runs - left) // settings.chunk).unlink(missing_ok=True)
+        raised.write(folder / RUN_FILE)
+
+
 @contextmanager
 def open_folder(folder: Path, document: RunsFile[Any], plan: PosturePlan) -> Iterator[Path]:
     """Make the folder with its plan, unless it is there, and keep others out; yields where the chunks lie.
@@ -135,6 +163,17 @@ def open_folder(folder: Path, document: RunsFile[Any], plan: PosturePlan) -> Ite
             (working / CHUNK_FOLDER).mkdir()
             write_plan(working / PLAN_FOLDER, plan)
             document.write(working / RUN_FILE)
+    with _alone(folder):
+        yield folder / CHUNK_FOLDER
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Keep other processes out of a folder.
+
+    Raises:
+        InputError: another process is at work in it.
+    """
     lock = os.open(folder / RUN_FILE, os.O_RDONLY | os.O_CLOEXEC)
     try:
         try:
@@ -144,6 +183,6 @@ def open_folder(folder: Path, document: RunsFile[Any], plan: PosturePlan) -> Ite
             raise InputError(f"{folder}: another process is at work in it") from None
         except OSError:  # some network file systems cannot lock
             pass
-        yield folder / CHUNK_FOLDER
+        yield
     finally:
         os.close(lock)

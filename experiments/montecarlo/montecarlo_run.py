@@ -24,6 +24,7 @@ from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
     check_folder,
     montecarlo_file,
     open_folder,
+    raise_runs,
 )
 from tulip_testbed.experiments.montecarlo.run_columns import Job, layout_of
 from tulip_testbed.experiments.montecarlo.settings import Settings, check_settings
@@ -137,6 +138,7 @@ def montecarlo(
     layout = layout_of(laboratory.robot, parameters)
     document = montecarlo_file(laboratory, plan, settings)
     chunks = Chunks(place.folder / CHUNK_FOLDER, settings.runs, settings.chunk)
+    raise_runs(place.folder, document)
     if not check_folder(place.folder, document) or chunks.missing():
         with engine(place.workers, place.address):
             job = Job(

@@ -9,6 +9,7 @@ import rerun.blueprint as rrb
 from tulip_testbed.colours import ESTIMATE, MEASURED, SKELETON, rgb
 from tulip_testbed.experiments.document import first_difference
 from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.montecarlo.calibration_tables import calibration_check_table
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stream_of
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import montecarlo_file
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
@@ -152,9 +153,7 @@ def _text(run: MonteCarloRecord, note: str) -> str:
         f"## Verdict: {report.verdict}{', inconclusive' if open_ended else ''}",
         f"{report.identified} of {report.runs} runs identified, estimator {report.estimator}.",
         "",
-        "| check | result |",
-        "|---|---|",
-        *(f"| {check.name} | {check.result} |" for check in report.checks),
+        calibration_check_table(report.plain()["checks"]).markdown(),
         "",
         note,
         "",
