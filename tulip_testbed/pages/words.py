@@ -67,8 +67,8 @@ def montecarlo_sentence(report: CalibrationReport) -> str:
     if report.shown:
         return f"The estimator is right about its own errors: {report.identified} runs show it."
     return (
-        f"Inconclusive: nothing in {report.identified} runs contradicts the estimator's own errors, but they are too "
-        "few to show that these are right: some intervals reach beyond the bounds."
+        f"Inconclusive: nothing in {report.identified} runs contradicts the estimator's own errors, but "
+        "they are too few to show that these are right: some intervals reach beyond the bounds."
     )
 
 
