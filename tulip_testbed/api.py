@@ -389,6 +389,7 @@ def export_model(
     source: str | Path | None = None,
     samples: int = SAMPLES,
     seed: int = DEFAULT_SEED,
+    lengths: bool = False,
 ) -> ExportedModel:
     """Write the identified robot as a model file for MuJoCo or Pinocchio.
 
@@ -403,6 +404,7 @@ def export_model(
         source: published MJCF or URDF of which the robot was made: its inertias are replaced instead.
         samples: random robots that the measurements allow, written beside the model as NAME-samples.npz.
         seed: of the samples.
+        lengths: put the link lengths that a discovery or a folder adopted into the file.
 
     Returns:
         mass, centre and inertia of every link before and after, how much of each is data, and how far the
@@ -413,16 +415,18 @@ def export_model(
             one whose settings overrule its inertias.
     """
     robot = robot or load_robot()
-    export = Export(Path(path), None if source is None else Path(source), samples, seed)
-    weighed = None
+    weighed, adopted = None, ()
     if isinstance(found, str | Path):
-        found, measurements = identified_run(Path(found), robot)
+        found, measurements, adopted = identified_run(Path(found), robot)
         weighed = measurements.weighed_mass
     elif isinstance(found, Validation):
+        adopted = found.run.laboratory.known
         weighed, found = found.run.measurements.weighed_mass, found.identification
     elif isinstance(found, Discovered):
+        adopted = found.discovery.corrections
         weighed, found = found.discovery.observed.measurements.weighed_mass, found.after or found.before
-    return _export_model(found, robot, export, weighed)
+    place = None if source is None else Path(source)
+    return _export_model(found, robot, Export(Path(path), place, samples, seed, adopted, lengths), weighed)
 
 
 def _corrections(corrections: Effects, robot: Robot) -> tuple[EffectInstance, ...]:

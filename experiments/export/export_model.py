@@ -5,14 +5,16 @@ from __future__ import annotations
 import os
 import tempfile
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from tulip_testbed.effects.instance import EffectInstance, injected
+from tulip_testbed.effects.true_robot import true_model
 from tulip_testbed.experiments.export.exported_model import ExportedModel
-from tulip_testbed.experiments.export.inertial_text import with_inertias
+from tulip_testbed.experiments.export.inertial_text import with_inertias, with_places
 from tulip_testbed.experiments.export.published_links import PublishedLinks, published_links
 from tulip_testbed.experiments.export.robot_samples import robot_samples
 from tulip_testbed.experiments.export.written_urdf import written_urdf
@@ -35,8 +37,10 @@ from tulip_testbed.identification.pseudo_inertia import (
 from tulip_testbed.sim.errors import InputError, at_least, at_most, listed, shortened, warn
 from tulip_testbed.sim.files import check_new, present, read_bytes, write_bytes
 from tulip_testbed.sim.mjcf_files import mjcf_files
+from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, check_unchanged, load_spec
 
+LENGTH = "link-length"
 ENDINGS = (".xml", ".urdf")
 EXACT = 1e-9  # m: how far the base parameters of the file may be from the stated ones
 SAMPLES, MOST_SAMPLES = 200, 100_000
@@ -52,12 +56,15 @@ class Export:
             of those of the prepared robot; None: the robot's own MJCF.
         samples: number of random robots, written beside the model; 0: none.
         seed: of the samples.
+        adopted: effects that the laboratory is known to have. lengths: put its link lengths into the file.
     """
 
     path: Path
     source: Path | None = None
     samples: int = SAMPLES
     seed: int = 1
+    adopted: tuple[EffectInstance, ...] = ()
+    lengths: bool = False
 
 
 def export_model(
@@ -73,7 +80,9 @@ def export_model(
         InputError: files that exist, of another ending or of another robot; a file whose settings overrule
             its inertias.
     """
-    parameters = _check(found, robot, export)
+    _check(found, robot, export)
+    model = _lengthened(robot, export)
+    parameters = base_parameters(robot, model, found.parameters.support)
     samples_path = export.path.with_name(f"{export.path.stem}-samples.npz")
     if export.samples:
         check_new(samples_path)
@@ -85,7 +94,7 @@ def export_model(
     full = found.full
     target = Target(parameters.from_standard[full.numbers - 1], full.value, full.covariance, mass)
     consistent = consistent_robot(reference, ellipsoids, target)
-    content, notes = _content(robot, export, source, parameters, consistent)
+    content, notes = _content(robot, model, export, source, parameters, consistent)
     result = ExportedModel(
         links=parameters.tree.links,
         cad=cad,
@@ -94,7 +103,7 @@ def export_model(
         mass=mass,
         mass_source="weighed" if weighed else "by the measured forces",
         files=(export.path, *([samples_path] if export.samples else [])),
-        notes=notes,
+        notes=(*notes, *_not_in_the_file(export)),
     )
     archive = b""
     if export.samples:
@@ -109,8 +118,8 @@ def export_model(
     return result
 
 
-def _check(found: Identification, robot: Robot, export: Export) -> BaseParameters:
-    """Refuse what cannot be exported; returns the robot's base parameters."""
+def _check(found: Identification, robot: Robot, export: Export) -> None:
+    """Refuse what cannot be exported."""
     if export.path.suffix.lower() not in ENDINGS:
         raise InputError(
             f"{export.path}: found a name that ends in '{export.path.suffix}', expected {listed(ENDINGS)}"
@@ -135,7 +144,26 @@ def _check(found: Identification, robot: Robot, export: Export) -> BaseParameter
             f"{export.path}: found the ending '{export.path.suffix}', expected {_kind(export.source)}, that "
             f"of the source {export.source}"
         )
-    return parameters
+
+
+def _lengthened(robot: Robot, export: Export) -> mujoco.MjModel:
+    """Return the robot's model, on request with the link lengths that were adopted.
+
+    Raises:
+        InputError: there are none, or they shall go into a published file.
+    """
+    if not export.lengths:
+        return robot.model
+    lengths = [one for one in export.adopted if one.effect.name == LENGTH]
+    if not lengths or export.source is not None:
+        found = "a source" if lengths else f"no adopted {LENGTH}"
+        raise InputError(f"lengths: found {found}, expected {LENGTH} effects and the robot's own file")
+    return true_model(injected(preset_rig("ideal", robot), lengths))
+
+
+def _not_in_the_file(export: Export) -> tuple[str, ...]:
+    left = [str(one) for one in export.adopted if one.effect.name != LENGTH or not export.lengths]
+    return (f"Adopted, but not in the file: {listed(left)}",) if left else ()
 
 
 def _kind(source: Path) -> str:
@@ -154,6 +182,7 @@ def _cad(robot: Robot, export: Export, source: PublishedLinks | None) -> np.ndar
 
 def _content(
     robot: Robot,
+    model: mujoco.MjModel,
     export: Export,
     source: PublishedLinks | None,
     parameters: BaseParameters,
@@ -165,8 +194,8 @@ def _content(
         standard = _published_standard(content, export, robot)
         notes = _missing_files(export.source, export.path)
     elif export.path.suffix.lower() == ".urdf":
-        content = written_urdf(robot, found.pseudo)
-        standard = _published_standard(content, export, robot)
+        content = written_urdf(robot, model, found.pseudo)
+        standard = _published_standard(content, export, replace(robot, model=model))
         notes = (
             "The URDF is written anew from the robot's MJCF: links, hinges, limits and inertias, without "
             "shapes and motors.",
@@ -178,6 +207,7 @@ def _content(
             name: one for name, one in zip(parameters.tree.links, found.pseudo, strict=True) if one[3, 3] > 0
         }
         content = with_inertias(read_bytes(robot.model_file), heavy, robot.model_file)
+        content = with_places(content, _moved(robot.model, model), robot.model_file)
         model = _compiled(content, robot)
         parameters = base_parameters(robot, model, parameters.support)
         standard, notes = standard_parameters(model), _missing_files(robot.model_file, export.path)
@@ -189,6 +219,20 @@ def _content(
             "balanceinertia)"
         )
     return content, notes
+
+
+def _moved(nominal: mujoco.MjModel, model: mujoco.MjModel) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Return the old and the new place of every body that was moved, by name [m]."""
+    pairs = {
+        nominal.body(k).name: (nominal.body_pos[k], model.body(nominal.body(k).name).pos)
+        for k in range(1, nominal.nbody)
+    }
+    hinged = nominal.body_parentid[1:] > 0  # where the robot stands is no length
+    return {
+        name: (old, new)
+        for (name, (old, new)), inside in zip(pairs.items(), hinged, strict=True)
+        if inside and np.abs(new - old).max() > 1e-12
+    }
 
 
 def _check_compiler(robot: Robot) -> None:

@@ -10,6 +10,7 @@ from tulip_testbed.discovery.discover import CALIBRATED, NAMED
 from tulip_testbed.effects.instance import EffectDocument, EffectInstance
 from tulip_testbed.experiments.discovery_record import read_discovery
 from tulip_testbed.experiments.identify import Identification, identify, plain_estimator
+from tulip_testbed.experiments.rig_folder import RIG, read_rig
 from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.experiments.validation_record import read_validation
 from tulip_testbed.sim.errors import InputError
@@ -17,7 +18,9 @@ from tulip_testbed.sim.measurements import Measurements, read_measurements
 from tulip_testbed.sim.robot import Robot
 
 
-def identified_run(folder: Path, robot: Robot) -> tuple[Identification, Measurements]:
+def identified_run(
+    folder: Path, robot: Robot
+) -> tuple[Identification, Measurements, tuple[EffectInstance, ...]]:
     """Identify the robot of a folder as the folder did.
 
     Args:
@@ -25,7 +28,8 @@ def identified_run(folder: Path, robot: Robot) -> tuple[Identification, Measurem
             or of measurements, for the default estimator.
 
     Returns:
-        the identification and its measurements.
+        the identification, its measurements, and what the folder adds to the nominal laboratory: effects and
+        calibrated imperfections.
 
     Raises:
         InputError: a folder without an estimate, of another robot, or that was changed.
@@ -36,21 +40,23 @@ def identified_run(folder: Path, robot: Robot) -> tuple[Identification, Measurem
         record = read_validation(folder, robot)
         known = (record.document.configuration.model_extra or {}).get("adopted", [])
         effects = _effects([EffectDocument.model_validate(one) for one in known], robot, folder)
-        measurements, estimator = record.measurements, record.report.estimator
+        measurements, estimator, adopted = record.measurements, record.report.estimator, effects
     elif kind == "discovery":
         found = read_discovery(folder, robot)
         effects = _effects(found.report.effects, robot, folder)
         measurements = found.measurements
+        adopted = read_rig(folder / RIG, robot) if found.rig else ()
         settled = found.report.verdict in (NAMED, CALIBRATED)
         estimator = SELF_CALIBRATING if settled else plain_estimator(measurements)
     elif kind == "measurement":
-        measurements, effects, estimator = read_measurements(folder), (), SELF_CALIBRATING
+        measurements, estimator = read_measurements(folder), SELF_CALIBRATING
+        effects = adopted = ()
     else:
         raise InputError(
             f"{folder}: found a {kind} folder, which holds no estimate of one robot; expected the folder of "
             "a validation, a discovery or measurements"
         )
-    return identify(measurements, robot, str(folder), estimator, adopted=effects), measurements
+    return identify(measurements, robot, str(folder), estimator, adopted=effects), measurements, adopted
 
 
 def _effects(documents: Sequence[EffectDocument], robot: Robot, folder: Path) -> tuple[EffectInstance, ...]:

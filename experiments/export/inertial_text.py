@@ -1,7 +1,8 @@
-"""Replace the inertias in the text of an MJCF or a URDF; every other byte stays as it is."""
+"""Replace inertias and places in the text of an MJCF or a URDF; every other byte stays as it is."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from tulip_testbed.sim.errors import InputError, shortened
 
 ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # of MJCF's fullinertia
 INDENT = b"  "
+POSITION = re.compile(rb"""(\spos\s*=\s*)("[^"]*"|'[^']*')""")
 
 
 @dataclass
@@ -57,9 +59,33 @@ def with_inertias(content: bytes, pseudo: Mapping[str, np.ndarray], where: Path)
             changes.append((element.after - 2, element.after, closing))
         else:
             changes.append((element.after, element.after, _new_line(content, element.start) + text))
-    for start, end, text in sorted(changes, reverse=True):
-        content = content[:start] + text + content[end:]
-    return content
+    return _changed(content, changes)
+
+
+def with_places(content: bytes, places: Mapping[str, tuple[np.ndarray, np.ndarray]], where: Path) -> bytes:
+    """Return an MJCF with the places of some bodies in their parents replaced.
+
+    Args:
+        places: old and new place of bodies by name, (3,) [m] each.
+
+    Raises:
+        InputError: the file does not hold the old place as the body's `pos`, for example within a <frame>.
+    """
+    changes = []
+    _, elements = _elements(content, where)
+    for name, (old, new) in places.items():
+        element = elements.get(name)
+        tag = b"" if element is None else content[element.start : element.after]
+        found = POSITION.search(tag)
+        values = [] if found is None else found[2][1:-1].split()
+        if element is None or found is None or not np.allclose(np.array(values, float), old, atol=1e-12):
+            raise InputError(
+                f'{where}: found no <body name={quoteattr(shortened(name))} pos="{_joined(old)}">, expected '
+                "its place in the body itself: write what a <frame> adds into it"
+            )
+        start = element.start + found.start(2)
+        changes.append((start, start + len(found[2]), f'"{_joined(new)}"'.encode()))
+    return _changed(content, changes)
 
 
 def inertial_spans(content: bytes, where: Path) -> list[tuple[int, int]]:
@@ -82,6 +108,12 @@ def inertial_xml(pseudo: np.ndarray, kind: str) -> bytes:
             f"<inertia {tensor}/></inertial>"
         )
     return text.encode()
+
+
+def _changed(content: bytes, changes: list[tuple[int, int, bytes]]) -> bytes:
+    for start, end, text in sorted(changes, reverse=True):
+        content = content[:start] + text + content[end:]
+    return content
 
 
 def _joined(values: Iterable[float]) -> str:

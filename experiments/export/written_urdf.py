@@ -14,19 +14,20 @@ from tulip_testbed.sim.robot import Robot
 FASTEST = 100.0  # rad/s: a URDF needs a limit of the speed, which an MJCF does not have
 
 
-def written_urdf(robot: Robot, pseudo: np.ndarray) -> bytes:
+def written_urdf(robot: Robot, model: mujoco.MjModel, pseudo: np.ndarray) -> bytes:
     """Return a URDF of the robot with other inertias.
 
     The frame of a link is the body's frame, moved to its last hinge where that is elsewhere. A body with
     several hinges gets links without mass between them. Shapes, motors and sensors are left out.
 
     Args:
+        model: the robot alone, which gives the lengths.
         pseudo: pseudo-inertias of the links in the frames of the bodies, (n_links, 4, 4).
 
     Raises:
         InputError: a hinge whose zero is not where the file draws it (`ref`), which a URDF cannot express.
     """
-    model, torques = robot.model, joint_torques(robot.spec)
+    torques = joint_torques(robot.spec)
     lines = ['<?xml version="1.0"?>', f'<robot name="{_escaped(robot.name)}">']
     if (pseudo[:, 3, 3] == 0).any() or (model.body_jntnum > 1).any():
         # MuJoCo refuses links that move without mass; other programs pass over this.

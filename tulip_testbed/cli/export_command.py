@@ -27,10 +27,13 @@ def export_command(
         int, tyro.conf.arg(help="random robots that the measurements allow, in MODEL-samples.npz; 0: none")
     ] = 200,
     seed: Seed = DEFAULT_SEED,
+    lengths: Annotated[
+        bool, tyro.conf.arg(help="put the link lengths that RUN adopted into the file")
+    ] = False,
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
-    """Write the identified robot as a model file for MuJoCo or Pinocchio.
+    """Write the identified robot as a model file (MJCF or URDF).
 
     RUN is the folder of a validation, of a discovery or of measurements. Base parameters and total mass are
     the identified ones; what statics cannot see is as near to CAD as physical consistency allows. Only the
@@ -47,9 +50,11 @@ def export_command(
     check_new(out)
     described = described_robot(robot)
     with working_on("identifying the robot"):
-        found, measurements = identified_run(run, described)
+        found, measurements, adopted = identified_run(run, described)
     with working_on("looking for the consistent robot"):
-        made = export_model(found, described, Export(out, source, samples, seed), measurements.weighed_mass)
+        made = export_model(
+            found, described, Export(out, source, samples, seed, adopted, lengths), measurements.weighed_mass
+        )
     if as_json:
         print_json(made.plain())
     else:

@@ -31,7 +31,7 @@ COMMANDS: dict[str, str] = {
     "montecarlo": "Repeat a simulated experiment and test the stated standard errors.",
     "check": "Check a measurement folder for faults.",
     "identify": "Identify the robot's base parameters from a measurement folder.",
-    "export": "Write the identified robot as a model file for MuJoCo or Pinocchio.",
+    "export": "Write the identified robot as a model file (MJCF or URDF).",
     "predict": "Ask whether the identified model predicts better than CAD.",
     "postures": "Draw random feasible postures, or describe a plan.",
     "plan": "Search for optimal postures (section IV of the paper).",
