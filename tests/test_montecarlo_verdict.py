@@ -6,7 +6,10 @@ from scipy.stats import binom
 
 from tests.montecarlo_work import LAYOUT, Regressions, run_regressions
 from tulip_testbed.experiments.montecarlo.calibration_report import CalibrationReport, report
-from tulip_testbed.experiments.montecarlo.calibration_tables import calibration_report
+from tulip_testbed.experiments.montecarlo.calibration_tables import (
+    calibration_check_table,
+    calibration_report,
+)
 from tulip_testbed.experiments.montecarlo.calibration_verdict import (
     LEVEL,
     CalibrationCheck,
@@ -151,3 +154,23 @@ def test_a_robot_outside_of_the_simplified_model_is_reported_and_not_judged(tmp_
     results = {check["name"]: check["result"] for check in document["checks"]}
     assert results["simplified model"] == "not evaluated"
     assert len(document["simplified"]["parameters"]) == 2
+
+
+def test_a_pass_that_is_not_shown_reads_inconclusive():
+    row = {
+        "name": "full: bias over s.e.",
+        "result": "pass",
+        "shown": False,
+        "number": 3,
+        "value": 0.2159,
+        "interval": [-0.05, 0.48],
+        "bounds": [-0.1, 0.1],
+        "beyond": [],
+        "source": "somewhere",
+    }
+    lines = [calibration_check_table([row | {"shown": shown}]).text(90) for shown in (False, True)]
+    assert all("0.0500 to 0.4800" in text and "-0.1 to 0.1" in text for text in lines)
+    results = [next(line for line in text.splitlines() if "0.2159" in line) for text in lines]
+    assert "inconclusive" in results[0]
+    assert "inconclusive" not in results[1]
+    assert "pass" in results[1]
