@@ -136,7 +136,7 @@ def test_the_options_are_the_librarys():
     assert options.DEFAULT_ESTIMATOR == estimators.DEFAULT
     assert inspect.signature(identify.identify).parameters["estimator"].default == options.ORDINARY_ESTIMATOR
     assert set(get_args(options.Preset)) == set(sensors.PRESETS)
-    plates = {name for name, preset in sensors.PRESETS.items() if preset.feet is None}
+    plates = {name for name, preset in sensors.PRESETS.items() if preset.wrench is None}
     assert set(get_args(options.PlatePreset)) == plates
     assert set(get_args(options.Noisy)) == plates - {"ideal"}
     assert options.SOLVERS == interior_point.SOLVERS

@@ -35,7 +35,17 @@ def _scale(texts: list[str]) -> float:
     return float(texts[0]) if texts else 1.0
 
 
-Preset = Literal["wii", "force-plate", "ideal", "foot-ft", "foot-ideal"]
+Preset = Literal[
+    "wii",
+    "force-plate",
+    "ideal",
+    "plate-ft",
+    "plate-cop",
+    "foot-ft",
+    "foot-ideal",
+    "sole-ft",
+    "sole-3axis",
+]
 PlatePreset = Literal["wii", "force-plate", "ideal"]
 Noisy = Literal["wii", "force-plate"]
 NoisyPreset = Annotated[
