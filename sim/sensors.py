@@ -56,8 +56,19 @@ class WrenchSensors:
 
     def figures(self) -> list[tuple[float, float, float]]:
         """Return repeatability, noise and resolution of every channel."""
-        parts = (self.repeatability, self.noise, self.resolution)
-        return [tuple(part[k] for part in parts) for k in range(len(self.channels))]  # ty: ignore
+        count = len(self.channels)
+        parts = (self.repeatability[:count], self.noise[:count], self.resolution[:count])
+        return list(zip(*parts, strict=True))
+
+    def only(self, channels: tuple[str, ...]) -> WrenchSensors:
+        """Return sensors of which only some channels are read."""
+        kept = [self.channels.index(channel) for channel in channels]
+        repeatability, noise, resolution, zero_sd = (
+            tuple(figures[k] for k in kept)
+            for figures in (self.repeatability, self.noise, self.resolution, self.zero_sd)
+        )
+        errors = {"repeatability": repeatability, "noise": noise, "resolution": resolution}
+        return replace(self, channels=channels, zero_sd=zero_sd, **errors)
 
 
 @dataclass(frozen=True)
@@ -159,14 +170,7 @@ PRESETS: dict[str, Sensors] = {
     "sole-3axis": Sensors(
         **FINE_ENCODERS,
         weighed_mass_sd=0.005,
-        wrench=WrenchSensors(
-            place=SOLE,
-            channels=VERTICAL,
-            **{
-                name: tuple(getattr(MINI45, name)[k] for k in (2, 3, 4))
-                for name in ("repeatability", "noise", "resolution", "zero_sd")
-            },
-        ),
+        wrench=replace(MINI45, place=SOLE).only(VERTICAL),
     ),
     # Six-axis plates of AMTI's Optima kind, tared.
     "plate-ft": Sensors(

@@ -222,16 +222,14 @@ def entries_of(contacts: Contacts, top_height: np.ndarray) -> list[dict[str, Any
     """
     c, entries = contacts, []
     for side, name in enumerate(PLATES):
+        entry: dict[str, Any] = {"name": name, "kind": "wrench", "mount": c.mount}
         if c.cop_sd is None:
-            readings = {
-                "kind": "wrench",
-                "channels": list(c.channels),
-                "covariance": None if c.covariance is None else c.covariance.tolist(),
-                "zero": _zero_entry(c.zero_sd[side]),
-            }
+            entry["channels"] = list(c.channels)
+            entry["covariance"] = None if c.covariance is None else c.covariance.tolist()
+            entry["zero"] = _zero_entry(c.zero_sd[side])
         else:
-            readings = {"kind": "cop", "sd": None if np.isnan(c.cop_sd).any() else c.cop_sd[side].tolist()}
-        entry: dict[str, Any] = {"name": name, "mount": c.mount, **readings}
+            entry["kind"] = "cop"
+            entry["sd"] = None if np.isnan(c.cop_sd).any() else c.cop_sd[side].tolist()
         if c.mount == "ground":
             entry["top_height"] = float(top_height[side])
         else:
