@@ -146,6 +146,21 @@ def test_wrong_signs_end_in_a_refusal_or_a_marked_table(robot):
 
 def test_an_estimate_longer_than_the_robot_is_refused(robot, run, found):
     estimate = dataclasses.replace(found.full, value=np.append(found.full.value[:-1], -1e16))
-    with pytest.raises(InputError, match=r"found left_ankle.z = .*e\+19 mm, expected at most 2704 mm"):
+    with pytest.raises(InputError, match=r"found left_ankle.z = -1e19 mm, expected at most 2704 mm"):
         check_physical(estimate, found.mass, robot, "data")
     check_physical(found.full, found.mass, robot, "data")
+
+
+def test_tables_speak_of_the_sensors_that_there_are(run, found, robot):
+    """Of zeros each channel has its own unit, and there are no cells and no plates."""
+    effect = catalogue()["wrench-zero"]
+    assert [effect.parameters_on(f"left.{channel}")[0].text(2.0) for channel in ("fz", "mx")] == [
+        "2 N",
+        "2 Nm",
+    ]
+    instance = tt.Laboratory(robot, sensors="foot-ideal").with_effects("wrench-zero:left.my=0.5").hidden[0]
+    assert "reads 0.5 Nm too much" in instance.finding
+    text = str(found)
+    assert "contact sensors, encoders: their noise; internal forces" in text
+    assert "cells" not in text
+    assert "right, left plate: errors" not in text
