@@ -273,6 +273,7 @@ def test_a_shipped_plan_has_a_name(tmp_path, capsys, monkeypatch):
     assert main(["simulate", "mixed", "--statics", "--preset", "ideal", "--out", str(out)]) == 0
     assert set(read_measurements(out).support) == {"double", "right", "left"}
     assert len(tt.plans.read("optimal")) == len(tt.plans.optimal)
+    capsys.readouterr()
     known = "no shipped plan has this name; did you mean 'mixed'? valid: random, optimal, mixed"
     assert known in refused(capsys, "simulate", "mixd", "--out", tmp_path / "other")
     (tmp_path / "mixed").mkdir()  # a path of that name comes first

@@ -153,8 +153,9 @@ def test_the_dynamics_sum_up_mujocos_contacts(robot, plan, place, sticks):
     """Each contact's force by `mj_contactForce` and what dry friction holds, in frames built by hand."""
     rig = exact_rig(robot, place)
     mounting = (0.0,) * 6 if place == "plate-ft" else (0.01, -0.02, 0.03, 0.0, 0.0, 0.4)
-    wrench: Any = dataclasses.replace(rig.sensors.wrench, mounting=mounting)  # ty: ignore
-    rig = dataclasses.replace(rig, sensors=dataclasses.replace(rig.sensors, wrench=wrench))
+    sensors: Any = rig.sensors
+    wrench = dataclasses.replace(sensors.wrench, mounting=mounting)
+    rig = dataclasses.replace(rig, sensors=dataclasses.replace(sensors, wrench=wrench))
     stand = Stand(rig, boards_under(rig, plan.foot_poses[:1])[0] + [0.004, -0.006, 0.02])
     put_down(stand, plan.joint_angles[0])
     held, reason = hold(stand, plan.joint_angles[0])
@@ -270,7 +271,7 @@ def test_readings_scatter_as_the_data_sheet_says(robot, mixed_few, name):
 
 
 def test_a_centre_of_pressure_is_written_as_one(tmp_path, robot, mixed_few):
-    run = tt.Laboratory(robot, "plate-cop").run(mixed_few, 7, "statics")
+    run: Any = tt.Laboratory(robot, "plate-cop").run(mixed_few, 7, "statics")
     measured: Any = run.measurements
     write_measurements(tmp_path / "data", measured)
     manifest = json.loads((tmp_path / "data" / "manifest.json").read_text())

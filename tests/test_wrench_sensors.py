@@ -1,6 +1,7 @@
 """Force-torque sensors in the feet: their readings as forces and levers, and what their zeros hide."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -134,7 +135,7 @@ def test_what_lifts_the_robot_is_taken_off_the_feet_but_not_off_zeros(run, robot
 def test_wrong_signs_end_in_a_refusal_or_a_marked_table(robot):
     """Of unknown zeros the contract asks no weight: the estimate itself has to be looked at."""
     few = tt.plans.mixed.take(np.isin(tt.plans.mixed.placement, np.unique(tt.plans.mixed.placement)[::2]))
-    measured = tt.Laboratory(robot, sensors="foot-ft").run(few, seed=3, engine="statics").measurements
+    measured: Any = tt.Laboratory(robot, sensors="foot-ft").run(few, seed=3, engine="statics").measurements
     upside_down = dataclasses.replace(measured, wrenches=-measured.wrenches)
     with pytest.raises(InputError, match=r"found a total mass of -.* kg by the contact sensors.*signs"):
         identify(dataclasses.replace(upside_down, weighed_mass=None), robot)
