@@ -213,12 +213,11 @@ def make_measurements(
     if sensors is not None and sensors.place != PLATE:  # the plates are only the ground that it stands on
         columns["plate_poses"] = np.zeros((m, 2, 3))
     if sensors is not None and sensors.channels == COP:
-        fixed, reading = fixed | {}, reading | {}
         stands = feet_in_contact(columns["support"])
-        cops = np.where(stands[..., None], reading["wrench"], np.nan)
+        cops = np.where(stands[..., None], reading["wrench"], np.nan)  # nothing presses in the air
         covariance = covariance_of_cops(cops, fixed["contacts"].cop_sd, stands)
-        fixed["contacts"] = replace(fixed["contacts"], covariance=covariance)
-        reading |= {"wrench": wrenches_of_cops(cops), "wrench_std": np.full(cops.shape, np.nan)}
+        fixed = fixed | {"contacts": replace(fixed["contacts"], covariance=covariance)}
+        reading = reading | {"wrench": wrenches_of_cops(cops), "wrench_std": np.full(cops.shape, np.nan)}
     measured = Measurements(
         window=np.full(m, rig.protocol.window),
         samples=np.full(m, _samples(rig)),

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from studies.study_equilibrium import compare
+from studies.study_equilibrium import compare, laboratories
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.dynamics.hold import hold, put_down
@@ -199,21 +199,15 @@ def sole_height(robot: Robot, foot: str) -> float:
     return float(geom.pos[2] - geom.size[0])
 
 
+@pytest.mark.parametrize("kind", ["as it is", "soft soles"])
 @pytest.mark.parametrize("name", ["plate-ft", "sole-ft"])
-def test_statics_reads_what_the_dynamics_read(robot, plan, name):
-    few = plan.take(np.arange(5, 8))
-    rig = exact_rig(robot, name)
-    free = dataclasses.replace(rig, protocol=dataclasses.replace(rig.protocol, repeats=0), edit=frictionless)
-    found = compare(solve_plan(free, few), list(run_dynamics(free, few, 1).truth.attempts))
-    assert len(found.held) == 3
+def test_statics_reads_what_the_dynamics_read(robot, plan, name, kind):
+    """Every channel, without the joints' dry friction."""
+    few, rig = plan.take(np.arange(5, 7)), laboratories(exact_rig(robot, name))[kind]
+    found = compare(solve_plan(rig, few), list(run_dynamics(rig, few, 1).truth.attempts))
+    assert len(found.held) >= 2
     assert np.abs(found.wrenches[..., :3]).max() < 0.02  # N
     assert np.abs(found.wrenches[..., 3:]).max() < 0.004  # Nm
-
-
-def frictionless(spec: mujoco.MjSpec) -> None:
-    """Take the dry friction out of the joints."""
-    for joint in spec.joints:
-        joint.frictionloss = 0.0
 
 
 @pytest.mark.parametrize("name", ["plate-ft", "plate-cop"])
