@@ -61,7 +61,7 @@ def preflight_report(document: dict[str, Any]) -> list[Table | str]:
     skipped = [check["seen"] for check in document["checks"] if check["result"] == NOT_EVALUATED]
     if skipped:
         reasons = [f"{skipped.count(reason)} ({reason})" for reason in dict.fromkeys(skipped)]
-        parts.append(f"Not evaluated, and so not vouched for: {'; '.join(reasons)}.")
+        parts.append(f"Not evaluated: {'; '.join(reasons)}.")
     return [*parts, "{rows} rows of {postures} postures on {placements} placements.".format_map(document)]
 
 
