@@ -40,6 +40,8 @@ class Parameter:
         choices: names of the values 0, 1, ... if the parameter chooses one of several things.
         smooth: whether neighbouring values of the grid predict much the same. A search may then look between
             them without choosing among more hypotheses.
+        fixed: whether it is part of what the effect is, such as the place of a step or the range in which a
+            law was learned: chosen before a fit, and no time of the experiment.
     """
 
     name: str
@@ -49,6 +51,7 @@ class Parameter:
     grid: tuple[float, ...] = ()
     choices: tuple[str, ...] = ()
     smooth: bool = False
+    fixed: bool = False
 
     @property
     def placeholder(self) -> str:
@@ -178,12 +181,26 @@ class Effect:
     @property
     def sizes(self) -> tuple[int, ...]:
         """Return the indices of the parameters that are estimated; the others are chosen from their grid."""
-        return tuple(k for k, parameter in enumerate(self.parameters) if not parameter.grid)
+        return tuple(k for k, p in enumerate(self.parameters) if not p.grid and not p.fixed)
 
     @property
     def stage(self) -> int:
         """Return when it acts: 0 on the robot, 1 on readings, 2 on which reading has which name."""
         return 0 if not self.misreads else 1 if self.sizes else 2
+
+    def refusal(self, values: Values) -> str:
+        """Say why these values do not fit each other, "" if they do."""
+        return ""
+
+    def told(self, target: str, values: Values, intervals: tuple[tuple[float, float] | None, ...]) -> str:
+        """Tell a finding as a sentence, with values ± half of their 95 % intervals, if there are any."""
+        texts = [
+            parameter.text(value, interval)
+            for parameter, value, interval in zip(
+                self.parameters, values, intervals or (None,) * len(values), strict=True
+            )
+        ]
+        return self.words.format(*texts, target=target.replace("_", " ").replace(".", " "))
 
     def inject(self, rig: Rig, target: str, values: Values) -> Rig:
         """Return the laboratory with the effect; at zero it is unchanged."""
