@@ -139,35 +139,78 @@ def _discover(
 ) -> Discovery:
     began = time.perf_counter()
     selection = select(search, np.random.default_rng(seed), progress)
-    found = _concluded(search, selection, through_laboratory, hold_out, progress)
-    if found.verdict == UNKNOWN and (laws := select_laws(search, selection)) is not None:
-        described = _concluded(*laws, through_laboratory, hold_out, lambda count: None)
-        found = described if described.verdict == DESCRIBED else found
-    return replace(found, wall_s=time.perf_counter() - began)
+    fitted = _fitted(selection, through_laboratory)
+    progress(1)
+    found = _concluded(search, selection, fitted, None)
+    described: Discovery | None = None
+    # Cross-validation takes longest: where the answer is `unknown` without it, laws are sought first.
+    if found.verdict == UNKNOWN:
+        described = _described(search, selection, through_laboratory, hold_out)
+    if described is None and hold_out:
+        certain = found.verdict == UNKNOWN
+        validation = held_out(search, selection.calibration, fitted.fit.terms)
+        found = _concluded(search, selection, fitted, validation)
+        if found.verdict == UNKNOWN and not certain:
+            described = _described(search, selection, through_laboratory, hold_out)
+    progress(1)
+    return replace(described or found, wall_s=time.perf_counter() - began)
+
+
+def _described(
+    search: Search, selection: Selection, through_laboratory: bool, hold_out: bool
+) -> Discovery | None:
+    """Seek laws for what the catalogue does not explain; None: none is confirmed."""
+    laws = select_laws(search, selection)
+    if laws is None:
+        return None
+    wider, chosen = laws
+    fitted = _fitted(chosen, through_laboratory)
+    found = _concluded(wider, chosen, fitted, None)
+    if found.verdict == DESCRIBED and hold_out:
+        found = _concluded(wider, chosen, fitted, held_out(wider, chosen.calibration, fitted.fit.terms))
+    return found if found.verdict == DESCRIBED else None
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """What was selected, fitted once more through the laboratory.
+
+    Attributes:
+        model_error, equivalents: see `Discovery`.
+        shared: s.d. of the error that laboratory and predictions share, (s,).
+    """
+
+    fit: JointFit
+    model_error: np.ndarray
+    shared: np.ndarray
+    equivalents: tuple[tuple[Fitted, ...], ...]
+
+
+def _fitted(selection: Selection, through_laboratory: bool) -> _Fitted:
+    fit = selection.fit
+    model_error, shared = fit.data.no_model_error(fit.terms), np.zeros(len(fit.sizes))
+    if not fit.terms:
+        return _Fitted(fit, model_error, shared, ())
+    if through_laboratory and not any(is_law(term.candidate) for term in fit.terms):
+        return _Fitted(*refit_with_alternatives(fit, selection.alternatives))
+    if through_laboratory:  # the neighbours of laws have been judged by self-calibration
+        fit, model_error, shared = refit_if_better(fit.repeated)
+    near = tuple(equivalent(a, t) for a, t in zip(selection.alternatives, fit.terms, strict=True))
+    return _Fitted(fit, model_error, shared, near)
 
 
 def _concluded(
-    search: Search,
-    selection: Selection,
-    through_laboratory: bool,
-    hold_out: bool,
-    progress: Callable[[int], None],
+    search: Search, selection: Selection, fitted: _Fitted, validation: HeldOut | None
 ) -> Discovery:
-    """Fit what was selected once more, confirm it on held-out placements, and reach a verdict."""
-    began, observed = time.perf_counter(), search.observed
-    fit = selection.fit
+    """Reach a verdict.
+
+    Args:
+        validation: None: not asked for, or not yet.
+    """
+    began, observed, fit = time.perf_counter(), search.observed, fitted.fit
+    model_error, shared, equivalents = fitted.model_error, fitted.shared, fitted.equivalents
     laws = [is_law(term.candidate) for term in fit.terms]
-    model_error = fit.data.no_model_error(fit.terms)
-    shared, equivalents = np.zeros(len(fit.sizes)), ()
-    if fit.terms and through_laboratory and not any(laws):
-        fit, model_error, shared, equivalents = refit_with_alternatives(fit, selection.alternatives)
-    elif fit.terms:
-        if through_laboratory:
-            fit, model_error, shared = refit_if_better(fit.repeated)
-        equivalents = tuple(equivalent(a, t) for a, t in zip(selection.alternatives, fit.terms, strict=True))
-    progress(1)
     left = patterns(fit.linear, fit.residual, fit.columns)
-    validation = held_out(search, selection.calibration, fit.terms) if hold_out else None
     final = as_calibrated(fit, selection.fit, selection.calibration, shared)
     standing = [k for k, term in enumerate(final.terms) if stands_out(selection, term, final.errors[k])]
     outside = tuple(k for k in standing if equivalents[k][0].log_bayes_factor > DECISIVE)
@@ -176,7 +219,6 @@ def _concluded(
     described = any(laws[k] for k in outside)
     verdict = _verdict(selection, reasons, [equivalents[k] for k in outside], described)
     adopted = tuple(with_intervals(final, k) for k in range(len(fit.terms)))
-    progress(1)
     null, clearest = selection.null, left[0]
     if verdict in (*ADOPTED, AMBIGUOUS, CALIBRATED):
         clearest = patterns(null.linear, null.residual, null.columns)[0]

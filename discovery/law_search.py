@@ -7,7 +7,7 @@ the shapes of the best pair.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from tulip_testbed.effects.laws import LAW
 from tulip_testbed.identification.residual_noise import noise_of
 
 MOST_TERMS = 3
-PAIRS = 8  # of what errs and as a function of what, that are judged
+PAIRS = 6  # of what errs and as a function of what, that are judged
 SHAPES = 4  # of the best pair
 EXCHANGES = 2  # rounds in which every term is sought anew
 NEAR, SHARE = 15.0, 0.6  # laws are judged above SHARE of the best ln Bayes factor by linear columns less NEAR
@@ -43,12 +43,14 @@ class LawSearch:
 
     Attributes:
         tests: effective number of independent tests among the candidates of the catalogue.
+        known: what was judged before in addition to some terms, by their labels.
     """
 
     search: Search
     laws: list[Candidate]
     start: SelfCalibration
     tests: float
+    known: dict[tuple[str, ...], list[Judged]] = field(default_factory=dict)
 
 
 def select_laws(search: Search, selection: Selection) -> tuple[Search, Selection] | None:
@@ -131,7 +133,9 @@ def _judged_in_addition(
         selection: a large effect distorts the members so far that it hides among them; with the catalogue's
             selection, laws are also sought as if everything were exact. None: they are not.
     """
-    search = every.search
+    search, key = every.search, tuple(sorted(term.label for term in terms))
+    if key in every.known:
+        return every.known[key]
     near = [(one, False) for one in _near(every, calibration, terms)]
     near += [(one, False) for one in search.best(calibration, terms)]
     if selection is not None:
@@ -141,7 +145,8 @@ def _judged_in_addition(
     out = [one for one in tried if one is not None and one.possible]
     laws = [one for one in out if is_law(one.terms[-1].candidate)]
     best = max(laws, key=lambda one: (one.steady, one.evidence), default=None)
-    return out if best is None else out + _other_shapes(every, terms, calibration, best)
+    every.known[key] = out if best is None else out + _other_shapes(every, terms, calibration, best)
+    return every.known[key]
 
 
 def _near(every: LawSearch, calibration: SelfCalibration, terms: tuple[Fitted, ...]) -> list[Fitted]:
@@ -183,7 +188,7 @@ def _pairs(ranked: list[Fitted]) -> list[Fitted]:
     """List the best law of each pair of what errs and as a function of what, of those that are close."""
     if not ranked or not ranked[0].detectable:
         return []
-    least = SHARE * ranked[0].log_bayes_factor - NEAR
+    least = max(SHARE * ranked[0].log_bayes_factor - NEAR, 0.0)
     out: dict[str, Fitted] = {}
     for one in ranked:
         if one.log_bayes_factor > least:
@@ -220,8 +225,8 @@ def _preferred(tried: list[Judged]) -> Judged | None:
 def _without_idle(every: LawSearch, found: Judged) -> Judged:
     """Eliminate terms that are not decisive in addition to the newest."""
     while len(found.terms) > 1:
-        newest = len(found.terms) - 1
-        fewer = [every.search.tried(found.terms[:k] + found.terms[k + 1 :], every.start) for k in range(newest)]
+        newest, terms = len(found.terms) - 1, found.terms
+        fewer = [every.search.tried(terms[:k] + terms[k + 1 :], every.start) for k in range(newest)]
         sure = [one for one in fewer if one is not None and (one.steady or not found.steady)]
         best = max(sure, key=lambda one: one.evidence, default=None)
         if best is None or found.evidence - best.evidence >= DECISIVE:

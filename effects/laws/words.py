@@ -24,7 +24,8 @@ def told(sentence: Sentence, parameters: tuple[Parameter, ...], values: Values, 
     Args:
         intervals: of the values; empty: none.
     """
-    return f"{what_errs(sentence)} {as_what(sentence)}{_how(sentence, parameters, values, intervals)}. {GUESS}"
+    how = _how(sentence, parameters, values, intervals)
+    return f"{what_errs(sentence)} {as_what(sentence)}{how}. {GUESS}"
 
 
 def what_errs(sentence: Sentence) -> str:
