@@ -254,9 +254,7 @@ def _alternatives(every: LawSearch, found: Judged) -> tuple[tuple[Fitted, ...], 
     return tuple(out)
 
 
-def _exchanged(
-    every: LawSearch, found: Judged, near: tuple[tuple[Fitted, ...], ...]
-) -> Judged | None:
+def _exchanged(every: LawSearch, found: Judged, near: tuple[tuple[Fitted, ...], ...]) -> Judged | None:
     """Exchange a term for something that explains more, or for an effect of the catalogue that does as well.
 
     Returns:

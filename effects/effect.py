@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -112,9 +113,21 @@ class Physics:
     unsure: Callable[[Observation, str, Values], Observation] | None = None
 
 
+class OnReadings(ABC):
+    """An effect on readings alone."""
+
+    @abstractmethod
+    def inject(self, rig: Rig, target: str, values: Values) -> Rig:
+        """Return the laboratory with the faulty instruments."""
+
+    @abstractmethod
+    def predict(self, observed: Observation, target: str, values: Values) -> Observation:
+        """Return the observation with the readings corrected."""
+
+
 @dataclass(frozen=True)
-class Misreading:
-    """An effect on readings alone.
+class Misreading(OnReadings):
+    """An effect on readings alone, as a function of the measurements.
 
     Attributes:
         apply: (measurements, target, values) -> the measurements that the faulty instruments give.
@@ -158,7 +171,7 @@ class Effect:
     name: str
     sentence: str
     parameters: tuple[Parameter, ...]
-    mechanism: Physics | Misreading
+    mechanism: Physics | OnReadings
     words: str
     targets: Targets = WHOLE
     statics: bool = True
@@ -176,7 +189,7 @@ class Effect:
     @property
     def misreads(self) -> bool:
         """Whether the effect changes readings alone."""
-        return isinstance(self.mechanism, Misreading)
+        return isinstance(self.mechanism, OnReadings)
 
     @property
     def sizes(self) -> tuple[int, ...]:

@@ -26,7 +26,7 @@ from tulip_testbed.discovery.detectability import noncentrality, single_level
 from tulip_testbed.discovery.discover import ADOPTED, CALIBRATED, DESCRIBED, NAMED, Discovery, discover
 from tulip_testbed.discovery.evidence import effective_tests
 from tulip_testbed.discovery.law_candidates import is_law
-from tulip_testbed.discovery.refit import without_noise
+from tulip_testbed.discovery.refit import simulated, without_noise
 from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance
@@ -372,8 +372,7 @@ def _bias(
     """
 
     def estimate(rig: Rig, adopted: Sequence[EffectInstance] = ()) -> np.ndarray:
-        quiet = Laboratory(robot, nominal=without_noise(rig)).run(plan, 0, "statics", workers=1).measurements
-        quiet = replace(quiet, sensors=constants(rig)["sensors"])
+        quiet = replace(simulated(without_noise(rig), plan), sensors=constants(rig)["sensors"])
         try:
             value = identify(quiet, robot, estimator=DEFAULT, adopted=adopted).full.value
         except InputError:  # a placement that stands no more
@@ -388,4 +387,3 @@ def _bias(
         return None
     after = (estimate(faulty, found.adopted) - start) / spread
     return float(np.sqrt((before**2).mean())), float(np.sqrt((after**2).mean()))
-

@@ -24,13 +24,13 @@ CONSTANT, LINEAR, QUADRATIC, SINE, STEP = "constant", "linear", "quadratic", "si
 DEAD_BAND, SATURATING, RELAXATION, CURVE = "dead-band", "saturating", "relaxation", "curve"
 GAIN = "-gain"
 
-_TIMES = {
+_TIMES: dict[str, tuple[str, ...]] = {
     TIME: (LINEAR, QUADRATIC, SINE, STEP, SATURATING, CURVE),
     LOADED: (LINEAR, SATURATING, CURVE),
     BEFORE: (RELAXATION,),
     DIRECTION: (STEP,),
 }
-_OF_ENCODERS = {
+_OF_ENCODERS: dict[str, tuple[str, ...]] = {
     NOTHING: (CONSTANT,),
     OWN_ANGLE: (LINEAR, QUADRATIC, SINE, STEP, DEAD_BAND, CURVE),
     ANGLE: (LINEAR, QUADRATIC, SINE, STEP, CURVE),
@@ -39,7 +39,7 @@ _OF_ENCODERS = {
     LEG_LOAD: (LINEAR, QUADRATIC, STEP, DEAD_BAND, SATURATING, CURVE),
     **_TIMES,
 }
-_OF_CELLS = {
+_OF_CELLS: dict[str, tuple[str, ...]] = {
     NOTHING: (CONSTANT,),
     PLATE_LOAD: (LINEAR, QUADRATIC, STEP, DEAD_BAND, SATURATING, CURVE),
     COP: (LINEAR, QUADRATIC),

@@ -16,9 +16,7 @@ from tulip_testbed.effects.laws.mechanism import (
     POSE,
     LawMisreading,
     all_size_names,
-    misread,
     split_values,
-    undo,
 )
 from tulip_testbed.effects.laws.shapes import fixed_names, range_names, size_names
 from tulip_testbed.effects.laws.words import told
@@ -83,7 +81,7 @@ def _law_effect(target: str) -> Effect:
         name=LAW,
         sentence=f"A law composed of what errs, as a function of what, in which shape: {target}.",
         parameters=_parameters(sentence),
-        mechanism=LawMisreading(misread, undo) if misreads else Physics(force.inject, force.predict),
+        mechanism=LawMisreading() if misreads else Physics(force.inject, force.predict),
         words="",
         targets=Targets("WHAT/OF/SHAPE", of),
         instrument={g.CELL: "cells", g.CELLS_OF: "cells", g.PLATE: "plates"}.get(sentence.kind, ""),

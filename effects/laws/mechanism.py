@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tulip_testbed.effects.effect import Misreading, Values
+from tulip_testbed.effects.effect import OnReadings, Values
 from tulip_testbed.effects.injection import misreading
 from tulip_testbed.effects.laws import grammar as g
 from tulip_testbed.effects.laws.grammar import Sentence, sentence_of
@@ -25,12 +25,18 @@ AT_REST = 1e-10  # rad, N or m
 
 
 @dataclass(frozen=True)
-class LawMisreading(Misreading):
+class LawMisreading(OnReadings):
     """A misreading whose error is a function of an observation."""
+
+    unsure: None = None
 
     def inject(self, rig: Rig, target: str, values: Values) -> Rig:
         """Return the laboratory with the faulty instruments."""
         return misreading(rig, lambda m: misread(m, rig.robot, target, values))
+
+    def predict(self, observed: Observation, target: str, values: Values) -> Observation:
+        """Return the observation with the readings corrected."""
+        return undo(observed, target, values)
 
 
 def misread(m: Measurements, robot: Robot, target: str, values: Values) -> Measurements:

@@ -72,7 +72,7 @@ def _how(sentence: Sentence, parameters: tuple[Parameter, ...], values: Values, 
         each = ", ".join(f"{p.name} {text}" for p, text in zip(parameters, sizes, strict=False))
         return f"{at} ({each})"
     if sentence.form == g.SINE:
-        pair, half = np.hypot(*values[:2]), _half(values, known)
+        pair, half = np.hypot(values[0], values[1]), _half(values, known)
         turns = "the experiment" if sentence.quantity == g.TIME else "a turn"
         periods = f"{number(values[count])} period{'s' if values[count] != 1 else ''}"
         return f" like a sine of {periods} {turns}, {_plus_minus(parameters[0].unit, float(pair), half)}"
@@ -98,7 +98,7 @@ def _half(values: Values, intervals: Intervals) -> float | None:
         return None
     widths = np.array([first[1] - first[0], second[1] - second[0]]) / 2
     pair = np.array(values[:2])
-    return float(np.hypot(*(widths * pair)) / max(np.hypot(*pair), 1e-300))
+    return float(np.linalg.norm(widths * pair) / max(np.linalg.norm(pair), 1e-300))
 
 
 def _size(parameter: Parameter, value: float, interval: tuple[float, float] | None) -> str:
