@@ -6,6 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 from tulip_testbed.effects.injection import misreading
 from tulip_testbed.effects.targets import WHOLE, Targets
@@ -116,6 +117,8 @@ class Physics:
 class OnReadings(ABC):
     """An effect on readings alone."""
 
+    unsure: ClassVar[Callable[[Observation, str, Values], Observation] | None] = None
+
     @abstractmethod
     def inject(self, rig: Rig, target: str, values: Values) -> Rig:
         """Return the laboratory with the faulty instruments."""
@@ -134,13 +137,11 @@ class Misreading(OnReadings):
         undo: (observation, target, values) -> the observation with the readings corrected. It may share
             a formula with `apply`, because hand-worked readings in the tests hold sign and definition.
         acts_on: (robot, target) -> what both get in place of the target, if it takes the robot to tell.
-        unsure: as of `Physics`.
     """
 
     apply: Callable[[Measurements, str, Values], Measurements]
     undo: Callable[[Observation, str, Values], Observation]
     acts_on: Callable[[Robot, str], str] = lambda robot, target: target
-    unsure: None = None
 
     def inject(self, rig: Rig, target: str, values: Values) -> Rig:
         """Return the laboratory with the faulty instruments."""

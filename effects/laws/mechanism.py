@@ -28,8 +28,6 @@ AT_REST = 1e-10  # rad, N or m
 class LawMisreading(OnReadings):
     """A misreading whose error is a function of an observation."""
 
-    unsure: None = None
-
     def inject(self, rig: Rig, target: str, values: Values) -> Rig:
         """Return the laboratory with the faulty instruments."""
         return misreading(rig, lambda m: misread(m, rig.robot, target, values))
