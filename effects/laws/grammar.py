@@ -71,7 +71,6 @@ CATALOGUED = {
     (CELL, NOTHING, CONSTANT): "cell-tare",
     (CELL, NOTHING, CONSTANT + GAIN): "cell-gain",
     (CELL, TIME, LINEAR): "cell-drift",
-    (CELL, BEFORE, RELAXATION): "cell-hysteresis",
     (CELLS_OF, TIME, LINEAR): "plate-drift",
     (PLATE, NOTHING, CONSTANT): "plate-translation",
 }

@@ -20,7 +20,7 @@ from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import PLATES, Robot
 
 POSE = ("x", "y", "yaw")
-ROUNDS = 8  # of the inversion, where the error depends on the true reading
+ROUNDS = 20  # of the inversion, where the error depends on the true reading
 AT_REST = 1e-10  # rad, N or m
 
 
