@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import tulip_testbed as tt
 from tests.effect_changes import agreement, changes, measured, statically
+from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.candidate_search import Search
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.joint_fit import Data
@@ -19,10 +22,16 @@ from tulip_testbed.effects.laws import law_effect, sentence_of, sentences
 from tulip_testbed.effects.laws.learned_range import beyond
 from tulip_testbed.effects.laws.mechanism import misread
 from tulip_testbed.effects.removal import without
+from tulip_testbed.experiments.discovery_record import read_discovery
+from tulip_testbed.experiments.law_curves import law_curves
+from tulip_testbed.experiments.rig_folder import read_rig
+from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_noise import noise_of
+from tulip_testbed.pages.discovery_page import discovery_page
+from tulip_testbed.pages.page import html
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements, SensorSheet
+from tulip_testbed.sim.measurements import Measurements, SensorSheet, read_measurements
 from tulip_testbed.sim.robot import load_robot
 
 KNEE = [0.2, 0.4, -0.1]  # rad
@@ -228,3 +237,56 @@ def test_a_law_warns_of_postures_beyond_its_range(robot, nominal):
     assert beyond(observe(m, nominal), law.effect, law.target, law.values).tolist() == [1, 2]
     with pytest.warns(UserWarning, match="postures 2, 3 outside the range"):
         without(m, nominal, [law])
+
+
+@pytest.fixture(scope="module")
+def described(tmp_path_factory):
+    """An eccentric encoder, hidden, described and taken out; the folder of all of it."""
+    folder = tmp_path_factory.mktemp("described")
+    law = "law:encoder:right_knee/own-angle/sine=0.004,0.003,1,0,2"
+    what = ["--preset", "force-plate", "--seed", "3", "--statics", "--effect", law]
+    assert main(["simulate", *what, "--out", str(folder / "data"), "--json"]) == 0
+    run = ["--no-check", "--out", str(folder / "found"), "--json"]
+    assert main(["discover", str(folder / "data"), *run]) == 0
+    return folder
+
+
+@pytest.mark.slow
+def test_an_eccentric_encoder_is_described_with_its_size(described):
+    report = json.loads((described / "found" / "discovery.json").read_text())
+    assert report["verdict"] == "described"
+    (law,) = report["laws"]
+    assert (law["what"], law["of"], law["shape"]) == ("encoder:right_knee", "own-angle", "sine")
+    for number, true in zip(law["parameters"], (0.004, 0.003), strict=False):
+        half = (number["high95"] - number["low95"]) / 2
+        assert abs(number["value"] - true) < 1.5 * half
+        assert half < 0.001
+    assert law["sentence"] in report["story"][0]
+    assert report["effects"][0]["target"] == "encoder:right_knee/own-angle/sine"
+
+
+@pytest.mark.slow
+def test_the_law_s_curve_has_the_residuals_on_it(described, robot):
+    (curve,) = law_curves(read_discovery(described / "found", robot))
+    angle = np.radians(curve.at)
+    true = 4.0 * np.sin(angle) + 3.0 * np.cos(angle)
+    assert (curve.x_unit, curve.unit) == ("deg", "mrad")
+    assert np.sqrt(np.mean(((curve.error - true) / curve.sd) ** 2)) < 2
+    assert np.abs(curve.error).mean() > 3 * np.median(np.abs(curve.error - true))
+    page = html(discovery_page(read_discovery(described / "found", robot)))
+    assert "law-0" in page
+
+
+@pytest.mark.slow
+def test_the_rig_takes_the_law_out(described, robot):
+    """The readings without the law are those of a laboratory without it, with the same noise."""
+    laboratory = tt.Laboratory(robot, "force-plate")
+    plain = laboratory.run(tt.plans.random, seed=3, engine="statics").measurements
+    read = read_measurements(described / "data")
+    laws = read_rig(described / "found" / "rig", robot)
+    assert [one.effect.name for one in laws].count("law") == 1
+    clean, _ = without(read, nominal_robot(robot), [one for one in laws if one.effect.name == "law"])
+    knee = read.joints.index("right_knee")
+    before = read.joint_angles[:, knee] - plain.joint_angles[:, knee]
+    after = clean.joint_angles[:, knee] - plain.joint_angles[:, knee]
+    assert np.sqrt((after**2).mean()) < 0.3 * np.sqrt((before**2).mean())

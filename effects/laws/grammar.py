@@ -22,10 +22,11 @@ LEG_LOAD, PLATE_LOAD, COP, TIME, LOADED = "leg-load", "plate-load", "cop", "time
 BEFORE, DIRECTION = "posture-before", "direction"
 CONSTANT, LINEAR, QUADRATIC, SINE, STEP = "constant", "linear", "quadratic", "sine", "step"
 DEAD_BAND, SATURATING, RELAXATION, CURVE = "dead-band", "saturating", "relaxation", "curve"
+FINE_CURVE = "fine-curve"
 GAIN = "-gain"
 
 _TIMES: dict[str, tuple[str, ...]] = {
-    TIME: (LINEAR, QUADRATIC, SINE, STEP, SATURATING, CURVE),
+    TIME: (LINEAR, QUADRATIC, SINE, STEP, SATURATING, CURVE, FINE_CURVE),
     LOADED: (LINEAR, SATURATING, CURVE),
     BEFORE: (RELAXATION,),
     DIRECTION: (STEP,),

@@ -15,6 +15,7 @@ from tulip_testbed.effects.laws.grammar import Sentence
 
 KNOTS = 5  # of a curve
 KNOTS_IN_TIME = 8
+KNOTS_OF_A_FINE_CURVE = 20
 UNLIMITED = (g.NOTHING, g.TIME, g.BEFORE, g.DIRECTION)  # quantities that have no range to be learned in
 LEAST = 1e-12
 
@@ -22,8 +23,9 @@ LEAST = 1e-12
 def size_names(sentence: Sentence) -> tuple[str, ...]:
     """Name the sizes of a law about one reading."""
     form = sentence.form
-    if form == g.CURVE:
+    if form in (g.CURVE, g.FINE_CURVE):
         count = KNOTS_IN_TIME if sentence.quantity == g.TIME else KNOTS
+        count = KNOTS_OF_A_FINE_CURVE if form == g.FINE_CURVE else count
         return tuple(f"value {k + 1}" for k in range(count))
     if sentence.quantity == g.COP:
         return ("x", "y") if form == g.LINEAR else ("x", "y", "xx", "xy", "yy")

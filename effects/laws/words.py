@@ -32,7 +32,7 @@ def what_errs(sentence: Sentence) -> str:
     """Return the subject and the verb of the sentence."""
     name = sentence.place.replace("_", " ").replace(".", " ")
     return {
-        g.ENCODER: f"The {name} encoder errs",
+        g.ENCODER: f"The {name}'s encoder errs",
         g.ENCODERS: f"The encoders of the {name} leg err",
         g.CELL: f"The {name} cell errs",
         g.CELLS_OF: f"The cells of the {name} plate err",
@@ -74,9 +74,9 @@ def _how(sentence: Sentence, parameters: tuple[Parameter, ...], values: Values, 
     if sentence.form == g.SINE:
         pair, half = np.hypot(values[0], values[1]), _half(values, known)
         turns = "the experiment" if sentence.quantity == g.TIME else "a turn"
-        periods = f"{number(values[count])} period{'s' if values[count] != 1 else ''}"
+        periods = "one period" if values[count] == 1 else f"{number(values[count])} periods"
         return f" like a sine of {periods} {turns}, {_plus_minus(parameters[0].unit, float(pair), half)}"
-    if sentence.form == g.CURVE:
+    if sentence.form in (g.CURVE, g.FINE_CURVE):
         largest = int(np.abs(values[:count]).argmax())
         ends = f" from {fixed[-2]} to {fixed[-1]}" if range_names(sentence) else ""
         return f" along a smooth curve{ends}, at most {sizes[largest]}"
