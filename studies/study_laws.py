@@ -148,8 +148,8 @@ class Case:
 
     @property
     def right_first(self) -> bool:
-        """Whether a law is described whose what and of are right."""
-        return self.verdict == DESCRIBED and any(_among(one, self.answers) for one in self.first)
+        """Whether the first law's what and of are right."""
+        return self.verdict == DESCRIBED and _among(self.first[0], self.answers)
 
     @property
     def in_set(self) -> bool:

@@ -93,8 +93,9 @@ def in_set(o: Outcome) -> bool:
 
 
 def wrong(o: Outcome) -> bool:
-    """Confidently named, and not what was hidden."""
-    return o.verdict == "named" and not exactly(o)
+    """Confidently named, and not what was hidden; or a law, where the catalogue holds what was hidden."""
+    lawful = o.arm in (arms.OUTSIDE_ARM, arms.LEFT_OUT)
+    return (o.verdict == "named" and not exactly(o)) or (o.verdict == "described" and not lawful)
 
 
 def _held_by(o: Outcome, k: int) -> bool:
