@@ -2,20 +2,21 @@
 
 Every laboratory has a random robot, and half of them ordinary imperfections. Outside faults are drawn at a
 multiple of the smallest size that such a laboratory shows. The right answers, what errs and as a function of
-what, are in `ANSWERS`, or a fault carries its own as `answers`. Another dozen of faults is run by
-`python -c "from studies.study_laws import report; ..."` with a list of `Outside`.
+what, are in studies/law_answers.py, or a fault carries its own as `answers`. `report` runs another list of
+`Outside` once.
 """
 
 from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from studies.law_answers import ANSWERS, Answers, is_right
 from studies.runner import Settings, header, row, shipped_plan
 from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
@@ -31,8 +32,7 @@ from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.instruments import effects_on
-from tulip_testbed.effects.laws.grammar import Sentence, joints_of_leg
-from tulip_testbed.effects.targets import plate_of
+from tulip_testbed.effects.laws.grammar import Sentence
 from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.experiments.benchmark.ordinary_run import LEAST_STANDING, _clear
 from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE, Outside
@@ -48,7 +48,7 @@ from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import CELLS, PLATES, Robot, joint_names, load_robot
+from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.threads import one_blas_thread
 
 SETTINGS = Settings(seed=7000, only=("force-plate", "wii"))
@@ -59,56 +59,6 @@ MULTIPLES = (4.0, 16.0)  # of the minimum detectable size
 TRIAL = 0.1  # of a fault's typical amplitude, to measure what it shows
 MOST_TRIES = 10
 BIASED = 1.0  # standard error: a bias that ought to be removed
-Answers = tuple[tuple[str, str], ...]  # acceptable (what, of); "*" for of: any
-
-
-def _joint(robot: Robot, number: int) -> str:
-    names = joint_names(robot.model)
-    return names[number % len(names)]
-
-
-def _encoder(*of: str) -> Callable[[Robot, int], Answers]:
-    return lambda robot, number: tuple((f"encoder:{_joint(robot, number)}", one) for one in of)
-
-
-def _cell(of: str) -> Callable[[Robot, int], Answers]:
-    return lambda robot, number: ((f"cell:{CELLS[number % len(CELLS)]}", of),)
-
-
-def _of_leg(robot: Robot, number: int, *of: str) -> Answers:
-    """Any encoder of the joint's leg, or all of them."""
-    leg = plate_of(robot, _joint(robot, number))
-    whats = [f"encoder:{name}" for name in joints_of_leg(robot, leg)] + [f"encoders:{leg}"]
-    return tuple((what, one) for what in whats for one in of)
-
-
-def _skewed(robot: Robot, number: int) -> Answers:
-    name = _joint(robot, number)
-    return (*_of_leg(robot, number, f"angle:{name}"), (f"encoder:{name}", "own-angle"))
-
-
-def _sideways(robot: Robot, number: int) -> Answers:
-    torques = [f"torque:{name}" for name in joint_names(robot.model)]
-    return _of_leg(robot, number, "own-torque", "leg-load", *torques)
-
-
-# What errs and as a function of what, by the name of the fault: everything that is right.
-ANSWERS: dict[str, Callable[[Robot, int], Answers]] = {
-    "encoder-eccentric": _encoder("own-angle"),
-    "encoder-jump": _encoder("own-angle"),
-    "encoder-teeth": _encoder("own-angle"),
-    "encoder-coupled": lambda robot, number: (
-        (f"encoder:{_joint(robot, number)}", f"angle:{_joint(robot, number - 1)}"),
-    ),
-    "cell-warm": _cell("time"),
-    "cell-walk": _cell("time"),
-    "cell-creep": _cell("time-since-loading"),
-    "plate-bent": lambda robot, number: ((f"cells:{PLATES[number % 2]}", "plate-load"),),
-    "boards-touch": lambda robot, number: tuple((f"cells:{plate}", "plate-load") for plate in PLATES),
-    "axis-skewed": _skewed,
-    "joint-sideways": _sideways,
-    "cable-slack": lambda robot, number: (("force:torso", "*"),),
-}
 
 
 @dataclass(frozen=True)
@@ -149,22 +99,18 @@ class Case:
     @property
     def right_first(self) -> bool:
         """Whether the first law's what and of are right."""
-        return self.verdict == DESCRIBED and _among(self.first[0], self.answers)
+        return self.verdict == DESCRIBED and is_right(self.first[0], self.answers)
 
     @property
     def in_set(self) -> bool:
         """Whether a law or one that does as well is right."""
         told = (*self.first, *self.also)
-        return self.verdict == DESCRIBED and any(_among(one, self.answers) for one in told)
+        return self.verdict == DESCRIBED and any(is_right(one, self.answers) for one in told)
 
     @property
     def wrong(self) -> bool:
         """Whether a cause is told alone, and it is wrong."""
         return (self.verdict == NAMED) or (self.verdict == DESCRIBED and not self.in_set)
-
-
-def _among(found: tuple[str, str], answers: Answers) -> bool:
-    return any(what == found[0] and of in ("*", found[1]) for what, of in answers)
 
 
 def study(settings: Settings) -> Iterator[str]:
