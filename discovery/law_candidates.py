@@ -20,7 +20,7 @@ from tulip_testbed.discovery.evidence import marginal_fits
 from tulip_testbed.effects.laws import LAW, Sentence, law_effect
 from tulip_testbed.effects.laws import grammar as g
 from tulip_testbed.effects.laws.grammar import sentences_in
-from tulip_testbed.effects.laws.mechanism import POSE
+from tulip_testbed.effects.laws.misread import POSE
 from tulip_testbed.effects.laws.quantities import quantity, readings
 from tulip_testbed.effects.laws.shapes import basis, choices, learned_range, range_names
 from tulip_testbed.identification.observation import Observation

@@ -20,7 +20,7 @@ from tulip_testbed.discovery.law_candidates import _columns, law_candidates
 from tulip_testbed.effects.instance import EffectDocument, EffectInstance, injected, removed
 from tulip_testbed.effects.laws import law_effect, sentence_of, sentences
 from tulip_testbed.effects.laws.learned_range import beyond
-from tulip_testbed.effects.laws.mechanism import misread
+from tulip_testbed.effects.laws.misread import misread
 from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.discovery_record import read_discovery
 from tulip_testbed.experiments.law_curves import law_curves

@@ -12,14 +12,14 @@ from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.laws import force
 from tulip_testbed.effects.laws import grammar as g
 from tulip_testbed.effects.laws.grammar import LAW, Sentence, says, sentence_of
-from tulip_testbed.effects.laws.mechanism import (
+from tulip_testbed.effects.laws.law_sentence import told
+from tulip_testbed.effects.laws.misread import (
     POSE,
     LawMisreading,
     all_size_names,
     split_values,
 )
 from tulip_testbed.effects.laws.shapes import fixed_names, range_names, size_names
-from tulip_testbed.effects.laws.words import told
 from tulip_testbed.effects.targets import Targets
 from tulip_testbed.sim.robot import Robot
 

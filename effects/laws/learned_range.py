@@ -8,7 +8,7 @@ import numpy as np
 
 from tulip_testbed.effects.effect import Effect, Values
 from tulip_testbed.effects.laws.grammar import LAW, sentence_of
-from tulip_testbed.effects.laws.mechanism import split_values
+from tulip_testbed.effects.laws.misread import split_values
 from tulip_testbed.effects.laws.quantities import quantity, readings
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.errors import shortened
