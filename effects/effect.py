@@ -5,8 +5,12 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+<<<<<<< HEAD
 from dataclasses import dataclass
 from typing import ClassVar
+=======
+from dataclasses import dataclass, replace
+>>>>>>> c8e36af818f4460aa37ef4a45e346af91cc177bd
 
 from tulip_testbed.effects.injection import misreading
 from tulip_testbed.effects.targets import WHOLE, Targets
@@ -167,6 +171,7 @@ class Effect:
         instrument: on which contact sensors it acts: "cells", "plates" (on the ground, of any kind),
             "wrenches"; "" if it acts whatever they are.
         statics: whether the static laboratory can simulate it; otherwise only the full dynamics can.
+        unit_on: target -> unit of the first parameter there, where targets differ in it; None: they do not.
     """
 
     name: str
@@ -177,6 +182,7 @@ class Effect:
     targets: Targets = WHOLE
     statics: bool = True
     instrument: str = ""
+    unit_on: Callable[[str], str] | None = None
 
     def __repr__(self) -> str:
         return f"<Effect {self.usage}>"
@@ -186,6 +192,12 @@ class Effect:
         """Return the pattern after which an instance of the effect is written."""
         target = f":{self.targets.word}" if self.targets.word else ""
         return f"{self.name}{target}={','.join(p.placeholder for p in self.parameters)}"
+
+    def parameters_on(self, target: str) -> tuple[Parameter, ...]:
+        """Return the parameters with the units that they have on a target."""
+        if self.unit_on is None:
+            return self.parameters
+        return (replace(self.parameters[0], unit=self.unit_on(target)), *self.parameters[1:])
 
     @property
     def misreads(self) -> bool:
