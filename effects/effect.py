@@ -5,12 +5,8 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-<<<<<<< HEAD
-from dataclasses import dataclass
-from typing import ClassVar
-=======
 from dataclasses import dataclass, replace
->>>>>>> c8e36af818f4460aa37ef4a45e346af91cc177bd
+from typing import ClassVar
 
 from tulip_testbed.effects.injection import misreading
 from tulip_testbed.effects.targets import WHOLE, Targets
@@ -223,7 +219,7 @@ class Effect:
         texts = [
             parameter.text(value, interval)
             for parameter, value, interval in zip(
-                self.parameters, values, intervals or (None,) * len(values), strict=True
+                self.parameters_on(target), values, intervals or (None,) * len(values), strict=True
             )
         ]
         return self.words.format(*texts, target=target.replace("_", " ").replace(".", " "))

@@ -121,18 +121,7 @@ class EffectInstance:
     @property
     def finding(self) -> str:
         """Return the effect as a sentence, with values ± half of their 95 % intervals."""
-<<<<<<< HEAD
         return self.effect.told(self.target, self.values, self.intervals)
-=======
-        intervals = self.intervals or (None,) * len(self.values)
-        texts = [
-            parameter.text(value, interval)
-            for parameter, value, interval in zip(
-                self.effect.parameters_on(self.target), self.values, intervals, strict=True
-            )
-        ]
-        return self.effect.words.format(*texts, target=self.target.replace("_", " ").replace(".", " "))
->>>>>>> c8e36af818f4460aa37ef4a45e346af91cc177bd
 
     @property
     def doubts(self) -> list[str]:
