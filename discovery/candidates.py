@@ -25,11 +25,13 @@ class Candidate:
 
     Attributes:
         settings: values of all parameters with the sizes zero, one row for each point of the grid, (g, k).
+        price: ln of the number of hypotheses among which it was chosen before, beside the points of the grid.
     """
 
     effect: Effect
     target: str
     settings: np.ndarray
+    price: float = 0.0
 
     @property
     def label(self) -> str:
@@ -160,5 +162,5 @@ def log_choices(candidate: Candidate, observed: Observation) -> float:
     """Compute ln of the number of hypotheses among which a fit chooses: times of a change, or grid points."""
     timed = candidate.time_parameter
     if timed is None or candidate.effect.parameters[timed].smooth:
-        return float(np.log(len(candidate.settings)))
+        return candidate.price + float(np.log(len(candidate.settings)))
     return float(np.log(len(change_times(candidate, observed)) or len(candidate.settings)))

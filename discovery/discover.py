@@ -1,10 +1,10 @@
-"""From measurements to a verdict: none, calibrated, named, ambiguous or unknown."""
+"""From measurements to a verdict: none, calibrated, named, described, ambiguous or unknown."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,9 +14,11 @@ from tulip_testbed.calibration.self_calibration import usual_tolerances
 from tulip_testbed.discovery.candidate_search import DECISIVE, Search
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.effect_intervals import as_calibrated, with_intervals
-from tulip_testbed.discovery.equivalence import equivalent, refit_with_alternatives
+from tulip_testbed.discovery.equivalence import equivalent, refit_if_better, refit_with_alternatives
 from tulip_testbed.discovery.held_out import HeldOut, check_placements, held_out
 from tulip_testbed.discovery.joint_fit import JointFit
+from tulip_testbed.discovery.law_candidates import is_law
+from tulip_testbed.discovery.law_search import select_laws
 from tulip_testbed.discovery.patterns import Pattern, in_channels, patterns
 from tulip_testbed.discovery.pure_error import PureError, pure_error
 from tulip_testbed.discovery.selection import LEVEL, Selection, select
@@ -33,6 +35,8 @@ from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
 
 NAMED, AMBIGUOUS, UNKNOWN, CALIBRATED, NONE = "named", "ambiguous", "unknown", "calibrated", "none"
+DESCRIBED = "described"
+ADOPTED = (NAMED, DESCRIBED)  # verdicts whose effects are added to the model
 REPORTED_PATTERNS = 5
 
 
@@ -41,15 +45,15 @@ class Discovery:
     """The effects that were found in an experiment.
 
     Attributes:
-        verdict: none, calibrated, named, ambiguous or unknown.
+        verdict: none, calibrated, named, described, ambiguous or unknown.
         observed, noise: the experiment. repeats: what its repeated postures say about the noise.
         selection: how the effects were selected. fit: the final one, through the laboratory, with the sizes
             of self-calibration.
         model_error: of the effects' predictions there, (m, 11, s + 1).
         effects: numbers of the terms of the fit that stand out of their families or belong to none.
-        adopted: effects that are added to the model; empty unless named.
-        calibrated: ordinary imperfections that are added to the model, with intervals; empty unless named or
-            calibrated.
+        adopted: effects and laws that are added to the model; empty unless named or described.
+        calibrated: ordinary imperfections that are added to the model, with intervals; empty unless named,
+            described or calibrated.
         families: spreads and members of the families; empty if there is no gap.
         equivalents: the equivalent explanations of each term of the fit, the best first.
         undetectable: effects that the experiment cannot show.
@@ -133,28 +137,90 @@ def discover(
 def _discover(
     search: Search, seed: int, through_laboratory: bool, hold_out: bool, progress: Callable[[int], None]
 ) -> Discovery:
-    began, observed = time.perf_counter(), search.observed
+    began = time.perf_counter()
     selection = select(search, np.random.default_rng(seed), progress)
-    fit = selection.fit
-    model_error = fit.data.no_model_error(fit.terms)
-    shared, equivalents = np.zeros(len(fit.sizes)), ()
-    if fit.terms and through_laboratory:
-        fit, model_error, shared, equivalents = refit_with_alternatives(fit, selection.alternatives)
-    elif fit.terms:
-        equivalents = tuple(equivalent(a, t) for a, t in zip(selection.alternatives, fit.terms, strict=True))
+    fitted = _fitted(selection, through_laboratory)
     progress(1)
+    found = _concluded(search, selection, fitted, None)
+    described: Discovery | None = None
+    # Cross-validation takes longest: where the answer is `unknown` without it, laws are sought first.
+    if found.verdict == UNKNOWN:
+        described = _described(search, selection, through_laboratory, hold_out)
+    if described is None and hold_out:
+        certain = found.verdict == UNKNOWN
+        validation = held_out(search, selection.calibration, fitted.fit.terms)
+        found = _concluded(search, selection, fitted, validation)
+        if found.verdict == UNKNOWN and not certain:
+            described = _described(search, selection, through_laboratory, hold_out)
+    progress(1)
+    return replace(described or found, wall_s=time.perf_counter() - began)
+
+
+def _described(
+    search: Search, selection: Selection, through_laboratory: bool, hold_out: bool
+) -> Discovery | None:
+    """Seek laws for what the catalogue does not explain; None: none is confirmed."""
+    laws = select_laws(search, selection)
+    if laws is None:
+        return None
+    wider, chosen = laws
+    fitted = _fitted(chosen, through_laboratory)
+    found = _concluded(wider, chosen, fitted, None)
+    if found.verdict == DESCRIBED and hold_out:
+        found = _concluded(wider, chosen, fitted, held_out(wider, chosen.calibration, fitted.fit.terms))
+    return found if found.verdict == DESCRIBED else None
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """What was selected, fitted once more through the laboratory.
+
+    Attributes:
+        model_error, equivalents: see `Discovery`.
+        shared: s.d. of the error that laboratory and predictions share, (s,).
+    """
+
+    fit: JointFit
+    model_error: np.ndarray
+    shared: np.ndarray
+    equivalents: tuple[tuple[Fitted, ...], ...]
+
+
+def _fitted(selection: Selection, through_laboratory: bool) -> _Fitted:
+    fit = selection.fit
+    model_error, shared = fit.data.no_model_error(fit.terms), np.zeros(len(fit.sizes))
+    if not fit.terms:
+        return _Fitted(fit, model_error, shared, ())
+    if through_laboratory and not any(is_law(term.candidate) for term in fit.terms):
+        return _Fitted(*refit_with_alternatives(fit, selection.alternatives))
+    if through_laboratory:  # the neighbours of laws have been judged by self-calibration
+        fit, model_error, shared = refit_if_better(fit.repeated)
+    near = tuple(equivalent(a, t) for a, t in zip(selection.alternatives, fit.terms, strict=True))
+    return _Fitted(fit, model_error, shared, near)
+
+
+def _concluded(
+    search: Search, selection: Selection, fitted: _Fitted, validation: HeldOut | None
+) -> Discovery:
+    """Reach a verdict.
+
+    Args:
+        validation: None: not asked for, or not yet.
+    """
+    began, observed, fit = time.perf_counter(), search.observed, fitted.fit
+    model_error, shared, equivalents = fitted.model_error, fitted.shared, fitted.equivalents
+    laws = [is_law(term.candidate) for term in fit.terms]
     left = patterns(fit.linear, fit.residual, fit.columns)
-    validation = held_out(search, selection.calibration, fit.terms) if hold_out else None
     final = as_calibrated(fit, selection.fit, selection.calibration, shared)
     standing = [k for k, term in enumerate(final.terms) if stands_out(selection, term, final.errors[k])]
     outside = tuple(k for k in standing if equivalents[k][0].log_bayes_factor > DECISIVE)
     lost = [fit.terms[k].label for k in standing if k not in outside]
     reasons = _reasons(selection, left[0], validation, lost)
-    verdict = _verdict(selection, reasons, [equivalents[k] for k in outside])
+    described = any(laws[k] for k in outside)
+    verdict = _verdict(selection, reasons, [equivalents[k] for k in outside], described)
     adopted = tuple(with_intervals(final, k) for k in range(len(fit.terms)))
-    progress(1)
     null, clearest = selection.null, left[0]
-    if verdict in (NAMED, AMBIGUOUS, CALIBRATED):
+    if verdict in (*ADOPTED, AMBIGUOUS, CALIBRATED):
         clearest = patterns(null.linear, null.residual, null.columns)[0]
     families = selection.calibration.families if selection.lacks_fit else ()
     ordinary = [a for k, a in enumerate(adopted) if k not in outside and a.effect.name in TOLERANCES]
@@ -168,8 +234,8 @@ def _discover(
         fit=final,
         model_error=model_error,
         effects=outside,
-        adopted=tuple(adopted[k] for k in outside) if verdict == NAMED else (),
-        calibrated=tuple(ordinary) if verdict in (NAMED, CALIBRATED) else (),
+        adopted=tuple(adopted[k] for k in outside) if verdict in ADOPTED else (),
+        calibrated=tuple(ordinary) if verdict in (*ADOPTED, CALIBRATED) else (),
         families=families,
         equivalents=equivalents,
         undetectable=undetectable(null.linear, selection.undetectable),
@@ -227,11 +293,15 @@ def _reasons(
     return tuple(out)
 
 
-def _verdict(selection: Selection, reasons: tuple[str, ...], equivalents: list[tuple[Fitted, ...]]) -> str:
+def _verdict(
+    selection: Selection, reasons: tuple[str, ...], equivalents: list[tuple[Fitted, ...]], described: bool
+) -> str:
     if not selection.lacks_fit:
         return NONE
     if reasons:
         return UNKNOWN
     if not equivalents:
         return CALIBRATED
+    if described:
+        return DESCRIBED
     return AMBIGUOUS if any(len(several) > 1 for several in equivalents) else NAMED

@@ -38,16 +38,16 @@ def refit_with_alternatives(
         the fit, the model error of its predictions, the s.d. of the error that laboratory and predictions
         share, (s,), and the equivalent explanations of each term.
     """
-    best, model_error, shared = _refit_if_better(found.repeated)
+    best, model_error, shared = refit_if_better(found.repeated)
     sets = []
     for k, near in enumerate(alternatives):
         mine = best.terms[k]
         others = best.without(k)
-        rest = (_refit_if_better(others)[0] if others.terms else others).log_evidence
+        rest = (refit_if_better(others)[0] if others.terms else others).log_evidence
         judged = [replace(mine, log_bayes_factor=best.log_evidence - rest)]
         for alternative, formula in _in_place_of(best, k, near):
             asked = len(judged) <= MOST_REFITS
-            exact, errors, doubt = _refit_if_better(formula) if asked else (formula, model_error, shared)
+            exact, errors, doubt = refit_if_better(formula) if asked else (formula, model_error, shared)
             judged.append(replace(alternative, log_bayes_factor=exact.log_evidence - rest))
             if asked and exact.log_evidence > best.log_evidence:
                 best, model_error, shared = exact, errors, doubt
@@ -56,7 +56,7 @@ def refit_with_alternatives(
     return best, model_error, shared, tuple(sets)
 
 
-def _refit_if_better(formula: JointFit) -> tuple[JointFit, np.ndarray, np.ndarray]:
+def refit_if_better(formula: JointFit) -> tuple[JointFit, np.ndarray, np.ndarray]:
     """Fit through the laboratory, unless the prediction explains more.
 
     At which end of its free play a joint rests, for example, is an accident in both. Half of the change that

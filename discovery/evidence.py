@@ -73,7 +73,7 @@ def _with_sizes(pairs: list[tuple[Candidate, list[np.ndarray]]], residual: np.nd
         logs = np.where(detectable[at], log[at], -np.inf)
         point = int((logs if detectable[at].any() else log[at]).argmax())
         k, first = first + point, at.stop
-        average = float(np.logaddexp.reduce(logs) - np.log(len(logs)))
+        average = float(np.logaddexp.reduce(logs) - np.log(len(logs))) - candidate.price
         most = float(np.sqrt(max(visible[at].max(), 0.0)))
         yield Fitted(candidate, point, sizes[k], average, covariance[k], float(gain[k]), float(p[k]), most)
 

@@ -184,7 +184,7 @@ def _forward(
         every = [search.tried((*terms, one), calibration, afresh) for one, afresh in tried]
         progress(1)
         decisive = [
-            one for one in every if one is not None and one.possible and _is_decisive(one, before_all, tests)
+            one for one in every if one is not None and one.possible and is_decisive(one, before_all, tests)
         ]
         if not decisive:
             return calibration, terms, True
@@ -227,7 +227,7 @@ def _at_best_times(
     return calibration, terms
 
 
-def _is_decisive(found: Judged, before: float, tests: float) -> bool:
+def is_decisive(found: Judged, before: float, tests: float) -> bool:
     """Return whether the last effect gains more than noise would.
 
     Args:

@@ -7,7 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from tulip_testbed.discovery.candidates import Fitted
-from tulip_testbed.discovery.discover import AMBIGUOUS, CALIBRATED, NAMED, NONE, Discovery
+from tulip_testbed.discovery.discover import (
+    ADOPTED,
+    AMBIGUOUS,
+    CALIBRATED,
+    DESCRIBED,
+    NAMED,
+    NONE,
+    Discovery,
+)
 from tulip_testbed.discovery.effect_intervals import with_intervals
 from tulip_testbed.discovery.proposals import Proposal
 from tulip_testbed.discovery.undetectable import by_kind
@@ -42,7 +50,7 @@ def story(found: Discovery, next_experiment: list[Proposal]) -> list[str]:
             f"{before} to {after} times the noise (by chance up to {floor}), that of the centre of pressure "
             f"from {before_mm} to {after_mm} mm (noise {noise_mm} mm)."
         )
-    if found.verdict in (NAMED, AMBIGUOUS):
+    if found.verdict in (*ADOPTED, AMBIGUOUS):
         lines.append("Ordinary imperfections of all families are estimated beside it.")
     if found.verdict == NAMED and len(found.adopted) > MANY:
         lines.append(
@@ -70,7 +78,7 @@ def story(found: Discovery, next_experiment: list[Proposal]) -> list[str]:
 
 def _implausible(found: Discovery) -> list[str]:
     """Warn of sizes far beyond their prior."""
-    if found.verdict not in (NAMED, AMBIGUOUS):
+    if found.verdict not in (*ADOPTED, AMBIGUOUS):
         return []
     return [
         f"{term.label}: {parameter.text(value)} is {abs(value) / parameter.prior:.0f} times the plausible "
@@ -87,8 +95,8 @@ def _implausible(found: Discovery) -> list[str]:
 def _headline(found: Discovery) -> str:
     if found.verdict == NONE:
         return "No gap: the nominal model and the stated noise explain the measurements."
-    if found.verdict == NAMED:
-        return " ".join(instance.finding for instance in found.adopted)
+    if found.verdict in ADOPTED:
+        return " ".join([*(instance.finding for instance in found.adopted), *_also(found)])
     if found.verdict == AMBIGUOUS:
         return " ".join(
             f"This experiment cannot distinguish these explanations: {_listed(several)}."
@@ -115,6 +123,21 @@ def _headline(found: Discovery) -> str:
         f"There is a gap that neither ordinary imperfections nor an effect of the catalogue explain. "
         f"{' '.join(found.reasons)}{closest}"
     )
+
+
+def _also(found: Discovery) -> list[str]:
+    """Tell the laws that do as well as those that were adopted."""
+    if found.verdict != DESCRIBED:
+        return []
+    return [
+        f"As good (ln BF {number(one.log_bayes_factor - best, '+.1f')}): {one.instance.finding}"
+        for k in found.effects
+        for best in [
+            next(t.log_bayes_factor for t in found.equivalents[k] if t.label == found.fit.terms[k].label)
+        ]
+        for one in found.equivalents[k]
+        if one.label != found.fit.terms[k].label
+    ]
 
 
 def _largest(found: Discovery) -> list[str]:

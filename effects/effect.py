@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from tulip_testbed.effects.injection import misreading
 from tulip_testbed.effects.targets import WHOLE, Targets
@@ -40,6 +42,8 @@ class Parameter:
         choices: names of the values 0, 1, ... if the parameter chooses one of several things.
         smooth: whether neighbouring values of the grid predict much the same. A search may then look between
             them without choosing among more hypotheses.
+        fixed: whether it is part of what the effect is, such as the place of a step or the range in which a
+            law was learned: chosen before a fit, and no time of the experiment.
     """
 
     name: str
@@ -49,6 +53,7 @@ class Parameter:
     grid: tuple[float, ...] = ()
     choices: tuple[str, ...] = ()
     smooth: bool = False
+    fixed: bool = False
 
     @property
     def placeholder(self) -> str:
@@ -109,22 +114,34 @@ class Physics:
     unsure: Callable[[Observation, str, Values], Observation] | None = None
 
 
+class OnReadings(ABC):
+    """An effect on readings alone."""
+
+    unsure: ClassVar[Callable[[Observation, str, Values], Observation] | None] = None
+
+    @abstractmethod
+    def inject(self, rig: Rig, target: str, values: Values) -> Rig:
+        """Return the laboratory with the faulty instruments."""
+
+    @abstractmethod
+    def predict(self, observed: Observation, target: str, values: Values) -> Observation:
+        """Return the observation with the readings corrected."""
+
+
 @dataclass(frozen=True)
-class Misreading:
-    """An effect on readings alone.
+class Misreading(OnReadings):
+    """An effect on readings alone, as a function of the measurements.
 
     Attributes:
         apply: (measurements, target, values) -> the measurements that the faulty instruments give.
         undo: (observation, target, values) -> the observation with the readings corrected. It may share
             a formula with `apply`, because hand-worked readings in the tests hold sign and definition.
         acts_on: (robot, target) -> what both get in place of the target, if it takes the robot to tell.
-        unsure: as of `Physics`.
     """
 
     apply: Callable[[Measurements, str, Values], Measurements]
     undo: Callable[[Observation, str, Values], Observation]
     acts_on: Callable[[Robot, str], str] = lambda robot, target: target
-    unsure: None = None
 
     def inject(self, rig: Rig, target: str, values: Values) -> Rig:
         """Return the laboratory with the faulty instruments."""
@@ -156,7 +173,7 @@ class Effect:
     name: str
     sentence: str
     parameters: tuple[Parameter, ...]
-    mechanism: Physics | Misreading
+    mechanism: Physics | OnReadings
     words: str
     targets: Targets = WHOLE
     statics: bool = True
@@ -181,17 +198,31 @@ class Effect:
     @property
     def misreads(self) -> bool:
         """Whether the effect changes readings alone."""
-        return isinstance(self.mechanism, Misreading)
+        return isinstance(self.mechanism, OnReadings)
 
     @property
     def sizes(self) -> tuple[int, ...]:
         """Return the indices of the parameters that are estimated; the others are chosen from their grid."""
-        return tuple(k for k, parameter in enumerate(self.parameters) if not parameter.grid)
+        return tuple(k for k, p in enumerate(self.parameters) if not p.grid and not p.fixed)
 
     @property
     def stage(self) -> int:
         """Return when it acts: 0 on the robot, 1 on readings, 2 on which reading has which name."""
         return 0 if not self.misreads else 1 if self.sizes else 2
+
+    def refusal(self, values: Values) -> str:
+        """Say why these values do not fit each other, "" if they do."""
+        return ""
+
+    def told(self, target: str, values: Values, intervals: tuple[tuple[float, float] | None, ...]) -> str:
+        """Tell a finding as a sentence, with values ± half of their 95 % intervals, if there are any."""
+        texts = [
+            parameter.text(value, interval)
+            for parameter, value, interval in zip(
+                self.parameters_on(target), values, intervals or (None,) * len(values), strict=True
+            )
+        ]
+        return self.words.format(*texts, target=target.replace("_", " ").replace(".", " "))
 
     def inject(self, rig: Rig, target: str, values: Values) -> Rig:
         """Return the laboratory with the effect; at zero it is unchanged."""

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Strict
 
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.laws import LAW, law_effect
 from tulip_testbed.effects.targets import check_target
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.arguments import expect
@@ -42,6 +43,17 @@ class EffectDocument(BaseModel):
     name: str
     target: str | None
     parameters: list[ParameterDocument]
+
+
+def effect_named(name: str, target: str, where: str) -> Effect:
+    """Return an effect of the catalogue, or the one that the grammar of laws makes of its target.
+
+    Raises:
+        InputError: with the names that are close and those that are valid.
+    """
+    if name == LAW:
+        return law_effect(target, where)
+    return catalogue()[look_up("effect", name, [*catalogue(), LAW], where)]
 
 
 def effect_label(name: str, target: str | None) -> str:
@@ -85,7 +97,7 @@ class EffectInstance:
         """
         label, equals, tail = text.partition("=")
         name, target = split_label(label)
-        effect = catalogue()[look_up("effect", name, catalogue(), where)]
+        effect = effect_named(name, target, where)
         where = f"{where} {shortened(text)}"
         values = tail.split(",") if equals else []
         if len(values) != len(effect.parameters):
@@ -109,14 +121,7 @@ class EffectInstance:
     @property
     def finding(self) -> str:
         """Return the effect as a sentence, with values ± half of their 95 % intervals."""
-        intervals = self.intervals or (None,) * len(self.values)
-        texts = [
-            parameter.text(value, interval)
-            for parameter, value, interval in zip(
-                self.effect.parameters_on(self.target), self.values, intervals, strict=True
-            )
-        ]
-        return self.effect.words.format(*texts, target=self.target.replace("_", " ").replace(".", " "))
+        return self.effect.told(self.target, self.values, self.intervals)
 
     @property
     def doubts(self) -> list[str]:
@@ -167,7 +172,7 @@ class EffectInstance:
         Raises:
             InputError: with what is wrong and what is valid.
         """
-        effect = catalogue()[look_up("effect", document.name, catalogue(), where)]
+        effect = effect_named(document.name, document.target or "", where)
         expected = [(parameter.name, parameter.unit) for parameter in effect.parameters]
         found = [(parameter.name, parameter.unit) for parameter in document.parameters]
         if found != expected:
@@ -306,6 +311,8 @@ def check_instance(found: EffectInstance, robot: Robot, placements: Sequence[int
         if parameter.prior > 0 and abs(value) > MOST_PRIORS * parameter.prior:
             most = MOST_PRIORS * parameter.prior
             raise InputError(f"{here}, expected at most {most:.3g} in size (SI units: rad, m, N, kg)")
+    if why := effect.refusal(found.values):
+        raise InputError(f"{where}: {why}")
     if len(chosen := found.choices) > len(set(chosen)):
         raise InputError(f"{where}: {effect.name}: found the same choice twice, expected different ones")
 

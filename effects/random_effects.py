@@ -10,6 +10,7 @@ from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect, Parameter
 from tulip_testbed.effects.instance import EffectInstance, check_laboratory, split_label
 from tulip_testbed.effects.instruments import effects_on
+from tulip_testbed.effects.laws import LAW
 from tulip_testbed.sim.errors import InputError, at_least, look_up, shortened
 from tulip_testbed.sim.measurements.contacts import Contacts
 from tulip_testbed.sim.robot import Robot
@@ -94,7 +95,7 @@ def read_effects(
             raise InputError(
                 f"{where} {shortened(text)}: found a target or values, expected `{RANDOM}` alone"
             )
-        look_up("effect", name, [*catalogue(), RANDOM], where)
+        look_up("effect", name, [*catalogue(), LAW, RANDOM], where)
         found.append(EffectInstance.parse(text, robot, placements, where))
         check_laboratory(found[-1], statics, f"{where} {shortened(text)}")
     return tuple(found)

@@ -8,10 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from tulip_testbed.effects.instance import EffectInstance, check_instance, removed
+from tulip_testbed.effects.laws.learned_range import beyond, extrapolation
 from tulip_testbed.identification.kinematics import turned_about
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.observation import Observation, observe, turned
 from tulip_testbed.identification.residual_channels import carried, center
+from tulip_testbed.sim.errors import warn
 from tulip_testbed.sim.measurements import Measurements
 
 
@@ -80,11 +82,18 @@ def without(
 ) -> tuple[Measurements, Observation]:
     """Return the measurements with these effects removed, and the observation from which they come.
 
+    A warning names the postures at which a law would have to extrapolate.
+
     Raises:
         InputError: an effect on something that these measurements do not have, such as a placement.
     """
     placements = np.unique(measurements.placement).tolist()
     for instance in instances:
         check_instance(instance, nominal.robot, placements, f"correction {instance.label}")
-    observed = removed(observe(measurements, nominal), instances)
+    before = observe(measurements, nominal)
+    for one in instances:
+        rows = beyond(before, one.effect, one.target, one.values)
+        if text := extrapolation(one.label, before, rows):
+            warn(text)
+    observed = removed(before, instances)
     return corrected(observed), observed

@@ -121,6 +121,8 @@ def check_target(
     if not target:
         one_of = f", one of {listed(valid)}" if known else ""
         raise InputError(f"{where}: found no target, expected {targets.word}{one_of}")
+    if known and not valid:
+        raise InputError(f"{where}: found target '{shortened(target)}', which this robot does not have")
     if known:
         look_up("target", target, valid, where)
     elif not PLACEMENT_NUMBER.fullmatch(target):

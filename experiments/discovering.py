@@ -9,7 +9,7 @@ from typing import Any
 
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.calibration.families import check_tolerances
-from tulip_testbed.discovery.discover import AMBIGUOUS, CALIBRATED, NAMED, NONE, Discovery, discover
+from tulip_testbed.discovery.discover import ADOPTED, AMBIGUOUS, CALIBRATED, NONE, Discovery, discover
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck, check_in_dynamics
 from tulip_testbed.discovery.proposals import Proposal, proposals
 from tulip_testbed.discovery.story import story
@@ -45,12 +45,12 @@ class Discovered(Shown):
 
     @property
     def verdict(self) -> str:
-        """ "none", "calibrated", "named", "ambiguous" or "unknown"."""
+        """ "none", "calibrated", "named", "described", "ambiguous" or "unknown"."""
         return self.discovery.verdict
 
     @property
     def adopted(self) -> tuple[EffectInstance, ...]:
-        """The effects that are added to the model; empty unless the verdict is "named"."""
+        """The effects that are added to the model; empty unless it is "named" or "described"."""
         return self.discovery.adopted
 
     @property
@@ -118,7 +118,7 @@ def discover_effects(
     steps = progress("looking for what is missing", 4)
     discovery = discover(measurements, robot, seed, tolerances=tolerances, source=source, progress=steps)
     after = None
-    if discovery.verdict in (NAMED, CALIBRATED):
+    if discovery.verdict in (*ADOPTED, CALIBRATED):
         after = identify(
             measurements,
             robot,

@@ -10,8 +10,10 @@ from pydantic import AfterValidator, Field, model_validator
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.discover import Discovery
 from tulip_testbed.discovery.effect_intervals import with_intervals
+from tulip_testbed.discovery.law_candidates import is_law
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.effects.instance import EffectDocument, ParameterDocument, effect_label
+from tulip_testbed.effects.instance import EffectDocument, EffectInstance, ParameterDocument, effect_label
+from tulip_testbed.effects.laws import Sentence, sentence_of
 from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.document import Document, Figure
 from tulip_testbed.experiments.family_tables import family_documents
@@ -58,6 +60,26 @@ class Explanation(Document):
     def label(self) -> str:
         """Return `name:target`."""
         return effect_label(self.name, self.target)
+
+
+class OtherLaw(Document):
+    """Another law that does as well: what errs, as a function of what."""
+
+    what: str
+    of: str
+    shape: str
+    log_bayes_factor: float
+
+
+class LawReport(Document):
+    """A law: what errs, as a function of what, in which shape; also: those that do as well."""
+
+    what: str
+    of: str
+    shape: str
+    sentence: str
+    parameters: list[ParameterDocument]
+    also: list[OtherLaw]
 
 
 class FamilySpread(Document):
@@ -159,10 +181,11 @@ class Check(Document):
 class DiscoveryReport(Document):
     """discovery.json."""
 
-    verdict: Literal["none", "calibrated", "named", "ambiguous", "unknown"]
+    verdict: Literal["none", "calibrated", "named", "described", "ambiguous", "unknown"]
     effects: list[AdoptedEffect]
     calibrated: list[EffectDocument] = Field(default_factory=list)
     families: list[FamilySpread] = Field(default_factory=list)
+    laws: list[LawReport] = Field(default_factory=list)
     candidates: list[Explanation]
     undetectable: list[Undetectable]
     weakly_detectable: list[WeaklyDetectable] = Field(default_factory=list)
@@ -196,6 +219,11 @@ def discovery_report(result: Discovered, rig: str | None = None) -> DiscoveryRep
         ],
         "calibrated": [instance.document() for instance in found.calibrated],
         "families": family_documents(found.families),
+        "laws": [
+            _law(found, k, one)
+            for k, one in zip(found.effects, found.adopted, strict=False)
+            if is_law(found.fit.terms[k].candidate)
+        ],
         "candidates": [_explanation(found, k, one) for k in found.effects for one in found.equivalents[k]],
         "undetectable": [
             {
@@ -230,6 +258,24 @@ def discovery_report(result: Discovered, rig: str | None = None) -> DiscoveryRep
         "wall_s": found.wall_s,
     }
     return DiscoveryReport.model_validate(content)
+
+
+def _law(found: Discovery, k: int, adopted: EffectInstance) -> dict[str, Any]:
+    sentence = sentence_of(adopted.target)
+    others = [one for one in found.equivalents[k] if is_law(one.candidate) and one.label != adopted.label]
+    return {
+        **_said(sentence),
+        "sentence": adopted.finding,
+        "parameters": adopted.document()["parameters"],
+        "also": [
+            _said(sentence_of(one.candidate.target)) | {"log_bayes_factor": one.log_bayes_factor}
+            for one in others
+        ],
+    }
+
+
+def _said(sentence: Sentence) -> dict[str, str]:
+    return {"what": sentence.what, "of": sentence.of, "shape": sentence.shape}
 
 
 def _explanation(found: Discovery, k: int, explanation: Fitted) -> dict[str, Any]:

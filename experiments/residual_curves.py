@@ -52,7 +52,7 @@ def residual_curves(run: DiscoveryRecord) -> list[Curve]:
     """
     observed = observe(run.measurements, nominal_robot(run.robot, common_support(run.measurements.support)))
     sd = _spread(run, observed)
-    before, after = (_about_stances(side, observed.stance) for side in (run.before, run.after))
+    before, after = (about_stances(side, observed.stance) for side in (run.before, run.after))
     order = time_order(run)
     return [
         Curve(channel, name, unit, *(scale * side[order, j] for side in (before, after, sd)))
@@ -67,8 +67,7 @@ def time_order(run: DiscoveryRecord) -> np.ndarray:
 
 def _spread(run: DiscoveryRecord, observed: Observation) -> np.ndarray:
     """Compute the standard deviation of every residual by the noise that the discovery assumed, (m, 11)."""
-    stated = run.report.noise
-    noise = Noise(stated.encoder_sd, stated.cell_sd, np.array(stated.placement_sd), ())
+    noise = assumed_noise(run)
     white = whitening(observed, observed.nominal.value, noise)
     n = len(observed.tree.joints)
     levers = white.sensitivity[..., n + 8 : n + 14] * noise.plates
@@ -76,7 +75,14 @@ def _spread(run: DiscoveryRecord, observed: Observation) -> np.ndarray:
     return np.sqrt(np.where(residuals_in_use(observed), variance, np.nan))
 
 
-def _about_stances(residual: np.ndarray, stance: np.ndarray) -> np.ndarray:
+def assumed_noise(run: DiscoveryRecord) -> Noise:
+    """Return the noise that the discovery assumed."""
+    stated = run.report.noise
+    return Noise(stated.encoder_sd, stated.cell_sd, np.array(stated.placement_sd), ())
+
+
+def about_stances(residual: np.ndarray, stance: np.ndarray) -> np.ndarray:
+    """Return residuals in which the swing foot's x, y and yaw are about their mean in each stance."""
     out = residual.copy()
     for number in np.unique(stance):
         rows = np.flatnonzero(stance == number)

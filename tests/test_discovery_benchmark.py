@@ -215,7 +215,7 @@ def test_scores_of_what_is_left_out_outside_and_several():
     assert found["pairs: each in a set"].value == 1
     outside = {"arm": arms.OUTSIDE_ARM}
     found = by_name([made("unknown", "tilt", **outside), made("named", "tilt", **outside)])
-    assert found["unknown said, outside the catalogue"].value == 0.5
+    assert found["unknown or a law said, outside the catalogue"].value == 0.5
     assert found["wrong name, outside"].value == 0.5
 
 

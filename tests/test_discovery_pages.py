@@ -29,7 +29,7 @@ from tulip_testbed.viewer import window
 from tulip_testbed.viewer.discovery_view import discovery_text, log_discovery
 
 SEED = "104"
-ADOPTED = ("named", "calibrated")
+ADOPTED = ("named", "described", "calibrated")
 MOST_SECONDS, MOST_VIEW, MOST_PAGE = 20, 60e6, 12e6
 
 
@@ -119,11 +119,20 @@ def other(saved, verdict):
     if verdict == "unknown":
         report["left"] = [{"channel": "C", "pattern": "the foot's height", "p": 1e-9}]
         report["check"] = None
+    if verdict == "described":
+        numbers = [("error", "rad", 0.01), ("from", "rad", -0.2), ("to", "rad", 1.8)]
+        none = {"low95": None, "high95": None}
+        values = [{"name": name, "value": value, "unit": unit} | none for name, unit, value in numbers]
+        law = {"name": "law", "target": "encoder:right_knee/own-angle/linear", "parameters": values}
+        said = {"what": "encoder:right_knee", "of": "own-angle", "shape": "linear"}
+        also = said | {"of": "leg-load", "log_bayes_factor": 9.0}
+        words = {"sentence": "The right knee encoder errs.", "parameters": values, "also": [also]}
+        report |= {"effects": [law | {"log_bayes_factor": 10.0}], "laws": [said | words]}
     report = DiscoveryReport.model_validate(report)
     return dataclasses.replace(saved, report=report, rig=saved.rig if verdict in ADOPTED else {})
 
 
-@pytest.mark.parametrize("verdict", ["none", "calibrated", "named", "ambiguous", "unknown"])
+@pytest.mark.parametrize("verdict", ["none", "calibrated", "named", "described", "ambiguous", "unknown"])
 def test_every_verdict_has_its_page_and_its_view(saved, verdict, tmp_path):
     run = other(saved, verdict)
     page = discovery_page(run)
@@ -131,10 +140,12 @@ def test_every_verdict_has_its_page_and_its_view(saved, verdict, tmp_path):
     assert page.verdict == verdict
     assert ("Evidence" in titles) == (verdict not in ("none", "calibrated"))
     assert ("Ordinary imperfections" in titles) == (verdict != "none")
+    assert ("The law" in titles) == (verdict == "described")
     assert ("Next experiment" in titles) == (verdict == "ambiguous")
     assert ("The adopted rig" in titles) == (verdict in ADOPTED)
     names = {figure.name for section in page.sections for figure in section.figures}
     assert ("plane-after" in names) == (verdict != "none")
+    assert ("law-0" in names) == (verdict == "described")
     text = html(page)
     assert f'class="verdict {verdict}"' in text
     assert all(line in unescape(text) for line in run.report.story)

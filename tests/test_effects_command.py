@@ -61,7 +61,7 @@ def test_one_effect_is_explained(capsys):
         ("joint-compliance:right_knee=-1e-4", "compliance [rad/Nm]: found -0.0001, expected 0 or more"),
         ("", "unknown effect ''"),
         ("random=3", "--effect random=3: found a target or values, expected `random` alone"),
-        ("randm", "wrench-zero, random"),
+        ("randm", "wrench-zero, law, random"),
     ],
 )
 def test_what_is_wrong_is_named(text, message, tmp_path, capsys):

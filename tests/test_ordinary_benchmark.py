@@ -151,8 +151,8 @@ def test_scores_of_outcomes_made_by_hand():
     assert found["sizes from the prior: right first, of those that show"] == (pytest.approx(2 / 3), 3)
     assert found["clear: right first, isolable"] == (0.5, 2)
     assert found["two of one kind: both found, nothing else"] == (0.5, 2)
-    assert found["outside: `unknown`"] == (0.5, 2)
-    assert found["outside: `unknown`, of those that show"] == (1.0, 1)
+    assert found["outside: `unknown` or a law"] == (0.5, 2)
+    assert found["outside: `unknown` or a law, of those that show"] == (1.0, 1)
     assert found["scattering plates: false alarms"] == (0.0, 1)
     assert found["wrong and confident, all arms"] == (pytest.approx(3 / 14), 14)
     titles = [table.title for table in tables(outcomes, ORDINARY)]

@@ -207,8 +207,8 @@ def discover(
         tolerances: what is usual for the ordinary imperfections of this laboratory, as in `identify`.
 
     Returns:
-        the verdict "none", "calibrated", "named", "ambiguous" or "unknown"; what was adopted; the robot
-        identified before and after.
+        the verdict "none", "calibrated", "named", "described", "ambiguous" or "unknown"; what was adopted;
+        the robot identified before and after.
 
     Raises:
         InputError: measurements that do not fit the robot, in wrong units, or too few placements; an unknown

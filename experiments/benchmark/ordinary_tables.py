@@ -9,7 +9,15 @@ import numpy as np
 from tulip_testbed.experiments.benchmark.case_outcome import Outcome
 from tulip_testbed.experiments.benchmark.cases import OUTSIDE_ARM
 from tulip_testbed.experiments.benchmark.ordinary_cases import CLEAR, NOTHING, PRIOR, SCATTER, TWICE
-from tulip_testbed.experiments.benchmark.score import Figure, exactly, median, rate, right, wrong
+from tulip_testbed.experiments.benchmark.score import (
+    Figure,
+    exactly,
+    median,
+    open_said,
+    rate,
+    right,
+    wrong,
+)
 from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.table import Table
 
@@ -58,10 +66,10 @@ def ordinary_figures(outcomes: Sequence[Outcome]) -> list[Figure]:
         rate("clear: `named`, and exactly that", (o.verdict == "named" and exactly(o) for o in of(CLEAR))),
         rate("two of one kind: both found, nothing else", map(exactly, of(TWICE))),
         rate("intervals of the effects' sizes hold", (c for o in done for c in o.coverage), 0.9, 0.98),
-        rate("outside: `unknown`", (o.verdict == "unknown" for o in of(OUTSIDE_ARM)), least=0.9),
+        rate("outside: `unknown` or a law", map(open_said, of(OUTSIDE_ARM)), least=0.9),
         rate(
-            "outside: `unknown`, of those that show",
-            (o.verdict == "unknown" for o in of(OUTSIDE_ARM) if o.verdict not in ("none", "calibrated")),
+            "outside: `unknown` or a law, of those that show",
+            (open_said(o) for o in of(OUTSIDE_ARM) if o.verdict not in ("none", "calibrated")),
             least=0.9,
         ),
         rate("scattering plates: false alarms", (o.flagged for o in of(SCATTER)), most=0.02),
@@ -74,17 +82,17 @@ def ordinary_figures(outcomes: Sequence[Outcome]) -> list[Figure]:
 
 def shows(o: Outcome) -> bool:
     """Whether anything shows the effect: a name, a gap without one, or it is the clearest imperfection."""
-    return o.verdict in ("named", "ambiguous", "unknown") or right(o)
+    return o.verdict in ("named", "described", "ambiguous", "unknown") or right(o)
 
 
 def _trusted(o: Outcome) -> bool:
     """Whether the discovery says that the model is complete."""
-    return o.verdict in ("none", "calibrated", "named")
+    return o.verdict in ("none", "calibrated", "named", "described")
 
 
 def verdict_table(title: str, outcomes: Sequence[Outcome]) -> Table:
     """Return what was said, by arm and imperfections."""
-    said = ("none", "calibrated", "named", "ambiguous", "unknown")
+    said = ("none", "calibrated", "named", "described", "ambiguous", "unknown")
     columns = (
         Column("arm"),
         Column("imperfect"),

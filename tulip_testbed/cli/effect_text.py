@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from inspect import cleandoc
 from typing import Any
 
+from tulip_testbed.effects import laws
 from tulip_testbed.effects.catalogue import explanation
 from tulip_testbed.effects.effect import Effect
+from tulip_testbed.effects.laws import law_effect
+from tulip_testbed.effects.laws.grammar import VALID, quantities, shapes_of, whats
 from tulip_testbed.effects.targets import PLACEMENTS
 from tulip_testbed.sim.robot import Robot
+
+EXAMPLES = (
+    "encoder:right_knee/own-angle/sine",
+    "cells:left/plate-load/quadratic-gain",
+    "cell:left.rear_left/time/step",
+)
 
 
 def target_names(effect: Effect, robot: Robot) -> list[str]:
@@ -36,6 +46,38 @@ def effect_document(effect: Effect, robot: Robot) -> dict[str, Any]:
         "statics": effect.statics,
         "explanation": explanation(effect.name),
     }
+
+
+def law_document(robot: Robot) -> list[dict[str, Any]]:
+    """Return the grammar of laws as JSON: what errs, as a function of what, and the shapes."""
+    return [
+        {"what": what, "of": of, "shapes": list(shapes_of(what.partition(":")[0], of.partition(":")[0]))}
+        for what in whats(robot)
+        for of in quantities(robot, what)
+    ]
+
+
+def law_lines(robot: Robot) -> list[str]:
+    """Explain the grammar of laws in full."""
+    lines = [
+        "law: an effect composed of what errs, as a function of what, in which shape.",
+        "",
+        *cleandoc(laws.__doc__ or "").splitlines(),
+        "",
+        "--effect law:WHAT/OF/SHAPE=SIZE,...[,NUMBER OF THE SHAPE][,FROM,TO]",
+        "  For example:",
+    ]
+    lines += [f"    law:{text}={','.join(names)}" for text in EXAMPLES for names in [_placeholders(text)]]
+    lines += ["  FROM and TO are the ends of the range in which the law was learned, in SI units.", ""]
+    for kind, allowed in VALID.items():
+        places = [what.partition(":")[2] for what in whats(robot) if what.partition(":")[0] == kind]
+        lines.append(f"{kind}:NAME, one of {', '.join(places)}")
+        lines += [f"  {of}: {', '.join(shapes_of(kind, of))}" for of in allowed]
+    return lines
+
+
+def _placeholders(text: str) -> list[str]:
+    return [p.placeholder for p in law_effect(text).parameters]
 
 
 def effect_lines(effect: Effect, robot: Robot) -> list[str]:

@@ -11,6 +11,7 @@ import plotly.graph_objects as go
 
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL
 from tulip_testbed.experiments.discovery_tables import behind
+from tulip_testbed.experiments.law_curves import LawCurve
 from tulip_testbed.experiments.residual_curves import Curve
 from tulip_testbed.pages.figures import Figure, figure
 from tulip_testbed.sim.numbers import number
@@ -76,6 +77,39 @@ def curve_figure(k: int, curve: Curve, posture: np.ndarray, changed: bool) -> Fi
     text += " after." if changed else "."
     caption = f"{curve.channel}: {curve.name}"
     return replace(figure(f"residual-{k}", caption, text, drawn, 260), small=True)
+
+
+def law_figure(k: int, law: LawCurve) -> Figure:
+    """The curve of a law, with the error that the residuals of every posture show."""
+    drawn = go.Figure()
+    bars = {
+        "type": "data",
+        "array": np.round(law.sd, 5),
+        "thickness": 0.6,
+        "width": 0,
+        "color": _clear(AFTER),
+    }
+    drawn.add_scatter(
+        x=np.round(law.at, 4),
+        y=np.round(law.error, 5),
+        error_y=bars,
+        mode="markers",
+        name="by the residuals",
+        marker={"color": BEFORE, "size": 4},
+    )
+    drawn.add_scatter(
+        x=np.round(law.x, 4),
+        y=np.round(law.curve, 5),
+        mode="lines",
+        name="law",
+        line={"color": AFTER, "width": 3},
+    )
+    drawn.update_xaxes(title=law.x_unit)
+    drawn.update_yaxes(title=law.unit)
+    low, high = float(law.curve.min()), float(law.curve.max())
+    text = f"{law.title}: from {number(low, '.3g')} to {number(high, '.3g')} {law.unit}."
+    caption = "The law, and the error of the reading as the residuals of every posture show it (± 1 s.d.)."
+    return figure(f"law-{k}", caption, text, drawn, 320)
 
 
 def plane_figure(side: str, x: np.ndarray, y: np.ndarray, sd: float, reach: float) -> Figure:

@@ -24,6 +24,7 @@ from tulip_testbed.experiments.discovery_tables import (
     undetectable_table,
     weak_table,
 )
+from tulip_testbed.experiments.law_curves import law_curves
 from tulip_testbed.experiments.residual_curves import Curve, residual_curves, time_order
 from tulip_testbed.experiments.rig_folder import DIFF
 from tulip_testbed.experiments.settings_table import settings_table
@@ -45,6 +46,7 @@ def discovery_page(run: DiscoveryRecord) -> Page:
             (gap_table(content["gap"]),),
             (*_gap_figures(content["gap"]), *_planes(curves, changed)),
         ),
+        *_laws(run),
         *_evidence(content),
         *_ordinary(content),
         Section(
@@ -103,6 +105,20 @@ def _curves(run: DiscoveryRecord, curves: list[Curve], changed: bool) -> tuple[F
         for k, curve in enumerate(curves)
         if np.isfinite(curve.sd).any()
     )
+
+
+def _laws(run: DiscoveryRecord) -> tuple[Section, ...]:
+    """The laws that were adopted, each with its curve."""
+    if not run.report.laws:
+        return ()
+    words = [law.sentence for law in run.report.laws]
+    words += [
+        f"As good: {other.what} as a function of {other.of} ({other.shape})."
+        for law in run.report.laws
+        for other in law.also
+    ]
+    figures = tuple(drawn.law_figure(k, curve) for k, curve in enumerate(law_curves(run)))
+    return (Section("The law", tuple(words), figures=figures),)
 
 
 def _evidence(report: dict[str, Any]) -> tuple[Section, ...]:

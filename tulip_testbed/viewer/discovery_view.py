@@ -14,9 +14,11 @@ from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL, rgb
 from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
 from tulip_testbed.experiments.discovery_tables import CHANNEL_NAMES, behind, candidate_table, gap_table
+from tulip_testbed.experiments.law_curves import law_curves
 from tulip_testbed.experiments.residual_curves import Curve, residual_curves, time_order
 from tulip_testbed.pages.words import VERDICTS
 from tulip_testbed.viewer.balance_series import ABOVE_GROUND, factor_for, from_above, log_balance
+from tulip_testbed.viewer.law_view import law_view, log_law
 from tulip_testbed.viewer.layout import space_view
 from tulip_testbed.viewer.plates_view import log_plates, log_subject_loads
 from tulip_testbed.viewer.robot_view import log_geometry, log_motion
@@ -61,6 +63,9 @@ def log_discovery(recording: rr.RecordingStream, run: DiscoveryRecord) -> None:
         _log_plane(recording, side, index, values, curves)
     _log_channels(recording, curves, sides(run))
     _log_evidence(recording, run.report.plain()["candidates"])
+    laws = law_curves(run)
+    for k, law in enumerate(laws):
+        log_law(recording, k, law)
     recording.log(
         "text", rr.TextDocument(discovery_text(run, factor), media_type=rr.MediaType.MARKDOWN), static=True
     )
@@ -73,7 +78,9 @@ def log_discovery(recording: rr.RecordingStream, run: DiscoveryRecord) -> None:
         )
         for side in residual
     ]
-    recording.send_blueprint(laid_out(_views(run, space, reach)))
+    views = _views(run, space, reach)
+    seen = [law_view(k, law) for k, law in enumerate(laws)]
+    recording.send_blueprint(laid_out(replace(views, evidence=[*seen, *views.evidence])))
 
 
 def sides(run: DiscoveryRecord) -> tuple[str, ...]:
@@ -209,7 +216,7 @@ def laid_out(views: DiscoveryViews) -> rrb.Blueprint:
         rrb.Horizontal(
             rrb.Vertical(rrb.Horizontal(*views.space), rrb.Horizontal(*views.plane), row_shares=[1.3, 1]),
             rrb.Vertical(*views.channels),
-            rrb.Vertical(views.text, *views.evidence, row_shares=[3, 1][: 1 + len(views.evidence)]),
+            rrb.Vertical(views.text, *views.evidence, row_shares=[3, *[1] * len(views.evidence)]),
             column_shares=[1.7, 1, 1.1],
         ),
         rrb.TimePanel(timeline="posture", state="collapsed", fps=2.0),

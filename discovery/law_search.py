@@ -1,0 +1,274 @@
+"""Search laws where the catalogue ends in `unknown`: greedily, with exchange, by the evidence.
+
+Effects of the catalogue compete in the same search and win where they do as well. Laws are ranked by linear
+columns; the best of each pair of what errs and as a function of what are judged by self-calibration, and then
+the shapes of the best pair.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tulip_testbed.calibration.calibration_result import SelfCalibration
+from tulip_testbed.discovery.candidate_search import (
+    DECISIVE,
+    ORDINARY,
+    Judged,
+    Search,
+    at_estimate,
+    calibrated_data,
+    evidence_for,
+    first_calibration,
+)
+from tulip_testbed.discovery.candidates import Candidate, Fitted
+from tulip_testbed.discovery.joint_fit import joint_fit
+from tulip_testbed.discovery.law_candidates import is_law, law_candidates, ranked_laws, with_best_points
+from tulip_testbed.discovery.selection import Selection, is_decisive
+from tulip_testbed.discovery.unusual_members import with_unusual_members
+from tulip_testbed.effects.laws import LAW
+from tulip_testbed.identification.residual_noise import noise_of
+
+MOST_TERMS = 3
+PAIRS = 6  # of what errs and as a function of what, that are judged
+SHAPES = 4  # of the best pair
+EXCHANGES = 2  # rounds in which every term is sought anew
+NEAR, SHARE = 15.0, 0.6  # laws are judged above SHARE of the best ln Bayes factor by linear columns less NEAR
+
+
+@dataclass(frozen=True)
+class LawSearch:
+    """A search for laws.
+
+    Attributes:
+        tests: effective number of independent tests among the candidates of the catalogue.
+        known: what was judged before in addition to some terms, by their labels.
+    """
+
+    search: Search
+    laws: list[Candidate]
+    start: SelfCalibration
+    tests: float
+    known: dict[tuple[str, ...], list[Judged]] = field(default_factory=dict)
+
+
+def select_laws(search: Search, selection: Selection) -> tuple[Search, Selection] | None:
+    """Select laws and effects of the catalogue that explain an experiment together.
+
+    Args:
+        selection: of effects of the catalogue alone.
+
+    Returns:
+        the search with the laws that were found and their neighbours among its candidates, and the selection;
+        None: no law is decisive.
+    """
+    start = first_calibration(search)
+    laws = law_candidates(calibrated_data(search.observed, start).observed)
+    every = LawSearch(search, laws, start, selection.tests * (1 + len(laws) / len(search.candidates)))
+    found, complete = _forward(every, selection)
+    if found is None:
+        return None
+    near = _alternatives(every, found)
+    for _ in range(EXCHANGES):
+        better = _exchanged(every, found, near)
+        if better is None:
+            break
+        found = better
+        near = _alternatives(every, found)
+    if not any(is_law(term.candidate) for term in found.terms):
+        return None
+    calibration = search.calibrated(found)
+    calibration, terms = with_unusual_members(search, calibration, at_estimate(found.terms, calibration))
+    known = {one.label: one for several in near for one in several if is_law(one.candidate)}
+    known |= {one.label: one for one in terms if is_law(one.candidate)}
+    fit = joint_fit(calibrated_data(search.observed, calibration), terms)
+    labels = [term.label for term in found.terms]
+    alternatives = tuple(
+        near[labels.index(term.label)]
+        if term.label in labels
+        else (replace(term, log_bayes_factor=np.inf),)  # a member of its family that is unusual
+        for term in terms
+    )
+    wider = replace(search, candidates=[*search.candidates, *(one.candidate for one in known.values())])
+    return wider, replace(
+        selection, calibration=calibration, complete=complete, fit=fit, alternatives=alternatives
+    )
+
+
+def _forward(every: LawSearch, selection: Selection) -> tuple[Judged | None, bool]:
+    """Add the best law or effect while it is decisive.
+
+    Returns:
+        what was found, None: nothing; and whether nothing more is decisive.
+    """
+    search, found = every.search, None
+    terms: tuple[Fitted, ...] = ()
+    calibration = every.start
+    while len(terms) < MOST_TERMS:
+        before = evidence_for(calibration, terms, search.observed)
+        if terms and (plain := search.tried(terms, every.start)) is not None:
+            before = plain.evidence
+        tried = _judged_in_addition(every, terms, calibration, None if terms else selection)
+        good = [one for one in tried if is_decisive(one, before, every.tests)]
+        best = _preferred(good)
+        if best is None:
+            return found, True
+        found = _without_idle(every, best)
+        calibration = search.calibrated(found)
+        terms = at_estimate(found.terms, calibration)
+    return found, not any(
+        is_decisive(one, found.evidence if found else 0.0, every.tests)
+        for one in _judged_in_addition(every, terms, calibration, None)
+    )
+
+
+def _judged_in_addition(
+    every: LawSearch, terms: tuple[Fitted, ...], calibration: SelfCalibration, selection: Selection | None
+) -> list[Judged]:
+    """Judge the most promising laws and effects in addition to some terms.
+
+    Args:
+        calibration: with the terms.
+        selection: a large effect distorts the members so far that it hides among them; with the catalogue's
+            selection, laws are also sought as if everything were exact. None: they are not.
+    """
+    search, key = every.search, tuple(sorted(term.label for term in terms))
+    if key in every.known:
+        return every.known[key]
+    near = [(one, False) for one in _near(every, calibration, terms)]
+    near += [(one, False) for one in search.best(calibration, terms)]
+    if selection is not None:
+        near += [(one, True) for one in _pairs(ranked_laws(selection.null.linear, every.laws))[: PAIRS // 2]]
+        near += [(one, True) for one in search.shortest(selection.null)]
+    tried = [search.tried((*terms, one), every.start, afresh) for one, afresh in near]
+    out = [one for one in tried if one is not None and one.possible]
+    laws = [one for one in out if is_law(one.terms[-1].candidate)]
+    best = max(laws, key=lambda one: (one.steady, one.evidence), default=None)
+    every.known[key] = out if best is None else out + _other_shapes(every, terms, calibration, best)
+    return every.known[key]
+
+
+def _near(every: LawSearch, calibration: SelfCalibration, terms: tuple[Fitted, ...]) -> list[Fitted]:
+    """List the most promising laws in addition to some terms, one of each pair.
+
+    They are sought with the spreads and the noise as estimated, and with none larger than usual.
+    """
+    out: dict[str, Fitted] = {}
+    for linear in _models(every, calibration, terms):
+        for one in _pairs(ranked_laws(linear, _others(every, terms)))[:PAIRS]:
+            out.setdefault(_pair(one), one)
+    return list(out.values())
+
+
+def _models(every: LawSearch, calibration: SelfCalibration, terms: tuple[Fitted, ...]):
+    data = calibrated_data(every.search.observed, calibration)
+    stated, found = noise_of(every.search.observed), calibration.noise
+    usual = replace(
+        found,
+        encoder=min(stated.encoder, found.encoder),
+        cell=min(stated.cell, found.cell),
+        plates=np.minimum(stated.plates, found.plates),
+    )
+    for one in (data, replace(data, noise=usual, background=calibration.background(ORDINARY))):
+        yield joint_fit(one, terms).partialled_out
+
+
+def _others(every: LawSearch, terms: tuple[Fitted, ...]) -> list[Candidate]:
+    pairs = {_pair(term) for term in terms}
+    return [law for law in every.laws if law.target.rpartition("/")[0] not in pairs]
+
+
+def _pair(one: Fitted) -> str:
+    """Return what errs and as a function of what."""
+    return one.candidate.target.rpartition("/")[0] if is_law(one.candidate) else one.label
+
+
+def _pairs(ranked: list[Fitted]) -> list[Fitted]:
+    """List the best law of each pair of what errs and as a function of what, of those that are close."""
+    if not ranked or not ranked[0].detectable:
+        return []
+    least = max(SHARE * ranked[0].log_bayes_factor - NEAR, 0.0)
+    out: dict[str, Fitted] = {}
+    for one in ranked:
+        if one.log_bayes_factor > least:
+            out.setdefault(_pair(one), with_best_points(one))
+    return list(out.values())
+
+
+def _other_shapes(
+    every: LawSearch, terms: tuple[Fitted, ...], calibration: SelfCalibration, best: Judged
+) -> list[Judged]:
+    """Judge the other shapes of a law."""
+    law = best.terms[-1]
+    alike = [one for one in every.laws if one.target.rpartition("/")[0] == _pair(law) != one.label]
+    alike = [one for one in alike if one.label != law.label]
+    linear = next(iter(_models(every, calibration, terms)))
+    near = [with_best_points(one) for one in ranked_laws(linear, alike)[:SHAPES] if one.detectable]
+    tried = [every.search.tried((*terms, one), every.start) for one in near]
+    return [one for one in tried if one is not None and one.possible]
+
+
+def _preferred(tried: list[Judged]) -> Judged | None:
+    """Return the best; an effect of the catalogue that does as well as a law is preferred."""
+    best = max(tried, key=lambda one: (one.steady, one.evidence), default=None)
+    if best is None or not is_law(best.terms[-1].candidate):
+        return best
+    listed = [
+        one
+        for one in tried
+        if not is_law(one.terms[-1].candidate) and one.evidence > best.evidence - DECISIVE and one.steady
+    ]
+    return max(listed, key=lambda one: one.evidence, default=best)
+
+
+def _without_idle(every: LawSearch, found: Judged) -> Judged:
+    """Eliminate terms that are not decisive in addition to the newest."""
+    while len(found.terms) > 1:
+        newest, terms = len(found.terms) - 1, found.terms
+        fewer = [every.search.tried(terms[:k] + terms[k + 1 :], every.start) for k in range(newest)]
+        sure = [one for one in fewer if one is not None and (one.steady or not found.steady)]
+        best = max(sure, key=lambda one: one.evidence, default=None)
+        if best is None or found.evidence - best.evidence >= DECISIVE:
+            break
+        found = best
+    return found
+
+
+def _alternatives(every: LawSearch, found: Judged) -> tuple[tuple[Fitted, ...], ...]:
+    """Judge what else would explain what each term explains, with the other terms kept; the best first."""
+    out = []
+    for k, term in enumerate(found.terms):
+        others = found.terms[:k] + found.terms[k + 1 :]
+        plain = every.search.tried(others, every.start)
+        before = evidence_for(every.start, (), every.search.observed) if plain is None else plain.evidence
+        calibration = every.start if plain is None else plain.calibration
+        judged = _judged_in_addition(every, others, calibration, None)
+        best: dict[str, Fitted] = {_pair(term): replace(term, log_bayes_factor=found.evidence - before)}
+        for one in sorted(judged, key=lambda one: -one.evidence):
+            if one.steady:
+                last = replace(one.terms[-1], log_bayes_factor=one.evidence - before)
+                if _pair(last) not in best or best[_pair(last)].log_bayes_factor < last.log_bayes_factor:
+                    best[_pair(last)] = last
+        out.append(tuple(sorted(best.values(), key=lambda one: -one.log_bayes_factor)))
+    return tuple(out)
+
+
+def _exchanged(every: LawSearch, found: Judged, near: tuple[tuple[Fitted, ...], ...]) -> Judged | None:
+    """Exchange a term for something that explains more, or for an effect of the catalogue that does as well.
+
+    Returns:
+        None: no exchange is better.
+    """
+    for k, several in enumerate(near):
+        own = next((one for one in several if one.label == found.terms[k].label), None)
+        best = several[0]
+        listed = [one for one in several if one.candidate.effect.name != LAW]
+        if listed and listed[0].log_bayes_factor > best.log_bayes_factor - DECISIVE:
+            best = listed[0]
+        if own is None or best.label != own.label:
+            terms = (*found.terms[:k], best, *found.terms[k + 1 :])
+            again = every.search.tried(terms, every.start)
+            if again is not None and again.possible:
+                return again
+    return None

@@ -1,0 +1,122 @@
+"""Make the effect that a law says, and tell it in one sentence."""
+
+from __future__ import annotations
+
+import copyreg
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
+from tulip_testbed.effects.laws import force
+from tulip_testbed.effects.laws import grammar as g
+from tulip_testbed.effects.laws.grammar import LAW, Sentence, says, sentence_of
+from tulip_testbed.effects.laws.law_sentence import told
+from tulip_testbed.effects.laws.misread import (
+    POSE,
+    LawMisreading,
+    all_size_names,
+    split_values,
+)
+from tulip_testbed.effects.laws.shapes import fixed_names, range_names, size_names
+from tulip_testbed.effects.targets import Targets
+from tulip_testbed.sim.robot import Robot
+
+OF_ENCODERS, OF_CELLS, OF_GAINS, OF_PLACES, OF_YAW, OF_FORCES = np.radians(0.5), 1.0, 0.02, 3e-3, 0.01, 2.0
+# Units of quantities; a time is a fraction of the experiment's.
+UNITS = {
+    g.OWN_ANGLE: "rad",
+    g.ANGLE: "rad",
+    g.OWN_TORQUE: "Nm",
+    g.TORQUE: "Nm",
+    g.LEG_LOAD: "N",
+    g.PLATE_LOAD: "N",
+    g.COP: "m",
+    g.TIME: "of the time",
+    g.LOADED: "s",
+}
+
+
+@dataclass(frozen=True, repr=False)
+class Law(Effect):
+    """An effect that the grammar makes.
+
+    Attributes:
+        target: the only one that it has.
+    """
+
+    target: str = ""
+
+    def refusal(self, values: Values) -> str:
+        """Say why the range in which the law was learned is none, "" if it is one."""
+        _, _, ends = split_values(sentence_of(self.target), values)
+        low, high = ends[0::2], ends[1::2]
+        return "" if (low < high).all() else "found a range that does not grow, expected FROM < TO"
+
+    def told(self, target: str, values: Values, intervals: tuple[tuple[float, float] | None, ...]) -> str:
+        """Tell the law with its sizes in one sentence, and what is a guess in it."""
+        return told(sentence_of(target), self.parameters, values, intervals)
+
+
+def law_effect(target: str, where: str = LAW) -> Effect:
+    """Return the effect that a law of this target says.
+
+    Raises:
+        InputError: a sentence that makes no sense, with those that do.
+    """
+    sentence_of(target, where)
+    return _law_effect(target)
+
+
+@cache
+def _law_effect(target: str) -> Effect:
+    sentence = sentence_of(target)
+
+    def of(robot: Robot, placements: tuple[int, ...]) -> tuple[str, ...]:
+        return (target,) if says(robot, sentence) else ()
+
+    misreads = sentence.kind != g.FORCE
+    return Law(
+        name=LAW,
+        sentence=f"A law composed of what errs, as a function of what, in which shape: {target}.",
+        parameters=_parameters(sentence),
+        mechanism=LawMisreading() if misreads else Physics(force.inject, force.predict),
+        words="",
+        targets=Targets("WHAT/OF/SHAPE", of),
+        instrument={g.CELL: "cells", g.CELLS_OF: "cells", g.PLATE: "plates"}.get(sentence.kind, ""),
+        target=target,
+    )
+
+
+copyreg.pickle(Law, lambda law: (law_effect, (law.target,)))
+
+
+def _parameters(sentence: Sentence) -> tuple[Parameter, ...]:
+    if sentence.kind == g.FORCE:
+        sizes = tuple(Parameter(axis, "N", prior=OF_FORCES) for axis in force.AXES)
+    elif sentence.kind == g.PLATE:
+        each = len(size_names(sentence))
+        names = all_size_names(sentence)
+        sizes = tuple(
+            Parameter(name, "rad" if k // each == 2 else "m", prior=OF_YAW if k // each == 2 else OF_PLACES)
+            for k, name in enumerate(names)
+        )
+        assert len(sizes) == each * len(POSE)
+    else:
+        unit, prior = _of_reading(sentence)
+        sizes = tuple(Parameter(name, unit, prior=prior) for name in size_names(sentence))
+    unit = UNITS.get(sentence.quantity, "")
+    fixed = tuple(
+        Parameter(name, "" if name == "periods" else unit, fixed=True) for name in fixed_names(sentence)
+    )
+    return sizes + fixed + tuple(Parameter(name, unit, fixed=True) for name in range_names(sentence))
+
+
+def _of_reading(sentence: Sentence) -> tuple[str, float]:
+    """Return the unit and the plausible size of the error of a reading."""
+    if sentence.kind in (g.ENCODER, g.ENCODERS):
+        return ("", 0.05) if sentence.form == g.RELAXATION else ("rad", OF_ENCODERS)
+    if sentence.scales or sentence.form == g.RELAXATION:
+        return "", OF_GAINS
+    return "N", OF_CELLS

@@ -1,0 +1,115 @@
+"""How a law misreads encoders, cells or the survey of a plate, and how that is undone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tulip_testbed.effects.effect import OnReadings, Values
+from tulip_testbed.effects.injection import misreading
+from tulip_testbed.effects.laws import grammar as g
+from tulip_testbed.effects.laws.grammar import Sentence, sentence_of
+from tulip_testbed.effects.laws.quantities import quantity, readings
+from tulip_testbed.effects.laws.shapes import basis, fixed_names, range_names, size_names
+from tulip_testbed.identification.base_parameters import common_support
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import Observation, observe
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import PLATES, Robot
+
+POSE = ("x", "y", "yaw")
+ROUNDS = 20  # of the inversion, where the error depends on the true reading
+AT_REST = 1e-10  # rad, N or m
+
+
+@dataclass(frozen=True)
+class LawMisreading(OnReadings):
+    """A misreading whose error is a function of an observation."""
+
+    def inject(self, rig: Rig, target: str, values: Values) -> Rig:
+        """Return the laboratory with the faulty instruments."""
+        return misreading(rig, lambda m: misread(m, rig.robot, target, values))
+
+    def predict(self, observed: Observation, target: str, values: Values) -> Observation:
+        """Return the observation with the readings corrected."""
+        return undo(observed, target, values)
+
+
+def misread(m: Measurements, robot: Robot, target: str, values: Values) -> Measurements:
+    """Return the measurements that the faulty instruments give."""
+    sentence = sentence_of(target)
+    observed = observe(m, nominal_robot(robot, common_support(m.support)))
+    wrong = error(observed, sentence, values)
+    if sentence.kind in (g.ENCODER, g.ENCODERS):
+        return replace(m, joint_angles=m.joint_angles + wrong)
+    if sentence.kind == g.PLATE:
+        return replace(m, plate_poses=m.plate_poses + wrong)
+    return replace(m, cell_forces=m.cell_forces + wrong)
+
+
+def undo(observed: Observation, target: str, values: Values) -> Observation:
+    """Return the observation with the readings corrected."""
+    sentence = sentence_of(target)
+    name = _field(sentence)
+    read, true = getattr(observed, name), observed
+    before: np.ndarray | None = None
+    for _ in range(ROUNDS):
+        wrong = error(true, sentence, values)
+        if before is not None and np.abs(wrong - before).max(initial=0.0) < AT_REST:
+            break
+        true, before = observed.changed(**{name: read - wrong}), wrong
+        if not _of_itself(sentence):
+            break
+    return true
+
+
+def error(observed: Observation, sentence: Sentence, values: Values) -> np.ndarray:
+    """Compute reading minus truth, in the shape of the readings: joint angles, cells or plate poses.
+
+    Args:
+        observed: with true readings.
+    """
+    sizes, fixed, ends = split_values(sentence, values)
+    out = np.zeros_like(getattr(observed, _field(sentence)))
+    for at in readings(observed, sentence):
+        functions = basis(sentence, quantity(observed, sentence, at), fixed, ends)
+        if sentence.kind == g.PLATE:
+            out[:, PLATES.index(sentence.place)] = functions @ sizes.reshape(len(POSE), -1).T
+        elif sentence.scales:
+            out[:, at] = functions @ sizes * observed.cell_forces[:, at]
+        else:
+            out[:, at] = functions @ sizes
+    return out
+
+
+def split_values(sentence: Sentence, values: Values) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Split the values of a law into sizes, fixed numbers of the shape, and ends of the range."""
+    fixed, ends = len(fixed_names(sentence)), len(range_names(sentence))
+    count = len(values) - fixed - ends
+    each = np.array(values, float)
+    return each[:count], each[count : count + fixed], each[count + fixed :]
+
+
+def all_size_names(sentence: Sentence) -> tuple[str, ...]:
+    """Name all sizes of a law; that of a plate has those of its shape for x, y and yaw each."""
+    names = size_names(sentence)
+    if sentence.kind != g.PLATE:
+        return names
+    return tuple(f"{axis}, {name}" if len(names) > 1 else axis for axis in POSE for name in names)
+
+
+def _field(sentence: Sentence) -> str:
+    if sentence.kind in (g.ENCODER, g.ENCODERS):
+        return "joint_angles"
+    return "plate_poses" if sentence.kind == g.PLATE else "cell_forces"
+
+
+def _of_itself(sentence: Sentence) -> bool:
+    """Whether the error depends on the readings that err, so that it takes several rounds to undo."""
+    if sentence.kind in (g.ENCODER, g.ENCODERS):
+        return sentence.quantity in (g.OWN_ANGLE, g.OWN_TORQUE, g.TORQUE, g.BEFORE, g.DIRECTION)
+    return sentence.kind != g.PLATE and (
+        sentence.scales or sentence.quantity in (g.PLATE_LOAD, g.COP, g.BEFORE, g.DIRECTION)
+    )

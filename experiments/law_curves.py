@@ -1,0 +1,101 @@
+"""The curves of the laws that a discovery adopted, with the residuals of every posture on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tulip_testbed.effects.instance import EffectDocument, EffectInstance
+from tulip_testbed.effects.laws import LAW, sentence_of
+from tulip_testbed.effects.laws import grammar as g
+from tulip_testbed.effects.laws.law_effect import UNITS
+from tulip_testbed.effects.laws.law_sentence import FINE, TURN, as_what, what_errs
+from tulip_testbed.effects.laws.misread import split_values
+from tulip_testbed.effects.laws.quantities import quantity, readings
+from tulip_testbed.effects.laws.shapes import basis
+from tulip_testbed.experiments.discovery_record import DiscoveryRecord
+from tulip_testbed.experiments.residual_curves import about_stances, assumed_noise
+from tulip_testbed.identification.base_parameters import common_support
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.residual_channels import fields, residuals_in_use
+from tulip_testbed.identification.residual_noise import whitening
+
+POINTS = 200
+DRAWN = (g.ENCODER, g.ENCODERS, g.CELL, g.CELLS_OF)  # what errs by one number a reading
+LEAST_INFORMATION = 1e-12
+
+
+@dataclass(frozen=True)
+class LawCurve:
+    """A law as a curve, in the units in which it is shown.
+
+    Attributes:
+        title: what errs and with what. x_unit, unit: of the quantity and of the error.
+        x, curve: of the law, (n,).
+        at, error, sd: quantity, error of the reading as the residuals show it, and its s.d., one a posture
+            and reading, (k,).
+    """
+
+    title: str
+    x_unit: str
+    unit: str
+    x: np.ndarray
+    curve: np.ndarray
+    at: np.ndarray
+    error: np.ndarray
+    sd: np.ndarray
+
+
+def law_curves(run: DiscoveryRecord) -> list[LawCurve]:
+    """Compute the curves of the adopted laws of one quantity.
+
+    The error of a reading is the law's, and what is left of the posture's residuals along the reading's
+    sensitivity, weighed by the noise of the other readings alone.
+    """
+    found = [one for one in run.report.effects if one.name == LAW]
+    return [curve for one in found if (curve := _curve(run, one)) is not None]
+
+
+def _curve(run: DiscoveryRecord, document: EffectDocument) -> LawCurve | None:
+    law = EffectInstance.from_document(document, run.robot, "effects")
+    sentence = sentence_of(law.target)
+    if sentence.kind not in DRAWN or sentence.quantity in (g.NOTHING, g.COP):
+        return None
+    observed = observe(run.measurements, nominal_robot(run.robot, common_support(run.measurements.support)))
+    sizes, fixed, ends = split_values(sentence, law.values)
+    white = whitening(observed, observed.nominal.value, assumed_noise(run))
+    used = residuals_in_use(observed)
+    left = np.where(used, about_stances(run.after, observed.stance), 0.0)
+    weight = np.where(used, 1 / np.maximum(np.diagonal(white.own, axis1=1, axis2=2), 1e-300), 0.0)
+    first = fields(observed)["angles" if sentence.kind in (g.ENCODER, g.ENCODERS) else "cells"].start
+    at, error, sd = [], [], []
+    for reading in readings(observed, sentence):
+        x = quantity(observed, sentence, reading)
+        slope = white.sensitivity[:, :, first + reading]
+        scale = observed.cell_forces[:, reading] if sentence.scales else np.ones(len(observed))
+        information = (weight * slope**2).sum(axis=1) * scale**2
+        there = information > LEAST_INFORMATION * max(float(information.max()), 1e-300)
+        rest = (weight * slope * left).sum(axis=1) * scale / np.where(there, information, np.inf)
+        law_there = basis(sentence, x, fixed, ends) @ sizes
+        at.append(x[there, 0])
+        error.append((law_there + rest)[there])
+        sd.append(1 / np.sqrt(information[there]))
+    every = np.concatenate(at)
+    low, high = (ends[0], ends[1]) if len(ends) else (every.min(), every.max())
+    x = np.linspace(low, high, POINTS)
+    unit = "" if sentence.scales else law.effect.parameters[0].unit
+    factor, shown = FINE.get(unit, (1.0, unit))
+    quantity_unit = UNITS.get(sentence.quantity, "")
+    turn, x_unit = (TURN, "deg") if quantity_unit == "rad" else (1.0, quantity_unit)
+    return LawCurve(
+        title=f"{what_errs(sentence)} {as_what(sentence)}",
+        x_unit=x_unit,
+        unit=shown,
+        x=turn * x,
+        curve=factor * (basis(sentence, x[:, None], fixed, ends) @ sizes),
+        at=turn * every,
+        error=factor * np.concatenate(error),
+        sd=factor * np.concatenate(sd),
+    )

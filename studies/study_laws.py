@@ -1,0 +1,335 @@
+"""Laws for faults that nobody listed (docs/laws.md; half a minute a case).
+
+Every laboratory has a random robot, and half of them ordinary imperfections. Outside faults are drawn at a
+multiple of the smallest size that such a laboratory shows. The right answers, what errs and as a function of
+what, are in studies/law_answers.py, or a fault carries its own as `answers`. `report` runs another list of
+`Outside` once.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from studies.law_answers import ANSWERS, Answers, is_right
+from studies.runner import Settings, header, row, shipped_plan
+from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
+from tulip_testbed.calibration.self_calibration import self_calibrate
+from tulip_testbed.discovery.candidate_search import calibrated_data
+from tulip_testbed.discovery.candidates import Fitted, candidates
+from tulip_testbed.discovery.columns import candidate_columns
+from tulip_testbed.discovery.detectability import noncentrality, single_level
+from tulip_testbed.discovery.discover import ADOPTED, CALIBRATED, DESCRIBED, NAMED, Discovery, discover
+from tulip_testbed.discovery.evidence import effective_tests
+from tulip_testbed.discovery.law_candidates import is_law
+from tulip_testbed.discovery.refit import simulated, without_noise
+from tulip_testbed.discovery.selection import LEVEL
+from tulip_testbed.effects.injection import edited
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.instruments import effects_on
+from tulip_testbed.effects.laws.grammar import Sentence
+from tulip_testbed.effects.true_robot import true_base_parameters
+from tulip_testbed.experiments.benchmark.ordinary_run import LEAST_STANDING, _clear
+from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE, Outside
+from tulip_testbed.experiments.benchmark.score import Figure, median, rate
+from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.residual_channels import residuals
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.random_robots import draw_robot, edit_of
+from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.robot import Robot, load_robot
+from tulip_testbed.sim.threads import one_blas_thread
+
+SETTINGS = Settings(seed=7000, only=("force-plate", "wii"))
+OUTSIDE_ARM, CATALOGUE, NOTHING = "outside", "catalogue", "nothing"
+FULL = {OUTSIDE_ARM: 5, CATALOGUE: 60, NOTHING: 60}  # cases of a fault, of the other arms
+ROBOTS = (0.05, 0.2)  # spread of masses and centres of mass
+MULTIPLES = (4.0, 16.0)  # of the minimum detectable size
+TRIAL = 0.1  # of a fault's typical amplitude, to measure what it shows
+MOST_TRIES = 10
+BIASED = 1.0  # standard error: a bias that ought to be removed
+
+
+@dataclass(frozen=True)
+class Case:
+    """One laboratory and what discovery said of it.
+
+    Attributes:
+        arm: "outside", "catalogue" or "nothing". name: of the fault or the effect that is hidden.
+        size: of the fault [its unit]. multiple: of the minimum detectable size.
+        answers: that are right. failed: why there is no case, or "".
+        verdict: of the discovery. adopted: effects and laws.
+        first: (what, of) of the laws, in order. also: of those that do as well.
+        before, after, floor: r.m.s. of held-out residuals over their noise. closed: whether every channel is
+            within chance.
+        bias: r.m.s. over the base parameters in standard errors before and after; None: below `BIASED`.
+        cpu_s: of the discovery.
+    """
+
+    arm: str
+    name: str
+    preset: str
+    run: int
+    size: float = 0.0
+    multiple: float = 0.0
+    answers: Answers = ()
+    failed: str = ""
+    verdict: str = ""
+    adopted: tuple[str, ...] = ()
+    first: tuple[tuple[str, str], ...] = ()
+    also: tuple[tuple[str, str], ...] = ()
+    before: float = np.nan
+    after: float = np.nan
+    floor: float = np.nan
+    closed: bool = False
+    bias: tuple[float, float] | None = None
+    cpu_s: float = 0.0
+
+    @property
+    def right_first(self) -> bool:
+        """Whether the first law's what and of are right."""
+        return self.verdict == DESCRIBED and is_right(self.first[0], self.answers)
+
+    @property
+    def in_set(self) -> bool:
+        """Whether a law or one that does as well is right."""
+        told = (*self.first, *self.also)
+        return self.verdict == DESCRIBED and any(is_right(one, self.answers) for one in told)
+
+    @property
+    def wrong(self) -> bool:
+        """Whether a cause is told alone, and it is wrong."""
+        return (self.verdict == NAMED) or (self.verdict == DESCRIBED and not self.in_set)
+
+
+def study(settings: Settings) -> Iterator[str]:
+    """Yield the figures of the development faults at each preset."""
+    yield from report(OUTSIDE, settings)
+
+
+def report(faults: Sequence[Outside], settings: Settings) -> Iterator[str]:
+    """Run all arms and yield the table and the misses.
+
+    Args:
+        faults: that the catalogue does not hold; each with its right answers in `ANSWERS` or as `answers`.
+    """
+    for number, preset in enumerate(SETTINGS.only):
+        if preset not in settings.only:
+            continue
+        seed = settings.seed + number
+        kinds = [effect.name for effect in effects_on(None, statics=True)]
+        rng = np.random.default_rng(seed)
+        order = rng.permutation(len(kinds)).tolist()
+        calls: list[tuple[Any, ...]] = [
+            (OUTSIDE_ARM, fault, preset, seed, k * len(faults) + j)
+            for k in range(settings.count(FULL[OUTSIDE_ARM]))
+            for j, fault in enumerate(faults)
+        ]
+        calls += [
+            (CATALOGUE, kinds[order[k % len(kinds)]], preset, seed, 10_000 + k)
+            for k in range(settings.count(FULL[CATALOGUE]))
+        ]
+        calls += [(NOTHING, "", preset, seed, 20_000 + k) for k in range(settings.count(FULL[NOTHING]))]
+        cases = settings.parallel(preset, carry_out, calls)
+        yield f"\n**{preset}**, {len(cases)} cases, {sum(bool(c.failed) for c in cases)} without data\n"
+        yield header("figure", "value", "95 % interval", "of", "must reach")
+        for figure in figures(cases):
+            yield _row(figure)
+        yield "\nCases:\n"
+        for case in cases:
+            yield f"- {describe(case)}"
+        path = settings.folder("laws") / f"{preset}.json"
+        path.write_text(json.dumps([asdict(case) for case in cases]), encoding="utf-8")
+
+
+def figures(cases: Sequence[Case]) -> list[Figure]:
+    """Compute all figures with exact intervals (Clopper and Pearson 1934)."""
+    known = [case for case in cases if not case.failed]
+    outside = [case for case in known if case.arm == OUTSIDE_ARM]
+    catalogue = [case for case in known if case.arm == CATALOGUE]
+    ordinary = [case for case in known if case.arm == NOTHING]
+    biased = [1 - case.bias[1] / case.bias[0] for case in outside if case.bias is not None]
+    return [
+        rate("outside: gap closed to its chance level", (c.closed for c in outside), least=0.8),
+        rate("outside: what and of, right first", (c.right_first for c in outside), least=0.75),
+        rate("outside: right, in the set", (c.in_set for c in outside), least=0.9),
+        median("outside: bias of the base parameters removed", biased, least=0.7),
+        rate("outside: described", (c.verdict == DESCRIBED for c in outside)),
+        rate("outside: confidently wrong", (c.wrong for c in outside), most=0.05),
+        rate("catalogue is true: described", (c.verdict == DESCRIBED for c in catalogue), most=0.03),
+        rate("ordinary: described or named", (c.verdict in ADOPTED for c in ordinary), most=0.03),
+        median("CPU of a discovery [s], outside", (c.cpu_s for c in outside)),
+    ]
+
+
+def _row(figure: Figure) -> str:
+    need = f">= {figure.least:g}" if figure.least is not None else ""
+    need = f"<= {figure.most:g}" if figure.most is not None else need
+    interval = f"{figure.low:.2f} to {figure.high:.2f}"
+    return row(figure.name, f"{figure.value:.2f}", interval, figure.count, need)
+
+
+def describe(case: Case) -> str:
+    """Tell a case in one line."""
+    if case.failed:
+        return f"{case.arm} {case.name}: {case.failed}"
+    mark = {True: "right", False: "in set"}[case.right_first] if case.in_set else "-"
+    bias = "" if case.bias is None else f", bias {case.bias[0]:.1f} -> {case.bias[1]:.1f} s.e."
+    return (
+        f"{case.arm} {case.name}={case.size:.2g} ({case.multiple:.0f} MDE, {case.answers[:1]}): "
+        f"{case.verdict}, {mark}; {list(case.adopted)}, also {list(case.also)}; held-out {case.before:.2f} "
+        f"-> {case.after:.2f} (chance {case.floor:.2f}, closed: {case.closed}){bias}; {case.cpu_s:.0f} s"
+    )
+
+
+@one_blas_thread
+def carry_out(arm: str, hidden: Outside | str, preset: str, seed: int, run: int) -> Case:
+    """Draw a laboratory, measure, discover, compare with the truth."""
+
+    drawing, laboratory = np.random.SeedSequence(seed, spawn_key=(9, run)).spawn(2)
+    rng = np.random.default_rng(drawing)
+    name = hidden.name if isinstance(hidden, Outside) else hidden
+    known = Case(arm, name, preset, run)
+    robot = load_robot()
+    plan, why = shipped_plan(robot), ""
+    for stream in laboratory.generate_state(MOST_TRIES).tolist():
+        try:
+            with_fault, plain, known = _drawn(known, hidden, robot, plan, stream, rng)
+            measured = with_fault.run(plan, stream, "statics", workers=1).measurements
+            if len(np.unique(measured.posture)) < LEAST_STANDING * len(plan):
+                raise InputError(f"only {len(measured)} of {len(plan)} postures stand")
+        except InputError as error:  # the robot falls, or the fault cannot be built
+            why = str(error)
+            continue
+        break
+    else:
+        return replace(known, failed=why)
+    began = time.process_time()
+    found = discover(measured, robot, seed)
+    known = replace(known, cpu_s=time.process_time() - began)
+    known = _said(known, found)
+    if arm != OUTSIDE_ARM:
+        return known
+    return replace(known, bias=_bias(found, with_fault.rig, plain.rig, robot, plan))
+
+
+def _drawn(
+    known: Case, hidden: Outside | str, robot: Robot, plan: PosturePlan, stream: int, rng: np.random.Generator
+) -> tuple[Laboratory, Laboratory, Case]:
+    """Draw a laboratory with and without what is hidden."""
+    rig = preset_rig(known.preset, robot)
+    rig = edited(rig, edit_of(robot.model, draw_robot(robot.model, float(rng.uniform(*ROBOTS)), rng)))
+    imperfect = known.arm == NOTHING or known.run % 2 == 0
+    members = ordinary_members(rig, rng) if imperfect else ()
+    plain = Laboratory(robot, known.preset, hidden=members, nominal=rig)
+    if known.arm == NOTHING:
+        return plain, plain, known
+    measured = plain.run(plan, stream, "statics", workers=1).measurements
+    if isinstance(hidden, str):
+        (fault,), _ = _clear(hidden, 1, observe(measured, nominal_robot(robot)), rng)
+        rest = tuple(one for one in members if one.label != fault.label)
+        found = Laboratory(robot, known.preset, hidden=(*rest, fault), nominal=rig)
+        return found, plain, replace(known, size=max(map(abs, fault.values)), answers=((fault.label, "*"),))
+    number = int(rng.integers(1000))
+    own = getattr(hidden, "answers", None) or ANSWERS[hidden.name]
+    answers = own(robot, number) if callable(own) else own
+    multiple = float(np.exp(rng.uniform(*np.log(MULTIPLES))))
+    sign = 1.0 if hidden.positive else float(rng.choice([-1.0, 1.0]))
+    size = sign * multiple * _least(hidden, number, measured, plain, plan, stream, rng)
+    faulty = hidden.inject(rig, number, size)
+    found = Laboratory(robot, known.preset, hidden=members, nominal=faulty)
+    return found, plain, replace(known, size=size, multiple=multiple, answers=answers)
+
+
+def _least(
+    fault: Outside,
+    number: int,
+    measured: Measurements,
+    plain: Laboratory,
+    plan: PosturePlan,
+    stream: int,
+    rng: np.random.Generator,
+) -> float:
+    """Return the least size that a test of one size would find with 90 % probability in this laboratory."""
+    robot = plain.robot
+    observed = observe(measured, nominal_robot(robot))
+    linear = calibrated_data(observed, self_calibrate(observed)).null.linear
+    columns = candidate_columns(linear, candidates(observed))
+    level = single_level(LEVEL, effective_tests([columns], rng))
+    trial = TRIAL * fault.amplitude
+    assert plain.nominal is not None
+    nominal = fault.inject(plain.nominal, number, trial)
+    other = replace(plain, nominal=nominal).run(plan, stream, "statics", workers=1).measurements
+    if other.posture.tolist() != measured.posture.tolist():
+        raise InputError("other postures stand with the fault")
+    change = residuals(observe(other, nominal_robot(robot)), linear.theta) - residuals(observed, linear.theta)
+    signal = linear.project(linear.whitening(change[..., None]))
+    length = float(np.linalg.norm(signal))
+    if length < 1e-6:
+        raise InputError("the fault shows nothing")
+    return trial * float(np.sqrt(noncentrality(1, level))) / length
+
+
+def _said(known: Case, found: Discovery) -> Case:
+    """Add what a discovery said."""
+    first, also = [], []
+    for k in found.effects:
+        term = found.fit.terms[k]
+        if is_law(term.candidate):
+            first.append(_pair(term))
+            also += [_pair(one) for one in found.equivalents[k] if is_law(one.candidate)]
+    held = found.heldout
+    adopting = found.verdict in (*ADOPTED, CALIBRATED)
+    return replace(
+        known,
+        verdict=found.verdict,
+        adopted=tuple(found.fit.terms[k].label for k in found.effects),
+        first=tuple(first),
+        also=tuple(one for one in dict.fromkeys(also) if one not in first),
+        before=np.nan if held is None else held.before["AFTC"],
+        after=np.nan if held is None else held.after["AFTC"],
+        floor=np.nan if held is None else held.floor["AFTC"],
+        closed=adopting and held is not None and held.holds,
+    )
+
+
+def _pair(term: Fitted) -> tuple[str, str]:
+    sentence = Sentence(*term.candidate.target.split("/"))
+    return sentence.what, sentence.of
+
+
+def _bias(
+    found: Discovery, faulty: Rig, plain: Rig, robot: Robot, plan: PosturePlan
+) -> tuple[float, float] | None:
+    """Return the bias of the base parameters by the fault without and with what was adopted, without noise.
+
+    What ordinary imperfections do to them is the same in both and taken off.
+    """
+
+    def estimate(rig: Rig, adopted: Sequence[EffectInstance] = ()) -> np.ndarray:
+        quiet = replace(simulated(without_noise(rig), plan), sensors=constants(rig)["sensors"])
+        try:
+            value = identify(quiet, robot, estimator=DEFAULT, adopted=adopted).full.value
+        except InputError:  # a placement that stands no more
+            return np.full(len(nominal_robot(robot).value), np.nan)
+        return value - true_base_parameters(rig)
+
+    noisy = identify(found.observed.measurements, robot, estimator=DEFAULT).full
+    spread = np.sqrt(np.diag(noisy.clustered_covariance))
+    start = estimate(plain)
+    before = (estimate(faulty) - start) / spread
+    if not np.abs(before).max() >= BIASED:
+        return None
+    after = (estimate(faulty, found.adopted) - start) / spread
+    return float(np.sqrt((before**2).mean())), float(np.sqrt((after**2).mean()))
