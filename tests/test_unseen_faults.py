@@ -16,7 +16,7 @@ from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import CELLS, PLATES, joint_names
 
-NUMBER = 3  # a knee, a cell in front of a heel, the left side
+NUMBER = 3  # of a target at which every fault shows
 SMALL = 1 / 16  # of the typical amplitude
 OF = {
     *("nothing", "own-angle", "own-torque", "leg-load", "plate-load", "cop"),

@@ -279,7 +279,7 @@ UNSEEN = (
     # A rubber coupling, or grease under a belt, lets an encoder creep after its joint. 0.5 %, assumed.
     Outside("encoder-lags", "An encoder stays behind after a move.", "", 5e-3, _lags, late=True),
     # Analogue encoders share a return wire with their leg's motors, whose current grows with the load:
-    # 0.6 mV of 2 V a radian, assumed: the leg on which it stands alone reads 2 mrad too much everywhere.
+    # 1.6 mV of 5 V a turn, so 2 mrad, under the whole weight, assumed.
     Outside("leg-ground-shift", "A loaded leg shifts its encoders.", "rad", 2e-3, _ground_shift, late=True),
     # Piezoelectric plates are reset when empty and then drift. Half of 10 mN/s, the limit of Kistler's data
     # sheets for 9281C and 9286A.
@@ -296,7 +296,7 @@ UNSEEN = (
     Outside("sole-peels", "A sole yields to one side.", "rad/Nm", 5e-4, _peels, positive=True, late=True),
     # A flange behind a gear has a loose screw: it opens one way, and its encoder is before it. As above.
     Outside("flange-opens", "A flange opens one way.", "rad/Nm", 5e-4, _opens, positive=True, late=True),
-    # A motor's cable drags a link along with it backwards and down to the floor. 3 N, assumed.
+    # A motor's cable hangs from a link to one side, down to the floor. 3 N, assumed.
     Outside("cable-drags", "A cable pulls at a link of a leg.", "N", 3.0, _drags, late=True),
     # The robot lifts the more of its cables the higher it stands; it was weighed without them. 0.5 kg/m,
     # assumed for power and network.
