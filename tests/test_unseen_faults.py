@@ -64,7 +64,9 @@ def readings(robot, few, exact, plain):
     before = table(plain)
 
     def changes(fault, amplitude):
-        after = table(statically(fault.inject(exact, NUMBER, amplitude), few))
+        rig = fault.inject(exact, NUMBER, amplitude)
+        same_scene = rig.misread is not None  # a misreading changes no equilibrium
+        after = table(rig.misread(plain) if same_scene else statically(rig, few))
         return {posture: row - before[posture] for posture, row in after.items() if posture in before}
 
     return changes
