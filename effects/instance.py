@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Strict
 
+from tulip_testbed.effects.arranged import check_everywhere, split_target
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect, Parameter, Values
 from tulip_testbed.effects.targets import check_target
@@ -94,6 +95,7 @@ class EffectInstance:
             )
         numbers = [_number(v, p, where) for v, p in zip(values, effect.parameters, strict=True)]
         found = cls(effect, target, tuple(numbers))
+        check_everywhere(target, where)
         check_instance(found, robot, placements, where)
         return found
 
@@ -114,7 +116,9 @@ class EffectInstance:
             parameter.text(value, interval)
             for parameter, value, interval in zip(self.effect.parameters, self.values, intervals, strict=True)
         ]
-        return self.effect.words.format(*texts, target=self.target.replace("_", " ").replace(".", " "))
+        target, first = split_target(self.target)
+        said = self.effect.words.format(*texts, target=target.replace("_", " ").replace(".", " "))
+        return said if first is None else f"From experiment {first} on: {said[0].lower()}{said[1:]}"
 
     @property
     def doubts(self) -> list[str]:
@@ -289,7 +293,7 @@ def check_instance(found: EffectInstance, robot: Robot, placements: Sequence[int
             f"{where}: found {len(found.values)} values and {len(found.intervals)} intervals, "
             f"expected {count} values, and an interval for each or for none: {effect.usage}"
         )
-    check_target(effect.targets, found.target, robot, placements, where)
+    check_target(effect.targets, split_target(found.target)[0], robot, placements, where)
     for parameter, value in zip(effect.parameters, found.values, strict=True):
         here = f"{where}: {effect.name}, {parameter.heading}: found {value:g}"
         if not np.isfinite(value):
@@ -328,6 +332,7 @@ def check_laboratory(found: EffectInstance, statics: bool, where: str) -> None:
 def injected(rig: Rig, instances: Sequence[EffectInstance]) -> Rig:
     """Return the laboratory with these effects, applied in the order of their stages."""
     for found in _in_order(instances):
+        check_everywhere(found.target, str(found))
         rig = found.effect.inject(rig, found.target, found.values)
     return rig
 
