@@ -8,19 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from tulip_testbed.effects.targets import CELL_NAMES
+from tulip_testbed.effects.targets import CELL_NAMES, Targets
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import VARYING
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements.manipulations import Experiment
 from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES
-
-if TYPE_CHECKING:
-    from tulip_testbed.effects.effect import Effect
 
 Values = tuple[float, ...]
 FROM = "@"
@@ -30,6 +27,16 @@ OF_CABLE = ("tether", "tether-spring")
 TURNING = ("tilt", "tether")  # vectors of the room: a robot that is turned sees them the other way round
 OF_PLATE = ("plate-drift", "swapped-cells")  # of a plate rather than of its place
 IN_SEQUENCE = ("creep",)  # by the order of the postures within one experiment
+
+
+class Kind(Protocol):
+    """What of an effect decides where it acts."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def targets(self) -> Targets: ...
 
 
 class Change(Protocol):
@@ -50,7 +57,7 @@ def everywhere(target: str) -> bool:
 
 
 def targets_over(
-    effect: Effect, targets: Sequence[str], experiments: tuple[Experiment, ...]
+    effect: Kind, targets: Sequence[str], experiments: tuple[Experiment, ...]
 ) -> tuple[str, ...]:
     """List the targets that an effect has in several experiments, each as long as it stays the same."""
     if not experiments:
@@ -90,7 +97,7 @@ def _lasting(name: str, target: str, one: Experiment, number: int) -> tuple[obje
 
 
 def acting(
-    effect: Effect, target: str, values: Values, experiments: tuple[Experiment, ...], number: int
+    effect: Kind, target: str, values: Values, experiments: tuple[Experiment, ...], number: int
 ) -> tuple[str, Values] | None:
     """Return target and values with which an effect acts in one of the experiments, None: it does not.
 
@@ -103,7 +110,7 @@ def acting(
     return arranged(effect, name, values, experiments[number])
 
 
-def arranged(effect: Effect, target: str, values: Values, one: Experiment) -> tuple[str, Values] | None:
+def arranged(effect: Kind, target: str, values: Values, one: Experiment) -> tuple[str, Values] | None:
     """Return target and values of an effect as it acts in a manipulated laboratory, None: it does not.
 
     A device takes its fault along to its new place; of the room, a turned robot sees the opposite.
@@ -126,7 +133,7 @@ def arranged(effect: Effect, target: str, values: Values, one: Experiment) -> tu
 
 
 def by_experiment(
-    effect: Effect, change: Change, observed: Observation, target: str, values: Values
+    effect: Kind, change: Change, observed: Observation, target: str, values: Values
 ) -> Observation:
     """Change the rows of every experiment by an effect as it acts there.
 

@@ -66,7 +66,7 @@ def ballast_of(measurements: Measurements, geometry: PostureGeometry, weight: fl
             ratio = one.mass * measurements.gravity / weight
             at = origins[rows, frame] + rotations[rows, frame] @ np.array(one.place)
             place[rows] += ratio * at[:, :2]
-            axes = geometry.axes[rows] * geometry.moved[rows, frame, None]
+            axes = geometry.axes[rows] * geometry.moved[:, frame, None]
             turned = np.cross(axes, at[:, None] - geometry.pivots[rows])
             slope[rows] += ratio * turned[..., :2].mT
             if aloft[rows].any():

@@ -48,7 +48,7 @@ from tulip_testbed.identification.planning.search import HOPS
 from tulip_testbed.sim.arguments import checked
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import check_new
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.measurements import Measurements, PosturePlan, joined
 from tulip_testbed.sim.measurements import read_measurements as _read_measurements
 from tulip_testbed.sim.measurements import write_measurements as _write_measurements
 from tulip_testbed.sim.measurements.contract import check_contract
@@ -76,6 +76,7 @@ __all__ = [
 ]
 
 Measured = Measurements | Run | str | Path
+Several = Measured | Sequence[Measured]
 Reported = Run | Validation | Discovered | MonteCarlo | str | Path
 Viewed = Reported | Measurements | PosturePlan
 
@@ -144,7 +145,7 @@ def import_table(
 @checked
 @one_blas_thread
 def identify(
-    measurements: Measured,
+    measurements: Several,
     robot: Robot | None = None,
     estimator: str = SELF_CALIBRATING,
     corrections: Effects = (),
@@ -153,7 +154,7 @@ def identify(
     """Identify a robot from what was measured.
 
     Args:
-        measurements: or their folder, or a run.
+        measurements: or their folder, or a run; a list of them: experiments with one robot.
         robot: the nominal robot; TULip if None.
         estimator: "self-calibrating", "mixed-model", "least-squares", "placement", "errors-in-variables",
             "robust", "prior" or "consistent".
@@ -175,8 +176,8 @@ def identify(
     given = _measurements(measurements)
     source = _source(measurements)
     found = _identify(given, robot, estimator=estimator, adopted=adopted, tolerances=tolerances)
-    if not isinstance(measurements, Run):  # a simulated one has the faults that were asked for
-        warn_of_faults(given, robot, adopted, source, tolerances)
+    for one, where in _to_check(measurements):
+        warn_of_faults(one, robot, adopted, where, tolerances)
     warn_of_unrest(found, source or "measurements")
     return found
 
@@ -184,7 +185,7 @@ def identify(
 @checked
 @one_blas_thread
 def discover(
-    measurements: Measured,
+    measurements: Several,
     robot: Robot | None = None,
     seed: int = 0,
     check: bool = True,
@@ -194,7 +195,7 @@ def discover(
     """Find what the nominal model lacks: where it disagrees with measurements, and which effect explains it.
 
     Args:
-        measurements: or their folder, or a run.
+        measurements: or their folder, or a run; a list of them: experiments with one robot.
         robot: the nominal robot; TULip if None.
         seed: of the bootstrap that calibrates the level.
         check: simulate adopted physics in the full dynamics, which may take two minutes.
@@ -211,8 +212,8 @@ def discover(
     """
     robot, given = robot or load_robot(), _measurements(measurements)
     found = discover_effects(given, robot, seed, check, processes(workers), tolerances=tolerances)
-    if not isinstance(measurements, Run):  # a simulated one has the faults that were asked for
-        warn_of_faults(given, robot, source=_source(measurements), tolerances=tolerances)
+    for one, where in _to_check(measurements):
+        warn_of_faults(one, robot, source=where, tolerances=tolerances)
     return found
 
 
@@ -381,18 +382,33 @@ def _corrections(corrections: Effects, robot: Robot) -> tuple[EffectInstance, ..
     return found
 
 
-def _source(measurements: Measured) -> str | None:
-    """Return the folder of measurements, for messages."""
-    return None if isinstance(measurements, Measurements | Run) else str(measurements)
+def _each(measurements: Several) -> list[Measured]:
+    single = isinstance(measurements, Measurements | Run | str | Path)
+    return [measurements] if single else list(measurements)  # pyrefly: ignore[bad-argument-type]
 
 
-def _measurements(measured: Measured, likely: bool = True) -> Measurements:
-    """Return measurements, those of a run, or those in a folder, held against the contract once."""
-    if isinstance(measured, str | Path):
-        return read_measurements(measured)
-    found = measured.measurements if isinstance(measured, Run) else measured
-    check_contract(found, likely=likely)
-    return found
+def _source(measurements: Several) -> str | None:
+    """Return the folders of measurements, for messages."""
+    folders = [str(one) for one in _each(measurements) if isinstance(one, str | Path)]
+    return ", ".join(folders) or None
+
+
+def _to_check(measurements: Several) -> list[tuple[Measurements, str | None]]:
+    """Return each experiment with its source, but those that were simulated with faults on purpose."""
+    return [(_measurements(one), _source(one)) for one in _each(measurements) if not isinstance(one, Run)]
+
+
+def _measurements(measured: Several, likely: bool = True) -> Measurements:
+    """Return measurements, or those of runs and folders, held against the contract once and joined."""
+    each, found = _each(measured), []
+    for one in each:
+        if isinstance(one, str | Path):
+            found.append(read_measurements(one))
+            continue
+        found.append(one.measurements if isinstance(one, Run) else one)
+        check_contract(found[-1], likely=likely)
+    names = [str(one) if isinstance(one, str | Path) else f"experiment {k + 1}" for k, one in enumerate(each)]
+    return joined(found, names)
 
 
 @checked

@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -56,7 +57,7 @@ def joined(measured: Sequence[Measurements], sources: Sequence[str] = ()) -> Mea
         for other, before in parts[:k]:
             _check_pair(other, before, one, name)
     each = [one for one, _ in parts]
-    rows: dict[str, np.ndarray | None] = {}
+    rows: dict[str, Any] = {}
     for field in OF_ROWS:
         values = [getattr(one, field) for one in each]
         rows[field] = None if any(v is None for v in values) else np.concatenate(values)

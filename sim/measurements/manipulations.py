@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 from tulip_testbed.sim.errors import InputError, listed, shortened
 from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES
@@ -127,7 +128,11 @@ def _carried_out(before: Arrangement, text: str, where: str) -> tuple[str, Arran
         plate = found[1]
         places = _then(before, lambda cell: _opposite(cell) if cell.startswith(plate) else cell)
         return f"{plate} plate", replace(before, place_of=places)
-    simple = {MOVED: {"moved": True}, TARED: {"tared": True}, UNTIED: {"cable": False}}
+    simple: dict[str, dict[str, Any]] = {
+        MOVED: {"moved": True},
+        TARED: {"tared": True},
+        UNTIED: {"cable": False},
+    }
     if text in simple:
         return text, replace(before, **simple[text])
     if found := ZEROED.fullmatch(text):
