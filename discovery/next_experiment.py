@@ -9,6 +9,7 @@ import numpy as np
 
 from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.self_calibration import self_calibrate
+from tulip_testbed.discovery.discover import AMBIGUOUS, Discovery
 from tulip_testbed.discovery.experiment_information import (
     Explanation,
     JointInformation,
@@ -313,3 +314,17 @@ def _first(one: EffectInstance, m: Measurements) -> EffectInstance:
     if not everywhere(one.target) or len(set(found)) == 1:
         return replace(one, intervals=())
     return replace(one, target=f"{one.target}{FROM}{found[0]}", intervals=())
+
+
+def doubts_of(found: Discovery) -> list[Doubt]:
+    """List the gaps of an ambiguous discovery that have several explanations."""
+    if found.verdict != AMBIGUOUS:
+        return []
+    out = []
+    for k in found.effects:
+        several = found.equivalents[k]
+        if len(several) > 1:
+            others = tuple(found.fit.terms[j].instance for j in found.effects if j != k)
+            each = tuple(Explanation(one.instance, one.log_bayes_factor) for one in several)
+            out.append(Doubt(each, others))
+    return out

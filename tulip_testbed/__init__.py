@@ -17,6 +17,7 @@ FUNCTIONS = (
     *(
         "validate",
         "monte_carlo",
+        "next_experiment",
         "plan",
         "check",
         "import_table",

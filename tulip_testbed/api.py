@@ -26,12 +26,14 @@ from tulip_testbed.experiments.check_folder import (
 )
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
+from tulip_testbed.experiments.discovery_record import read_discovery
 from tulip_testbed.experiments.identify import Identification, warn_of_unrest
 from tulip_testbed.experiments.identify import identify as _identify
 from tulip_testbed.experiments.imperfections import default_estimator
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory, Run
 from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo, Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
+from tulip_testbed.experiments.planned_experiment import Proposals, next_of, write_experiment_plan
 from tulip_testbed.experiments.planning_run import PlanSettings, optimal_plan
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.predict import predict as _predict
@@ -46,7 +48,7 @@ from tulip_testbed.experiments.validate import validate as _validate
 from tulip_testbed.identification.planning.interior_point import SOLVERS
 from tulip_testbed.identification.planning.search import HOPS
 from tulip_testbed.sim.arguments import checked
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.errors import InputError, at_least
 from tulip_testbed.sim.files import check_new
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, joined
 from tulip_testbed.sim.measurements import read_measurements as _read_measurements
@@ -66,6 +68,7 @@ __all__ = [
     "import_table",
     "load_robot",
     "monte_carlo",
+    "next_experiment",
     "plan",
     "predict",
     "read_measurements",
@@ -215,6 +218,43 @@ def discover(
     for one, where in _to_check(measurements):
         warn_of_faults(one, robot, source=where, tolerances=tolerances)
     return found
+
+
+@checked
+@one_blas_thread
+def next_experiment(
+    found: Discovered | str | Path,
+    robot: Robot | None = None,
+    plan: PosturePlan | None = None,
+    seed: int = 0,
+    out: str | Path | None = None,
+) -> Proposals:
+    """Rank the experiments that would settle an ambiguous discovery.
+
+    Args:
+        found: a discovery, or its run folder.
+        robot: that the folder's run was made with; TULip if None.
+        plan: postures to choose from; None: those that were measured.
+        seed: of the draws of the expectation.
+        out: plan folder to write, of the best experiment with its manipulations; None: none.
+
+    Returns:
+        the experiments, the best first; `best.plan`, `best.experiment.manipulations`.
+
+    Raises:
+        InputError: no discovery; with `out`, nothing to settle, or a folder that exists.
+    """
+    at_least("seed", seed, 0)
+    if out is not None:
+        check_new(Path(out))
+    if isinstance(found, Discovered):
+        ranked = next_of(found, found.robot, plan, seed)
+    else:
+        robot = robot or load_robot()
+        ranked = next_of(read_discovery(Path(found), robot), robot, plan, seed)
+    if out is not None:
+        write_experiment_plan(Path(out), ranked)
+    return ranked
 
 
 @checked
