@@ -17,6 +17,7 @@ from tulip_testbed.sim.errors import InputError, look_up, shortened
 from tulip_testbed.sim.measurements.manipulations import Experiment, needs_cells
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig
+from tulip_testbed.sim.robot import joint_names
 
 SURVEYED = ("plate-translation", "plate-yaw")
 
@@ -67,6 +68,6 @@ def check_experiment(rig: Rig, experiment: Experiment) -> None:
                 f"manipulations: found '{shortened(text)}' with wrench sensors, expected plates on cells"
             )
     for joint in state.zeroed:
-        look_up("joint", joint, known["joints"], "manipulations: encoder re-zeroed")
+        look_up("joint", joint, joint_names(rig.robot.model), "manipulations: encoder re-zeroed")
     for one in state.masses:
         look_up("link", one.link, links(rig.robot), "manipulations: known mass")
