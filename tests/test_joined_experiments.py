@@ -176,6 +176,7 @@ def keys_of(m):
 def test_a_known_mass_is_part_of_the_model(robot, lab, few):
     """The loaded robot is simulated as a robot with another torso; its own parameters are found again."""
     loaded = joined([measured(lab, few), measured(lab, few, MASS, seed=4)])
+    assert loaded.weighed_mass is not None
     assert loaded.weighed_mass[0] == pytest.approx(robot.model.body_mass.sum(), abs=1e-6)
     nominal = nominal_robot(robot)
     observed = observe(loaded, nominal)

@@ -18,6 +18,7 @@ FUNCTIONS = (
         "validate",
         "monte_carlo",
         "next_experiment",
+        "campaign",
         "plan",
         "check",
         "import_table",

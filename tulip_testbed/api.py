@@ -18,6 +18,8 @@ from tulip_testbed.effects.instance import EffectInstance, Effects, check_differ
 from tulip_testbed.experiments.atlases.effect_atlas import Atlas
 from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
 from tulip_testbed.experiments.atlases.planned_experiment import planned
+from tulip_testbed.experiments.campaigns.campaign_run import Campaign, CampaignSettings
+from tulip_testbed.experiments.campaigns.campaign_run import campaign as _campaign
 from tulip_testbed.experiments.check_folder import (
     Preflight,
     check_folder,
@@ -33,10 +35,10 @@ from tulip_testbed.experiments.imperfections import default_estimator
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory, Run
 from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo, Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
-from tulip_testbed.experiments.planned_experiment import Proposals, next_of, write_experiment_plan
 from tulip_testbed.experiments.planning_run import PlanSettings, optimal_plan
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.predict import predict as _predict
+from tulip_testbed.experiments.proposed_experiment import Proposals, next_of, write_experiment_plan
 from tulip_testbed.experiments.records import read_record, record_of
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.experiments.table_import.import_map import read_map
@@ -62,6 +64,7 @@ __all__ = [
     "InputError",
     "Laboratory",
     "atlas",
+    "campaign",
     "check",
     "discover",
     "identify",
@@ -80,7 +83,7 @@ __all__ = [
 
 Measured = Measurements | Run | str | Path
 Several = Measured | Sequence[Measured]
-Reported = Run | Validation | Discovered | MonteCarlo | str | Path
+Reported = Run | Validation | Discovered | MonteCarlo | Campaign | str | Path
 Viewed = Reported | Measurements | PosturePlan
 
 
@@ -255,6 +258,40 @@ def next_experiment(
     if out is not None:
         write_experiment_plan(Path(out), ranked)
     return ranked
+
+
+@checked
+@one_blas_thread
+def campaign(
+    laboratory: Laboratory,
+    plan: PosturePlan,
+    seed: int = DEFAULT_SEED,
+    experiments: int = 3,
+    minutes: float | None = None,
+    engine: str = "statics",
+    ordinary: float | None = None,
+    folder: str | Path | None = None,
+) -> Campaign:
+    """Simulate, discover, propose and simulate until one explanation is left or the budget ends.
+
+    Args:
+        laboratory: with hidden effects. plan: of the first experiment; later ones choose their postures from
+            it.
+        seed: of everything random.
+        experiments: at most. minutes: of laboratory time at most (assumed times); None: no limit.
+        engine: "statics" or "dynamics".
+        ordinary: see `validate`.
+        folder: keeps the experiments; the same call goes on where one was stopped. None: a temporary one.
+
+    Raises:
+        InputError: what cannot be run; a folder that holds something else.
+    """
+    at_least("seed", seed, 0)
+    at_least("experiments", experiments, 1)
+    asked = {"seed": seed, "engine": engine, "experiments": experiments, "ordinary": ordinary}
+    limit = None if minutes is None else float(minutes)
+    settings = CampaignSettings.model_validate(asked | {"minutes": limit})
+    return _campaign(laboratory, plan, settings, None if folder is None else Path(folder))
 
 
 @checked

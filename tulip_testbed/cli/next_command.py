@@ -35,7 +35,7 @@ def next_command(
     from tulip_testbed.cli.terminal import print_json, say, show, working_on
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.discovery_record import read_discovery
-    from tulip_testbed.experiments.planned_experiment import next_of, write_experiment_plan
+    from tulip_testbed.experiments.proposed_experiment import next_of, write_experiment_plan
     from tulip_testbed.sim.errors import at_least
     from tulip_testbed.sim.files import check_new
     from tulip_testbed.sim.measurements import read_plan
