@@ -41,9 +41,8 @@ def compare(first: Record, second: Record) -> dict[str, Any]:
     Raises:
         InputError: runs that cannot be compared; says why.
     """
-    for run in (first, second):
-        if isinstance(run, CampaignRecord):
-            raise InputError(f"{run.folder}: found a campaign, expected a run of one experiment")
+    if isinstance(first, CampaignRecord) or isinstance(second, CampaignRecord):
+        raise InputError("runs: found a campaign, expected runs of one experiment each")
     assert not isinstance(first, CampaignRecord)
     assert not isinstance(second, CampaignRecord)
     _check_alike(first, second)
@@ -137,7 +136,7 @@ def _name(run: Record) -> str:
     return "in memory" if run.folder is None else str(run.folder)
 
 
-def _check_alike(first: Record, second: Record) -> None:
+def _check_alike(first: Judged, second: Judged) -> None:
     """Refuse what has no common measure."""
     where = f"{_name(first)}, {_name(second)}: cannot be compared"
     if first.kind != second.kind:
