@@ -167,11 +167,10 @@ def _check_pair(first: Measurements, name: str, second: Measurements, other: str
     for key in ("cells", "top_height"):
         if not np.allclose(getattr(first, key), getattr(second, key), rtol=0.0, atol=1e-9):
             raise InputError(f"{both}: key 'plates': found other plates ({key}), expected the same ones")
-    sessions = {_experiment(one).session or one_name for one, one_name in ((first, name), (second, other))}
-    if first.contacts is not None and len(sessions) > 1:
+    if first.contacts is not None and (first.contacts.zero_sd > 0).any():
         raise InputError(
-            f"{both}: found wrench sensors in two sessions, expected the same key 'session' in both: their "
-            "zeros are estimated as one"
+            f"{both}: found wrench sensors with zeros that are not known, expected tared ones: several "
+            "experiments have no common zeros yet"
         )
     _check_weights(first, second, both)
 
