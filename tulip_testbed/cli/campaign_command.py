@@ -32,7 +32,7 @@ def campaign_command(
     robot: RobotFile = TULIP,
     as_json: Json = False,
 ) -> int:
-    """Simulate, discover, propose and simulate until one explanation is left.
+    """Simulate experiments until one explanation is left.
 
     Begins with the plan in a virtual laboratory with hidden effects. While several explanations are left,
     the experiment that settles most a minute is carried out. The same command goes on where it was stopped.

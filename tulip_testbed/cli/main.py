@@ -39,7 +39,7 @@ COMMANDS: dict[str, str] = {
     "model": "Show a model's standard parameters and its base parameters.",
     "discover": "Find physical effects that the model lacks.",
     "next": "Rank the experiments that would settle an ambiguous discovery.",
-    "campaign": "Simulate, discover, propose and simulate until one explanation is left.",
+    "campaign": "Simulate experiments until one explanation is left.",
     "effects": "List the physical effects that can be simulated, or explain one.",
     "atlas": "Predict which effects a plan can detect and distinguish.",
     "tolerance": "Compute how accurately a laboratory must be set up.",
