@@ -34,12 +34,15 @@ from tulip_testbed.discovery.next_experiment import (
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.campaigns.campaign_record import CampaignSettings, read_campaign
 from tulip_testbed.experiments.campaigns.campaign_run import Campaign, campaign
+from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.statistics import standard_errors
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import present, write_text
-from tulip_testbed.sim.measurements import Experiment, Measurements, joined
+from tulip_testbed.sim.measurements import Experiment, Measurements, joined, read_measurements
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import CELLS, Robot, load_robot
@@ -57,7 +60,7 @@ def study(settings: Settings) -> Iterator[str]:
     folder = settings.folder("campaign")
     if "campaigns" in settings.only:
         cases = [(k, settings.seed, folder) for k in range(settings.count(CAMPAIGNS))]
-        yield from _campaigns(settings.parallel("campaigns", carry_out, cases))
+        yield from _campaigns(settings.parallel("campaigns", carry_out, cases), folder)
     if "gains" in settings.only:
         cases = [(k, settings.seed, folder) for k in range(settings.count(GAINS))]
         found = [one for several in settings.parallel("gains", gains, cases) for one in several]
@@ -110,14 +113,23 @@ def carry_out(number: int, seed: int, folder: Path) -> dict[str, Any]:
     return out
 
 
+def bias_of(place: Path, robot: Robot) -> tuple[float, float]:
+    """Return the r.m.s. error of the base parameters over their standard errors in the first experiment.
+
+    By the estimator that knows no ordinary imperfections: without any effect, as after an ambiguous verdict,
+    and with what the campaign adopted.
+    """
+    steps, first = read_campaign(place, robot).steps, read_measurements(place / "1" / "measurements")
+    truth = 1e-3 * np.array([row.truth_mm for row in steps[0].parameters])
+    found = []
+    for adopted in ((), [EffectInstance.parse(text, robot) for text in steps[-1].adopted]):
+        full = identify(joined([first]), robot, estimator=DEFAULT, adopted=adopted).full
+        found.append(float(np.sqrt((((full.value - truth) / standard_errors(full.covariance)) ** 2).mean())))
+    return found[0], found[1]
+
+
 def _judged(found: Campaign, number: int, hidden: EffectInstance) -> dict[str, Any]:
-    first, last = found.steps[0], found.steps[-1]
-    spread = np.array([row.standard_error_mm for row in last.parameters])
-
-    def off(step: Any) -> float:
-        errors = np.array([row.estimate_mm - row.truth_mm for row in step.parameters])
-        return float(np.sqrt(((errors / spread) ** 2).mean()))
-
+    last = found.steps[-1]
     return {
         "number": number,
         "hidden": str(hidden),
@@ -126,31 +138,33 @@ def _judged(found: Campaign, number: int, hidden: EffectInstance) -> dict[str, A
         "words": [step.words for step in found.steps],
         "expected": [step.expected_entropy for step in found.steps],
         "right": last.verdict == "named" and [one.split("=")[0] for one in last.adopted] == [hidden.label],
-        "off": [off(step) for step in (first, last)],
+        "off": [step.error_over_standard_error for step in found.steps],
         "wall_s": sum(step.wall_s for step in found.steps),
         "failed": "",
     }
 
 
-def _campaigns(found: list[dict[str, Any]]) -> Iterator[str]:
+def _campaigns(found: list[dict[str, Any]], folder: Path) -> Iterator[str]:
+    robot = load_robot()
     run = [one for one in found if not one["failed"]]
     doubtful = [one for one in run if one["verdicts"][0] == AMBIGUOUS]
     # The best proposal was expected to settle nearly all.
     separable = [one for one in doubtful if len(one["expected"]) > 1 and one["expected"][1] < 0.05]
     yield f"{len(run)} campaigns, {len(found) - len(run)} others could not be carried out; "
     yield f"{len(doubtful)} ambiguous after the first experiment, {len(separable)} of them separable.\n"
-    yield "| case | hidden | verdicts | experiments | right | error first, last |"
-    yield "|---|---|---|---|---|---|"
+    bias = {one["number"]: bias_of(folder / f"campaign-{one['number']}", robot) for one in run}
+    yield "| case | hidden | verdicts | experiments | right | error / s.e. | with what was adopted |"
+    yield "|---|---|---|---|---|---|---|"
     for one in run:
-        a, b = one["off"]
+        a, b = bias[one["number"]]
         yield (
             f"| {one['number']} | {one['hidden']} | {', '.join(one['verdicts'])} | {'; '.join(one['words'])} "
-            f"| {'yes' if one['right'] else 'no'} | {a:.2f}, {b:.2f} |"
+            f"| {'yes' if one['right'] else 'no'} | {a:.2f} | {b:.2f} |"
         )
     right = sum(one["right"] for one in separable)
     yield f"\nRight single name within two more experiments: {_share(right, len(separable))}."
-    biased = [one["off"] for one in separable if one["off"][0] > BIASED]
-    removed = [(a**2 - b**2) / (a**2 - 1) for a, b in biased]
+    biased = [bias[one["number"]] for one in separable]
+    removed = [(a**2 - b**2) / (a**2 - 1) for a, b in biased if a > BIASED]
     if removed:
         yield f"Bias removed where it was kept ({len(removed)} cases): median {np.median(removed):.2f}."
     spent = [one["wall_s"] for one in run]
@@ -180,6 +194,7 @@ def gains(number: int, seed: int, folder: Path) -> list[dict[str, Any]]:
         found = discover(joined([first]), robot, hold_out=False)
         doubts = doubts_of(found)
         if len(doubts) == 1:
+            doubts = [_as_judged(doubts[0], joined([first]), robot)]
             break
     else:
         write_text(kept, "[]")
@@ -190,8 +205,8 @@ def gains(number: int, seed: int, folder: Path) -> list[dict[str, Any]]:
         realised = []
         for noise in rng.integers(2**31, size=SEEDS).tolist():
             second = _run(made, expected.plan, prospect.experiment, noise)
-            after = _entropy_after(joined([first, second]), robot, prospect.doubts[0])
-            realised.append(doubts[0].entropy - after)
+            logs = _evidence(joined([first, second]), robot, prospect.doubts[0])
+            realised.append(doubts[0].entropy - float(entropy(probabilities(logs))))
         out.append(
             {
                 "case": number,
@@ -231,15 +246,21 @@ def _experiments(
         yield ranked[k], np.sort(rng.permutation(count)[:size]), False
 
 
-def _entropy_after(measured: Measurements, robot: Robot, doubt: Doubt) -> float:
-    """Return the entropy of the explanations by their evidence in everything that was measured."""
+def _as_judged(doubt: Doubt, measured: Measurements, robot: Robot) -> Doubt:
+    """Return a doubt whose explanations are weighed as `_evidence` does."""
+    weighed = zip(doubt.explanations, _evidence(measured, robot, doubt), strict=True)
+    return replace(doubt, explanations=tuple(replace(one, log_bayes_factor=log) for one, log in weighed))
+
+
+def _evidence(measured: Measurements, robot: Robot, doubt: Doubt) -> list[float]:
+    """Return ln of the evidence for each explanation in everything that was measured."""
     search = Search.of(observe(measured, nominal_robot(robot)))
     terms, logs = [_fitted(one.instance) for one in doubt.explanations], []
     start = first_calibration(search, terms[:1])
     for term in terms:
         judged = search.tried([term], start)
         logs.append(-1e6 if judged is None else judged.evidence)
-    return float(entropy(probabilities(logs)))
+    return logs
 
 
 def _fitted(instance: EffectInstance) -> Fitted:

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -103,7 +104,7 @@ def test_nothing_to_settle_is_said(robot, lab, small):
     with pytest.raises(InputError, match="expected one to settle"):
         next_experiments(lab.run(small, engine="statics").measurements, robot, [])
     with pytest.raises(InputError, match="found the verdict named"):
-        write_experiment_plan("anywhere", Proposals("named", (), 2, ""))
+        write_experiment_plan(Path("anywhere"), Proposals("named", (), 2, ""))
 
 
 def test_the_plan_folder_holds_postures_manipulations_and_steps(robot, lab, ranked, tmp_path):
