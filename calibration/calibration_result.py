@@ -26,7 +26,7 @@ from tulip_testbed.calibration.reml import Fit, fit, parts_of_variance
 from tulip_testbed.effects.instance import EffectInstance, removed
 from tulip_testbed.identification.degrees_of_freedom import of_f_test, satterthwaite
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.identification.residual_channels import moved_by, packed, unpacked
+from tulip_testbed.identification.residual_channels import has_twist, moved_by, packed, unpacked
 from tulip_testbed.identification.residual_noise import Noise
 
 HALF_95 = float(ndtri(0.975))  # half of a normal 95 % interval in s.d.
@@ -260,7 +260,7 @@ def result_of(
         observed=clean,
         theta=theta,
         covariance=covariance,
-        sources=("weighing", "contacts", *SOURCES, *map(_source, families), "spreads"),
+        sources=("weighing", "contacts", *_named(clean), *map(_source, families), "spreads"),
         shares=shares,
         interval_dof=satterthwaite(variance, np.diagonal(slopes, axis1=1, axis2=2), scales, most),
         joint_dof=of_f_test(covariance, slopes, scales, most),
@@ -274,6 +274,11 @@ def result_of(
         assumed=assumed,
         moved=moved,
     )
+
+
+def _named(observed: Observation) -> list[str]:
+    """Return `SOURCES` in words that fit the contact sensors."""
+    return ["contact sensors" if name == "cells" and not has_twist(observed) else name for name in SOURCES]
 
 
 def _source(family: Family | FreeEffect) -> str:

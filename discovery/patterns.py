@@ -16,7 +16,7 @@ from tulip_testbed.sim.robot import CELLS
 # Channel, rows of the residuals, and their name.
 PARTS = (
     ("A", slice(0, 2), "the centre of pressure"),
-    ("F", slice(2, 3), "the sum of the cells"),
+    ("F", slice(2, 3), "the sum of the vertical forces"),
     ("T", slice(3, 4), "the twist of the right plate"),
     ("T", slice(4, 5), "the twist of the left plate"),
     ("C", slice(5, 6), "the swing foot's height"),

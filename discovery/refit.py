@@ -22,7 +22,7 @@ from tulip_testbed.identification.residual_channels import ROWS, residuals, swin
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Experiment, Measurements, PosturePlan
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.sensors import PRESETS, FootSensors
+from tulip_testbed.sim.sensors import ANKLE, PLATE, PRESETS, WrenchSensors
 from tulip_testbed.sim.statics import mechanism
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
@@ -36,9 +36,10 @@ STREAM = 0  # of friction and swaying: the same with and without the effect
 def exact_rig(observed: Observation) -> Rig:
     """Return the nominal laboratory of an experiment, with nothing random but friction."""
     rig = without_noise(preset_rig("ideal", observed.nominal.robot))
-    if observed.measurements.contacts is None:
+    if (contacts := observed.measurements.contacts) is None:
         return rig
-    return replace(rig, sensors=replace(rig.sensors, feet=FootSensors()))
+    wrench = WrenchSensors(place=PLATE if contacts.mount == "ground" else ANKLE, channels=contacts.channels)
+    return replace(rig, sensors=replace(rig.sensors, wrench=wrench))
 
 
 def without_noise(rig: Rig) -> Rig:

@@ -21,7 +21,7 @@ SHOWN_MEMBERS = 4  # ordinary imperfections
 SHOWN_TARGETS = 12  # of one kind of effect
 PLACES = {
     "A": "the centre of pressure",
-    "F": "the sum of the cells",
+    "F": "the sum of the vertical forces",
     "T": "the twist of the plates",
     "C": "the closure of the legs",
 }
@@ -77,7 +77,9 @@ def _implausible(found: Discovery) -> list[str]:
         f"size ({parameter.text(parameter.prior)}). Predictions are not tested at such sizes and the "
         "interval may be too narrow: remove the cause and measure again."
         for term in found.fit.terms
-        for parameter, value in zip(term.candidate.effect.parameters, term.values, strict=True)
+        for parameter, value in zip(
+            term.candidate.effect.parameters_on(term.candidate.target), term.values, strict=True
+        )
         if parameter.prior and abs(value) > LARGE * parameter.prior
     ]
 
@@ -135,7 +137,9 @@ def _errors(value: float, interval: tuple[float, float] | None) -> float:
 def _written(one: EffectInstance) -> list[str]:
     return [
         p.text(value, interval)
-        for p, value, interval in zip(one.effect.parameters, one.values, one.intervals, strict=True)
+        for p, value, interval in zip(
+            one.effect.parameters_on(one.target), one.values, one.intervals, strict=True
+        )
     ]
 
 
@@ -146,7 +150,7 @@ def _listed(explanations: Sequence[Fitted]) -> str:
 
 
 def _sizes(fitted: Fitted) -> str:
-    parameters = fitted.candidate.effect.parameters
+    parameters = fitted.candidate.effect.parameters_on(fitted.candidate.target)
     return ", ".join(p.text(value) for p, value in zip(parameters, fitted.values, strict=True))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tulip_testbed.effects.arranged import by_experiment
 from tulip_testbed.effects.injection import misreading
@@ -151,6 +151,7 @@ class Effect:
         instrument: on which contact sensors it acts: "cells", "plates" (on the ground, of any kind),
             "wrenches"; "" if it acts whatever they are.
         statics: whether the static laboratory can simulate it; otherwise only the full dynamics can.
+        unit_on: target -> unit of the first parameter there, where targets differ in it; None: they do not.
     """
 
     name: str
@@ -161,6 +162,7 @@ class Effect:
     targets: Targets = WHOLE
     statics: bool = True
     instrument: str = ""
+    unit_on: Callable[[str], str] | None = None
 
     def __repr__(self) -> str:
         return f"<Effect {self.usage}>"
@@ -170,6 +172,12 @@ class Effect:
         """Return the pattern after which an instance of the effect is written."""
         target = f":{self.targets.word}" if self.targets.word else ""
         return f"{self.name}{target}={','.join(p.placeholder for p in self.parameters)}"
+
+    def parameters_on(self, target: str) -> tuple[Parameter, ...]:
+        """Return the parameters with the units that they have on a target."""
+        if self.unit_on is None:
+            return self.parameters
+        return (replace(self.parameters[0], unit=self.unit_on(target)), *self.parameters[1:])
 
     @property
     def misreads(self) -> bool:

@@ -114,7 +114,9 @@ class EffectInstance:
         intervals = self.intervals or (None,) * len(self.values)
         texts = [
             parameter.text(value, interval)
-            for parameter, value, interval in zip(self.effect.parameters, self.values, intervals, strict=True)
+            for parameter, value, interval in zip(
+                self.effect.parameters_on(self.target), self.values, intervals, strict=True
+            )
         ]
         target, first = split_target(self.target)
         said = self.effect.words.format(*texts, target=target.replace("_", " ").replace(".", " "))
@@ -127,7 +129,7 @@ class EffectInstance:
             f"{self.label}: {p.name} {_with_unit(number(value), p)} ({p.text(value)}) is "
             f"{abs(value) / p.prior:.0f} times what is plausible ({_with_unit(number(p.prior, '.3g'), p)}); "
             "values are in SI units"
-            for p, value in zip(self.effect.parameters, self.values, strict=True)
+            for p, value in zip(self.effect.parameters_on(self.target), self.values, strict=True)
             if p.prior and abs(value) > DOUBTFUL_PRIORS * p.prior
         ]
 

@@ -162,6 +162,9 @@ def correlation_checks(
     checks = []
     for a, b in pairs:
         predicted = planned[index[a], index[b]]
+        limit = f"below {CORRELATION_LIMIT}"
+        if predicted >= CORRELATION_LIMIT:
+            limit = f"not held to {CORRELATION_LIMIT}, which this plan weakens by itself"
         low, high = predicted - CORRELATION_TOLERANCE, predicted + CORRELATION_TOLERANCE
         checks.append(
             within(
@@ -169,7 +172,7 @@ def correlation_checks(
                 actual[index[a], index[b]],
                 max(low, -1.0),
                 min(high, CORRELATION_LIMIT) if predicted < CORRELATION_LIMIT else high,
-                f"plan predicts {predicted:.4f} ± {CORRELATION_TOLERANCE}; below {CORRELATION_LIMIT}",
+                f"plan predicts {predicted:.4f} ± {CORRELATION_TOLERANCE}; {limit}",
             )
         )
     return checks

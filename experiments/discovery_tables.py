@@ -20,7 +20,7 @@ MOST_P = 0.05  # above it a pattern in the residuals gets no row
 HELD_OUT_MM = "heldout_rms_mm"
 CHANNEL_NAMES = {
     "A": "A, centre of pressure",
-    "F": "F, sum of the cells",
+    "F": "F, sum of the vertical forces",
     "T": "T, twist of the plates",
     "C": "C, closure of the legs",
     "all": "all channels",
@@ -56,7 +56,10 @@ def candidate_table(candidates: list[dict[str, Any]]) -> Table:
             [
                 Cell(candidate["gap"], f"{key}.gap"),
                 effect_label(candidate["name"], candidate["target"]),
-                "; ".join(f"{p['name']} {_size(candidate['name'], p)}" for p in candidate["parameters"]),
+                "; ".join(
+                    f"{p['name']} {_size(candidate['name'], candidate['target'], p)}"
+                    for p in candidate["parameters"]
+                ),
                 Cell(candidate["log_bayes_factor"], f"{key}.log_bayes_factor"),
                 short,
             ]
@@ -87,7 +90,9 @@ def calibrated_table(members: list[dict[str, Any]]) -> Table:
     rows = [
         [
             effect_label(member["name"], member["target"]),
-            "; ".join(f"{p['name']} {_size(member['name'], p)}" for p in member["parameters"]),
+            "; ".join(
+                f"{p['name']} {_size(member['name'], member['target'], p)}" for p in member["parameters"]
+            ),
         ]
         for member in members
     ]
@@ -104,9 +109,9 @@ def behind(candidates: list[dict[str, Any]]) -> list[float]:
     return [best[candidate["gap"]] - candidate["log_bayes_factor"] for candidate in candidates]
 
 
-def _size(effect: str, document: dict[str, Any]) -> str:
+def _size(effect: str, target: str, document: dict[str, Any]) -> str:
     name, unit, value = document["name"], document["unit"], document["value"]
-    known = catalogue()[effect].parameters if effect in catalogue() else ()
+    known = catalogue()[effect].parameters_on(target) if effect in catalogue() else ()
     parameter = next((p for p in known if p.name == name), Parameter(name, unit))
     if parameter.choices and value not in range(len(parameter.choices)):
         parameter = Parameter(name, unit)
@@ -220,21 +225,22 @@ def weak_table(entries: list[dict[str, Any]]) -> Table:
         Column("shows from (90 %)"),
         Column("over the plausible size"),
     )
-    by_name: dict[str, list[dict[str, Any]]] = {}
+    by_unit: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for entry in sorted(entries, key=lambda entry: entry["least_over_prior"]):
-        by_name.setdefault(entry["name"], []).append(entry)
+        by_unit.setdefault((entry["name"], _first_size(entry).unit), []).append(entry)
     rows = []
-    for name, of in by_name.items():
-        effect, ends = catalogue()[name], (of[0], of[-1])
-        sizes = [
-            effect.parameters[effect.sizes[0]].text(entry["least"])
-            for entry in ends
-            if entry["least"] is not None
-        ]
+    for (name, _), of in by_unit.items():
+        ends = of[0], of[-1]
+        sizes = [_first_size(entry).text(entry["least"]) for entry in ends if entry["least"] is not None]
         multiples = [number(entry["least_over_prior"], ".2g") for entry in ends]
         targets = [entry["target"] for entry in of if entry["target"]]
         rows.append([name, targets, _from_to(sizes) if sizes else "several numbers", _from_to(multiples)])
     return Table("Effects that show only if larger than plausible", columns, rows)
+
+
+def _first_size(entry: dict[str, Any]) -> Parameter:
+    effect = catalogue()[entry["name"]]
+    return effect.parameters_on(entry["target"] or "")[effect.sizes[0]]
 
 
 def _from_to(ends: list[str]) -> str:

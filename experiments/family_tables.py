@@ -14,11 +14,6 @@ from tulip_testbed.effects.instruments import acts_on
 from tulip_testbed.sim.table import Column, Table
 
 SPREAD = "Spread: estimated s.d. of the members, with its 95 % interval; 1 is usual."
-SOURCES = (
-    "cells, encoders: their noise; right, left plate: errors of their recorded places; internal forces: "
-    "between the feet, which no cell shows; spreads: how well spreads and scales are known; "
-    "a family: its members."
-)
 LARGEST_PARTS = 4
 LEAST_SHARE = 0.01
 
@@ -141,10 +136,11 @@ def member_table(found: SelfCalibration) -> Table:
     """Return the members that the data determine and tell from zero."""
     rows = []
     for one in found.families:
-        parameters, shown = one.family.effect.parameters, one.determined & _clear(one)
+        effect, shown = one.family.effect, one.determined & _clear(one)
         for k, label in enumerate(one.family.labels):
             if shown[k]:
                 low, high = one.interval95[k].tolist()
+                parameters = effect.parameters_on(label.partition(":")[2])
                 rows.append([label, parameters[k % len(parameters)].text(float(one.value[k]), (low, high))])
     return Table("Calibrated", (Column("imperfection"), Column("value ± half of the 95 % interval")), rows)
 
@@ -161,4 +157,16 @@ def budget_table(found: SelfCalibration, names: tuple[str, ...]) -> Table:
         ]
         rows.append([name, float(np.sqrt(found.covariance[k, k])), ", ".join(parts)])
     columns = (Column("parameter"), Column("s.e.", "mm", ".2f", 1e3), Column("largest parts of its variance"))
-    return Table("Budget of the standard errors", columns, rows, SOURCES)
+    return Table("Budget of the standard errors", columns, rows, _sources_explained(found))
+
+
+def _sources_explained(found: SelfCalibration) -> str:
+    """Say what the sources are, in words that fit the contact sensors."""
+    contacts = found.observed.measurements.contacts
+    sensors, one = ("cells", "cell") if contacts is None else ("contact sensors", "sensor")
+    plates = "right, left plate: errors of their recorded places; "
+    return (
+        f"{sensors}, encoders: their noise; {'' if found.observed.in_feet else plates}internal forces: "
+        f"between the feet, which no {one} shows; spreads: how well spreads and scales are known; a family: "
+        "its members."
+    )

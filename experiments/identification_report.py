@@ -37,6 +37,7 @@ def identification_document(
         "postures": len(measurements),
         "placements": len(np.unique(measurements.placement)),
         "condition_number": found.full.condition_number,
+        "at_rest": found.at_rest,
         "total_mass": {"estimate": found.mass[0], "standard_error": found.mass[1]},
     }
     for model, estimate in (("full", found.full), ("simplified", found.simplified)):
@@ -58,7 +59,7 @@ def identification_report(
         pairs, weak = document[model]["correlations"], document[model]["hardly_known"]
         angles = measurements.joint_angles
         parts += [
-            parameter_table(model, document[model], found.parameters),
+            parameter_table(model, document[model], found.parameters, at_rest=found.at_rest),
             correlation_table(model, pairs, found.parameters, angles) if pairs else NO_CORRELATION,
             *([f"Weakly determined: {weak}."] if weak else []),
             "",

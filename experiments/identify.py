@@ -40,10 +40,13 @@ from tulip_testbed.identification.statistics import (
 from tulip_testbed.identification.zero_confounding import confounded_directions
 from tulip_testbed.sim.errors import InputError, look_up, warn
 from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.table import Shown, Table
 
 MODELS = ("full", "simplified")
+CLEARLY = 3.0  # standard errors
+MOST_EXTENTS = 2.0  # of the robot's model, by MuJoCo's measure
 # What each estimator does, by its name.
 ESTIMATORS: dict[str, str] = {name: one.summary for name, one in OF_REGRESSION.items()} | {
     SELF_CALIBRATING: SUMMARY
@@ -121,6 +124,11 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
         return Correlations(self.full.numbers, self.full.names, correlations(self.full.covariance))
 
     @property
+    def at_rest(self) -> bool:
+        """Return whether the iteration of the self-calibrating estimator ended; always with the others."""
+        return self.calibration is None or self.calibration.steady
+
+    @property
     def hidden(self) -> str:
         """Return which parameters the unknown zeros of force-torque sensors imitate, "" if there are none."""
         if not len(self.confounded):
@@ -134,7 +142,8 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
             UnknownNameError: another model.
         """
         look_up("model", model, MODELS, "model")
-        return parameter_table(model, model_report(getattr(self, model), None).plain(), self.parameters)
+        document = model_report(getattr(self, model), None).plain()
+        return parameter_table(model, document, self.parameters, at_rest=self.at_rest)
 
     def to_frame(self, model: str = "full") -> Any:
         """Return a pandas DataFrame with one row a parameter of a model and its name as the index."""
@@ -162,7 +171,7 @@ def plain_estimator(measurements: Measurements) -> str:
 
 def warn_of_unrest(found: Identification, source: str) -> None:
     """Warn of a self-calibration whose linearisations did not come to rest."""
-    if found.calibration is not None and not found.calibration.steady:
+    if found.calibration is not None and not found.at_rest:
         warn(
             f"{source}: the estimate did not come to rest (its last step moved a number by "
             f"{found.calibration.moved:.1f} standard errors): something gross is wrong, or the stated noise; "
@@ -190,7 +199,8 @@ def identify(
 
     Raises:
         InputError: the measurements do not fit the robot or do not suffice, a weighed mass that cannot be
-            this robot's, an unknown estimator, an unknown family or an impossible tolerance.
+            this robot's, an estimate that no robot of this size and weight has, an unknown estimator, an
+            unknown family or an impossible tolerance.
     """
     look_up("estimator", estimator, ESTIMATORS, "estimator")
     check_tolerances(measurements.tolerances, f"{source}: key 'tolerances'")
@@ -214,6 +224,7 @@ def identify(
         observed = observed or observe(measurements, nominal_robot(robot, parameters.support))
         free = confounded_directions(observed, data)
         full, simplified, found = calibrated_estimates(observed, data, kept, tolerances)
+        check_physical(full, found.mass, robot, source)
         return Identification(parameters, full, simplified, found.mass, estimator, found, free)
     if observe(measurements, nominal_robot(robot, parameters.support)).contacts.unsure.any():
         raise InputError(
@@ -227,7 +238,31 @@ def identify(
         )
     full = estimate_by(data, estimator)
     simplified = full if len(kept) == len(data.numbers) else estimate_by(data.keep(kept), estimator)
+    check_physical(full, mass, robot, source)
     return Identification(parameters, full, simplified, mass, estimator)
+
+
+def check_physical(found: Estimate, mass: tuple[float, float], robot: Robot, source: str) -> None:
+    """Refuse an estimate that no robot of this size and weight has, by more than three standard errors.
+
+    A base parameter is a sum of distances within the robot, each times a share of the total mass.
+    """
+    call = "`tt.check(measurements)`" if source == "measurements" else f"`tt.check({source!r})`"
+    signs = f"wrong signs or units of readings or angles do that; {call} says more"
+    own = float(robot.model.body_mass.sum())
+    if not 0.5 * own < mass[0] + CLEARLY * mass[1] or not mass[0] - CLEARLY * mass[1] < 2 * own:
+        raise InputError(
+            f"{source}: found a total mass of {number(mass[0])} kg by the contact sensors, expected about "
+            f"{own:.4g} kg, that of the robot's model; {signs}"
+        )
+    most = MOST_EXTENTS * float(robot.model.stat.extent)
+    beyond = np.abs(found.value) - CLEARLY * standard_errors(found.covariance) - most
+    if not (beyond <= 0).all():
+        k = int(np.nan_to_num(beyond, nan=np.inf).argmax())
+        raise InputError(
+            f"{source}: found {found.names[k]} = {number(1e3 * float(found.value[k]))} mm, expected at most "
+            f"{1e3 * most:.0f} mm in size for a robot of this size; {signs}"
+        )
 
 
 def _check_weighed_mass(measurements: Measurements, mass: float, source: str) -> None:

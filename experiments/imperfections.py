@@ -18,12 +18,12 @@ STREAM = 2**32 - 1  # spawn key of the members of a single experiment: no placem
 def default_estimator(estimator: str | None, ordinary: float | None, laboratory: Laboratory) -> str:
     """Return the estimator that was asked for, or the one that fits the laboratory.
 
-    Zeros of force-torque sensors and ordinary imperfections are estimated by the self-calibrating one alone.
+    Zeros of wrench sensors and ordinary imperfections are estimated by the self-calibrating one alone.
 
     Args:
         ordinary: scale of the imperfections; None: the laboratory has none.
     """
-    exact = ordinary is None and laboratory.rig.sensors.feet is None
+    exact = ordinary is None and laboratory.rig.sensors.wrench is None
     return estimator or (DEFAULT if exact else SELF_CALIBRATING)
 
 

@@ -55,8 +55,9 @@ class Laboratory:
 
     Attributes:
         robot: the nominal robot.
-        sensors: name of a preset of data-sheet figures: plates "wii", "force-plate" or "ideal", or sensors in
-            the feet, "foot-ft" or "foot-ideal".
+        sensors: name of a preset of data-sheet figures: plates on cells "wii", "force-plate" or "ideal",
+            other plates "plate-ft" or "plate-cop", sensors in the ankles "foot-ft" or "foot-ideal", or in
+            the soles "sole-ft" or "sole-3axis".
         known: effects that the laboratory is known to have; estimates are corrected for them. Texts are read.
         hidden: effects that nobody is told, likewise.
         nominal: the laboratory without effects; None: the robot's, with the preset's sensors.

@@ -28,6 +28,7 @@ LEGEND = (
     "to a placement; relative s.e.: s.e. over the estimate (eq. 13); well identified: relative s.e. below "
     f"{WELL_IDENTIFIED:.0f} %."
 )
+NOT_AT_REST = "The estimate did not come to rest: these numbers and their standard errors mean nothing."
 MOST_TABLE = 2**20  # bytes
 NO_PLACEMENT_SD = 1e-3  # of sigma
 PAPER_COLUMNS = tuple(
@@ -91,13 +92,18 @@ def models(robot: Robot) -> tuple[str, ...]:
 
 
 def parameter_table(
-    model: str, document: dict[str, Any], parameters: BaseParameters, paper: Reported | None = None
+    model: str,
+    document: dict[str, Any],
+    parameters: BaseParameters,
+    paper: Reported | None = None,
+    at_rest: bool = True,
 ) -> Table:
     """Return a model's parameters, beside the truth and the paper's Table II where these are known.
 
     Args:
         model: "full" or "simplified". document: a `ModelReport` as plain JSON.
         paper: see `read_reported`; None: without.
+        at_rest: whether the estimator's iteration ended; otherwise no parameter is well identified.
     """
     rows = document["parameters"]
 
@@ -105,7 +111,7 @@ def parameter_table(
         return [Cell(row[name], f"{model}.parameters.{k}.{name}") for k, row in enumerate(rows)]
 
     shares = [row["relative_standard_error"] for row in rows]
-    well = [share is not None and share < WELL_IDENTIFIED for share in shares]
+    well = [at_rest and share is not None and share < WELL_IDENTIFIED for share in shares]
     columns: list[tuple[Column, list[Any]]] = [
         (Column("no.", format="d"), values("number")),
         (Column("parameter"), values("name")),
@@ -126,6 +132,8 @@ def parameter_table(
     columns.append((Column("links", extra=True), [united_links(parameters, row["number"]) for row in rows]))
     title = f"{model.capitalize()} model{', beside Table II' if beside else ''}"
     note = f"{residual_line(document, model, paper)} {placements_line(document)}"
+    if not at_rest:
+        note = f"{NOT_AT_REST} {note}"
     return Table(title, tuple(c for c, _ in columns), list(zip(*(v for _, v in columns), strict=True)), note)
 
 

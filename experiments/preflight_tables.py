@@ -9,6 +9,8 @@ from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.measurements.measurement_folder import MAY_LACK
 from tulip_testbed.sim.table import Cell, Table
 
+NOT_EVALUATED = "not evaluated"
+
 
 def finding_table(checks: list[dict[str, Any]]) -> Table:
     """Return every check of a preflight with what was found and what is expected."""
@@ -56,9 +58,17 @@ def preflight_report(document: dict[str, Any]) -> list[Table | str]:
     parts: list[Table | str] = [finding_table(document["checks"])]
     if (advice := advice_table(document["checks"])).rows:
         parts.append(advice)
+    skipped = [check["seen"] for check in document["checks"] if check["result"] == NOT_EVALUATED]
+    if skipped:
+        reasons = [f"{skipped.count(reason)} ({reason})" for reason in dict.fromkeys(skipped)]
+        parts.append(f"Not evaluated: {'; '.join(reasons)}.")
     return [*parts, "{rows} rows of {postures} postures on {placements} placements.".format_map(document)]
 
 
 def counts_line(document: dict[str, Any]) -> str:
-    """Return how many checks had which result."""
-    return ", ".join(f"{count} {result}" for result, count in document["counts"].items() if count)
+    """Return how many checks were evaluated, and how many of them had which result."""
+    counts = {result: count for result, count in document["counts"].items() if count}
+    every = sum(counts.values())
+    evaluated = every - counts.pop(NOT_EVALUATED, 0)
+    results = ", ".join(f"{count} {result}" for result, count in counts.items())
+    return f"{evaluated} of {every} checks evaluated: {results}"

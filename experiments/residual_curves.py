@@ -17,7 +17,7 @@ from tulip_testbed.identification.residual_noise import Noise, whitening
 SHOWN = (
     ("centre of pressure, x", "mm", 1e3, "A"),
     ("centre of pressure, y", "mm", 1e3, "A"),
-    ("sum of the cells", "N", 1.0, "F"),
+    ("sum of the vertical forces", "N", 1.0, "F"),
     ("twist, right plate", "N", 1.0, "T"),
     ("twist, left plate", "N", 1.0, "T"),
     ("swing foot's height", "mm", 1e3, "C"),

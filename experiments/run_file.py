@@ -65,8 +65,8 @@ def configuration_of(
     """
     rig = laboratory.rig
     sensors: dict[str, Any] = dict(dataclasses.asdict(rig.sensors))
-    if rig.sensors.feet is None:
-        del sensors["feet"]
+    if rig.sensors.wrench is None:
+        del sensors["wrench"]
     content = {
         "preset": laboratory.sensors,
         "seed": seed,

@@ -11,7 +11,7 @@ from tulip_testbed.identification.base_parameters import BaseParameters, base_pa
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.rank import labels, require_identifiable
 from tulip_testbed.identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
-from tulip_testbed.sim.errors import InputError, at_least, at_most
+from tulip_testbed.sim.errors import InputError, at_least, at_most, choices
 from tulip_testbed.sim.measurements import PosturePlan, read_plan
 from tulip_testbed.sim.measurements.plan_folder import check_fits
 from tulip_testbed.sim.measurements.table_files import MOST_ROWS
@@ -20,13 +20,16 @@ from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.robot_check import warn_of_robot
 from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.scene_check import check_scene
-from tulip_testbed.sim.shipped import PLANS
+from tulip_testbed.sim.shipped import PLAN_NAMES, PLANS, plan_folder
 
 DEFAULT_PLAN = PLANS / "random"
 
 
 def plan_for(robot: Robot, plan: Path | None) -> PosturePlan:
-    """Read a plan that fits the robot; the shipped one, which is TULip's, if `plan` is None.
+    """Read a plan that fits the robot; the shipped `random`, which is TULip's, if `plan` is None.
+
+    Args:
+        plan: folder, or name of a shipped plan.
 
     Raises:
         InputError: no such plan, or one for another model.
@@ -36,7 +39,11 @@ def plan_for(robot: Robot, plan: Path | None) -> PosturePlan:
             f"{robot.path}: found no plan for this robot: the shipped one is TULip's. Draw one with "
             "`tulip postures` or `tulip_testbed.plan` and give its name"
         )
-    return read_plan(plan or DEFAULT_PLAN, robot)
+    folder = DEFAULT_PLAN if plan is None else plan_folder(plan)
+    if len(folder.parts) == 1 and not folder.exists():
+        expected = choices(folder, PLAN_NAMES)
+        raise InputError(f"{folder}: no such plan folder, and no shipped plan has this name; {expected}")
+    return read_plan(folder, robot)
 
 
 def check_plan(robot: Robot, plan: PosturePlan, source: str = "plan") -> None:

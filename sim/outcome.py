@@ -40,9 +40,9 @@ class Truth:
         standard: its standard parameters (eq. 5), links in MJCF order, (n_links, 4) [kg, kg m].
         dropped: number of every posture without a successful attempt, and why its first attempt failed.
         attempts: all attempts in order; empty after a run by statics.
-        wrenches: true wrenches of the foot sensors behind the rows of the measurements, without zeros,
-            (m, 2, 6) [N, Nm]; None: no such sensors.
-        zeros: their true zeros, (2, 6) [N, Nm].
+        wrenches: true wrenches in the frames of the wrench sensors behind the rows of the measurements,
+            without zeros, (m, 2, 6) [N, Nm]; None: no such sensors.
+        zeros: their true zeros, (2, c) [N, Nm].
     """
 
     mass: float

@@ -7,20 +7,29 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.sim.foot_sensors import nominal_feet
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, SensorSheet
-from tulip_testbed.sim.measurements.contacts import WRENCH, Contacts
+from tulip_testbed.sim.measurements.contacts import (
+    COP,
+    VERTICAL,
+    Contacts,
+    covariance_of_cops,
+    wrenches_of_cops,
+)
+from tulip_testbed.sim.measurements.data import feet_in_contact
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.sensors import (
-    FootSensors,
+    ANKLE,
+    PLATE,
     Sampling,
+    WrenchSensors,
     averaged_sd,
     read_cells,
     read_encoders,
-    read_feet,
+    read_wrenches,
     sample,
 )
+from tulip_testbed.sim.wrench_sensors import mountings, nominal_feet
 
 
 def record_error(rig: Rig, rng: np.random.Generator, placements: int) -> np.ndarray:
@@ -105,17 +114,19 @@ def constants(rig: Rig) -> dict[str, Any]:
         encoder_sd=averaged_sd(s.encoder_repeatability, s.encoder_noise, s.encoder_resolution, samples),
         encoder_resolution=s.encoder_resolution,
     )
-    if s.feet is None:
+    on_ground = s.wrench is None or s.wrench.place == PLATE
+    if on_ground:
+        sheet = replace(sheet, placement_sd=s.placement_sd)
+    if s.wrench is None:
         sheet = replace(
             sheet,
             cell_sd=averaged_sd(s.cell_repeatability, s.cell_noise, s.cell_resolution, samples),
             cell_resolution=s.cell_resolution,
-            placement_sd=s.placement_sd,
         )
     return {
-        "cells": np.array([plate.cells for plate in plates]) if s.feet is None else np.zeros((2, 0, 2)),
-        "top_height": np.array([plate.top_height if s.feet is None else 0.0 for plate in plates]),
-        "contacts": None if s.feet is None else foot_contacts(rig, s.feet),
+        "cells": np.array([plate.cells for plate in plates]) if s.wrench is None else np.zeros((2, 0, 2)),
+        "top_height": np.array([plate.top_height if on_ground else 0.0 for plate in plates]),
+        "contacts": None if s.wrench is None else contacts_of(rig, s.wrench),
         "gravity": float(-rig.robot.model.opt.gravity[2]),
         "sensors": sheet,
         "robot": {
@@ -127,21 +138,28 @@ def constants(rig: Rig) -> dict[str, Any]:
     }
 
 
-def foot_contacts(rig: Rig, feet: FootSensors) -> Contacts:
-    """Return what a user of foot sensors states of them: data sheet, mounting and the nominal feet."""
-    figures = zip(feet.repeatability, feet.noise, feet.resolution, strict=True)
-    sd = np.array([averaged_sd(*figure, _samples(rig)) for figure in figures])
-    below = nominal_feet(rig.robot)
-    below_sd = np.full_like(below, feet.below_center_sd)
-    below_sd[:, 0] = feet.below_mass_sd * below[:, 0]
+def contacts_of(rig: Rig, sensors: WrenchSensors) -> Contacts:
+    """Return what a user knows of the wrench sensors: the data sheet, and the nominal foot below an ankle.
+
+    The covariance of centres of pressure depends on the load and is not known before the measurements.
+    """
+    sd = np.array([averaged_sd(*figures, _samples(rig)) for figures in sensors.figures()])
+    is_cop, in_foot = sensors.channels == COP, sensors.place != PLATE
+    below, below_sd = np.zeros((2, 4)), np.zeros((2, 4))
+    if sensors.place == ANKLE:
+        below = nominal_feet(rig.robot)
+        below_sd = np.full_like(below, sensors.below_center_sd)
+        below_sd[:, 0] = sensors.below_mass_sd * below[:, 0]
+    zero_sd = np.array(sensors.zero_sd[: len(sd)])
     return Contacts(
-        mount="foot",
-        channels=WRENCH,
-        pose=np.tile(feet.mounting, (2, 1)),
-        covariance=np.diag(sd**2),
-        zero_sd=np.tile(np.where(np.array(feet.zero_sd) > 0, np.inf, 0.0), (2, 1)),
+        mount="foot" if in_foot else "ground",
+        channels=VERTICAL if is_cop else sensors.channels,
+        pose=mountings(sensors, rig.robot) if in_foot else np.zeros((2, 6)),
+        covariance=None if is_cop else np.diag(sd**2),
+        zero_sd=np.tile(np.where(zero_sd > 0, np.inf, 0.0), (2, 1)),
         below=below,
         below_sd=below_sd,
+        cop_sd=np.tile(sd, (2, 1)) if is_cop else None,
     )
 
 
@@ -159,21 +177,21 @@ def read_sensors(
     rng: np.random.Generator,
     sample: Sampling = sample,
 ) -> dict[str, np.ndarray]:
-    """Read encoders and either cells or foot sensors over a window; return the readings by column prefix.
+    """Read encoders and either cells or wrench sensors over a window; return the readings by column prefix.
 
     Args:
         joints, motors: true angles, (..., n) [rad]. forces: of the cells, (..., 8) [N].
-        wrenches, zeros: true wrenches and zeros of the foot sensors, (..., 2, 6) and (2, 6) [N, Nm]; not read
-            without such sensors.
+        wrenches, zeros: true wrenches and zeros of the wrench sensors, (..., 2, 6) and (2, c) [N, Nm]; not
+            read without such sensors.
         sample: see `read_encoders`.
     """
-    samples, feet = _samples(rig), rig.sensors.feet
+    samples, sensors = _samples(rig), rig.sensors.wrench
     angles, angles_sd, motor = read_encoders(rig.sensors, joints, motors, samples, rng, sample)
     reading = {"q": angles, "q_std": angles_sd, "motor": motor}
-    if feet is None or wrenches is None or zeros is None:
+    if sensors is None or wrenches is None or zeros is None:
         mean, sd = read_cells(rig.sensors, forces, samples, rng, sample)
         return reading | {"cell": mean, "cell_std": sd}
-    mean, sd = read_feet(feet, wrenches, zeros, samples, rng, sample)
+    mean, sd = read_wrenches(sensors, wrenches, zeros, samples, rng, sample)
     return reading | {"wrench": mean, "wrench_std": sd}
 
 
@@ -191,9 +209,15 @@ def make_measurements(
         reading: see `read_sensors`, of m rows.
         columns: the other fields of `Measurements`.
     """
-    m = len(reading["q"])
-    if rig.sensors.feet is not None:  # the plates are only the ground that it stands on
+    m, sensors = len(reading["q"]), rig.sensors.wrench
+    if sensors is not None and sensors.place != PLATE:  # the plates are only the ground that it stands on
         columns["plate_poses"] = np.zeros((m, 2, 3))
+    if sensors is not None and sensors.channels == COP:
+        stands = feet_in_contact(columns["support"])
+        cops = np.where(stands[..., None], reading["wrench"], np.nan)  # nothing presses in the air
+        covariance = covariance_of_cops(cops, fixed["contacts"].cop_sd, stands)
+        fixed = fixed | {"contacts": replace(fixed["contacts"], covariance=covariance)}
+        reading = reading | {"wrench": wrenches_of_cops(cops), "wrench_std": np.full(cops.shape, np.nan)}
     measured = Measurements(
         window=np.full(m, rig.protocol.window),
         samples=np.full(m, _samples(rig)),

@@ -12,7 +12,6 @@ from tulip_testbed.sim.control import add_servos
 from tulip_testbed.sim.drive_needs import supply_drives
 from tulip_testbed.sim.drives import Drives, add_drives
 from tulip_testbed.sim.errors import InputError, listed
-from tulip_testbed.sim.foot_sensors import add_foot_sensors
 from tulip_testbed.sim.measurements.data import PlateGeometry, lay_boards
 from tulip_testbed.sim.plates import place_plates, plate_geometry
 from tulip_testbed.sim.rig import Rig
@@ -27,6 +26,8 @@ from tulip_testbed.sim.robot import (
     without_meshes,
 )
 from tulip_testbed.sim.scene_options import make_plain, set_solver
+from tulip_testbed.sim.sensors import ANKLE
+from tulip_testbed.sim.wrench_sensors import add_foot_sensors
 
 PLATE_GAP = 0.01  # m, between the boards' long edges until `place_plates` moves them
 # As in the hand-written scene; docs/contact-study.md gives the reasons.
@@ -130,7 +131,7 @@ def _load_plate(robot: Robot) -> mujoco.MjsBody:
 
 
 def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
-    """Return the rig's scene: drives, servos, compliance, foot sensors, plates, solver, and the rig's edit.
+    """Return the rig's scene: drives, servos, compliance, ankle sensors, plates, solver, and the rig's edit.
 
     Args:
         plate_poses: poses of the right and left plate in the base frame, (2, 3) [m, m, rad].
@@ -146,8 +147,8 @@ def laboratory_scene(rig: Rig, plate_poses: np.ndarray) -> mujoco.MjSpec:
         for key in list(spec.keys):  # keyframes do not fit the added joints
             spec.delete(key)
     add_servos(spec, rig.controller)
-    if rig.sensors.feet is not None:
-        add_foot_sensors(spec, rig.robot.feet, rig.sensors.feet.mounting)
+    if rig.sensors.wrench is not None and rig.sensors.wrench.place == ANKLE:
+        add_foot_sensors(spec, rig.robot.feet, rig.sensors.wrench.mounting)
     place_plates(spec, plate_poses)
     set_solver(spec)
     if rig.edit is not None:

@@ -1,41 +1,74 @@
-"""Encoders, load cells and foot sensors: data-sheet figures, presets and simulated readings."""
+"""Encoders, load cells and wrench sensors: data-sheet figures, presets and simulated readings."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tulip_testbed.sim.measurements.contacts import COP, VERTICAL, WRENCH, cops_of_wrenches
 from tulip_testbed.sim.robot import CELLS
 
 Pose = tuple[float, float, float]
+Figures = tuple[float, ...]
 Six = tuple[float, float, float, float, float, float]
 Sampling = Callable[..., tuple[np.ndarray, np.ndarray]]
 
 
-@dataclass(frozen=True)
-class FootSensors:
-    """Data-sheet figures of a six-axis force-torque sensor in each ankle, in place of the plates' cells.
+ANKLE, SOLE, PLATE = PLACES = ("ankle", "sole", "plate")
 
-    Six figures are in the order of `sim.measurements.contacts.WRENCH` [N, Nm]. A sensor has no mass.
+
+@dataclass(frozen=True)
+class WrenchSensors:
+    """Data-sheet figures of a wrench sensor in or under each foot, in place of the plates' cells.
+
+    Figures are in the order of `channels` [N, Nm, of a centre of pressure m]. A sensor has no mass.
 
     Attributes:
+        place: "ankle": in the foot, with the whole foot below it, which it does not weigh; "sole": in the
+            foot, below all of its mass; "plate": on the ground, in place of the plate's cells, tared.
+        channels: `WRENCH`, `VERTICAL`, or `COP`: the device gives no more than a point and a force.
         repeatability, noise, resolution: as in `Sensors`, by channel.
         zero_sd: s.d. of the true zeros, which are drawn once per experiment and which nobody knows; 0: tared.
-        mounting: pose of the sensor's frame in its foot's frame, x, y, z, roll, pitch, yaw (fixed axes)
-            [m, rad]; zero: at the last joint, parallel to the foot. The whole foot is below the sensor.
-        below_mass_sd: s.d. of the stated mass of a foot, as a share of it.
+        mounting: pose of the sensor's frame, x, y, z, roll, pitch, yaw (fixed axes) [m, rad]: in an ankle in
+            the foot's frame, in a sole about the sole point. A plate's frame is at its top.
+        below_mass_sd: s.d. of the stated mass of a foot below an ankle, as a share of it.
         below_center_sd: s.d. of every coordinate of its stated centre of mass [m].
     """
 
-    repeatability: Six = (0.0,) * 6
-    noise: Six = (0.0,) * 6
-    resolution: Six = (0.0,) * 6
-    zero_sd: Six = (0.0,) * 6
+    place: str = ANKLE
+    channels: tuple[str, ...] = WRENCH
+    repeatability: Figures = (0.0,) * 6
+    noise: Figures = (0.0,) * 6
+    resolution: Figures = (0.0,) * 6
+    zero_sd: Figures = (0.0,) * 6
     mounting: Six = (0.0,) * 6
     below_mass_sd: float = 0.0
     below_center_sd: float = 0.0
+
+    @property
+    def exact(self) -> WrenchSensors:
+        """Return such sensors without errors; what is not known of their zeros remains."""
+        none = (0.0,) * len(self.channels)
+        without = {"repeatability": none, "noise": none, "resolution": none}
+        return replace(self, **without, below_mass_sd=0.0, below_center_sd=0.0)
+
+    def figures(self) -> list[tuple[float, float, float]]:
+        """Return repeatability, noise and resolution of every channel."""
+        count = len(self.channels)
+        parts = (self.repeatability[:count], self.noise[:count], self.resolution[:count])
+        return list(zip(*parts, strict=True))
+
+    def only(self, channels: tuple[str, ...]) -> WrenchSensors:
+        """Return sensors of which only some channels are read."""
+        kept = [self.channels.index(channel) for channel in channels]
+        repeatability, noise, resolution, zero_sd = (
+            tuple(figures[k] for k in kept)
+            for figures in (self.repeatability, self.noise, self.resolution, self.zero_sd)
+        )
+        errors = {"repeatability": repeatability, "noise": noise, "resolution": resolution}
+        return replace(self, channels=channels, zero_sd=zero_sd, **errors)
 
 
 @dataclass(frozen=True)
@@ -55,8 +88,8 @@ class Sensors:
         mark_sd: s.d. of the recorded pose of the right plate, whose foot stands on a mark [m, m, rad].
         weighed_mass_sd: s.d. of the scale that weighs the whole robot [kg].
         cell_gain: true gain of single cells by name; 1 if not named.
-        feet: force-torque sensors in the feet; with them the plates' cells and poses are not read. None:
-            cells.
+        wrench: wrench sensors; with them the plates' cells are not read, nor, if they are in the feet, the
+            plates' poses. None: cells.
     """
 
     encoder_repeatability: float = 0.0
@@ -73,7 +106,7 @@ class Sensors:
     mark_sd: Pose = (0.0, 0.0, 0.0)
     weighed_mass_sd: float = 0.0
     cell_gain: dict[str, float] = field(default_factory=dict)
-    feet: FootSensors | None = None
+    wrench: WrenchSensors | None = None
 
 
 UNTARED: Six = (5.0, 5.0, 5.0, 0.2, 0.2, 0.2)  # N, Nm, s.d. of the zeros of a mounted sensor, assumed
@@ -86,6 +119,23 @@ FINE_ENCODERS = {  # of careful laboratories [rad]
     "motor_noise": 1e-4,
     "motor_resolution": 2 * np.pi / 2000 / 111,
 }
+COARSE_ENCODERS = {  # of ordinary ones [rad]
+    "encoder_repeatability": 4e-4,
+    "encoder_noise": 2e-4,
+    "encoder_resolution": 2 * np.pi / 2**13,
+    "motor_repeatability": 4e-4,
+    "motor_noise": 2e-4,
+    "motor_resolution": 2 * np.pi / 2000 / 111,
+}
+BY_JIG = {"placement_sd": (0.0004, 0.0004, 0.001), "mark_sd": (0.0001, 0.0001, 0.0005)}  # m, m, rad
+BY_TAPE = {"placement_sd": (0.0035, 0.0035, 0.01), "mark_sd": (0.001, 0.001, 0.005)}
+# ATI Mini45, calibration SI-580-20, without tare; docs/laboratory.md says where each figure is from.
+MINI45 = WrenchSensors(
+    repeatability=(0.58, 0.58, 1.16, 0.02, 0.02, 0.02),
+    noise=(0.25, 0.25, 0.25, 1 / 188, 1 / 188, 1 / 376),
+    resolution=(0.25, 0.25, 0.25, 1 / 188, 1 / 188, 1 / 376),
+    zero_sd=UNTARED,
+)
 # A preset is a set of variance components without systematic effects.
 PRESETS: dict[str, Sensors] = {
     "ideal": Sensors(),
@@ -95,38 +145,56 @@ PRESETS: dict[str, Sensors] = {
         cell_repeatability=0.1,
         cell_noise=0.3,
         cell_resolution=0.01,
-        placement_sd=(0.0004, 0.0004, 0.001),
-        mark_sd=(0.0001, 0.0001, 0.0005),
+        **BY_JIG,
         weighed_mass_sd=0.005,
     ),
     # Wii balance boards: CoP residual sigma of 4.16 mm per axis, as in the paper.
     "wii": Sensors(
-        encoder_repeatability=4e-4,
-        encoder_noise=2e-4,
-        encoder_resolution=2 * np.pi / 2**13,
-        motor_repeatability=4e-4,
-        motor_noise=2e-4,
-        motor_resolution=2 * np.pi / 2000 / 111,
+        **COARSE_ENCODERS,
         cell_repeatability=1.43,
         cell_noise=1.5,
         cell_resolution=0.1,
-        placement_sd=(0.0035, 0.0035, 0.01),
-        mark_sd=(0.001, 0.001, 0.005),
+        **BY_TAPE,
         weighed_mass_sd=0.02,
     ),
     # Ankle sensors without errors but for their zeros, which are unknown.
-    "foot-ideal": Sensors(feet=FootSensors(zero_sd=UNTARED)),
-    # ATI Mini45, calibration SI-580-20, without tare; docs/laboratory.md says where each figure is from.
+    "foot-ideal": Sensors(wrench=WrenchSensors(zero_sd=UNTARED)),
     "foot-ft": Sensors(
         **FINE_ENCODERS,
         weighed_mass_sd=0.005,
-        feet=FootSensors(
-            repeatability=(0.58, 0.58, 1.16, 0.02, 0.02, 0.02),
-            noise=(0.25, 0.25, 0.25, 1 / 188, 1 / 188, 1 / 376),
-            resolution=(0.25, 0.25, 0.25, 1 / 188, 1 / 188, 1 / 376),
-            zero_sd=UNTARED,
-            below_mass_sd=0.02,
-            below_center_sd=0.002,
+        wrench=replace(MINI45, below_mass_sd=0.02, below_center_sd=0.002),
+    ),
+    # The same sensor below the foot.
+    "sole-ft": Sensors(**FINE_ENCODERS, weighed_mass_sd=0.005, wrench=replace(MINI45, place=SOLE)),
+    # The same again, of which only what the centre of pressure needs is read.
+    "sole-3axis": Sensors(
+        **FINE_ENCODERS,
+        weighed_mass_sd=0.005,
+        wrench=replace(MINI45, place=SOLE).only(VERTICAL),
+    ),
+    # Six-axis plates of AMTI's Optima kind, tared.
+    "plate-ft": Sensors(
+        **FINE_ENCODERS,
+        **BY_JIG,
+        weighed_mass_sd=0.005,
+        wrench=WrenchSensors(
+            place=PLATE,
+            repeatability=(0.1, 0.1, 0.12, 0.024, 0.024, 0.012),
+            noise=(0.3, 0.3, 0.3, 0.03, 0.03, 0.03),
+            resolution=(0.05, 0.05, 0.1, 0.02, 0.02, 0.01),
+        ),
+    ),
+    # Balance boards that hand over a centre of pressure and the vertical force: Bartlett et al. (2014).
+    "plate-cop": Sensors(
+        **COARSE_ENCODERS,
+        **BY_TAPE,
+        weighed_mass_sd=0.02,
+        wrench=WrenchSensors(
+            place=PLATE,
+            channels=COP,
+            repeatability=(0.0015, 0.0015, 4.5),
+            noise=(0.001, 0.001, 1.5),
+            resolution=(0.0001, 0.0001, 0.1),
         ),
     ),
 }
@@ -215,27 +283,32 @@ def read_cells(
     )
 
 
-def draw_zeros(feet: FootSensors, rng: np.random.Generator) -> np.ndarray:
-    """Draw the true zeros of both foot sensors for one experiment, (2, 6) [N, Nm]."""
-    return np.array(feet.zero_sd) * rng.standard_normal((2, 6))
+def draw_zeros(sensors: WrenchSensors, rng: np.random.Generator) -> np.ndarray:
+    """Draw the true zeros of both wrench sensors for one experiment, (2, c) [N, Nm]."""
+    count = len(sensors.channels)
+    return np.array(sensors.zero_sd[:count]) * rng.standard_normal((2, count))
 
 
-def read_feet(
-    feet: FootSensors,
+def read_wrenches(
+    sensors: WrenchSensors,
     wrenches: np.ndarray,
     zeros: np.ndarray,
     samples: int,
     rng: np.random.Generator,
     sample: Sampling = sample,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Read the foot sensors: mean and s.d. over a window, each (..., 2, 6) [N, Nm].
+    """Read the wrench sensors: mean and s.d. over a window, each (..., 2, c) [N, Nm]; of `COP` [m, m, N].
 
     Args:
         wrenches: true wrenches in the sensors' frames, (..., 2, 6). zeros: see `draw_zeros`.
     """
-    figures = zip(feet.repeatability, feet.noise, feet.resolution, strict=True)
-    channels = np.moveaxis(wrenches + zeros, -1, 0)
-    read = [sample(true, *figure, samples, rng) for true, figure in zip(channels, figures, strict=True)]
+    names = VERTICAL if sensors.channels == COP else sensors.channels
+    given = wrenches[..., [WRENCH.index(name) for name in names]]
+    given = cops_of_wrenches(given) if sensors.channels == COP else given
+    channels = np.moveaxis(given + zeros, -1, 0)
+    read = [
+        sample(true, *figure, samples, rng) for true, figure in zip(channels, sensors.figures(), strict=True)
+    ]
     return np.stack([mean for mean, _ in read], axis=-1), np.stack([sd for _, sd in read], axis=-1)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
+import tulip_testbed as tt
 from tulip_testbed.cli import main as command_line
 from tulip_testbed.cli import options
 from tulip_testbed.cli.main import COMMANDS, command_of, main, usage
@@ -23,7 +24,7 @@ from tulip_testbed.identification.planning import interior_point, search
 from tulip_testbed.sim import sensors
 from tulip_testbed.sim.dynamics import dynamic_run
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import write_measurements
+from tulip_testbed.sim.measurements import read_measurements, write_measurements
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.shipped import ASSETS
 
@@ -136,7 +137,7 @@ def test_the_options_are_the_librarys():
     assert options.DEFAULT_ESTIMATOR == estimators.DEFAULT
     assert inspect.signature(identify.identify).parameters["estimator"].default == options.ORDINARY_ESTIMATOR
     assert set(get_args(options.Preset)) == set(sensors.PRESETS)
-    plates = {name for name, preset in sensors.PRESETS.items() if preset.feet is None}
+    plates = {name for name, preset in sensors.PRESETS.items() if preset.wrench is None}
     assert set(get_args(options.PlatePreset)) == plates
     assert set(get_args(options.Noisy)) == plates - {"ideal"}
     assert options.SOLVERS == interior_point.SOLVERS
@@ -264,6 +265,19 @@ def test_missing_plan_and_existing_run(tmp_path, capsys):
     assert "run: exists already" in refused(capsys, "validate", "--out", tmp_path / "run")
     assert "run: exists already" in refused(capsys, "simulate", "--out", tmp_path / "run")
     assert list((tmp_path / "run").iterdir()) == []
+
+
+def test_a_shipped_plan_has_a_name(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    out = tmp_path / "data"
+    assert main(["simulate", "mixed", "--statics", "--preset", "ideal", "--out", str(out)]) == 0
+    assert set(read_measurements(out).support) == {"double", "right", "left"}
+    assert len(tt.plans.read("optimal")) == len(tt.plans.optimal)
+    capsys.readouterr()
+    known = "no shipped plan has this name; did you mean 'mixed'? valid: random, optimal, mixed"
+    assert known in refused(capsys, "simulate", "mixd", "--out", tmp_path / "other")
+    (tmp_path / "mixed").mkdir()  # a path of that name comes first
+    assert "mixed" in refused(capsys, "simulate", "mixed", "--out", tmp_path / "other")
 
 
 def test_bad_numbers_and_places_are_refused_before_the_work(tmp_path, capsys):

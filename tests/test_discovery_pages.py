@@ -67,7 +67,7 @@ def test_what_is_left_is_noise_and_what_was_there_is_not(saved):
         assert 0.6 < np.sqrt(np.mean(after**2)) < 1.2, curve.name
     ratio = {curve.name: np.nanmean((curve.before / curve.sd) ** 2) for curve in curves}
     assert ratio["swing foot's pitch"] > 100
-    assert ratio["sum of the cells"] < 1.4
+    assert ratio["sum of the vertical forces"] < 1.4
 
 
 @needs_vulkan

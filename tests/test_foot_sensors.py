@@ -21,19 +21,19 @@ from tulip_testbed.sim.dynamics.dynamic_run import read_again, run_dynamics
 from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.foot_sensors import add_foot_sensors, foot_addresses, in_sensor_frame
 from tulip_testbed.sim.measurements import PosturePlan, read_measurements
 from tulip_testbed.sim.measurements.contacts import WRENCH
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.scene import boards_under
-from tulip_testbed.sim.sensors import PRESETS, FootSensors, averaged_sd, draw_zeros
+from tulip_testbed.sim.sensors import PRESETS, WrenchSensors, averaged_sd, draw_zeros
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
+from tulip_testbed.sim.wrench_sensors import add_foot_sensors, foot_addresses, in_sensor_frame
 
 GRAVITY = 9.81
-SHEET: Any = PRESETS["foot-ft"].feet
+SHEET: Any = PRESETS["foot-ft"].wrench
 TILTED = (0.01, -0.02, 0.03, 0.2, -0.3, 0.4)  # m, rad, a mounting
 # On the right foot, in rad; the left foot hangs turned by up to half a radian about each axis.
 ON_RIGHT = np.array(
@@ -48,9 +48,9 @@ ON_RIGHT = np.array(
 def foot_rig(robot: Robot, preset: str = "foot-ideal", **changes) -> Rig:
     """Return a laboratory with changed foot sensors, in which nothing is measured twice."""
     rig = preset_rig(preset, robot)
-    feet = dataclasses.replace(rig.sensors.feet or FootSensors(), **changes)
+    feet = dataclasses.replace(rig.sensors.wrench or WrenchSensors(), **changes)
     protocol = dataclasses.replace(rig.protocol, repeats=0)
-    return dataclasses.replace(rig, sensors=dataclasses.replace(rig.sensors, feet=feet), protocol=protocol)
+    return dataclasses.replace(rig, sensors=dataclasses.replace(rig.sensors, wrench=feet), protocol=protocol)
 
 
 def statics(rig: Rig, plan: PosturePlan, runs: int = 1) -> list[Any]:
@@ -370,7 +370,7 @@ def test_a_tared_sensor_has_no_zeros(robot, plan):
     (run,) = statics(rig, plan.take(np.arange(2)))
     assert not run.measurements.contacts.zero_sd.any()
     np.testing.assert_allclose(run.measurements.wrenches, run.truth.wrenches, atol=1e-9)
-    assert not draw_zeros(FootSensors(), np.random.default_rng(1)).any()
+    assert not draw_zeros(WrenchSensors(), np.random.default_rng(1)).any()
 
 
 def test_the_sensors_do_not_change_how_the_robot_stands(robot, plan):
@@ -380,7 +380,7 @@ def test_the_sensors_do_not_change_how_the_robot_stands(robot, plan):
     assert np.array_equal(plates.held[0].cell_forces, feet.held[0].cell_forces)
     assert np.array_equal(plates.held[0].joint_angles, feet.held[0].joint_angles)
     for name in ("wii", "force-plate", "ideal"):
-        assert PRESETS[name].feet is None
+        assert PRESETS[name].wrench is None
 
 
 @pytest.mark.parametrize("engine", ["statics", "dynamics"])
@@ -396,11 +396,11 @@ def test_the_truth_file_knows_zeros_and_wrenches(robot, plan):
     document: Any = truth_of(run).plain()
     assert np.array_equal(document["zeros"], run.truth.zeros)
     assert np.array_equal(document["wrenches"], run.truth.wrenches)
-    assert document["configuration"]["sensors"]["feet"]["zero_sd"] == list(SHEET.zero_sd)
+    assert document["configuration"]["sensors"]["wrench"]["zero_sd"] == list(SHEET.zero_sd)
 
 
 def test_the_composer_refuses_them(robot, plan):
-    with pytest.raises(InputError, match="rig: found sensors in the feet, expected plates"):
+    with pytest.raises(InputError, match="rig: found wrench sensors, expected plates on cells"):
         laboratory_environment(preset_rig("foot-ft", robot), plan.joint_angles[0])
 
 

@@ -271,3 +271,57 @@ def test_a_file_and_a_single_column_are_both_heard(table, stated, tmp_path, caps
     document = json.loads(capsys.readouterr().out)
     assert document["mapped"]["q.right_knee"]["sign"] == -1
     assert not any("contacts" in problem for problem in document["problems"])
+
+
+def test_what_is_assumed_of_the_contact_sensors_is_said(table, stated, tmp_path):
+    found = tt.import_table(table(), tmp_path / "data", stated=[stated(WRENCHES)])
+    assert any(
+        text.startswith(
+            "the contact sensors' `covariance` is unknown: every averaged reading is taken to err by 1 N"
+        )
+        for text in found.assumed
+    )
+    assert not any("`below`" in text for text in found.assumed)
+    sheet = "covariance = [[1.0, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.01]]"
+    known = WRENCHES.replace('zero = "tared"', f'zero = "tared"\n{sheet}')
+    found = tt.import_table(table(), tmp_path / "known", stated=[stated(known)])
+    assert not any("covariance" in text for text in found.assumed)
+    feet = WRENCHES.replace(
+        "top_height = 0.05", "pose = {x=0.0, y=0.0, z=-0.1, roll=0.0, pitch=0.0, yaw=0.0}"
+    )
+    found = tt.import_table(table(), tmp_path / "feet", stated=[stated(feet.replace('"ground"', '"foot"'))])
+    assert any(text.startswith("no `below` is stated") for text in found.assumed)
+
+
+def test_messages_speak_of_the_table_and_the_map(table, stated, tmp_path):
+    def radians(columns):
+        columns["RKnee [rad]"] = columns.pop("RKnee [deg]")
+
+    path = table(change=radians)
+    found = tt.import_table(path, tmp_path / "data", stated=[stated(WRENCHES)])
+    (problem,) = [text for text in found.problems if "row 1: found" in text]
+    assert problem.startswith(f"{path}: column 'q.right_knee'")
+    assert problem.endswith("q.right_knee is column 'RKnee [rad]'")
+    with pytest.raises(tt.InputError, match=r"^map: key 'columns\.q\.right_knee\.unit': found 'furlong'"):
+        tt.import_table(path, tmp_path / "data", stated=["q.right_knee=RKnee [rad]:furlong"])
+
+
+def test_a_unit_in_the_header_need_not_be_stated_again(table, stated, measured, tmp_path):
+    def change(columns):
+        columns["t (ms)"] = 1e3 * columns.pop("time")
+        columns["Posture no."], columns["Stance"] = columns.pop("posture"), columns.pop("placement")
+
+    text = WRENCHES + '[columns]\ntime = {column = "t (ms)"}\n'
+    found = tt.import_table(table(change=change), tmp_path / "data", stated=[stated(text)])
+    assert found.mapped["time"] == {
+        "column": "t (ms)",
+        "unit": "ms",
+        "sign": 1,
+        "by": "statement",
+        "checked": None,
+    }
+    assert found.mapped["posture"]["column"] == "Posture no."
+    assert found.mapped["placement"]["column"] == "Stance"
+    m = read_measurements(tmp_path / "data")
+    assert m.time == pytest.approx(measured.time)
+    assert m.placement.tolist() == measured.placement.tolist()

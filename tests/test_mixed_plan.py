@@ -13,6 +13,7 @@ from studies.study_mixed import ratios
 from tests.test_cli import refused
 from tests.test_link_clearances import Collisions
 from tulip_testbed import plans
+from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.plan_description import described_plan, regressor_by_mujoco
 from tulip_testbed.identification.base_parameters import base_parameters, common_support
 from tulip_testbed.identification.planning.closed_chain import chain_at
@@ -32,6 +33,7 @@ from tulip_testbed.identification.planning.one_foot import (
     with_feet_exchanged,
 )
 from tulip_testbed.identification.planning.problem import planning_problem
+from tulip_testbed.identification.planning.sequential import measured_information
 from tulip_testbed.identification.planning.single_support import feasible_pool
 from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.sim.control import torque_limits
@@ -223,3 +225,12 @@ def test_options_that_do_not_go_together(capsys, tmp_path):
     assert "--right, --left: found with --table1" in refused(capsys, *new, "--table1")
     assert "--right, --left: found with single_support" in refused(capsys, *new, "--single-support", 4)
     assert "--left: found -1" in refused(capsys, "plan", "--out", tmp_path / "new", "--left", -1)
+
+
+def test_measurements_on_either_foot_are_known_to_the_next_plan(robot, plate):
+    """Rows on one foot tell other parameters than rows on both: together all 27."""
+    measured = Laboratory(robot, "ideal").run(plans.mixed, 1, "statics").measurements
+    support = common_support(measured.support)
+    known = measured_information(planning_problem(robot, plate, support=support), measured)
+    assert known.shape == (27, 27)
+    assert np.linalg.matrix_rank(known) == 27

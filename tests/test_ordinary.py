@@ -11,7 +11,7 @@ from tests.test_cli import refused
 from tulip_testbed.calibration.families import families_of, tolerances_of
 from tulip_testbed.calibration.ordinary_laboratory import draw_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
-from tulip_testbed.experiments.checks import data_correlation_checks
+from tulip_testbed.experiments.checks import correlation_checks, data_correlation_checks
 from tulip_testbed.experiments.imperfections import drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, source_of, stream_of
@@ -148,6 +148,12 @@ def test_a_plan_that_weakens_a_correlation_is_not_judged():
     assert judged.result == "fail"
     (skipped,) = data_correlation_checks(numbers, data, np.array([[1, -0.93], [-0.93, 1]]), [[12, 13]])
     assert skipped.result == "not evaluated"
+    # Nor is the correlation of the angles, and then the limit is not printed as one that it passes.
+    (held,) = correlation_checks(numbers, data, np.array([[1, -0.99], [-0.99, 1]]), [[12, 13]])
+    assert (held.result, held.source.partition("; ")[2]) == ("fail", "below -0.95")
+    (weak,) = correlation_checks(numbers, data, data, [[12, 13]])
+    assert weak.result == "pass"
+    assert weak.source.endswith("; not held to -0.95, which this plan weakens by itself")
 
 
 def test_a_monte_carlo_does_not_depend_on_workers_and_records_its_setting(robot, plan, tmp_path):

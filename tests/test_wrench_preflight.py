@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tulip_testbed.experiments.check_folder import check_measurements
+from tulip_testbed.experiments.preflight_tables import counts_line, preflight_report
 from tulip_testbed.sim.measurements import read_measurements
 from tulip_testbed.sim.measurements.contacts import VERTICAL, WRENCH, Contacts
 
@@ -155,3 +157,16 @@ def test_a_dead_channel_is_told_but_not_a_constant_joint(standing, robot):
     found = checks(m, robot)["stuck readings"]
     assert "wrench.left.mx reads 0.25" in found["seen"]
     assert "right_hip_yaw" not in found["seen"]
+
+
+def test_a_pass_says_what_was_not_evaluated_and_why(standing, robot):
+    document = check_measurements(standing, robot).document
+    counts = document["counts"]
+    evaluated = sum(counts.values()) - counts["not evaluated"]
+    assert counts["not evaluated"] > 5
+    assert counts_line(document).startswith(f"{evaluated} of {sum(counts.values())} checks evaluated: ")
+    (line,) = [
+        part for part in preflight_report(document) if isinstance(part, str) and "Not evaluated" in part
+    ]
+    assert "(needs the readings of vertical cells; there are wrench sensors" in line
+    assert sum(map(int, re.findall(r"(?:: |; )(\d+) \(", line))) == counts["not evaluated"]

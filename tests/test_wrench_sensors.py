@@ -1,6 +1,7 @@
 """Force-torque sensors in the feet: their readings as forces and levers, and what their zeros hide."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import tulip_testbed as tt
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Misreading
 from tulip_testbed.effects.removal import corrected
-from tulip_testbed.experiments.identify import identify
+from tulip_testbed.experiments.identify import check_physical, identify
 from tulip_testbed.identification.contact_readings import of_wrenches
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
@@ -129,3 +130,38 @@ def test_what_lifts_the_robot_is_taken_off_the_feet_but_not_off_zeros(run, robot
     again = observe(corrected(lifted), nominal)
     change = residuals(again, nominal.value)[:, 2] - residuals(observed, nominal.value)[:, 2]
     np.testing.assert_allclose(change, -20.0, atol=1e-9)
+
+
+def test_wrong_signs_end_in_a_refusal_or_a_marked_table(robot):
+    """Of unknown zeros the contract asks no weight: the estimate itself has to be looked at."""
+    few = tt.plans.mixed.take(np.isin(tt.plans.mixed.placement, np.unique(tt.plans.mixed.placement)[::2]))
+    measured: Any = tt.Laboratory(robot, sensors="foot-ft").run(few, seed=3, engine="statics").measurements
+    upside_down = dataclasses.replace(measured, wrenches=-measured.wrenches)
+    with pytest.raises(InputError, match=r"found a total mass of -.* kg by the contact sensors.*signs"):
+        identify(dataclasses.replace(upside_down, weighed_mass=None), robot)
+    found = identify(upside_down, robot)
+    assert not found.at_rest
+    assert "did not come to rest" in str(found)
+    assert not any(yes in (True, "yes") for yes in found.table().frame()["well identified"])
+
+
+def test_an_estimate_longer_than_the_robot_is_refused(robot, run, found):
+    estimate = dataclasses.replace(found.full, value=np.append(found.full.value[:-1], -1e16))
+    with pytest.raises(InputError, match=r"found left_ankle.z = -1e19 mm, expected at most 2704 mm"):
+        check_physical(estimate, found.mass, robot, "data")
+    check_physical(found.full, found.mass, robot, "data")
+
+
+def test_tables_speak_of_the_sensors_that_there_are(run, found, robot):
+    """Of zeros each channel has its own unit, and there are no cells and no plates."""
+    effect = catalogue()["wrench-zero"]
+    assert [effect.parameters_on(f"left.{channel}")[0].text(2.0) for channel in ("fz", "mx")] == [
+        "2 N",
+        "2 Nm",
+    ]
+    instance = tt.Laboratory(robot, sensors="foot-ideal").with_effects("wrench-zero:left.my=0.5").hidden[0]
+    assert "reads 0.5 Nm too much" in instance.finding
+    text = str(found)
+    assert "contact sensors, encoders: their noise; internal forces" in text
+    assert "cells" not in text
+    assert "right, left plate: errors" not in text

@@ -11,12 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
+from tulip_testbed.experiments.usable_plan import plan_for
 from tulip_testbed.sim.arguments import checked
 from tulip_testbed.sim.measurements import PosturePlan, read_plan, write_plan
 from tulip_testbed.sim.robot import Robot, load_robot
-from tulip_testbed.sim.shipped import PLANS
+from tulip_testbed.sim.shipped import PLAN_NAMES, PLANS
 
-SHIPPED = ("random", "optimal", "mixed")
+SHIPPED = PLAN_NAMES
 
 random: PosturePlan
 optimal: PosturePlan
@@ -30,12 +31,13 @@ def read(folder: str | Path, robot: Robot | None = None) -> PosturePlan:
     """Read and check a plan folder.
 
     Args:
+        folder: or the name of a shipped plan, unless there is such a folder.
         robot: that the plan was made for; TULip if None.
 
     Raises:
         InputError: no such folder, a plan that breaks the contract, or one for another robot.
     """
-    return read_plan(Path(folder), robot or load_robot())
+    return plan_for(robot or load_robot(), Path(folder))
 
 
 @checked

@@ -46,4 +46,5 @@ EFFECT = Effect(
     words="The {target} channel of the force-torque sensors reads {0} too much at any load.",
     targets=WRENCH_CHANNELS,
     instrument="wrenches",
+    unit_on=lambda target: "Nm" if target.partition(".")[2].startswith("m") else "N",
 )

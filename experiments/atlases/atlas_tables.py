@@ -17,9 +17,9 @@ from tulip_testbed.sim.table import Table
 NO_BIAS = 0.005  # standard errors: shown as 0.00
 LEGEND = (
     "plausible: 1 s.d. of the prior. found from: the least size that is found with 90 % probability, by all "
-    "channels or by one alone (A centre of pressure, F sum of the cells, T twist of the plates, C closure of "
-    "the legs); -: never. bias: of the parameter that suffers most if the effect is not modelled, in "
-    "standard errors of the default estimator, at the plausible size and at the least size found. angle: to "
+    "channels or by one alone (A centre of pressure, F sum of the vertical forces, T twist of the plates, C "
+    "closure of the legs); -: never. bias: of the parameter that suffers most if the effect is not modelled, "
+    "in standard errors of the default estimator, at the plausible size and the least one found. angle: to "
     "the most similar effect."
 )
 

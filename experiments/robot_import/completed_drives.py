@@ -8,7 +8,7 @@ import numpy as np
 
 from tulip_testbed.experiments.robot_import.skeleton import Array, Hinge, Skeleton
 from tulip_testbed.sim.drive_needs import LEAST_ARMATURE
-from tulip_testbed.sim.errors import listed, shortened
+from tulip_testbed.sim.errors import listed
 
 # Per Nm of torque limit, as TULip's drives.
 ARMATURE, DAMPING, FRICTION = 0.003, 0.04, 0.05  # kg m2, Nm s, Nm
@@ -73,7 +73,7 @@ def drives_of(skeleton: Skeleton, leg: float, gravity: float = 9.81) -> tuple[di
     }
     count = len(skeleton.hinges)
     assumed = [
-        f"{words[kind]} for {'all joints' if len(names) == count else shortened(listed(names), 120)}"
+        f"{words[kind]} for {'all joints' if len(names) == count else listed(names)}"
         for kind, names in lacking.items()
         if names
     ]

@@ -79,7 +79,7 @@ def _mjcf(path: Path) -> Parsed:
     missing = {name: file for name, file in files_of.items() if Path(file).name not in there}
     problems = ()
     if missing:
-        problems = (f"{len(missing)} meshes are missing: {shortened(listed(missing.values()), 200)}",)
+        problems = (f"{len(missing)} meshes are missing: {listed(missing.values())}",)
         for geom in [one for one in spec.geoms if one.meshname in missing]:
             spec.delete(geom)
         for mesh in [one for one in spec.meshes if (one.name or Path(one.file).stem) in missing]:
@@ -139,7 +139,7 @@ def _left_out(model: mujoco.MjModel, root: int) -> list[str]:
     floating = [model.body(b).name for b in np.flatnonzero(model.body_gravcomp).tolist()]
     strained = [model.tendon(t).name for t in range(model.ntendon) if np.any(model.tendon_stiffness[t])]
     lines = [
-        f"left out: {what} {shortened(listed(names), 200)}"
+        f"left out: {what} {listed(names)}"
         for what, names in (
             ("springs of the joints", springs),
             ("springs of the tendons", strained),
@@ -184,7 +184,7 @@ def _driven(model: mujoco.MjModel, root: int, mimic: frozenset[str], assumed: li
         ("joints that nothing drives", [n for n in hinges if acts and n not in acts]),
     ):
         if found:
-            assumed.append(f"fixed: {words}: {shortened(listed(found), 200)}")
+            assumed.append(f"fixed: {words}: {listed(found)}")
     if not acts:
         return frozenset(hinges)
     return frozenset(name for name in hinges if name in acts)

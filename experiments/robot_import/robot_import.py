@@ -21,7 +21,7 @@ from tulip_testbed.experiments.robot_import.skeleton import Skeleton, fixed, ske
 from tulip_testbed.experiments.robot_import.standing_posture import Standing, standing
 from tulip_testbed.identification.link_clearances import clearances_at, link_pairs
 from tulip_testbed.sim.column import printable
-from tulip_testbed.sim.errors import InputError, listed, shortened
+from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.files import new_folder, write_bytes, write_text
 from tulip_testbed.sim.robot import Robot, compile_spec, load_robot
 
@@ -102,10 +102,7 @@ def _imported(path: Path, feet: tuple[str, ...], sole: tuple[float, ...]) -> Imp
         assumed.append(f"fixed: toes: {listed(sorted(stance.toes))}")
     skeleton, light = _without_light(fixed(skeleton, stance.toes))
     if light:
-        assumed.append(
-            f"fixed: joints that move less than {100 * LIGHT:g} % of the mass: "
-            f"{shortened(listed(light), 200)}"
-        )
+        assumed.append(f"fixed: joints that move less than {100 * LIGHT:g} % of the mass: {listed(light)}")
     stance = stance_of(skeleton, named, sole)
     _check_chain(skeleton, stance)
     if stance.turned:

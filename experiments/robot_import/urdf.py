@@ -64,9 +64,7 @@ def read_urdf(path: Path) -> Parsed:
         raise InputError(f"{path}: broken URDF: <inertial>: {shortened(error, 100)}") from None
     assets, missing = _with_hulls(root, path)
     if missing:
-        problems.append(
-            f"{len(missing)} meshes are missing or cannot be read: {shortened(listed(sorted(missing)), 200)}"
-        )
+        problems.append(f"{len(missing)} meshes are missing or cannot be read: {listed(sorted(missing))}")
     for old in root.findall("mujoco"):
         root.remove(old)
     ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", COMPILER)
@@ -111,7 +109,7 @@ def _with_possible_inertia(root: ET.Element) -> list[str]:
         return []
     return [
         f"inertia of a ball of radius of gyration {1e3 * GYRATION:g} mm for links whose own is impossible: "
-        f"{shortened(listed(impossible), 200)} (it does not matter at rest)"
+        f"{listed(impossible)} (it does not matter at rest)"
     ]
 
 

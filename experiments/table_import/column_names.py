@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from tulip_testbed.sim.errors import listed
 from tulip_testbed.sim.measurements.column_mapping import UNITS, MappingEntry, quantity_of
+from tulip_testbed.sim.measurements.contract import WHOLE
 
 BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 BORDERS = re.compile(r"[^A-Za-z0-9]+|(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
@@ -17,6 +18,8 @@ FILLING = {  # words that do not tell one column from another
     *("measured", "wrench", "sole", "foot", "ft", "fts", "sensor", "force", "moment", "torque", "plate"),
     *("cop", "cell", "max", "maximum", "largest"),
 }
+COUNTS = {"no", "nr", "num", "number", "id", "index"}  # of a posture or a placement
+OTHER_WORDS = {"posture": {"pose"}, "placement": {"stance", "setup"}}
 SPREAD = {"sd", "std", "stdev", "stddev", "sigma"}
 COMMAND = {"command", "commanded", "cmd", "desired", "reference", "ref", "target"}
 MOTOR = {"motor"}
@@ -153,5 +156,18 @@ def _matches(name: str, read: dict[str, Named]) -> list[str]:
     same = [column for column, one in read.items() if one.role == role and one.words == words]
     if same:
         return same
+    if name in WHOLE:
+        cores = [{name}, *({other} for other in OTHER_WORDS.get(name, ()))]
+        return [column for column, one in read.items() if one.role == role and one.words - COUNTS in cores]
     core = words - FILLING
     return [column for column, one in read.items() if one.role == role and one.words - FILLING == core]
+
+
+def with_units(stated: dict[str, MappingEntry]) -> dict[str, MappingEntry]:
+    """Return stated columns with the units that their names write, where no unit is stated."""
+    out = {}
+    for name, entry in stated.items():
+        unit, quantity = read_name(entry.column).unit, quantity_of(name)
+        written = entry.unit is None and quantity is not None and unit in UNITS[quantity]
+        out[name] = entry.model_copy(update={"unit": unit}) if written else entry
+    return out

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,15 +12,17 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
-from tulip_testbed.experiments.table_import.column_names import Proposal, propose
+from tulip_testbed.experiments.table_import.column_names import Proposal, propose, with_units
 from tulip_testbed.experiments.table_import.import_map import ONE, ImportMap, with_unknowns
 from tulip_testbed.experiments.table_import.sign_checks import SignCheck, check_signs
+from tulip_testbed.identification.contact_readings import ASSUMED_FORCE, ASSUMED_MOMENT
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.errors import InputError, listed, look_up
 from tulip_testbed.sim.files import new_folder, read_bytes, write_bytes
 from tulip_testbed.sim.measurements import read_measurements
 from tulip_testbed.sim.measurements.column_mapping import check_mapping
+from tulip_testbed.sim.measurements.contact_entries import CopEntry, WrenchEntry
 from tulip_testbed.sim.measurements.contract import WHOLE
 from tulip_testbed.sim.measurements.manifest import manifest_from
 from tulip_testbed.sim.measurements.measurement_folder import known_columns, required_columns
@@ -98,6 +100,7 @@ def import_table(table: Path, robot: Robot, folder: Path, stated: ImportMap) -> 
     Raises:
         InputError: a table that cannot be read, a statement that does not fit it, or a folder that exists.
     """
+    stated = stated.model_copy(update={"columns": with_units(stated.columns)})
     work = _Work(Read(table, read_bytes(table)), robot, stated)
     manifest = _manifest(work)
     if stated.contacts is None and stated.plates is None:
@@ -111,7 +114,7 @@ def import_table(table: Path, robot: Robot, folder: Path, stated: ImportMap) -> 
         names = known_columns(manifest)
         constant = stated.constant_joints
         required = required_columns(tuple(manifest.joints), manifest.contacts, constant)
-    check_mapping(stated.columns, known_columns(manifest), "map")
+    check_mapping(stated.columns, known_columns(manifest), "map", "columns")
     _check_columns(work)
     found = propose(list(work.table.types), names, required, stated.columns)
     work.problems += found.undecided
@@ -163,6 +166,7 @@ def _manifest(work: _Work) -> Any:
         work.assumed.append(f"gravity {GRAVITY:g} m/s2")
     if work.stated.weighed_mass is None:
         work.assumed.append("the weighed mass is unknown")
+    work.assumed += _unstated(stated.contacts or [])
     plain = json.loads(stated.model_dump_json(exclude_none=True))
     corners = {"front_left": [1, 1], "front_right": [1, -1], "rear_right": [-1, -1], "rear_left": [-1, 1]}
     nothing = {side: {"cells": corners, "top_height": 0.0} for side in ("right", "left")}
@@ -185,6 +189,27 @@ def _manifest(work: _Work) -> Any:
             **{key: plain[key] for key in ("gains", "tolerances", "constant_joints") if plain.get(key)},
         }
     )
+
+
+def _unstated(contacts: Sequence[Any]) -> list[str]:
+    """Say what is assumed of contact sensors of which a data sheet would say more."""
+    lines = []
+    if any(isinstance(one, WrenchEntry) and one.covariance is None for one in contacts):
+        lines.append(
+            "the contact sensors' `covariance` is unknown: every averaged reading is taken to err by "
+            f"{ASSUMED_FORCE:g} N or {ASSUMED_MOMENT:g} Nm (1 s.d.)"
+        )
+    if any(isinstance(one, CopEntry) and one.sd is None for one in contacts):
+        lines.append(
+            "the `sd` of the centres of pressure is unknown: their forces are taken to err by "
+            f"{ASSUMED_FORCE:g} N and the moments by {ASSUMED_MOMENT:g} Nm (1 s.d.)"
+        )
+    if any(isinstance(one, WrenchEntry) and one.mount == "foot" and one.below is None for one in contacts):
+        lines.append(
+            "no `below` is stated: nothing of the foot is below its sensor, as in a sole; an ankle's sensor "
+            "does not weigh the foot, whose mass and centre it needs"
+        )
+    return lines
 
 
 def _check_columns(work: _Work) -> None:
@@ -241,12 +266,22 @@ def _write(work: _Work, found: Proposal, manifest: dict[str, Any], folder: Path)
             try:
                 measurements = read_measurements(working)
             except InputError as error:
-                raise _RefusedError(str(error).replace(str(working), str(folder))) from None
+                raise _RefusedError(_of_the_table(str(error), working, work.table.path, found)) from None
     except _RefusedError as refused:
         work.missing.append(str(refused))
         return SignCheck({}, [])
     _tell_lifted(work, measurements)
     return check_signs(measurements, nominal_robot(work.robot))
+
+
+def _of_the_table(message: str, working: Path, table: Path, found: Proposal) -> str:
+    """Return a message on a folder that is not written as one on the table and the map."""
+    for path in working.iterdir():
+        name = "map" if path.name == "manifest.json" else str(table)
+        message = message.replace(str(path), name)
+    message = message.partition("; `tt.check(")[0].replace(str(working), "map")
+    named = [name for name in found.mapping if f"'{name}'" in message]
+    return message + "".join(f"; {name} is column '{found.mapping[name].column}'" for name in named)
 
 
 class _RefusedError(InputError):

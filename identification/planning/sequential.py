@@ -24,6 +24,7 @@ from tulip_testbed.identification.planning.optimal_plan import (
 )
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.identification.planning.search import POLISH, SearchState
+from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 
 STEPS = 8  # of SLSQP after an exchange
@@ -31,7 +32,7 @@ STEPS = 8  # of SLSQP after an exchange
 
 def measured_information(problem: Problem, measurements: Measurements) -> np.ndarray:
     """Compute M = H'H of the measured postures at their measured angles, (p, p)."""
-    rows = problem.parameters.regressor(measurements.joint_angles).reshape(-1, len(problem.nominal))
+    rows = stacked_regressor(problem.parameters, measurements.joint_angles, measurements.support)
     return rows.T @ rows
 
 

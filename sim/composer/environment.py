@@ -55,11 +55,11 @@ def laboratory_environment(
             update_interval count physics steps.
 
     Raises:
-        InputError: an argument has a wrong shape or value, the rig has foot sensors, or the scene is broken.
+        InputError: an argument has a wrong shape or value, the rig has wrench sensors, or a broken scene.
     """
     look_up("actuation", actuation, ACTUATIONS, "actuation")
-    if rig.sensors.feet is not None:
-        raise InputError("rig: found sensors in the feet, expected plates: only their cells are observed")
+    if rig.sensors.wrench is not None:
+        raise InputError("rig: found wrench sensors, expected plates on cells: only cells are observed")
     nominal = rig.robot.model
     _check_times(control_timestep=control_timestep, time_limit=time_limit)
     angles = _checked(joint_angles, (len(joint_names(nominal)),), "joint_angles")

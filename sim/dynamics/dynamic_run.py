@@ -56,8 +56,8 @@ def run_dynamics(
     streams = np.random.SeedSequence(seed).spawn(len(placements) + 1)
     shared = np.random.default_rng(streams[-1])
     repeats = choose_repeats(plan, rig.protocol.repeats, shared)
-    feet = rig.sensors.feet
-    zeros = None if feet is None else draw_zeros(feet, shared)
+    sensors = rig.sensors.wrench
+    zeros = None if sensors is None else draw_zeros(sensors, shared)
     attempts = tuple(_try_all(rig, plan, repeats, zeros, streams, workers, progress))
     model = Stand(rig, np.zeros((2, 3))).model
     truth = Truth(
@@ -66,7 +66,7 @@ def run_dynamics(
         dropped=dropped_postures(attempts),
         attempts=attempts,
     )
-    if feet is not None:
+    if sensors is not None:
         truth = dataclasses.replace(
             truth, wrenches=np.array([held.wrenches for held in truth.held]), zeros=zeros
         )
@@ -128,7 +128,7 @@ def read_again(rig: Rig, plan: PosturePlan, experiment: Outcome, rng: np.random.
     """Read the same held postures with new sensor noise: readings, plate records and weighing.
 
     Use it where many experiments differ in sensor noise alone: holding the postures takes a minute, reading
-    them a tenth of a second. Zeros of foot sensors stay those of the experiment.
+    them a tenth of a second. Zeros of wrench sensors stay those of the experiment.
     """
     attempts: list[Attempt] = []
     recorded = np.zeros((2, 3))
@@ -152,7 +152,7 @@ def run_placement(
     """Set up one placement and attempt its postures, then its repeats.
 
     Args:
-        zeros: true zeros of the foot sensors, (2, 6) [N, Nm].
+        zeros: true zeros of the wrench sensors, (2, c) [N, Nm].
     """
     rng = np.random.default_rng(stream)
     order = order_of_tries(plan, placement, repeats)

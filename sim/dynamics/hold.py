@@ -35,7 +35,7 @@ class Held:
         drift: largest displacement of a sole corner since the robot was put down [m].
         settled_after: time from the release until the posture was accepted [s].
         balance: balance of forces, moments, torques and energy.
-        wrenches: true wrenches of the foot sensors, without zeros, (2, 6) [N, Nm]; (0, 6): no such sensors.
+        wrenches: true wrenches of the wrench sensors, without zeros, (2, 6) [N, Nm]; (0, 6): no such sensors.
     """
 
     joint_angles: np.ndarray
@@ -168,7 +168,7 @@ def _stick(stand: Stand) -> bool:
 
 
 def _average(stand: Stand, window: float) -> np.ndarray:
-    """Average joint and motor angles, cell forces, centre of mass and feet's wrenches over a window."""
+    """Average joint and motor angles, cell forces, centre of mass and wrenches over a window."""
     states = []
     for _ in range(round(window / CONTROL_PERIOD)):
         stand.run(CONTROL_PERIOD)

@@ -8,12 +8,13 @@ import numpy as np
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.drives import motor_joint
 from tulip_testbed.sim.dynamics.stiction import Stiction
-from tulip_testbed.sim.foot_sensors import foot_addresses
 from tulip_testbed.sim.path import ClosedChain, tipped
 from tulip_testbed.sim.plates import cell_addresses, cell_names, short_feet, tare
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, compile_spec, joint_names, sole_point
-from tulip_testbed.sim.scene import laboratory_scene
+from tulip_testbed.sim.scene import laboratory_scene, nominal_plates
+from tulip_testbed.sim.sensors import ANKLE, PLATE
+from tulip_testbed.sim.wrench_sensors import foot_addresses, frame_of, in_frame, mountings
 
 HOIST_DAMPING = (200.0, 2.0)  # N s/m, N m s
 
@@ -52,8 +53,9 @@ class Stand:
         self.clamps = np.array([self.model.equality(f"{foot}_clamp").id for foot in rig.robot.feet])
         self.cells = cell_addresses(self.model)
         self.tare = tare(self.model)
-        feet = rig.robot.feet if rig.sensors.feet is not None else ()
-        self.wrench_channels = foot_addresses(self.model, feet)
+        self.sensed = _sensed(rig)
+        in_ankles = rig.sensors.wrench is not None and rig.sensors.wrench.place == ANKLE
+        self.wrench_channels = foot_addresses(self.model, rig.robot.feet if in_ankles else ())
         # A board with a short foot rocks: its other cells rise by no more than that.
         self.rise = np.repeat(short_feet(self.model).max(axis=1), len(CORNERS))
         self.sole_points = {foot: sole_point(nominal, foot) for foot in rig.robot.feet}
@@ -104,8 +106,21 @@ class Stand:
         return self.data.sensordata[self.cells] - self.tare
 
     def wrenches(self) -> np.ndarray:
-        """Return the true wrenches of the foot sensors at this moment, (2, 6), or (0, 6) without [N, Nm]."""
-        return -self.data.sensordata[self.wrench_channels]
+        """Return the true wrenches at the wrench sensors at this moment, (2, 6) or (0, 6) [N, Nm].
+
+        Ankles have MuJoCo's sensors; below the feet it is that of all contacts and stiction on the sole.
+        """
+        if not self.sensed:
+            return -self.data.sensordata[self.wrench_channels]
+        mujoco.mj_rnePostConstraint(self.model, self.data)
+        sides = []
+        for sole, (name, turn, place) in zip(self.soles, self.sensed, strict=True):
+            body, wrench = self.data.body(name), self.data.cfrc_ext[sole]
+            rotation = body.xmat.reshape(3, 3)
+            centre = self.data.subtree_com[self.model.body_rootid[sole]]
+            at = body.xpos + rotation @ place - centre
+            sides.append(in_frame(rotation @ turn, at, np.concatenate([wrench[3:], wrench[:3]])))
+        return np.array(sides)
 
     def mark_feet(self) -> None:
         """Store the feet's poses, where the clamps hold them."""
@@ -192,6 +207,19 @@ def hoist_damping(rig: Rig) -> np.ndarray:
     """
     springs = rig.drives.wind_up > 0 or rig.compliance != Compliance()
     return np.repeat(HOIST_DAMPING, 3) if springs else np.zeros(6)
+
+
+def _sensed(rig: Rig) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Return body, rotation and place in it of the sensors in soles or plates; empty with any others."""
+    sensors = rig.sensors.wrench
+    if sensors is None or sensors.place == ANKLE:
+        return []
+    if sensors.place == PLATE:
+        heights = [plate.top_height for plate in nominal_plates(rig.robot)]
+        tops = zip(PLATES, heights, strict=True)
+        return [(f"{plate}_plate", np.eye(3), np.array([0.0, 0.0, height])) for plate, height in tops]
+    poses = zip(rig.robot.feet, mountings(sensors, rig.robot), strict=True)
+    return [(foot, *frame_of(pose)) for foot, pose in poses]
 
 
 def _add_clamps(spec: mujoco.MjSpec, feet: tuple[str, str]) -> None:

@@ -60,25 +60,27 @@ def quantity_of(name: str) -> str | None:
     return QUANTITIES.get(first) or BY_LAST_WORD.get(rest.rpartition(".")[2])
 
 
-def check_mapping(mapping: Mapping[str, MappingEntry], known: Iterable[str], where: str) -> None:
+def check_mapping(
+    mapping: Mapping[str, MappingEntry], known: Iterable[str], where: str, key: str = "mapping"
+) -> None:
     """Refuse a mapping of unknown columns, or with units that do not fit.
 
     Args:
-        known: names of the contract's columns. where: file of the mapping, for messages.
+        known: names of the contract's columns. where, key: file and key of the mapping, for messages.
 
     Raises:
         InputError: names the key, what was found and what was expected.
     """
     for name, entry in mapping.items():
-        look_up("column", name, known, f"{where}: key 'mapping'")
+        look_up("column", name, known, f"{where}: key '{key}'")
         quantity = quantity_of(name)
         units = UNITS[quantity] if quantity else {}
         if entry.unit not in units and (units or entry.unit is not None):
             found = "nothing" if entry.unit is None else shortened(repr(entry.unit))
             expected = f"a unit of {quantity}; {choices(entry.unit, units)}" if units else "no unit"
-            raise InputError(f"{where}: key 'mapping.{name}.unit': found {found}; expected {expected}")
+            raise InputError(f"{where}: key '{key}.{name}.unit': found {found}; expected {expected}")
         if entry.sign < 0 and (quantity is None or name.partition(".")[0] in SPREADS):
-            raise InputError(f"{where}: key 'mapping.{name}.sign': found -1; expected 1: it has no sign")
+            raise InputError(f"{where}: key '{key}.{name}.sign': found -1; expected 1: it has no sign")
 
 
 class MappedTable:

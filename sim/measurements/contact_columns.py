@@ -16,11 +16,16 @@ from tulip_testbed.sim.measurements.contact_entries import (
     contacts_of,
     pose_of,
 )
-from tulip_testbed.sim.measurements.contacts import VERTICAL, Contacts
+from tulip_testbed.sim.measurements.contacts import (
+    COP,
+    VERTICAL,
+    Contacts,
+    covariance_of_cops,
+    wrenches_of_cops,
+)
 from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES
 
 Entries = Sequence[WrenchEntry | CopEntry | CellsEntry]
-COP = ("x", "y", "fz")  # m, m, N; in the sensor's frame
 POSE_AXES = ("x", "y", "yaw")
 
 
@@ -106,26 +111,20 @@ def _read_cells(
     if all(entry.at_corners for entry in entries) and not np.isnan(np.hstack(forces)).any():
         return _corner_cells(entries, table)
     levers = [_levers(np.array(list(entry.cells.values()), float)) for entry in entries]
-    wrenches = [force @ lever.T for force, lever in zip(forces, levers, strict=True)]
-    covariances = [] if cell_sd is None else [cell_sd**2 * lever @ lever.T for lever in levers]
-    return _vertical(wrenches, covariances, "ground", np.zeros((2, 6)))
+    wrenches = np.stack([force @ lever.T for force, lever in zip(forces, levers, strict=True)], axis=1)
+    covariance = (
+        None if cell_sd is None else np.mean([cell_sd**2 * lever @ lever.T for lever in levers], axis=0)
+    )
+    return _vertical(wrenches, covariance, "ground", np.zeros((2, 6)))
 
 
 def _read_cops(entries: list[CopEntry], table: MappedTable, loaded: np.ndarray) -> dict[str, Any]:
-    """Read centres of pressure as vertical wrenches.
-
-    Their covariance depends on the load; it is taken at each contact's mean load and point.
-    """
-    wrenches, covariances = [], []
-    for entry, stands in zip(entries, loaded, strict=True):
-        cop = _present(table, "cop", COP, entry.name, stands, True)
-        x, y, load = cop.T
-        wrenches.append(np.column_stack([load, y * load, -x * load]))
-        if entry.sd is not None and stands.any():
-            x, y, load = cop[stands].mean(axis=0)
-            slope = np.array([[0.0, 0.0, 1.0], [0.0, load, y], [-load, 0.0, -x]])
-            covariances.append(slope * np.square(entry.sd) @ slope.T)
-    return _vertical(wrenches, covariances, entries[0].mount, pose_of(entries))
+    """Read centres of pressure as vertical wrenches."""
+    both = zip(entries, loaded, strict=True)
+    cops = np.stack([_present(table, "cop", COP, entry.name, stands, True) for entry, stands in both], axis=1)
+    sd = np.array([np.full(3, np.nan) if entry.sd is None else entry.sd for entry in entries], float)
+    covariance = covariance_of_cops(cops, sd, loaded.T)
+    return _vertical(wrenches_of_cops(cops), covariance, entries[0].mount, pose_of(entries), sd)
 
 
 def _levers(places: np.ndarray) -> np.ndarray:
@@ -134,22 +133,26 @@ def _levers(places: np.ndarray) -> np.ndarray:
 
 
 def _vertical(
-    wrenches: list[np.ndarray], covariances: list[np.ndarray], mount: str, pose: np.ndarray
+    readings: np.ndarray,
+    covariance: np.ndarray | None,
+    mount: str,
+    pose: np.ndarray,
+    cop_sd: np.ndarray | None = None,
 ) -> dict[str, Any]:
-    """Return tared sensors of vertical wrenches, both with the mean of their covariances.
+    """Return tared sensors of vertical wrenches.
 
     Args:
-        wrenches: fz, mx, my of the right and of the left, (m, 3) each. covariances: (3, 3) each, or none.
+        readings: fz, mx, my of the right and of the left, (m, 2, 3). cop_sd: see `Contacts`.
     """
-    readings = np.stack(wrenches, axis=1)
     contacts = Contacts(
         mount=mount,
         channels=VERTICAL,
         pose=pose,
-        covariance=np.mean(covariances, axis=0) if covariances else None,
+        covariance=covariance,
         zero_sd=np.zeros((2, len(VERTICAL))),
         below=np.zeros((2, 4)),
         below_sd=np.zeros((2, 4)),
+        cop_sd=cop_sd,
     )
     read = {"contacts": contacts, "wrenches": readings, "wrenches_sd": np.full(readings.shape, np.nan)}
     return _no_cells(len(readings)) | read

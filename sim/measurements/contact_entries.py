@@ -27,7 +27,7 @@ from tulip_testbed.sim.measurements.bounds import (
     Length,
     Point,
 )
-from tulip_testbed.sim.measurements.contacts import CHANNEL_SETS, POSE, Contacts
+from tulip_testbed.sim.measurements.contacts import CHANNEL_SETS, POSE, VERTICAL, Contacts
 from tulip_testbed.sim.robot import CORNERS, PLATES
 
 LEAST_CELLS = 3  # a plane has no fewer
@@ -215,26 +215,27 @@ def _three(value: Any) -> list[float]:
 
 
 def entries_of(contacts: Contacts, top_height: np.ndarray) -> list[dict[str, Any]]:
-    """Return the manifest's entries of wrench sensors.
+    """Return the manifest's entries of wrench sensors, or of devices that give centres of pressure.
 
     Args:
         top_height: of the plates, (2,) [m].
     """
     c, entries = contacts, []
     for side, name in enumerate(PLATES):
-        entry: dict[str, Any] = {
-            "name": name,
-            "kind": "wrench",
-            "mount": c.mount,
-            "channels": list(c.channels),
-            "covariance": None if c.covariance is None else c.covariance.tolist(),
-            "zero": _zero_entry(c.zero_sd[side]),
-        }
+        entry: dict[str, Any] = {"name": name, "kind": "wrench", "mount": c.mount}
+        if c.cop_sd is None:
+            entry["channels"] = list(c.channels)
+            entry["covariance"] = None if c.covariance is None else c.covariance.tolist()
+            entry["zero"] = _zero_entry(c.zero_sd[side])
+        else:
+            entry["kind"] = "cop"
+            entry["sd"] = None if np.isnan(c.cop_sd).any() else c.cop_sd[side].tolist()
         if c.mount == "ground":
             entry["top_height"] = float(top_height[side])
         else:
             entry["pose"] = dict(zip(POSE, c.pose[side].tolist(), strict=True))
-            entry["below"] = _below_entry(c.below[side].tolist(), c.below_sd[side].tolist())
+            if c.cop_sd is None:
+                entry["below"] = _below_entry(c.below[side].tolist(), c.below_sd[side].tolist())
         entries.append(entry)
     return entries
 
@@ -262,6 +263,12 @@ def wrong_contacts(contacts: Contacts) -> str:
     shapes = {"pose": (2, 6), "zero_sd": (2, count), "below": (2, 4), "below_sd": (2, 4)}
     if contacts.covariance is not None:
         shapes["covariance"] = (count, count)
+    if contacts.cop_sd is not None:
+        shapes["cop_sd"] = (2, 3)
+        if contacts.channels != VERTICAL:
+            return f"cop_sd: found with channels {contacts.channels!r}, expected {VERTICAL!r}"
+        if np.any(contacts.zero_sd) or np.any(contacts.below):
+            return "cop_sd: found with zeros or a foot below, expected none: such a device counts as tared"
     for field in dataclasses.fields(contacts):
         if field.name in shapes:
             found = getattr(contacts, field.name)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.sim.measurements.contacts import Contacts
+from tulip_testbed.sim.measurements.contacts import COP, Contacts, cops_of_wrenches
 from tulip_testbed.sim.measurements.manipulations import Experiment
 from tulip_testbed.sim.robot import CELLS, PLATES
 
@@ -206,6 +206,13 @@ class Measurements:
         if self.contacts is None:
             readings = (("cell", self.cell_forces), ("cell_std", self.cell_forces_sd))
             return {f"{pre}.{name}": values[:, k] for pre, values in readings for k, name in enumerate(CELLS)}
+        if self.contacts.cop_sd is not None and self.wrenches is not None:
+            cops = cops_of_wrenches(self.wrenches)
+            return {
+                f"cop.{side}.{axis}": cops[:, p, k]
+                for p, side in enumerate(PLATES)
+                for k, axis in enumerate(COP)
+            }
         readings = (("wrench", self.wrenches), ("wrench_std", self.wrenches_sd))
         return {
             f"{prefix}.{side}.{channel}": values[:, p, k]

@@ -98,8 +98,8 @@ def residual(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
     pose errors of both soles, or the wrench on a foot in the air.
     """
     m = mechanism
-    frames, axes, anchors = _kinematics(m, state)
-    force, moment = _loads(m, state, load, frames)
+    frames, axes, anchors = body_frames(m, state)
+    force, moment = body_loads(m, state, load, frames)
     for number in range(len(m.bodies) - 1, 0, -1):
         parent = m.bodies[number].parent
         force[parent] = force[parent] + force[number]
@@ -108,12 +108,12 @@ def residual(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
     shape = np.broadcast_shapes(state.angles.shape[:-1], load.command.shape[:-1], load.mass.shape[:-1])
     out = np.empty((*shape, 6 + n + 12))
     out[..., :3] = force[0]
-    out[..., 3:6] = moment[0] - _cross(state.position, force[0])
+    out[..., 3:6] = moment[0] - cross(state.position, force[0])
     for number, body in enumerate(m.bodies):
         for joint in body.joints:
             axis, anchor = axes[joint.column], anchors[joint.column]
             if joint.kind == HINGE:
-                component = _dot(axis, moment[number] - _cross(anchor, force[number]))
+                component = _dot(axis, moment[number] - cross(anchor, force[number]))
             else:
                 component = _dot(axis, force[number])
             out[..., 6 + joint.column] = component
@@ -128,30 +128,13 @@ def residual(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
 
 def sole_poses(mechanism: Mechanism, state: State) -> np.ndarray:
     """Return the planar poses of both soles in the world, (..., 2, 3) [m, m, rad]."""
-    frames, _, _ = _kinematics(mechanism, state)
+    frames, _, _ = body_frames(mechanism, state)
     poses = []
     for sole, point in zip(mechanism.soles, mechanism.sole_points, strict=True):
         place, rotation = frames[sole]
         yaw = np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0])
         poses.append(np.concatenate([(place + rotation @ point)[..., :2], yaw[..., None]], axis=-1))
     return np.stack(poses, axis=-2)
-
-
-def foot_wrenches(mechanism: Mechanism, state: State, load: Load) -> np.ndarray:
-    """Return what the feet pass on to the legs: the ground's wrench and their weight, (..., 2, 6) [N, Nm].
-
-    The moment is about the foot's origin, and both are in the foot's axes.
-    """
-    m, sides = mechanism, []
-    frames, _, _ = _kinematics(m, state)
-    force, moment = _loads(m, state, load, frames)
-    for foot in m.feet:
-        (place, rotation), below = frames[foot], m.subtree(foot)
-        push = sum(force[k] for k in below) + np.zeros_like(place)
-        twist = sum(moment[k] for k in below) - _cross(place, push)
-        both = np.stack([push, twist], axis=-2) @ rotation
-        sides.append(both.reshape(*both.shape[:-2], 6))
-    return np.stack(sides, axis=-2)
 
 
 def servo_torques(mechanism: Mechanism, angles: np.ndarray, command: np.ndarray) -> np.ndarray:
@@ -190,7 +173,7 @@ def axial_vector(rotation: np.ndarray) -> np.ndarray:
     )
 
 
-def _kinematics(m: Mechanism, state: State) -> tuple[list, list, list]:
+def body_frames(m: Mechanism, state: State) -> tuple[list, list, list]:
     """Return place and rotation of every body, and axis and anchor of every coordinate, in the world."""
     frames = [(state.position, state.rotation)]
     axes: list = [None] * state.angles.shape[-1]
@@ -233,26 +216,26 @@ def _turned(rotation: np.ndarray, axis: np.ndarray, angle: np.ndarray) -> np.nda
     return rotation @ rotation_matrix(angle[..., None] * axis)
 
 
-def _loads(m: Mechanism, state: State, load: Load, frames: list) -> tuple[list, list]:
+def body_loads(m: Mechanism, state: State, load: Load, frames: list) -> tuple[list, list]:
     """Return force and moment about the world's origin on every body, by weight, feet and ropes."""
     force: list = [np.zeros(3)] * len(m.bodies)
     moment: list = [np.zeros(3)] * len(m.bodies)
     for number, (place, rotation) in enumerate(frames):
         weight = load.mass[..., number, None] * m.gravity
         center = place + (rotation @ load.center[..., number, :, None])[..., 0]
-        force[number], moment[number] = weight, _cross(center, weight)
+        force[number], moment[number] = weight, cross(center, weight)
     for side, (sole, point) in enumerate(zip(m.soles, m.sole_points, strict=True)):
         at = frames[sole][0] + frames[sole][1] @ point
         push, twist = state.wrench[..., side, :3], state.wrench[..., side, 3:]
         force[sole] = force[sole] + push
-        moment[sole] = moment[sole] + twist + _cross(at, push)
+        moment[sole] = moment[sole] + twist + cross(at, push)
     for rope in m.ropes:
         at = frames[rope.body][0] + frames[rope.body][1] @ rope.point
         line = rope.anchor - at
         length = np.sqrt(_dot(line, line))
         pull = (rope.stiffness * _beyond(length, *rope.length) / length)[..., None] * line
         force[rope.body] = force[rope.body] + pull
-        moment[rope.body] = moment[rope.body] + _cross(at, pull)
+        moment[rope.body] = moment[rope.body] + cross(at, pull)
     return force, moment
 
 
@@ -334,7 +317,7 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (a * b).sum(axis=-1)
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the cross product, faster than numpy.cross."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.foot_sensors import in_sensor_frame
 from tulip_testbed.sim.measurements.data import feet_in_contact
 from tulip_testbed.sim.outcome import Outcome, Truth
 from tulip_testbed.sim.procedure import (
@@ -26,7 +25,7 @@ from tulip_testbed.sim.procedure import (
     start_times,
     weigh,
 )
-from tulip_testbed.sim.sensors import draw_zeros, sample_mean
+from tulip_testbed.sim.sensors import ANKLE, PLATE, draw_zeros, sample_mean
 from tulip_testbed.sim.statics import (
     Load,
     State,
@@ -35,11 +34,14 @@ from tulip_testbed.sim.statics import (
     faults,
     foot_wrenches,
     friction_at_rest,
+    plate_wrenches,
     sole_poses,
+    sole_wrenches,
     solve_by_chord,
     sway_displacements,
 )
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_base, standard_parameters_of
+from tulip_testbed.sim.wrench_sensors import in_sensor_frame, mountings
 
 NO_EQUILIBRIUM = "tipped"
 
@@ -76,7 +78,7 @@ class Equilibria:
     Attributes:
         joints, motors: angles of joints and motors, (b, n_joints) [rad].
         forces: cell forces, (b, 8) [N].
-        wrenches: true ones of the foot sensors, (b, 2, 6) [N, Nm]; (b, 0, 6): no such sensors.
+        wrenches: true ones of the wrench sensors, (b, 2, 6) [N, Nm]; (b, 0, 6): no such sensors.
         reason: why an attempt cannot be used, or "", (b,) of text.
     """
 
@@ -135,11 +137,16 @@ def _outcome(solved_plan: SolvedPlan, tries: Tries, standard: np.ndarray | None)
 
 
 def sensor_wrenches(solved_plan: SolvedPlan, state: State, load: Load) -> np.ndarray:
-    """Return the true wrenches of the foot sensors, (..., 2, 6) [N, Nm]; (..., 0, 6) without such sensors."""
-    feet = solved_plan.rig.sensors.feet
-    if feet is None:
+    """Return the true wrenches at the wrench sensors, (..., 2, 6) [N, Nm]; (..., 0, 6) without any."""
+    m, rig, sensors = solved_plan.mechanism, solved_plan.rig, solved_plan.rig.sensors.wrench
+    if sensors is None:
         return np.zeros((*state.angles.shape[:-1], 0, 6))
-    return in_sensor_frame(feet.mounting, foot_wrenches(solved_plan.mechanism, state, load))
+    if sensors.place == PLATE:
+        return plate_wrenches(m, state, load)
+    wrenches = foot_wrenches(m, state, load) if sensors.place == ANKLE else sole_wrenches(m, state)
+    poses = mountings(sensors, rig.robot)
+    sides = [in_sensor_frame(pose, wrenches[..., side, :]) for side, pose in enumerate(poses)]
+    return np.stack(sides, axis=-2)
 
 
 def _in_time(
@@ -278,11 +285,11 @@ def _read_outcome(
     joints, motors, forces, wrenches = (
         part[mine][used] for part in (outcome.joints, outcome.motors, outcome.forces, outcome.wrenches)
     )
-    feet = rig.sensors.feet
-    zeros = None if feet is None else draw_zeros(feet, rng)
+    sensors = rig.sensors.wrench
+    zeros = None if sensors is None else draw_zeros(sensors, rng)
     reading = read_sensors(rig, joints, motors, forces, wrenches, zeros, rng, sample_mean)
     truth = Truth(float(standard[:, 0].sum()), standard, dropped)
-    if feet is not None:
+    if sensors is not None:
         truth = replace(truth, wrenches=wrenches, zeros=zeros)
     measured = make_measurements(
         rig,

@@ -11,6 +11,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from tulip_testbed.sim.shipped import PLAN_NAMES
+
 DEFAULT_SEED = 1
 ESTIMATORS = (
     "mixed-model",
@@ -35,7 +37,17 @@ def _scale(texts: list[str]) -> float:
     return float(texts[0]) if texts else 1.0
 
 
-Preset = Literal["wii", "force-plate", "ideal", "foot-ft", "foot-ideal"]
+Preset = Literal[
+    "wii",
+    "force-plate",
+    "ideal",
+    "plate-ft",
+    "plate-cop",
+    "foot-ft",
+    "foot-ideal",
+    "sole-ft",
+    "sole-3axis",
+]
 PlatePreset = Literal["wii", "force-plate", "ideal"]
 Noisy = Literal["wii", "force-plate"]
 NoisyPreset = Annotated[
@@ -45,7 +57,11 @@ FOLDERS = tyro.conf.arg(metavar="FOLDER [FOLDER ...]", help="measurement folders
 Plan = Annotated[
     Path | None,
     tyro.conf.Positional,
-    tyro.conf.arg(metavar="[PLAN]", help="plan folder; the shipped plan, TULip's, if left out"),
+    tyro.conf.arg(
+        metavar="[PLAN]",
+        help=f"plan folder, or one of the shipped plans, TULip's: {', '.join(PLAN_NAMES)}; "
+        f"{PLAN_NAMES[0]} if left out",
+    ),
 ]
 RobotFile = Annotated[Path, tyro.conf.arg(name="robot", help="robot description (TOML)")]
 Json = Annotated[bool, tyro.conf.arg(name="json", help="print one JSON document on stdout instead of tables")]
@@ -56,8 +72,8 @@ EstimatorChoice = Annotated[
     str | None,
     tyro.conf.arg(
         metavar="STR",
-        help=f"one of {', '.join(ESTIMATORS)}; if left out {DEFAULT_ESTIMATOR}, with --ordinary "
-        f"{ORDINARY_ESTIMATOR}",
+        help=f"one of {', '.join(ESTIMATORS)}; if left out {DEFAULT_ESTIMATOR}, with --ordinary or "
+        f"sensors other than cells {ORDINARY_ESTIMATOR}",
     ),
 ]
 Ordinary = Annotated[

@@ -20,6 +20,7 @@ from tulip_testbed.sim.measurements import (
     read_series,
 )
 from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.shipped import plan_folder
 from tulip_testbed.viewer.campaign_view import log_campaign
 from tulip_testbed.viewer.discovery_view import log_discovery
 from tulip_testbed.viewer.montecarlo_view import log_montecarlo
@@ -70,11 +71,12 @@ def measurements_view(
 
 
 def folder_view(folder: Path, robot: Robot) -> View:
-    """Make the view of a folder of a run, a plan or measurements.
+    """Make the view of a folder of a run, a plan (or the name of a shipped one) or measurements.
 
     Raises:
         InputError: another folder, another robot's, or a file that is not what was written.
     """
+    folder = plan_folder(folder)
     kind = kind_of(folder)
     title = f"{folder.resolve().name} ({kind})"
     if kind == "plan":

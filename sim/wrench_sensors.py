@@ -1,4 +1,4 @@
-"""Force-torque sensors in the feet: their frames, their place in the scene, and what is below them."""
+"""Wrench sensors in or under the feet: their frames, their place in the scene, and what is below them."""
 
 from __future__ import annotations
 
@@ -8,15 +8,24 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.robot import Robot, sole_point
+from tulip_testbed.sim.sensors import SOLE, WrenchSensors
+
+
+def mountings(sensors: WrenchSensors, robot: Robot) -> np.ndarray:
+    """Return the pose of each foot's sensor in its foot's frame, (2, 6) [m, rad]."""
+    poses = np.tile(np.array(sensors.mounting, float), (2, 1))
+    if sensors.place == SOLE:
+        poses[:, :3] += [sole_point(robot.model, foot) for foot in robot.feet]
+    return poses
 
 
 def add_foot_sensors(spec: mujoco.MjSpec, feet: Sequence[str], mounting: Sequence[float]) -> None:
-    """Add a site with a force and a torque sensor to each foot.
+    """Add a site with a force and a torque sensor to each foot, in its ankle.
 
     Args:
         feet: names of the feet's bodies.
-        mounting: see `sim.sensors.FootSensors`.
+        mounting: pose in the foot's frame, x, y, z, roll, pitch, yaw [m, rad].
     """
     rotation, place = frame_of(mounting)
     x, y, z, w = Rotation.from_matrix(rotation).as_quat()
@@ -53,6 +62,17 @@ def in_sensor_frame(mounting: Sequence[float], wrenches: np.ndarray) -> np.ndarr
     rotation, place = frame_of(mounting)
     force, moment = wrenches[..., :3], wrenches[..., 3:]
     return np.concatenate([force @ rotation, (moment - np.cross(place, force)) @ rotation], axis=-1)
+
+
+def in_frame(rotation: np.ndarray, place: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
+    """Transform wrenches about the origin to a frame at a place, with its axes, (..., 6) [N, Nm].
+
+    Args:
+        rotation, place: of the frame, (..., 3, 3) and (..., 3) [m].
+    """
+    force, moment = wrenches[..., :3], wrenches[..., 3:]
+    both = np.stack([force, moment - np.cross(place, force)], axis=-2) @ rotation
+    return both.reshape(*both.shape[:-2], 6)
 
 
 def nominal_feet(robot: Robot) -> np.ndarray:
