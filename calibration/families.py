@@ -22,6 +22,7 @@ from tulip_testbed.sim.errors import InputError, look_up, shortened
 from tulip_testbed.sim.measurements import SensorSheet
 from tulip_testbed.sim.measurements.bounds import LEAST_DEVIATION
 from tulip_testbed.sim.measurements.contacts import Contacts
+from tulip_testbed.sim.measurements.manipulations import Experiment
 from tulip_testbed.sim.robot import PLATES, Robot
 from tulip_testbed.sim.sensors import PRESETS
 
@@ -225,19 +226,25 @@ def families_of(
     tolerances: Tolerances,
     free: Sequence[EffectInstance] = (),
     contacts: Contacts | None = None,
+    experiments: tuple[Experiment, ...] = (),
 ) -> tuple[Family, ...]:
     """List the families that are not exact, on all targets that a robot and its contact sensors have.
 
     Args:
         free: effects that are no members of their families.
         contacts: wrench sensors; None: plates on cells.
+        experiments: those that were joined; empty: one in an ordinary laboratory.
     """
     others = {(one.effect.name, one.target) for one in free}
     return tuple(
         Family(effect, tolerances.value[name], targets)
         for name, effect in catalogue().items()
         if tolerances.value.get(name, 0.0) > 0
-        and (targets := tuple(t for t in targets_in(effect, robot, contacts, ()) if (name, t) not in others))
+        and (
+            targets := tuple(
+                t for t in targets_in(effect, robot, contacts, (), experiments) if (name, t) not in others
+            )
+        )
     )
 
 
@@ -249,7 +256,9 @@ def families_in(
     What is not known of a zero is stated or follows from feet in the air: it has no spread.
     """
     contacts, found = observed.measurements.contacts, observed.contacts
-    families = families_of(observed.nominal.robot, tolerances, free, contacts)
+    families = families_of(
+        observed.nominal.robot, tolerances, free, contacts, observed.measurements.experiments
+    )
     if contacts is None or found.zero_sd is None or not found.zero_sd.any():
         return families
     if found.unknown is not None and found.unknown.any():

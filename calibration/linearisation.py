@@ -262,11 +262,13 @@ def _unsure(observed: Observation, families: Families, phi: np.ndarray) -> np.nd
     """Return one s.d. of what the readings do not show of each effect at its present sizes, (m, k, u)."""
     out = []
     for family, sizes in split_members(families, phi):
-        unsure = family.effect.mechanism.unsure if isinstance(family, FreeEffect) else None
+        if not isinstance(family, FreeEffect):
+            continue
+        (one,) = family.instances(sizes)
+        unsure = one.effect.unsure(observed, one.target, one.values)
         if unsure is not None:
-            (one,) = family.instances(sizes)
             predicted = one.effect.predict(observed, one.target, one.values)
-            out.append(difference(predicted, unsure(observed, one.target, one.values)))
+            out.append(difference(predicted, unsure))
     return np.stack(out, axis=-1) if out else np.zeros((len(observed), fields(observed)["lift"].stop, 0))
 
 

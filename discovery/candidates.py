@@ -117,7 +117,7 @@ def candidates(observed: Observation, effects: dict[str, Effect] | None = None) 
     Args:
         effects: by name; None: the whole catalogue.
     """
-    numbers, zeros = standing_out(observed), observed.contacts.zero_sd
+    numbers, zeros, m = standing_out(observed), observed.contacts.zero_sd, observed.measurements
     out = []
     for effect in (catalogue() if effects is None else effects).values():
         grids = [parameter.grid or (0.0,) for parameter in effect.parameters]
@@ -126,7 +126,7 @@ def candidates(observed: Observation, effects: dict[str, Effect] | None = None) 
             continue  # they are estimated with the families
         out += [
             Candidate(effect, target, settings)
-            for target in targets_in(effect, observed.nominal.robot, observed.measurements.contacts, numbers)
+            for target in targets_in(effect, observed.nominal.robot, m.contacts, numbers, m.experiments)
         ]
     return out
 

@@ -6,14 +6,15 @@ The comparison with the predictions says nothing about misreadings, because pred
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tulip_testbed.discovery.discover import Discovery
 from tulip_testbed.discovery.refit import exact_rig, measured_plan
+from tulip_testbed.effects.arranged import acting
 from tulip_testbed.effects.instance import EffectInstance, injected, removed
-from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.residual_channels import SIZE, residuals
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.errors import InputError
@@ -58,9 +59,11 @@ def check_in_dynamics(
     workers: int = 1,
     progress: Callable[[int], None] = lambda count: None,
 ) -> DynamicsCheck:
-    """Simulate some placements in the full dynamics, without and with the adopted effects."""
-    observed = found.observed
-    numbers = np.unique(observed.stance)
+    """Simulate some placements in the full dynamics, without and with the adopted effects.
+
+    Of several experiments it is the first in which the effects act.
+    """
+    observed, adopted, numbers = _simulated_part(found.observed, adopted)
     chosen = numbers[np.linspace(0, len(numbers) - 1, min(PLACEMENTS, len(numbers))).astype(int)]
     rows = np.flatnonzero(np.isin(observed.stance, chosen))
     plan = measured_plan(observed).take(rows)
@@ -87,6 +90,22 @@ def check_in_dynamics(
     cells = [float(np.sqrt(((_forces(m)[at[key]] - read) ** 2).mean())) for key, m in shown.items()]
     rms = float(np.sqrt((white(full)[used] ** 2).mean()))
     return DynamicsCheck(len(common), len(rows), rms, (cells[0], cells[1]), "")
+
+
+def _simulated_part(
+    observed: Observation, adopted: Sequence[EffectInstance]
+) -> tuple[Observation, list[EffectInstance], np.ndarray]:
+    """Return all rows, the effects as they act in one of the experiments, and the stances of that one."""
+    m = observed.measurements
+    if not m.experiments:
+        return observed, list(adopted), np.unique(observed.stance)
+    best, first = list[EffectInstance](), 0
+    for k in range(len(m.experiments)):
+        acts = [(one, acting(one.effect, one.target, one.values, m.experiments, k)) for one in adopted]
+        own = [replace(one, target=act[0], values=act[1]) for one, act in acts if act is not None]
+        if len(own) > len(best):
+            best, first = own, k
+    return observed, best, np.unique(observed.stance[m.of_experiment == first])
 
 
 def _forces(m: Measurements) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtri
@@ -17,7 +17,6 @@ from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.selection import chosen_again
 from tulip_testbed.effects.instance import removed
 from tulip_testbed.effects.targets import PLACEMENTS
-from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import CHANNELS
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements
@@ -53,28 +52,6 @@ class HeldOut:
     def holds(self) -> bool:
         """Whether no channel is predicted worse than chance allows."""
         return all(self.after[key] <= self.floor[key] for key in self.after)
-
-
-def rows_of(observed: Observation, rows: np.ndarray) -> Observation:
-    """Return some postures of an experiment."""
-    count = len(observed)
-    m = observed.measurements
-    cut = {
-        f.name: getattr(m, f.name)[rows]
-        for f in fields(m)
-        if isinstance(getattr(m, f.name), np.ndarray)
-        and f.name not in ("cells", "top_height")
-        and len(getattr(m, f.name)) == count
-    }
-    kept = {
-        f.name: getattr(observed, f.name)[rows]
-        for f in fields(observed)
-        if isinstance(getattr(observed, f.name), np.ndarray)
-        and f.name not in ("cells", "standard", "board_share", "servo_gain", "servo_stiffness")
-        and len(getattr(observed, f.name)) == count
-    }
-    contacts = observed.contacts.take(rows)
-    return replace(observed, measurements=replace(m, **cut), contacts=contacts, **kept)
 
 
 def check_placements(measurements: Measurements) -> None:
@@ -115,12 +92,12 @@ def held_out(search: Search, found: SelfCalibration, terms: Sequence[Fitted]) ->
     squares, names = np.zeros(3), []
     for k in range(FOLDS):
         inside, outside = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
-        exact = self_calibrate(rows_of(observed, outside), EXACT, rounds=1)
-        plain = predicted(exact, rows_of(observed, inside))
-        mine = replace(search, observed=rows_of(corrected, outside))
+        exact = self_calibrate(observed.take(outside), EXACT, rounds=1)
+        plain = predicted(exact, observed.take(inside))
+        mine = replace(search, observed=corrected.take(outside))
         again, calibration = chosen_again(mine, general)
         names.append({one.label for one in again})
-        fitted = predicted(calibration, rows_of(corrected, inside))
+        fitted = predicted(calibration, corrected.take(inside))
         for key in sums:
             before, after = plain.of(key), fitted.of(key)
             dof = len(after.residual)

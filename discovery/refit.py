@@ -7,18 +7,20 @@ to the prediction.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.joint_fit import JointFit, joint_fit, remove_terms
+from tulip_testbed.effects.arranged import acting
 from tulip_testbed.effects.instance import injected, removed
+from tulip_testbed.identification.ballast import known_weight
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.residual_channels import ROWS, residuals, swing_pose
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.measurements import Experiment, Measurements, PosturePlan
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.sensors import ANKLE, PLATE, PRESETS, WrenchSensors
 from tulip_testbed.sim.statics import mechanism
@@ -84,8 +86,48 @@ def residuals_left(observed: Observation, rig: Rig, terms: Sequence[Fitted]) -> 
 
     They are zero where the posture has no equilibrium with the terms.
     """
-    theta = observed.nominal.value
+    out = np.zeros((len(observed), 11))
+    for part, own, rows in ordinary_parts(observed, terms):
+        if own:
+            out[rows] = _left(part, rig, own)
+    return out
+
+
+def ordinary_parts(
+    observed: Observation, terms: Sequence[Fitted]
+) -> Iterator[tuple[Observation, list[Fitted], np.ndarray]]:
+    """Yield every experiment that was joined as one in an ordinary laboratory, without its known masses.
+
+    Yields:
+        its observation, the terms as they act there, and the numbers of its rows.
+    """
+    m = observed.measurements
+    if not m.experiments:
+        yield observed, list(terms), np.arange(len(observed))
+        return
+    for k in np.unique(m.of_experiment).tolist():
+        rows = np.flatnonzero(m.of_experiment == k)
+        own = [one for term in terms if (one := _as_there(term, m.experiments, k)) is not None]
+        part = observed.take(rows)
+        plain = replace(part.measurements, experiments=(), experiment=None)
+        yield replace(part, measurements=plain, lift=part.lift - known_weight(part.measurements)), own, rows
+
+
+def _as_there(term: Fitted, experiments: tuple[Experiment, ...], number: int) -> Fitted | None:
+    """Return a term as it acts in one of several experiments; None: it does not."""
+    effect = term.candidate.effect
+    act = acting(effect, term.candidate.target, term.values, experiments, number)
+    if act is None:
+        return None
+    target, values = act
+    there = replace(term.candidate, target=target, settings=np.array([values]))
+    return replace(term, candidate=there, point=0, sizes=np.array([values[k] for k in effect.sizes]))
+
+
+def _left(observed: Observation, rig: Rig, terms: Sequence[Fitted]) -> np.ndarray:
+    """Return what `residuals_left` does for one experiment in an ordinary laboratory, (m, 11)."""
     instances = [term.instance for term in terms]
+    theta = observed.nominal.value
     # The feet stand where the links put them, not where encoders with errors say.
     plan = measured_plan(remove_terms(observed, observed, terms))
     with_terms, without = (
@@ -114,7 +156,8 @@ def refit(found: JointFit) -> tuple[JointFit, np.ndarray]:
     """
     data, rig = found.data, exact_rig(found.data.observed)
     exact = data.no_model_error(found.terms)
-    changed = injected(rig, [term.instance for term in found.terms])
+    acting_terms = [one for _, own, _ in ordinary_parts(data.observed, found.terms) for one in own]
+    changed = injected(rig, [term.instance for term in acting_terms])
     misread_only = replace(changed, misread=None) == rig
     known = all(term.candidate.effect.statics for term in found.terms)
     # Predictions undo misreadings exactly. The times of the simulation are not those of the experiment.

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from tulip_testbed.effects.arranged import by_experiment
 from tulip_testbed.effects.injection import misreading
 from tulip_testbed.effects.targets import WHOLE, Targets
 from tulip_testbed.identification.observation import Observation
@@ -230,4 +231,10 @@ class Effect:
 
     def predict(self, observed: Observation, target: str, values: Values) -> Observation:
         """Return the observation with the effect removed, as the nominal laboratory would have given it."""
-        return self.mechanism.predict(observed, target, values)
+        return by_experiment(self, self.mechanism.predict, observed, target, values)
+
+    def unsure(self, observed: Observation, target: str, values: Values) -> Observation | None:
+        """Return the observation off by one s.d. of what its readings do not show; None: they show all."""
+        if self.mechanism.unsure is None:
+            return None
+        return by_experiment(self, self.mechanism.unsure, observed, target, values)

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Strict
 
+from tulip_testbed.effects.arranged import check_everywhere, split_target
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect, Parameter, Values
 from tulip_testbed.effects.laws import LAW, law_effect
@@ -106,6 +107,7 @@ class EffectInstance:
             )
         numbers = [_number(v, p, where) for v, p in zip(values, effect.parameters, strict=True)]
         found = cls(effect, target, tuple(numbers))
+        check_everywhere(target, where)
         check_instance(found, robot, placements, where)
         return found
 
@@ -121,7 +123,9 @@ class EffectInstance:
     @property
     def finding(self) -> str:
         """Return the effect as a sentence, with values ± half of their 95 % intervals."""
-        return self.effect.told(self.target, self.values, self.intervals)
+        target, first = split_target(self.target)
+        said = self.effect.told(target, self.values, self.intervals)
+        return said if first is None else f"From experiment {first} on: {said[0].lower()}{said[1:]}"
 
     @property
     def doubts(self) -> list[str]:
@@ -296,7 +300,7 @@ def check_instance(found: EffectInstance, robot: Robot, placements: Sequence[int
             f"{where}: found {len(found.values)} values and {len(found.intervals)} intervals, "
             f"expected {count} values, and an interval for each or for none: {effect.usage}"
         )
-    check_target(effect.targets, found.target, robot, placements, where)
+    check_target(effect.targets, split_target(found.target)[0], robot, placements, where)
     for parameter, value in zip(effect.parameters, found.values, strict=True):
         here = f"{where}: {effect.name}, {parameter.heading}: found {value:g}"
         if not np.isfinite(value):
@@ -337,6 +341,7 @@ def check_laboratory(found: EffectInstance, statics: bool, where: str) -> None:
 def injected(rig: Rig, instances: Sequence[EffectInstance]) -> Rig:
     """Return the laboratory with these effects, applied in the order of their stages."""
     for found in _in_order(instances):
+        check_everywhere(found.target, str(found))
         rig = found.effect.inject(rig, found.target, found.values)
     return rig
 

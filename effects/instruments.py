@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from tulip_testbed.effects.arranged import split_target, targets_over
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.measurements.contacts import Contacts
+from tulip_testbed.sim.measurements.manipulations import Experiment
 from tulip_testbed.sim.robot import Robot
 
 
@@ -42,12 +44,22 @@ def check_instrument(effect: Effect, contacts: Contacts | None, where: str) -> N
 
 
 def targets_in(
-    effect: Effect, robot: Robot, contacts: Contacts | None, placements: tuple[int, ...]
+    effect: Effect,
+    robot: Robot,
+    contacts: Contacts | None,
+    placements: tuple[int, ...],
+    experiments: tuple[Experiment, ...] = (),
 ) -> tuple[str, ...]:
-    """List the targets that an effect has in an experiment; none if it does not act on its sensors."""
+    """List the targets that an effect has in an experiment; none if it does not act on its sensors.
+
+    Args:
+        experiments: those that were joined; empty: one in an ordinary laboratory.
+    """
     if not acts_on(effect, contacts):
         return ()
-    targets = effect.targets.of(robot, placements)
+    targets = targets_over(effect, effect.targets.of(robot, placements), experiments)
     if effect.targets.word != "FOOT.CHANNEL" or contacts is None:
         return targets
-    return tuple(target for target in targets if target.partition(".")[2] in contacts.channels)
+    return tuple(
+        target for target in targets if split_target(target)[0].partition(".")[2] in contacts.channels
+    )

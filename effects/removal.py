@@ -9,6 +9,7 @@ import numpy as np
 
 from tulip_testbed.effects.instance import EffectInstance, check_instance, removed
 from tulip_testbed.effects.laws.learned_range import beyond, extrapolation
+from tulip_testbed.identification.ballast import known_weight
 from tulip_testbed.identification.kinematics import turned_about
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.observation import Observation, observe, turned
@@ -32,7 +33,7 @@ def corrected(observed: Observation) -> Measurements:
     plain = (forces[..., None] * observed.cell_places).sum(axis=1) / total[:, None]
     poses = observed.plate_poses.copy()
     poses[:, :, :2] += (_center(observed) - plain)[:, None]
-    share = np.where(forces != 0, (1 - observed.lift / total)[:, None], 1.0)
+    share = np.where(forces != 0, (1 - _lift(observed) / total)[:, None], 1.0)
     return replace(
         observed.measurements,
         joint_angles=observed.joint_angles,
@@ -43,8 +44,14 @@ def corrected(observed: Observation) -> Measurements:
 
 
 def _center(observed: Observation) -> np.ndarray:
-    """Return the centre of pressure seen from the foot that carries, (m, 2) [m]."""
-    return center(observed) + observed.geometry.stance_sole[:, :2]
+    """Return the centre of pressure in the base frame, known masses included, (m, 2) [m]."""
+    own, ballast = center(observed), observed.ballast
+    return (own if ballast is None else ballast.together(own)) + observed.geometry.stance_sole[:, :2]
+
+
+def _lift(observed: Observation) -> np.ndarray:
+    """Return the vertical force in addition to the weight of robot and known masses, (m,) [N]."""
+    return observed.lift - known_weight(observed.measurements)
 
 
 def _corrected_wrenches(observed: Observation) -> Measurements:
@@ -57,7 +64,7 @@ def _corrected_wrenches(observed: Observation) -> Measurements:
     total = forces @ found.bears.ravel()
     down = (forces.reshape(len(observed), 2, -1) * found.bears).sum(axis=2)
     # The force on the foot is scaled; the sensor's zero and what hangs below it are not.
-    share = np.where(forces != 0, (1 - observed.lift / total)[:, None], 1.0)
+    share = np.where(forces != 0, (1 - _lift(observed) / total)[:, None], 1.0)
     change = (observed.cell_forces * share - found.values).reshape(len(observed), 2, -1)
     wrenches = m.wrenches + change @ np.linalg.inv(found.by_channel).T
     moments = (forces[..., None] * observed.cell_places).sum(axis=1)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from tulip_testbed.experiments.campaigns.campaign_record import CampaignRecord
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
 from tulip_testbed.experiments.document import flattened
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
 from tulip_testbed.experiments.records import Record
+from tulip_testbed.experiments.validation_record import ValidationRecord
 from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.table import Cell, Table
@@ -25,6 +27,7 @@ SHOWN = {
     "standard_error_ratio": Column("found over stated s.e.", "", ".3f"),
     "coverage95": Column("coverage of 95 %", "%", ".1f", 100),
 }
+Judged = ValidationRecord | MonteCarloRecord | DiscoveryRecord
 QUANTITIES = {
     "validation": ("estimate", "standard_error", "truth"),
     "Monte Carlo": ("bias", "standard_error", "standard_error_ratio", "coverage95"),
@@ -38,6 +41,10 @@ def compare(first: Record, second: Record) -> dict[str, Any]:
     Raises:
         InputError: runs that cannot be compared; says why.
     """
+    if isinstance(first, CampaignRecord) or isinstance(second, CampaignRecord):
+        raise InputError("runs: found a campaign, expected runs of one experiment each")
+    assert not isinstance(first, CampaignRecord)
+    assert not isinstance(second, CampaignRecord)
     _check_alike(first, second)
     both = [_models(first), _models(second)]
     return {
@@ -129,7 +136,7 @@ def _name(run: Record) -> str:
     return "in memory" if run.folder is None else str(run.folder)
 
 
-def _check_alike(first: Record, second: Record) -> None:
+def _check_alike(first: Judged, second: Judged) -> None:
     """Refuse what has no common measure."""
     where = f"{_name(first)}, {_name(second)}: cannot be compared"
     if first.kind != second.kind:
@@ -144,7 +151,7 @@ def _check_alike(first: Record, second: Record) -> None:
             )
 
 
-def _models(run: Record) -> dict[str, list[dict[str, Any]]]:
+def _models(run: Judged) -> dict[str, list[dict[str, Any]]]:
     report = run.report.plain()
     if isinstance(run, DiscoveryRecord):
         return {"full": report["parameters"]}
@@ -152,7 +159,7 @@ def _models(run: Record) -> dict[str, list[dict[str, Any]]]:
     return {"full": full["parameters"], "simplified": report["simplified"]["parameters"]}
 
 
-def _judged(run: Record) -> list[dict[str, Any]]:
+def _judged(run: Judged) -> list[dict[str, Any]]:
     """Return a run's checks; of a discovery the gap by channel, its explanations and their sizes."""
     if not isinstance(run, DiscoveryRecord):
         return run.report.plain()["checks"]

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
+from tulip_testbed.effects.arranged import everywhere
+from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.discovery_report import DiscoveryReport, discovery_report
 from tulip_testbed.experiments.document import Document, Seed
@@ -28,12 +31,13 @@ from tulip_testbed.identification.base_parameters import base_parameters, common
 from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.sim.files import new_folder, read_bytes, read_text, write_text
 from tulip_testbed.sim.machine import machine
-from tulip_testbed.sim.measurements import Measurements, read_measurements, write_measurements
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.measurements.joined import read_written, write_experiments
 from tulip_testbed.sim.measurements.table_files import Table, software
 from tulip_testbed.sim.robot import Robot
 
 REPORT_FILE, RESIDUAL_FILE, STORY_FILE = "discovery.json", "residuals.csv", "story.txt"
-NEEDED = (REPORT_FILE, RESIDUAL_FILE, STORY_FILE, f"{MEASUREMENT_FOLDER}/manifest.json")
+NEEDED = (REPORT_FILE, RESIDUAL_FILE, STORY_FILE)
 SIDES = ("before", "after")
 PARTS = (
     *("cop_x_m", "cop_y_m", "force_N", "twist_right_N", "twist_left_N"),
@@ -98,9 +102,14 @@ def discovery_record(
         measurements=found.observed.measurements,
         before=residuals(found.observed, found.selection.null.linear.theta),
         after=residuals(found.fit.linear.observed, found.fit.linear.theta),
-        rig=rig_files(robot, found.corrections) if found.corrections else {},
+        rig=rig_files(robot, lasting) if (lasting := _lasting(found.corrections)) else {},
         robot=robot,
     )
+
+
+def _lasting(found: Sequence[EffectInstance]) -> list[EffectInstance]:
+    """Return the effects that hold in experiments to come too, rather than in one session."""
+    return [one for one in found if everywhere(one.target)]
 
 
 def write_discovery(folder: Path, record: DiscoveryRecord) -> DiscoveryRecord:
@@ -115,7 +124,7 @@ def write_discovery(folder: Path, record: DiscoveryRecord) -> DiscoveryRecord:
     folder = Path(folder)
     report = record.report.model_copy(update={"rig": str(folder / RIG) if record.rig else None})
     with new_folder(folder) as working:
-        write_measurements(working / MEASUREMENT_FOLDER, record.measurements)
+        write_experiments(working / MEASUREMENT_FOLDER, record.measurements)
         report.write(working / REPORT_FILE)
         write_text(working / STORY_FILE, "\n".join(report.story) + "\n")
         _write_residuals(working / RESIDUAL_FILE, record)
@@ -136,7 +145,7 @@ def read_discovery(folder: Path, robot: Robot) -> DiscoveryRecord:
     check_robot(folder, document.inputs, robot)
     check_outputs(folder, document.outputs, NEEDED)
     report = DiscoveryReport.read(folder / REPORT_FILE)
-    measurements = read_measurements(folder / MEASUREMENT_FOLDER)
+    measurements = read_written(folder / MEASUREMENT_FOLDER)
     parameters = base_parameters(robot, support=common_support(measurements.support))
     check_parameters(
         folder / REPORT_FILE,

@@ -18,6 +18,7 @@ from tulip_testbed.experiments.correlations import Correlations, parameter_index
 from tulip_testbed.experiments.estimate_report import model_report
 from tulip_testbed.experiments.family_tables import calibration_report
 from tulip_testbed.experiments.parameter_tables import mass_line, parameter_table
+from tulip_testbed.identification.ballast import known_weight
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,
     base_parameters,
@@ -160,8 +161,12 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
 
 
 def plain_estimator(measurements: Measurements) -> str:
-    """Return the estimator for a first look: the usual one, or the one that estimates zeros of wrenches."""
-    return DEFAULT if measurements.contacts is None else SELF_CALIBRATING
+    """Return the estimator for a first look: the usual one, or the one that estimates zeros of wrenches.
+
+    It is also the one that knows of masses on the robot.
+    """
+    loaded = known_weight(measurements).any()
+    return DEFAULT if measurements.contacts is None and not loaded else SELF_CALIBRATING
 
 
 def warn_of_unrest(found: Identification, source: str) -> None:
@@ -225,6 +230,11 @@ def identify(
         raise InputError(
             f"{source}: found force-torque sensors whose zeros no foot in the air shows well, with estimator "
             f"{estimator}; expected `estimator={SELF_CALIBRATING}`"
+        )
+    if known_weight(measurements).any():
+        raise InputError(
+            f"{source}: found a known mass on the robot, with estimator {estimator}; expected "
+            f"`estimator={SELF_CALIBRATING}`"
         )
     full = estimate_by(data, estimator)
     simplified = full if len(kept) == len(data.numbers) else estimate_by(data.keep(kept), estimator)

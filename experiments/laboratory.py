@@ -22,6 +22,7 @@ from tulip_testbed.effects.instance import (
     several,
 )
 from tulip_testbed.effects.instruments import check_instrument
+from tulip_testbed.effects.manipulated import as_manipulated, check_experiment, manipulated
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,
@@ -31,7 +32,7 @@ from tulip_testbed.identification.base_parameters import (
 from tulip_testbed.sim.arguments import checked, expect
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.errors import InputError, at_least, look_up
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.measurements import Experiment, Measurements, PosturePlan
 from tulip_testbed.sim.measurements.plan_folder import check_fits
 from tulip_testbed.sim.outcome import Outcome, Truth
 from tulip_testbed.sim.procedure import constants
@@ -60,6 +61,7 @@ class Laboratory:
         known: effects that the laboratory is known to have; estimates are corrected for them. Texts are read.
         hidden: effects that nobody is told, likewise.
         nominal: the laboratory without effects; None: the robot's, with the preset's sensors.
+        experiment: session and manipulations, see `manipulated`; None: an ordinary set-up in no session.
     """
 
     robot: Robot = field(default_factory=load_robot)
@@ -67,6 +69,7 @@ class Laboratory:
     known: tuple[EffectInstance, ...] = ()
     hidden: tuple[EffectInstance, ...] = ()
     nominal: Rig | None = field(default=None, repr=False)
+    experiment: Experiment | None = None
 
     def __post_init__(self) -> None:
         for name, kind in (("robot", Robot), ("sensors", str), ("nominal", Rig | None)):
@@ -88,7 +91,10 @@ class Laboratory:
     def rig(self) -> Rig:
         """The physical laboratory with all effects."""
         plain = preset_rig(self.sensors, self.robot) if self.nominal is None else self.nominal
-        return injected(injected(plain, self.known), self.hidden)
+        if self.experiment is None:
+            return injected(injected(plain, self.known), self.hidden)
+        known, hidden = (as_manipulated(some, self.experiment) for some in (self.known, self.hidden))
+        return injected(injected(manipulated(plain, self.experiment), known), hidden)
 
     @checked
     def with_effects(self, *effects: EffectInstance | str) -> Laboratory:
@@ -107,6 +113,26 @@ class Laboratory:
     def with_known(self, *effects: EffectInstance | str) -> Laboratory:
         """Add effects that the laboratory is known to have, written as in `with_effects`."""
         return replace(self, known=self.known + self._instances(effects))
+
+    @checked
+    def manipulated(self, *manipulations: str, session: str = "") -> Laboratory:
+        """Return the laboratory after manipulations, in place of those before.
+
+        Args:
+            manipulations: "plates exchanged", "left plate turned by 180 deg", "plates moved",
+                "cells re-tared", "cable removed", "robot turned by 180 deg", "encoder re-zeroed: JOINT",
+                "known mass 2 kg at torso (0, 0, 0.3)".
+            session: experiments of one session share tares, tilt of the floor and survey of the plates.
+
+        Raises:
+            InputError: a text outside the grammar, manipulations that contradict each other, or what this
+                laboratory does not have.
+        """
+        found = Experiment(session, manipulations)
+        check_experiment(
+            preset_rig(self.sensors, self.robot) if self.nominal is None else self.nominal, found
+        )
+        return replace(self, experiment=found)
 
     def _instances(self, effects: Effects) -> tuple[EffectInstance, ...]:
         found = instances_of(effects, self.robot)
@@ -151,7 +177,10 @@ class Laboratory:
             (outcome,) = run_statics(solve_plan(self.rig, plan), [np.random.SeedSequence(seed)])
         else:
             outcome = run_dynamics(self.rig, plan, seed, count, progress)
-        return Run(self, plan, seed, engine, outcome.measurements, outcome.truth)
+        measured = outcome.measurements
+        if self.experiment is not None:
+            measured = replace(measured, experiments=(self.experiment,))
+        return Run(self, plan, seed, engine, measured, outcome.truth)
 
     def check(self, plan: PosturePlan, engine: str) -> None:
         """Refuse a plan that this laboratory cannot measure.

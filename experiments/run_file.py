@@ -21,7 +21,7 @@ from tulip_testbed.sim.robot import Robot, sha256
 RUN_FILE, PLAN_FOLDER, MEASUREMENT_FOLDER = "run.json", "plan", "measurements"
 FORMATS = ("tulip-run", "tulip-montecarlo")
 VERSION = 1
-RunKind = Literal["validation", "discovery", "Monte Carlo"]
+RunKind = Literal["validation", "discovery", "Monte Carlo", "campaign"]
 
 
 class Head(Document):
@@ -204,4 +204,5 @@ def _run_kind(where: Path) -> RunKind:
         )
     if head.format == "tulip-montecarlo":
         return "Monte Carlo"
-    return "discovery" if head.command == "discover" else "validation"
+    kinds: dict[str, RunKind] = {"discover": "discovery", "campaign": "campaign"}
+    return kinds.get(head.command, "validation")

@@ -7,12 +7,14 @@ robot enter.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from tulip_testbed.identification.ballast import Ballast, ballast_of, known_weight
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.contact_readings import ContactReadings, of_cells, of_wrenches
 from tulip_testbed.identification.joint_loads import Loads, joint_loads, servo_stiffness
@@ -43,13 +45,14 @@ class Observation:
         stance_tilt, swing_tilt: roll and pitch of the soles against the ground, (m, 2) [rad].
         swing_rise: height of the swing foot's sole point over the stance foot's, (m,) [m].
         shift: displacement of the centre of pressure by forces other than weight, (m, 2) [m].
-        lift: vertical force in addition to the weighed weight, positive downwards, (m,) [N].
+        lift: vertical force in addition to the weighed weight, positive downwards, (m,) [N]; at first that of
+            the known masses of joined experiments.
         standard: nominal standard parameters of the links (eq. 5), (n_links, 4) [kg, kg m].
         board_share: share of a board's weight on each of its cells, right and left, (2,) [N].
         servo_gain: torque of each joint's servo per error of its angle, (n_joints,) [Nm/rad].
         servo_stiffness: the same in series with what yields between encoder and link, (n_joints,) [Nm/rad].
         cell_sd: noise of a cell's reading, by the data sheet or else as it was estimated [N].
-        time_fraction: time of every posture as a fraction of the experiment's time, 0 to 1, (m,).
+        time_fraction: time of every posture as a fraction of its experiment's time, 0 to 1, (m,).
         on_four_cells: whether all cells of the right and the left plate are loaded, (m, 2) bool. On three
             cells the twist of a board holds no information. A tared cell without load reads minus its share
             of the board's weight; if the empty board rocked when it was tared, nothing.
@@ -204,6 +207,30 @@ class Observation:
         """Return the torque of the load on every joint about its axis, (m, n_joints) [Nm]."""
         return self.loads.torques
 
+    @cached_property
+    def ballast(self) -> Ballast | None:
+        """Return what the known masses weigh and where they are, None without any."""
+        return ballast_of(self.measurements, self.geometry, self.weight)
+
+    def take(self, rows: np.ndarray) -> Observation:
+        """Return some postures of the experiment, by their numbers."""
+        count, m = len(self), self.measurements
+        cut = {
+            f.name: getattr(m, f.name)[rows]
+            for f in fields(m)
+            if isinstance(getattr(m, f.name), np.ndarray)
+            and f.name not in ("cells", "top_height")
+            and len(getattr(m, f.name)) == count
+        }
+        kept = {
+            f.name: getattr(self, f.name)[rows]
+            for f in fields(self)
+            if isinstance(getattr(self, f.name), np.ndarray)
+            and f.name not in ("cells", "standard", "board_share", "servo_gain", "servo_stiffness")
+            and len(getattr(self, f.name)) == count
+        }
+        return replace(self, measurements=replace(m, **cut), contacts=self.contacts.take(rows), **kept)
+
     def changed(self, **fields: Any) -> Observation:
         """Return the observation with some fields replaced."""
         other = replace(self, **fields)
@@ -233,19 +260,30 @@ def observe(measurements: Measurements, nominal: Nominal) -> Observation:
         swing_tilt=np.zeros((m, 2)),
         swing_rise=np.zeros(m),
         shift=np.zeros((m, 2)),
-        lift=np.zeros(m),
+        lift=known_weight(measurements),
         standard=standard_parameters(nominal.robot.model),
         board_share=share,
         servo_gain=gain,
         servo_stiffness=gain,
         cell_sd=contacts.sd,
-        time_fraction=fraction_of_time(measurements.time),
+        time_fraction=_each(measurements, lambda rows: fraction_of_time(measurements.time[rows])),
         on_four_cells=(
-            _on_four_cells(contacts.values.reshape(-1, 2, 4), margin, share)
+            _each(
+                measurements,
+                lambda rows: _on_four_cells(contacts.values[rows].reshape(-1, 2, 4), margin, share),
+            )
             if measurements.contacts is None
             else np.zeros((m, 2), bool)
         ),
     )
+
+
+def _each(measurements: Measurements, of_rows: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Compute something of the rows of each experiment by itself, (m, ...)."""
+    number = measurements.of_experiment
+    parts = [np.flatnonzero(number == k) for k in np.unique(number)]
+    out = np.concatenate([of_rows(rows) for rows in parts])
+    return out[np.argsort(np.concatenate(parts), kind="stable")]
 
 
 def contact_readings(measurements: Measurements, nominal: Nominal) -> ContactReadings:

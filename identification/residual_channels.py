@@ -158,8 +158,14 @@ def center(observed: Observation) -> np.ndarray:
     It is seen from the stance foot's sole point, also where that foot is in the air: there the known lengths
     give its place. The shift by other forces is subtracted. A tilted foot that carries rotates the robot
     about its sole point, which moves the centre of mass in proportion to its height; the nominal height is
-    accurate enough.
+    accurate enough. Known masses are taken off.
     """
+    own = _of_everything(observed)
+    return own if observed.ballast is None else observed.ballast.without(own)
+
+
+def _of_everything(observed: Observation) -> np.ndarray:
+    """Compute what `center` does with the known masses on the robot, (m, 2) [m]."""
     plain = _measured(observed) - observed.shift
     if (rows := observed.geometry.on_swing_foot).any():
         plain[rows] -= observed.geometry.stance_sole[rows, :2]
@@ -252,6 +258,10 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
     out[:, 5, at["rise"].start] = -1.0
     out[:, 0, at["shift"].start] = out[:, 1, at["shift"].start + 1] = -1.0
     out[:, :3, at["lift"].start] = by_weight(observed)
+    if (ballast := observed.ballast) is not None:
+        plain = -observed.geometry.slope @ theta  # the regressor's: the masses are not in it
+        out[:, 0:2] *= (1 + ballast.ratio)[:, None, None]
+        out[:, 0:2, at["angles"]] -= ballast.ratio[:, None, None] * plain + ballast.slope
     return out
 
 

@@ -56,7 +56,10 @@ def test_what_fits_passes_and_numbers_of_numpy_become_plain():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        ("tt.identify(3)", "measurements: found the int 3, expected Measurements, Run, a text or a path"),
+        (
+            "tt.identify(3)",
+            "measurements: found the int 3, expected Measurements, Run, a text, ",
+        ),
         ("tt.identify(run, 'tulip')", "robot: found the str 'tulip', expected Robot or None"),
         ("tt.identify(run, corrections=[3])", "corrections[0]: found the int 3, expected EffectInstance"),
         ("tt.discover('none')", "none: no such measurement folder"),

@@ -10,7 +10,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tulip_testbed.discovery.held_out import rows_of
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Misreading
 from tulip_testbed.effects.instance import EffectInstance
@@ -254,6 +253,6 @@ def test_without_commands_there_is_no_logged_command(measured, nominal, robot):
 def test_a_part_of_an_experiment_creeps_as_in_the_whole(measured, nominal, robot):
     """Its first load was there before: 90 % of the creep under the 40 N of the second posture."""
     mechanism, target, values = misreading("creep:left.front_left=0.2,0.21714724095162588", robot)
-    observed = rows_of(observe(measured(), nominal), np.array([1]))
+    observed = observe(measured(), nominal).take(np.array([1]))
     loads = mechanism.undo(observed, target, values).cell_forces[:, 4]
     assert loads == pytest.approx([40 / (1 + 0.9 * 0.2)])

@@ -17,6 +17,7 @@ from tulip_testbed.experiments.discovery_record import discovery_record, read_di
 from tulip_testbed.experiments.document import Document
 from tulip_testbed.experiments.estimate_report import ParameterRow
 from tulip_testbed.experiments.laboratory import Laboratory, Run
+from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
 from tulip_testbed.experiments.montecarlo.montecarlo_run import Place, montecarlo
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.records import read_record, record_of
@@ -232,6 +233,7 @@ def test_a_monte_carlo_in_memory_is_the_one_in_its_folder(robot, plan, tmp_path)
     read = read_record(tmp_path / "runs", robot)
     assert same(memory, read)
     assert same_page(page_of(memory), page_of(read))
+    assert isinstance(read, MonteCarloRecord)
     assert json.loads((tmp_path / "runs" / "report.json").read_text()) == read.report.plain()
 
 

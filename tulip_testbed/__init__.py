@@ -17,6 +17,8 @@ FUNCTIONS = (
     *(
         "validate",
         "monte_carlo",
+        "next_experiment",
+        "campaign",
         "plan",
         "check",
         "import_table",

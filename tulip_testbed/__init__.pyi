@@ -5,6 +5,7 @@ from tulip_testbed import plans as plans
 from tulip_testbed.api import InputError as InputError
 from tulip_testbed.api import Laboratory as Laboratory
 from tulip_testbed.api import atlas as atlas
+from tulip_testbed.api import campaign as campaign
 from tulip_testbed.api import check as check
 from tulip_testbed.api import discover as discover
 from tulip_testbed.api import export_model as export_model
@@ -12,6 +13,7 @@ from tulip_testbed.api import identify as identify
 from tulip_testbed.api import import_table as import_table
 from tulip_testbed.api import load_robot as load_robot
 from tulip_testbed.api import monte_carlo as monte_carlo
+from tulip_testbed.api import next_experiment as next_experiment
 from tulip_testbed.api import plan as plan
 from tulip_testbed.api import predict as predict
 from tulip_testbed.api import read_measurements as read_measurements

@@ -18,6 +18,8 @@ from tulip_testbed.effects.instance import EffectInstance, Effects, check_differ
 from tulip_testbed.experiments.atlases.effect_atlas import Atlas
 from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
 from tulip_testbed.experiments.atlases.planned_experiment import planned
+from tulip_testbed.experiments.campaigns.campaign_run import Campaign, CampaignSettings
+from tulip_testbed.experiments.campaigns.campaign_run import campaign as _campaign
 from tulip_testbed.experiments.check_folder import (
     Preflight,
     check_folder,
@@ -26,6 +28,7 @@ from tulip_testbed.experiments.check_folder import (
 )
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
+from tulip_testbed.experiments.discovery_record import read_discovery
 from tulip_testbed.experiments.export.export_model import SAMPLES, Export
 from tulip_testbed.experiments.export.export_model import export_model as _export_model
 from tulip_testbed.experiments.export.exported_model import ExportedModel
@@ -39,6 +42,7 @@ from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.planning_run import PlanSettings, optimal_plan
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.predict import predict as _predict
+from tulip_testbed.experiments.proposed_experiment import Proposals, next_of, write_experiment_plan
 from tulip_testbed.experiments.records import read_record, record_of
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.experiments.table_import.import_map import read_map
@@ -50,9 +54,9 @@ from tulip_testbed.experiments.validate import validate as _validate
 from tulip_testbed.identification.planning.interior_point import SOLVERS
 from tulip_testbed.identification.planning.search import HOPS
 from tulip_testbed.sim.arguments import checked
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.errors import InputError, at_least
 from tulip_testbed.sim.files import check_new
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.measurements import Measurements, PosturePlan, joined
 from tulip_testbed.sim.measurements import read_measurements as _read_measurements
 from tulip_testbed.sim.measurements import write_measurements as _write_measurements
 from tulip_testbed.sim.measurements.contract import check_contract
@@ -64,6 +68,7 @@ __all__ = [
     "InputError",
     "Laboratory",
     "atlas",
+    "campaign",
     "check",
     "discover",
     "export_model",
@@ -71,6 +76,7 @@ __all__ = [
     "import_table",
     "load_robot",
     "monte_carlo",
+    "next_experiment",
     "plan",
     "predict",
     "read_measurements",
@@ -81,7 +87,8 @@ __all__ = [
 ]
 
 Measured = Measurements | Run | str | Path
-Reported = Run | Validation | Discovered | MonteCarlo | str | Path
+Several = Measured | Sequence[Measured]
+Reported = Run | Validation | Discovered | MonteCarlo | Campaign | str | Path
 Viewed = Reported | Measurements | PosturePlan
 
 
@@ -149,7 +156,7 @@ def import_table(
 @checked
 @one_blas_thread
 def identify(
-    measurements: Measured,
+    measurements: Several,
     robot: Robot | None = None,
     estimator: str = SELF_CALIBRATING,
     corrections: Effects = (),
@@ -158,7 +165,7 @@ def identify(
     """Identify a robot from what was measured.
 
     Args:
-        measurements: or their folder, or a run.
+        measurements: or their folder, or a run; a list of them: experiments with one robot.
         robot: the nominal robot; TULip if None.
         estimator: "self-calibrating", "mixed-model", "least-squares", "placement", "errors-in-variables",
             "robust", "prior" or "consistent".
@@ -180,8 +187,8 @@ def identify(
     given = _measurements(measurements)
     source = _source(measurements)
     found = _identify(given, robot, estimator=estimator, adopted=adopted, tolerances=tolerances)
-    if not isinstance(measurements, Run):  # a simulated one has the faults that were asked for
-        warn_of_faults(given, robot, adopted, source, tolerances)
+    for one, where in _to_check(measurements):
+        warn_of_faults(one, robot, adopted, where, tolerances)
     warn_of_unrest(found, source or "measurements")
     return found
 
@@ -189,7 +196,7 @@ def identify(
 @checked
 @one_blas_thread
 def discover(
-    measurements: Measured,
+    measurements: Several,
     robot: Robot | None = None,
     seed: int = 0,
     check: bool = True,
@@ -199,7 +206,7 @@ def discover(
     """Find what the nominal model lacks: where it disagrees with measurements, and which effect explains it.
 
     Args:
-        measurements: or their folder, or a run.
+        measurements: or their folder, or a run; a list of them: experiments with one robot.
         robot: the nominal robot; TULip if None.
         seed: of the bootstrap that calibrates the level.
         check: simulate adopted physics in the full dynamics, which may take two minutes.
@@ -216,9 +223,80 @@ def discover(
     """
     robot, given = robot or load_robot(), _measurements(measurements)
     found = discover_effects(given, robot, seed, check, processes(workers), tolerances=tolerances)
-    if not isinstance(measurements, Run):  # a simulated one has the faults that were asked for
-        warn_of_faults(given, robot, source=_source(measurements), tolerances=tolerances)
+    for one, where in _to_check(measurements):
+        warn_of_faults(one, robot, source=where, tolerances=tolerances)
     return found
+
+
+@checked
+@one_blas_thread
+def next_experiment(
+    found: Discovered | str | Path,
+    robot: Robot | None = None,
+    plan: PosturePlan | None = None,
+    seed: int = 0,
+    out: str | Path | None = None,
+) -> Proposals:
+    """Rank the experiments that would settle an ambiguous discovery.
+
+    Args:
+        found: a discovery, or its run folder.
+        robot: that the folder's run was made with; TULip if None.
+        plan: postures to choose from; None: those that were measured.
+        seed: of the draws of the expectation.
+        out: plan folder to write, of the best experiment with its manipulations; None: none.
+
+    Returns:
+        the experiments, the best first; `best.plan`, `best.experiment.manipulations`.
+
+    Raises:
+        InputError: no discovery; with `out`, nothing to settle, or a folder that exists.
+    """
+    at_least("seed", seed, 0)
+    if out is not None:
+        check_new(Path(out))
+    if isinstance(found, Discovered):
+        ranked = next_of(found, found.robot, plan, seed)
+    else:
+        robot = robot or load_robot()
+        ranked = next_of(read_discovery(Path(found), robot), robot, plan, seed)
+    if out is not None:
+        write_experiment_plan(Path(out), ranked)
+    return ranked
+
+
+@checked
+@one_blas_thread
+def campaign(
+    laboratory: Laboratory,
+    plan: PosturePlan,
+    seed: int = DEFAULT_SEED,
+    experiments: int = 3,
+    minutes: float | None = None,
+    engine: str = "statics",
+    ordinary: float | None = None,
+    folder: str | Path | None = None,
+) -> Campaign:
+    """Simulate, discover, propose and simulate until one explanation is left or the budget ends.
+
+    Args:
+        laboratory: with hidden effects. plan: of the first experiment; later ones choose their postures from
+            it.
+        seed: of everything random.
+        experiments: at most. minutes: of laboratory time at most (assumed times); None: no limit.
+        engine: "statics" or "dynamics".
+        ordinary: see `validate`.
+        folder: keeps the experiments; the same call goes on where one was stopped. None: a temporary one.
+
+    Raises:
+        InputError: what cannot be run; a folder that holds something else.
+    """
+    at_least("seed", seed, 0)
+    at_least("experiments", experiments, 1)
+    asked = {"seed": seed, "engine": engine, "experiments": experiments, "ordinary": ordinary}
+    limit = None if minutes is None else float(minutes)
+    settings = CampaignSettings.model_validate(asked | {"minutes": limit})
+    return _campaign(laboratory, plan, settings, None if folder is None else Path(folder))
 
 
 @checked
@@ -435,18 +513,33 @@ def _corrections(corrections: Effects, robot: Robot) -> tuple[EffectInstance, ..
     return found
 
 
-def _source(measurements: Measured) -> str | None:
-    """Return the folder of measurements, for messages."""
-    return None if isinstance(measurements, Measurements | Run) else str(measurements)
+def _each(measurements: Several) -> list[Measured]:
+    single = isinstance(measurements, Measurements | Run | str | Path)
+    return [measurements] if single else list(measurements)  # pyrefly: ignore[bad-argument-type]
 
 
-def _measurements(measured: Measured, likely: bool = True) -> Measurements:
-    """Return measurements, those of a run, or those in a folder, held against the contract once."""
-    if isinstance(measured, str | Path):
-        return read_measurements(measured)
-    found = measured.measurements if isinstance(measured, Run) else measured
-    check_contract(found, likely=likely)
-    return found
+def _source(measurements: Several) -> str | None:
+    """Return the folders of measurements, for messages."""
+    folders = [str(one) for one in _each(measurements) if isinstance(one, str | Path)]
+    return ", ".join(folders) or None
+
+
+def _to_check(measurements: Several) -> list[tuple[Measurements, str | None]]:
+    """Return each experiment with its source, but those that were simulated with faults on purpose."""
+    return [(_measurements(one), _source(one)) for one in _each(measurements) if not isinstance(one, Run)]
+
+
+def _measurements(measured: Several, likely: bool = True) -> Measurements:
+    """Return measurements, or those of runs and folders, held against the contract once and joined."""
+    each, found = _each(measured), []
+    for one in each:
+        if isinstance(one, str | Path):
+            found.append(read_measurements(one))
+            continue
+        found.append(one.measurements if isinstance(one, Run) else one)
+        check_contract(found[-1], likely=likely)
+    names = [str(one) if isinstance(one, str | Path) else f"experiment {k + 1}" for k, one in enumerate(each)]
+    return joined(found, names)
 
 
 @checked

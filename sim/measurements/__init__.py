@@ -7,17 +7,22 @@ from tulip_testbed.sim.measurements.data import (
     SensorSheet,
     lay_boards,
 )
+from tulip_testbed.sim.measurements.joined import joined, read_experiments
+from tulip_testbed.sim.measurements.manipulations import Experiment
 from tulip_testbed.sim.measurements.measurement_folder import read_measurements, write_measurements
 from tulip_testbed.sim.measurements.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.measurements.series import Series, read_series
 
 __all__ = [
+    "Experiment",
     "Measurements",
     "PlateGeometry",
     "PosturePlan",
     "SensorSheet",
     "Series",
+    "joined",
     "lay_boards",
+    "read_experiments",
     "read_measurements",
     "read_plan",
     "read_series",

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.sim.measurements.contacts import COP, Contacts, cops_of_wrenches
+from tulip_testbed.sim.measurements.manipulations import Experiment
 from tulip_testbed.sim.robot import CELLS, PLATES
 
 
@@ -83,7 +84,7 @@ class SensorSheet:
 OF_ROWS = (  # fields of `Measurements` with a value for every row
     *("posture", "placement", "support", "time", "window", "samples"),
     *("joint_angles", "joint_angles_sd", "command", "motor", "cell_forces", "cell_forces_sd"),
-    *("plate_poses", "wrenches", "wrenches_sd", "speed", "acceleration"),
+    *("plate_poses", "wrenches", "wrenches_sd", "speed", "acceleration", "experiment"),
 )
 
 
@@ -121,6 +122,9 @@ class Measurements:
         constant_joints: s.d. of joints that are not logged but known to stand still, by name [rad].
         speed: largest speed of a joint in the window, (m,) [rad/s], or None.
         acceleration: of the robot's base in the window, (m,) [m/s2], or None.
+        experiments: session and manipulations of each of several experiments that were joined, or of this
+            one where they are stated; empty: nothing is stated.
+        experiment: index of every row's experiment, (m,); None: there is at most one.
     """
 
     joints: tuple[str, ...]
@@ -151,12 +155,19 @@ class Measurements:
     constant_joints: Mapping[str, float] = field(default_factory=dict)
     speed: np.ndarray | None = None
     acceleration: np.ndarray | None = None
+    experiments: tuple[Experiment, ...] = ()
+    experiment: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.posture)
 
     def __repr__(self) -> str:
         return f"Measurements: {len(self)} rows, {_described(self)}, robot {self.robot['model']}"
+
+    @property
+    def of_experiment(self) -> np.ndarray:
+        """Return the index of every row's experiment, (m,)."""
+        return np.zeros(len(self), int) if self.experiment is None else self.experiment
 
     def take(self, rows: np.ndarray) -> Measurements:
         """Select rows by a mask or by indices in any order."""

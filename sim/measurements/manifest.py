@@ -89,6 +89,8 @@ class Manifest(_Strict):
     tolerances: dict[str, Deviation] | None = None
     constant_joints: dict[str, ConstantEntry] | None = None
     mapping: dict[str, MappingEntry] | None = None
+    session: str | None = None
+    manipulations: list[str] | None = None
     created: str | None = None
     software: dict[str, str] | None = None
     tables: dict[str, str | None] | None = None
@@ -146,11 +148,20 @@ def manifest_of(measurements: Measurements, tables: dict[str, str]) -> Manifest:
         "gains": dict(m.gains) if isinstance(m.gains, Mapping) else m.gains,
         "tolerances": dict(m.tolerances) if isinstance(m.tolerances, Mapping) else m.tolerances,
         "constant_joints": _constants(m),
+        **_experiment_keys(m),
         "created": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         "software": software(),
         "tables": tables,
     }
     return manifest_from(content)
+
+
+def _experiment_keys(m: Measurements) -> dict[str, Any]:
+    """Return session and manipulations; those of several experiments are in folders of their own."""
+    if len(m.experiments) != 1:
+        return {}
+    (one,) = m.experiments
+    return {"session": one.session or None, "manipulations": list(one.manipulations) or None}
 
 
 def _contact_keys(m: Measurements) -> dict[str, Any]:
@@ -178,4 +189,5 @@ def _constants(m: Measurements) -> Any:
 def unset_keys(measurements: Measurements) -> set[str]:
     """Name the keys of a manifest that measurements do not need."""
     empty = {name for name in OPTIONAL if not getattr(measurements, name)}
+    empty |= {name for name in ("session", "manipulations") if not _experiment_keys(measurements).get(name)}
     return empty | {"mapping", "contacts" if measurements.contacts is None else "plates"}

@@ -32,6 +32,7 @@ from tulip_testbed.sim.measurements.manifest import (
     manifest_of,
     unset_keys,
 )
+from tulip_testbed.sim.measurements.manipulations import Experiment, arrangement_of
 from tulip_testbed.sim.measurements.table_files import (
     read_json,
     write_json,
@@ -82,6 +83,11 @@ def write_measurements(folder: Path, measurements: Measurements, likely: bool = 
         InputError: the measurements break the contract, or the folder exists or cannot be written.
     """
     check_contract(measurements, likely=likely)
+    if measurements.experiment is not None:
+        raise InputError(
+            f"{folder}: found {len(measurements.experiments)} experiments that were joined, expected one: "
+            "write each to a folder of its own"
+        )
     with new_folder(folder) as working:
         paths = write_table(working, "postures", measurements.columns())
         tables = {path.name: sha256(path) for path in paths.values()}
@@ -178,8 +184,17 @@ def _measurements(manifest: Manifest, table: MappedTable, where: Path) -> Measur
         constant_joints={joint: entry.sd for joint, entry in (manifest.constant_joints or {}).items()},
         speed=table.numbers("speed", True) if table.has("speed") else None,
         acceleration=table.numbers("acceleration", True) if table.has("acceleration") else None,
+        experiments=_experiments(manifest, where),
         **read,
     )
+
+
+def _experiments(manifest: Manifest, where: Path) -> tuple[Experiment, ...]:
+    """Return session and manipulations if any are stated."""
+    texts = tuple(manifest.manipulations or ())
+    arrangement_of(texts, f"{where}: key 'manipulations'")
+    found = Experiment(manifest.session or "", texts)
+    return () if found == Experiment() else (found,)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,7 +11,7 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from tulip_testbed.sim.errors import InputError, listed, shortened
-from tulip_testbed.sim.files import new_folder
+from tulip_testbed.sim.files import new_folder, write_text
 from tulip_testbed.sim.measurements.bounds import MOST_ANGLE, MOST_LENGTH, Version
 from tulip_testbed.sim.measurements.checked_table import checked_table
 from tulip_testbed.sim.measurements.contract import SUPPORTS
@@ -47,8 +48,11 @@ class PlanManifest(BaseModel):
     tables: dict[str, str]
 
 
-def write_plan(folder: Path, plan: PosturePlan) -> None:
+def write_plan(folder: Path, plan: PosturePlan, beside: Mapping[str, str] | None = None) -> None:
     """Write a plan folder, which appears whole or not at all.
+
+    Args:
+        beside: texts of further files, by name.
 
     Raises:
         InputError: the folder exists or cannot be written.
@@ -60,6 +64,8 @@ def write_plan(folder: Path, plan: PosturePlan) -> None:
     columns |= {f"swing.{axis}": plan.swing_pose[:, k] for k, axis in enumerate(("x", "y", "yaw"))}
     with new_folder(folder) as working:
         paths = write_table(working, "postures", columns)
+        for name, text in (beside or {}).items():
+            write_text(working / name, text)
         write_json(
             working / "plan.json",
             {

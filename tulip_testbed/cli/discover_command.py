@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from tulip_testbed.cli.identify_command import TolerancesOf
-from tulip_testbed.cli.options import CORES, Json, RobotFile, Workers
+from tulip_testbed.cli.options import CORES, FOLDERS, Json, RobotFile, Workers
 from tulip_testbed.sim.shipped import TULIP
 
 NEW = Annotated[Path | None, tyro.conf.arg(help="run folder to write; runs/discover-DATE-TIME if not given")]
@@ -22,7 +22,7 @@ NoCheck = Annotated[
 
 
 def discover_command(
-    folder: Annotated[Path, tyro.conf.Positional],
+    folder: Annotated[tuple[Path, ...], tyro.conf.Positional, FOLDERS],
     /,
     *,
     out: NEW = None,
@@ -41,6 +41,8 @@ def discover_command(
     model: the rig in the run folder can be given to `tulip simulate --rig` and `tulip identify --rig`.
 
     Example: tulip discover data/first --out runs/found
+
+    Example: tulip discover data/monday data/tuesday
     """
     from contextlib import ExitStack
     from datetime import datetime
@@ -53,12 +55,13 @@ def discover_command(
     from tulip_testbed.experiments.discovery_record import discovery_record, write_discovery
     from tulip_testbed.experiments.discovery_tables import discovery_summary
     from tulip_testbed.sim.files import check_new
-    from tulip_testbed.sim.measurements import read_measurements
+    from tulip_testbed.sim.measurements.joined import read_experiments, separate
 
     out = out or Path("runs") / f"discover-{datetime.now():%Y%m%d-%H%M%S-%f}"
     check_new(out)
     described = described_robot(robot)
-    measurements, stated = read_measurements(folder), read_tolerances(tolerance)
+    measurements, stated = read_experiments(folder), read_tolerances(tolerance)
+    source = ", ".join(map(str, folder))
     with ExitStack() as bars:
         found = discover_effects(
             measurements,
@@ -66,12 +69,13 @@ def discover_command(
             seed,
             not no_check,
             workers,
-            str(folder),
+            source,
             stated,
             lambda what, total: bars.enter_context(progress(what, total)),
         )
-    warn_of_faults(measurements, described, source=str(folder), tolerances=stated)
-    record = write_discovery(out, discovery_record(found, str(folder), seed, no_check))
+    for one, where in zip(separate(measurements), folder, strict=True):
+        warn_of_faults(one, described, source=str(where), tolerances=stated)
+    record = write_discovery(out, discovery_record(found, source, seed, no_check))
     document = record.report.plain()
     if as_json:
         print_json(document)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from tulip_testbed.cli.options import ORDINARY_ESTIMATOR, EstimatorName, Json, RigFolder, RobotFile
+from tulip_testbed.cli.options import FOLDERS, ORDINARY_ESTIMATOR, EstimatorName, Json, RigFolder, RobotFile
 from tulip_testbed.sim.shipped import TULIP
 
 TolerancesOf = Annotated[
@@ -22,7 +22,7 @@ TolerancesOf = Annotated[
 
 
 def identify_command(
-    folder: Annotated[Path, tyro.conf.Positional],
+    folder: Annotated[tuple[Path, ...], tyro.conf.Positional, FOLDERS],
     /,
     *,
     estimator: EstimatorName = ORDINARY_ESTIMATOR,
@@ -37,6 +37,8 @@ def identify_command(
 
     Example: tulip identify data/first
 
+    Example: tulip identify data/monday data/tuesday
+
     Example: tulip identify data/first --tolerance encoder-offset=0.001
     """
     from tulip_testbed.calibration.families import read_tolerances
@@ -49,15 +51,16 @@ def identify_command(
     )
     from tulip_testbed.experiments.identify import identify, warn_of_unrest
     from tulip_testbed.experiments.rig_folder import read_rig
-    from tulip_testbed.sim.measurements import read_measurements
+    from tulip_testbed.sim.measurements.joined import read_experiments, separate
 
     described = described_robot(robot)
-    measurements = read_measurements(folder)
+    measurements, source = read_experiments(folder), ", ".join(map(str, folder))
     adopted = () if rig is None else read_rig(rig, described)
     stated = read_tolerances(tolerance)
-    found = identify(measurements, described, str(folder), estimator, adopted=adopted, tolerances=stated)
-    warn_of_faults(measurements, described, adopted, str(folder), stated)
-    warn_of_unrest(found, str(folder))
+    found = identify(measurements, described, source, estimator, adopted=adopted, tolerances=stated)
+    for one, where in zip(separate(measurements), folder, strict=True):
+        warn_of_faults(one, described, adopted, str(where), stated)
+    warn_of_unrest(found, source)
     document = identification_document(found, measurements, None if rig is None else str(rig))
     if as_json:
         print_json(document)

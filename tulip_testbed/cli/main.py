@@ -39,6 +39,8 @@ COMMANDS: dict[str, str] = {
     "robot": "Prepare a published MJCF or URDF for every other command.",
     "model": "Show a model's standard parameters and its base parameters.",
     "discover": "Find physical effects that the model lacks.",
+    "next": "Rank the experiments that would settle an ambiguous discovery.",
+    "campaign": "Simulate experiments until one explanation is left.",
     "effects": "List the physical effects that can be simulated, or explain one.",
     "atlas": "Predict which effects a plan can detect and distinguish.",
     "tolerance": "Compute how accurately a laboratory must be set up.",

@@ -53,6 +53,7 @@ Noisy = Literal["wii", "force-plate"]
 NoisyPreset = Annotated[
     Noisy, tyro.conf.arg(help="sensors whose noise the standard errors are predicted for")
 ]
+FOLDERS = tyro.conf.arg(metavar="FOLDER [FOLDER ...]", help="measurement folders: experiments with one robot")
 Plan = Annotated[
     Path | None,
     tyro.conf.Positional,

@@ -38,10 +38,10 @@ def predict_command(
     from tulip_testbed.cli.terminal import print_json, show, working_on
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.predict import predict
-    from tulip_testbed.sim.measurements import read_measurements
+    from tulip_testbed.sim.measurements import read_experiments
 
     described = described_robot(robot)
-    measurements = read_measurements(folder)
+    measurements = read_experiments([folder])
     with working_on("predicting postures from others"):
         found = predict(measurements, described, train, test, str(folder))
     if as_json:

@@ -36,6 +36,12 @@ Statics = Annotated[
 ]
 
 
+ExperimentFolder = Annotated[
+    Path | None,
+    tyro.conf.arg(help="plan folder that `tulip next` wrote: its postures after its manipulations"),
+]
+
+
 def simulate_command(
     plan: Plan = None,
     /,
@@ -47,6 +53,10 @@ def simulate_command(
     effect: Effects = (),
     ordinary: Ordinary = None,
     rig: RigFolder = None,
+    experiment: ExperimentFolder = None,
+    session: Annotated[
+        str | None, tyro.conf.arg(help="name of the session; its experiments share tares, floor and survey")
+    ] = None,
     statics: Statics = False,
     workers: Workers = CORES,
     robot: RobotFile = TULIP,
@@ -60,12 +70,17 @@ def simulate_command(
     Example: tulip simulate --out data/first --effect encoder-offset:right_knee=0.01 --truth first-truth.json
 
     Example: tulip simulate --out data/real --ordinary --truth real-truth.json
+
+    Example: tulip simulate --experiment plans/next --out data/second --effect encoder-offset:right_knee=0.01
     """
+    import numpy as np
+
     from tulip_testbed.cli.laboratory_options import laboratory_and_plan
     from tulip_testbed.cli.terminal import print_json, progress, say, show
     from tulip_testbed.effects.random_effects import RANDOM
     from tulip_testbed.experiments.imperfections import check_ordinary, drawn, single_stream
     from tulip_testbed.experiments.laboratory import tries
+    from tulip_testbed.experiments.proposed_experiment import read_experiment
     from tulip_testbed.experiments.run_summary import usable_postures
     from tulip_testbed.experiments.truth_record import check_places, write_experiment
     from tulip_testbed.sim.errors import InputError
@@ -74,13 +89,22 @@ def simulate_command(
     secret = RANDOM in effect
     if secret and truth is None:
         raise InputError("--effect random: found no --truth FILE, expected one: nothing else would know it")
-    laboratory, made = laboratory_and_plan(robot, preset, plan, rig, effect, seed, statics)
+    wanted, number = (None, 1) if experiment is None else read_experiment(experiment)
+    if experiment is not None and plan is not None:
+        raise InputError("experiment: found a plan besides, expected the plan of its own folder")
+    laboratory, made = laboratory_and_plan(robot, preset, plan or experiment, rig, effect, seed, statics)
     check_ordinary(laboratory, ordinary)
     laboratory = drawn(laboratory, ordinary, single_stream(seed))
+    if wanted is not None or session is not None:
+        texts = () if wanted is None else wanted.manipulations
+        there = "" if wanted is None else wanted.session
+        laboratory = laboratory.manipulated(*texts, session=there if session is None else session)
+    # The laboratory is that of the seed; its noise differs from experiment to experiment.
+    noise = seed if number == 1 else int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
     engine = "statics" if statics else "dynamics"
     try:
         with progress("holding postures", tries(laboratory, made)) as advance:
-            run = laboratory.run(made, seed, engine, workers, advance)
+            run = laboratory.run(made, noise, engine, workers, advance)
     except InputError:
         if not secret:
             raise

@@ -1,0 +1,330 @@
+"""Rank the experiments that would settle between explanations, by what they settle a minute."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tulip_testbed.calibration.calibration_result import SelfCalibration
+from tulip_testbed.calibration.self_calibration import self_calibrate
+from tulip_testbed.discovery.discover import AMBIGUOUS, Discovery
+from tulip_testbed.discovery.experiment_information import (
+    Explanation,
+    JointInformation,
+    entropy,
+    expected_entropy,
+    joint_information,
+    probabilities,
+    separations,
+)
+from tulip_testbed.discovery.refit import exact_rig, measured_plan, simulated
+from tulip_testbed.effects.arranged import FROM, epochs, everywhere
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.identification.base_parameters import common_support
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import Observation, observe
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Experiment, Measurements, PosturePlan, joined
+from tulip_testbed.sim.measurements.joined import separate
+from tulip_testbed.sim.measurements.manipulations import (
+    EXCHANGED,
+    MOVED,
+    ROBOT_TURNED,
+    TARED,
+    UNTIED,
+    KnownMass,
+    needs_cells,
+    written_mass,
+)
+from tulip_testbed.sim.robot import PLATES, Robot
+
+# Assumed minutes of laboratory time: of a posture, of a placement, and of each manipulation.
+POSTURE, PLACEMENT = 1.0, 2.0
+MANIPULATION = {
+    EXCHANGED: 5.0,
+    "plate turned": 3.0,
+    ROBOT_TURNED: 5.0,
+    UNTIED: 2.0,
+    TARED: 3.0,
+    MOVED: 10.0,
+    "encoder re-zeroed": 10.0,
+    "known mass": 5.0,
+}
+ADDED_MASS = 0.1  # of the robot's, at the torso's origin
+ENOUGH = 15.0  # ln of the Bayes factor that is expected at least: some 3 are needed, and noise takes up to 11
+LEAST, MOST = 6, 30  # placements
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A gap with several explanations, and the effects that explain the other gaps."""
+
+    explanations: tuple[Explanation, ...]
+    others: tuple[EffectInstance, ...] = ()
+
+    @property
+    def entropy(self) -> float:
+        """Return the entropy of the explanations' posterior [nats]."""
+        return float(entropy(probabilities([one.log_bayes_factor for one in self.explanations])))
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """An experiment and what it is expected to settle.
+
+    Attributes:
+        experiment: its session and manipulations.
+        plan: postures, some of the placements that were to choose from.
+        minutes: of laboratory time, assumed.
+        entropy: of the explanations' posterior now and, as expected, afterwards [nats].
+        separation: least expected ln Bayes factor between two explanations, with everything measured so far.
+        before: the same without the experiment.
+        predicted: mean residuals of its postures under each explanation, by label, (11,) each.
+    """
+
+    experiment: Experiment
+    plan: PosturePlan
+    minutes: float
+    entropy: tuple[float, float]
+    separation: float
+    before: float
+    predicted: tuple[tuple[str, np.ndarray], ...]
+
+    @property
+    def gain(self) -> float:
+        """Return the expected decrease of the entropy [nats]."""
+        return max(self.entropy[0] - self.entropy[1], 0.0)
+
+    @property
+    def rate(self) -> float:
+        """Return the expected decrease of the entropy a minute of laboratory time [nats/min]."""
+        return self.gain / self.minutes
+
+    @property
+    def words(self) -> str:
+        """Describe the manipulations."""
+        return ", ".join(self.experiment.manipulations) or "nothing changed, more postures"
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Postures to choose from and what the nominal laboratory would read, without noise."""
+
+    plan: PosturePlan
+    readings: Measurements
+
+
+def next_experiments(
+    measurements: Measurements,
+    robot: Robot,
+    doubts: Sequence[Doubt],
+    plan: PosturePlan | None = None,
+    seed: int = 0,
+    progress: Callable[[int], None] = lambda count: None,
+) -> list[NextExperiment]:
+    """Rank experiments by the entropy that they are expected to settle a minute, the best first.
+
+    Args:
+        measurements: everything so far.
+        doubts: what is to be settled.
+        plan: postures to choose from; None: those that were measured.
+        seed: of the draws of the expectation.
+        progress: called with 1 after every experiment.
+
+    Raises:
+        InputError: nothing to settle.
+    """
+    if not doubts:
+        raise InputError("explanations: found no gap with several explanations, expected one to settle")
+    now, pool, calibration = _state(measurements, robot, doubts, plan)
+    out = []
+    for manipulations in possible(now.measurements, robot, doubts):
+        experiment = Experiment(session_of(now.measurements), manipulations)
+        found = Prospect.of(now, pool, calibration, doubts, experiment)
+        out.append(found.chosen(found.best_placements(), seed))
+        progress(1)
+    return sorted(out, key=lambda one: -one.rate)
+
+
+def _state(
+    measurements: Measurements, robot: Robot, doubts: Sequence[Doubt], plan: PosturePlan | None
+) -> tuple[Observation, Pool, SelfCalibration]:
+    """Return what was measured, the postures to choose from, and the calibration with the best effects."""
+    now = observe(measurements, nominal_robot(robot, common_support(measurements.support)))
+    best = [max(doubt.explanations, key=lambda one: one.log_bayes_factor).instance for doubt in doubts]
+    effects = {one.label: one for one in (*best, *doubts[0].others)}
+    calibration = self_calibrate(now, None, [replace(one, intervals=()) for one in effects.values()])
+    return now, pool_of(now, plan), calibration
+
+
+def pool_of(now: Observation, plan: PosturePlan | None) -> Pool:
+    """Simulate the postures to choose from: of a plan, or those that were measured first.
+
+    Raises:
+        InputError: none of them has an equilibrium.
+    """
+    m = now.measurements
+    if plan is None:
+        first = np.flatnonzero(m.of_experiment == 0)
+        kept = first[np.unique(m.posture[first], return_index=True)[1]]
+        plan = measured_plan(now.take(np.sort(kept)))
+    readings = simulated(exact_rig(now), plan)
+    plan = plan.take(np.isin(plan.posture, readings.posture))
+    return Pool(plan, readings)
+
+
+def session_of(m: Measurements) -> str:
+    """Return the session of the last experiment."""
+    return m.experiments[-1].session if m.experiments else ""
+
+
+def possible(m: Measurements, robot: Robot, doubts: Sequence[Doubt]) -> list[tuple[str, ...]]:
+    """List the manipulations, each by itself, that may tell something about the doubts."""
+    every = [one.instance for doubt in doubts for one in doubt.explanations]
+    names = {one.effect.name for one in every}
+    cells = m.contacts is None
+    single = [EXCHANGED, *(f"{plate} plate turned by 180 deg" for plate in PLATES), ROBOT_TURNED, UNTIED]
+    if "cell-tare" in names:
+        single.append(TARED)
+    if names & {"plate-translation", "plate-yaw"}:
+        single.append(MOVED)
+    zeroed = [one.target.partition(FROM)[0] for one in every if one.effect.name == "encoder-offset"]
+    single += [f"encoder re-zeroed: {joint}" for joint in dict.fromkeys(zeroed)]
+    mass = round(ADDED_MASS * float(robot.model.body_mass.sum()), 1)
+    single.append(written_mass(KnownMass(mass, robot.model.body(1).name, (0.0, 0.0, 0.0))))
+    return [(), *((text,) for text in single if cells or not needs_cells(text))]
+
+
+def minutes_of(experiment: Experiment, placements: int, postures: int) -> float:
+    """Return the assumed time of an experiment [min]."""
+    time = PLACEMENT * placements + POSTURE * postures
+    return time + sum(_minutes(text) for text in experiment.manipulations)
+
+
+def _minutes(text: str) -> float:
+    if text.endswith("plate turned by 180 deg"):
+        return MANIPULATION["plate turned"]
+    found = [time for words, time in MANIPULATION.items() if text.startswith(words)]
+    return found[0]
+
+
+@dataclass(frozen=True)
+class Prospect:
+    """One experiment of which the placements are still open."""
+
+    experiment: Experiment
+    doubts: tuple[Doubt, ...]
+    informations: tuple[JointInformation, ...]
+    pool: Pool
+
+    @classmethod
+    def of(
+        cls,
+        now: Observation,
+        pool: Pool,
+        calibration: SelfCalibration,
+        doubts: Sequence[Doubt],
+        experiment: Experiment,
+    ) -> Prospect:
+        """Compute what every placement of the pool would tell."""
+        whole = with_planned(now, pool.readings, experiment)
+        new = len(whole.measurements.experiments) - 1
+        kept = tuple(_in_joint(doubt, whole.measurements) for doubt in doubts)
+        found = tuple(joint_information(whole, d.explanations, d.others, calibration, new) for d in kept)
+        return cls(experiment, kept, found, pool)
+
+    def best_placements(self) -> np.ndarray:
+        """Choose the fewest placements that are expected to separate all explanations, by index."""
+        count = len(self.informations[0].numbers)
+        alone = [self.least_separation(np.array([k])) for k in range(count)]
+        order, number = np.argsort(-np.array(alone), kind="stable"), LEAST
+        while number < min(count, MOST) and self.least_separation(order[:number]) < ENOUGH:
+            number += 2
+        return np.sort(order[: min(number, count)])
+
+    def least_separation(self, chosen: np.ndarray | None) -> float:
+        """Return the least expected ln Bayes factor between two explanations of a gap."""
+        every = []
+        for doubt, found in zip(self.doubts, self.informations, strict=True):
+            apart = separations(doubt.explanations, found.of_explanations(chosen))
+            every.append(apart[~np.eye(len(apart), dtype=bool)].min())
+        return float(min(every))
+
+    def chosen(self, placements: np.ndarray, seed: int = 0) -> NextExperiment:
+        """Return the experiment with some of the placements, by index, and what it is expected to settle."""
+        rng, after, predicted = np.random.default_rng(seed), 0.0, []
+        for doubt, found in zip(self.doubts, self.informations, strict=True):
+            before = found.of_explanations(None)
+            after += expected_entropy(doubt.explanations, before, found.of_explanations(placements), rng)
+            rows = found.predictions(doubt.explanations, placements)
+            predicted += [
+                (one.instance.label, row) for one, row in zip(doubt.explanations, rows, strict=True)
+            ]
+        readings = self.pool.readings
+        numbers = np.unique(readings.placement)[placements]
+        postures = readings.posture[np.isin(readings.placement, numbers)]
+        plan = self.pool.plan.take(np.isin(self.pool.plan.posture, postures))
+        return NextExperiment(
+            experiment=self.experiment,
+            plan=plan,
+            minutes=minutes_of(self.experiment, len(placements), len(plan)),
+            entropy=(sum(doubt.entropy for doubt in self.doubts), after),
+            separation=self.least_separation(placements),
+            before=self.least_separation(None),
+            predicted=tuple(predicted),
+        )
+
+
+def with_planned(now: Observation, readings: Measurements, experiment: Experiment) -> Observation:
+    """Return what was measured together with what the nominal laboratory would read in a planned experiment.
+
+    Only columns are taken there: the readings are those of an ordinary set-up, on the measured plates.
+    """
+    m, added = now.measurements, experiment.arrangement.known_mass
+    weighed = m.weighed_mass
+    planned = replace(
+        readings,
+        sensors=m.sensors,
+        gains=m.gains,
+        tolerances=m.tolerances,
+        robot=m.robot,
+        cells=m.cells,
+        top_height=m.top_height,
+        gravity=m.gravity,
+        contacts=m.contacts,
+        constant_joints=m.constant_joints,
+        weighed_mass=None if weighed is None else (weighed[0] + added, weighed[1]),
+        experiments=(experiment,),
+    )
+    return observe(joined([*separate(m), planned]), now.nominal)
+
+
+def _in_joint(doubt: Doubt, m: Measurements) -> Doubt:
+    """Return a doubt whose effects act in the experiments in which they were found."""
+    return Doubt(
+        tuple(replace(one, instance=_first(one.instance, m)) for one in doubt.explanations),
+        tuple(_first(one, m) for one in doubt.others),
+    )
+
+
+def _first(one: EffectInstance, m: Measurements) -> EffectInstance:
+    found = epochs(one.effect.name, one.target.partition(FROM)[0], m.experiments)
+    if not everywhere(one.target) or len(set(found)) == 1:
+        return replace(one, intervals=())
+    return replace(one, target=f"{one.target}{FROM}{found[0]}", intervals=())
+
+
+def doubts_of(found: Discovery) -> list[Doubt]:
+    """List the gaps of an ambiguous discovery that have several explanations."""
+    if found.verdict != AMBIGUOUS:
+        return []
+    out = []
+    for k in found.effects:
+        several = found.equivalents[k]
+        if len(several) > 1:
+            others = tuple(found.fit.terms[j].instance for j in found.effects if j != k)
+            each = tuple(Explanation(one.instance, one.log_bayes_factor) for one in several)
+            out.append(Doubt(each, others))
+    return out

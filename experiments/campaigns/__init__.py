@@ -1,0 +1,1 @@
+"""Experiment after experiment in the virtual laboratory, until one explanation is left."""

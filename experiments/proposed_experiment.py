@@ -1,0 +1,304 @@
+"""A proposed experiment as a plan folder: postures, manipulations and numbered steps for the laboratory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from tulip_testbed.discovery.discover import AMBIGUOUS
+from tulip_testbed.discovery.experiment_information import Explanation
+from tulip_testbed.discovery.next_experiment import (
+    MANIPULATION,
+    PLACEMENT,
+    POSTURE,
+    Doubt,
+    NextExperiment,
+    doubts_of,
+    next_experiments,
+)
+from tulip_testbed.effects.instance import EffectDocument, EffectInstance
+from tulip_testbed.experiments.discovering import Discovered
+from tulip_testbed.experiments.discovery_record import DiscoveryRecord
+from tulip_testbed.experiments.document import Document
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.files import present
+from tulip_testbed.sim.measurements import Experiment, PosturePlan
+from tulip_testbed.sim.measurements.manipulations import arrangement_of
+from tulip_testbed.sim.measurements.plan_folder import write_plan
+from tulip_testbed.sim.measurements.table_files import json_text
+from tulip_testbed.sim.numbers import number
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.table import Column, Shown, Table
+
+EXPERIMENT_FILE, STEPS_FILE = "experiment.json", "steps.md"
+CHANNELS = ("cop_x_mm", "cop_y_mm", "force_N", "twist_right_N", "twist_left_N")
+FACTORS = np.array([1e3, 1e3, 1.0, 1.0, 1.0])
+
+
+class Prediction(Document):
+    """What an explanation predicts for the mean residuals of an experiment."""
+
+    explanation: str
+    cop_x_mm: float
+    cop_y_mm: float
+    force_N: float  # noqa: N815, as the key has it
+    twist_right_N: float  # noqa: N815
+    twist_left_N: float  # noqa: N815
+
+    @property
+    def figures(self) -> list[float]:
+        """Return the predictions in their order."""
+        return [getattr(self, key) for key in CHANNELS]
+
+
+class ProposedExperiment(Document):
+    """One ranked experiment; entropies in nats, separations in ln of the Bayes factor."""
+
+    session: str
+    manipulations: list[str]
+    placements: int
+    postures: int
+    minutes: float
+    entropy_now: float
+    entropy_expected: float
+    settled_per_minute: float
+    separation: float
+    separation_now: float
+    predictions: list[Prediction]
+
+
+class ExperimentFile(ProposedExperiment):
+    """experiment.json of a plan folder; number: of the experiment, from 1."""
+
+    format: Literal["tulip-experiment"]
+    version: Literal[1]
+    number: int = Field(ge=1)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Proposals(Shown):
+    """Experiments that would settle an ambiguous discovery, the best first.
+
+    Attributes:
+        verdict: of the discovery; nothing is proposed unless it is "ambiguous".
+        number: of the next experiment, from 1.
+    """
+
+    verdict: str
+    experiments: tuple[NextExperiment, ...]
+    number: int
+    session: str
+
+    @property
+    def best(self) -> NextExperiment:
+        """Return the best experiment.
+
+        Raises:
+            InputError: nothing is to be settled.
+        """
+        if not self.experiments:
+            raise InputError(
+                f"next: found the verdict {self.verdict}, expected {AMBIGUOUS}: no experiment is needed to "
+                "tell explanations apart"
+            )
+        return self.experiments[0]
+
+    def document(self) -> dict[str, Any]:
+        """Return the experiments for JSON."""
+        assumed = {"posture": POSTURE, "placement": PLACEMENT} | MANIPULATION
+        return {
+            "verdict": self.verdict,
+            "number": self.number,
+            "experiments": [proposed(one).plain() for one in self.experiments],
+            "assumed_minutes": assumed,
+        }
+
+    def parts(self) -> list[Table | str]:
+        """Return the ranking, what each explanation predicts for the best, and what is assumed."""
+        if not self.experiments:
+            return [f"Verdict: {self.verdict}. There is nothing to settle between explanations."]
+        out: list[Table | str] = [self.table(), self.predictions()]
+        if not self.session:
+            out.append(
+                "The measurements state no session: tares, tilt of the floor and survey of the plates count "
+                "as new in the next experiment. State the same `session` in all manifests if they stay."
+            )
+        out.append(
+            f"Assumed time: {POSTURE:g} min a posture, {PLACEMENT:g} min a placement; manipulations "
+            + ", ".join(f"{name} {time:g} min" for name, time in MANIPULATION.items())
+            + "."
+        )
+        return out
+
+    def table(self) -> Table:
+        """Return one row an experiment."""
+        rows = [
+            [
+                one.words,
+                len(one.plan),
+                one.minutes,
+                one.gain / max(float(one.entropy[0]), 1e-12),
+                one.rate,
+                one.separation,
+            ]
+            for one in self.experiments
+        ]
+        columns = (
+            Column("experiment"),
+            Column("postures", format="d"),
+            Column("time", "min", ".0f"),
+            Column("settled", "%", ".0f", 100.0),
+            Column("settled a minute", "mnat", ".2f", 1e3),
+            Column("least ln BF", format=".1f"),
+        )
+        return Table("Experiments, the best first", columns, rows)
+
+    def predictions(self) -> Table:
+        """Return what each explanation predicts for the best experiment."""
+        rows = [[one.explanation, *one.figures] for one in proposed(self.best).predictions]
+        columns = (
+            Column("if it is"),
+            Column("CoP x", "mm", "+.2f"),
+            Column("CoP y", "mm", "+.2f"),
+            Column("sum", "N", "+.2f"),
+            Column("twist right", "N", "+.2f"),
+            Column("twist left", "N", "+.2f"),
+        )
+        return Table("Mean residuals that each explanation predicts for the best", columns, rows)
+
+
+def proposed(one: NextExperiment) -> ProposedExperiment:
+    """Return a ranked experiment as a document."""
+    return ProposedExperiment(
+        session=one.experiment.session,
+        manipulations=list(one.experiment.manipulations),
+        placements=len(np.unique(one.plan.placement)),
+        postures=len(one.plan),
+        minutes=one.minutes,
+        entropy_now=float(one.entropy[0]),
+        entropy_expected=float(one.entropy[1]),
+        settled_per_minute=float(one.rate),
+        separation=one.separation,
+        separation_now=one.before,
+        predictions=[
+            Prediction(explanation=label, **dict(zip(CHANNELS, (FACTORS * row[:5]).tolist(), strict=True)))
+            for label, row in one.predicted
+        ],
+    )
+
+
+def next_of(
+    found: Discovered | DiscoveryRecord, robot: Robot, plan: PosturePlan | None = None, seed: int = 0
+) -> Proposals:
+    """Rank the experiments that would settle a discovery.
+
+    Args:
+        found: just made, or read from its folder.
+        plan: postures to choose from; None: those that were measured.
+        seed: of the draws of the expectation.
+    """
+    if isinstance(found, Discovered):
+        measured, verdict = found.discovery.observed.measurements, found.verdict
+        doubts = doubts_of(found.discovery)
+    else:
+        measured, verdict, doubts = found.measurements, found.report.verdict, _doubts(found, robot)
+    ranked = next_experiments(measured, robot, doubts, plan, seed) if doubts else []
+    count = max(len(measured.experiments), 1)
+    session = measured.experiments[-1].session if measured.experiments else ""
+    return Proposals(verdict, tuple(ranked), count + 1, session)
+
+
+def _doubts(record: DiscoveryRecord, robot: Robot) -> list[Doubt]:
+    """Return the doubts of a discovery that was read."""
+    gaps: dict[int, list[Explanation]] = {}
+    placements = np.unique(record.measurements.placement).tolist()
+    for one in record.report.candidates:
+        where = f"{record.folder}: candidates"
+        effect = EffectDocument(name=one.name, target=one.target, parameters=one.parameters)
+        instance = EffectInstance.from_document(effect, robot, where, placements)
+        gaps.setdefault(one.gap, []).append(Explanation(instance, one.log_bayes_factor))
+    if record.report.verdict != AMBIGUOUS:
+        return []
+    out = []
+    for gap, several in gaps.items():
+        best = {g: max(e, key=lambda x: x.log_bayes_factor).instance for g, e in gaps.items() if g != gap}
+        if len(several) > 1:
+            out.append(Doubt(tuple(several), tuple(best.values())))
+    return out
+
+
+def write_experiment_plan(folder: Path, proposals: Proposals) -> None:
+    """Write the best experiment as a plan folder with its manipulations and steps; it appears whole.
+
+    Raises:
+        InputError: nothing is to be settled; the folder exists or cannot be written.
+    """
+    best = proposals.best
+    head = {"format": "tulip-experiment", "version": 1, "number": proposals.number}
+    document = ExperimentFile.model_validate(head | proposed(best).plain())
+    beside = {EXPERIMENT_FILE: json_text(document.plain()), STEPS_FILE: steps(document, best)}
+    write_plan(folder, best.plan, beside)
+
+
+def steps(document: ExperimentFile, best: NextExperiment) -> str:
+    """Describe what to do in the laboratory, as numbered steps in Markdown."""
+    todo = [f"{text[0].upper()}{text[1:]}: {ADVICE[_kind(text)]}" for text in document.manipulations]
+    if not todo:
+        todo = ["Leave everything as it was."]
+    if document.session:
+        todo.append(
+            f"Do not tare the cells unless a step says so: the experiment belongs to session "
+            f"'{document.session}'."
+        )
+    todo.append(
+        f"Measure the {document.postures} postures of this plan on their {document.placements} placements. "
+        "Columns name places on the floor as the robot sees them, not devices."
+    )
+    keys = json_text({"session": document.session or None, "manipulations": document.manipulations}).strip()
+    todo.append(f"State in the manifest of the measurements:\n\n```json\n{keys}\n```")
+    lines = [f"# Experiment {document.number}: {best.words}", ""]
+    lines += [f"{k}. {text}" for k, text in enumerate(todo, 1)]
+    lines += ["", f"Assumed time: {document.minutes:.0f} min.", ""]
+    lines += ["Mean residuals that each explanation predicts:", ""]
+    lines += ["| if it is | CoP x [mm] | CoP y [mm] | sum of cells [N] |", "|---|---|---|---|"]
+    lines += [
+        f"| {p.explanation} | {number(p.cop_x_mm, '+.2f')} | {number(p.cop_y_mm, '+.2f')} "
+        f"| {number(p.force_N, '+.2f')} |"
+        for p in document.predictions
+    ]
+    return "\n".join(lines) + "\n"
+
+
+ADVICE = {
+    "plates exchanged": "put each plate where the other one was, facing the same way.",
+    "plate turned": "turn it about the vertical through its middle, cables and all.",
+    "plates moved": "survey the plates' places anew.",
+    "cells re-tared": "unload the plates and tare all cells.",
+    "cable removed": "take off every cable and hoist that touches the robot.",
+    "robot turned": "turn the robot about the vertical, so that it faces the other way on the same plates.",
+    "encoder re-zeroed": "zero the joint's encoder at its mark.",
+    "known mass": "fix the mass there and weigh the robot with it.",
+}
+
+
+def _kind(text: str) -> str:
+    return next(key for key in ADVICE if key in text)
+
+
+def read_experiment(folder: Path) -> tuple[Experiment, int]:
+    """Read the manipulations of a plan folder and the number of the experiment.
+
+    Raises:
+        InputError: there are none, or they break the grammar.
+    """
+    where = Path(folder) / EXPERIMENT_FILE
+    if not present(where):
+        raise InputError(f"{where}: missing; expected a plan folder that `tulip next` wrote")
+    found = ExperimentFile.read(where)
+    texts = tuple(found.manipulations)
+    arrangement_of(texts, f"{where}: key 'manipulations'")
+    return Experiment(found.session, texts), found.number

@@ -1,0 +1,266 @@
+"""Several experiments with one robot: manipulations, sessions, known masses, and what is refused."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import tulip_testbed as tt
+from tulip_testbed.effects.arranged import acting, arranged, epochs, targets_over
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.effect import Effect
+from tulip_testbed.effects.instance import EffectInstance, removed
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.residual_channels import (
+    packed,
+    residuals,
+    residuals_in_use,
+    sensitivity,
+    unpacked,
+)
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Experiment, joined
+from tulip_testbed.sim.measurements.joined import separate
+from tulip_testbed.sim.measurements.manipulations import arrangement_of
+from tulip_testbed.sim.robot import CELLS
+
+CABLE, LEFT = "cable removed", "left plate turned by 180 deg"
+MASS = "known mass 2 kg at torso (0.1, -0.05, 0.3)"
+
+
+@pytest.fixture(scope="module")
+def lab(robot) -> Laboratory:
+    return Laboratory(robot, sensors="ideal")
+
+
+@pytest.fixture(scope="module")
+def noisy(robot) -> Laboratory:
+    return Laboratory(robot, sensors="force-plate")
+
+
+def measured(laboratory, few, *manipulations, session="one", seed=3):
+    made = laboratory.manipulated(*manipulations, session=session)
+    return made.run(few, seed=seed, engine="statics", workers=1).measurements
+
+
+@pytest.fixture(scope="module")
+def pair(noisy, few):
+    return [measured(noisy, few), measured(noisy, few, CABLE, seed=4)]
+
+
+@pytest.mark.parametrize(
+    ("texts", "cell", "there"),
+    [
+        (["plates exchanged"], "right.front_left", "left.front_left"),
+        ([LEFT], "left.front_right", "left.rear_left"),
+        ([LEFT], "right.front_right", "right.front_right"),
+        # The left place holds the right plate when it is turned.
+        (["plates exchanged", LEFT], "right.front_left", "left.rear_right"),
+        (["plates exchanged", LEFT], "left.front_left", "right.front_left"),
+        # A turned robot finds the right plate's front left cell behind and to the right, under its left foot.
+        (["robot turned by 180 deg"], "right.front_left", "left.rear_right"),
+    ],
+)
+def test_a_device_is_where_it_was_put(texts, cell, there):
+    assert CELLS[arrangement_of(texts).place_of[CELLS.index(cell)]] == there
+
+
+def test_the_room_turns_for_a_turned_robot_and_a_cable_can_be_removed():
+    tether, tilt = catalogue()["tether"], catalogue()["tilt"]
+    turned = Experiment("", ("robot turned by 180 deg",))
+    assert arranged(tilt, "", (0.01, -0.02), turned) == ("", (-0.01, 0.02))
+    assert arranged(tether, "", (3.0, 1.0), Experiment("", (CABLE,))) is None
+    assert arranged(tilt, "", (0.01, 0.0), Experiment("", (CABLE,))) == ("", (0.01, 0.0))
+
+
+def test_swapped_cells_stay_swapped_on_a_turned_plate():
+    swapped = catalogue()["swapped-cells"]
+    assert arranged(swapped, "left", (0.0, 1.0), Experiment("", (LEFT,))) == ("left", (2.0, 3.0))
+    exchanged = Experiment("", ("plates exchanged",))
+    assert arranged(swapped, "left", (0.0, 3.0), exchanged) == ("right", (0.0, 3.0))
+
+
+def test_what_belongs_to_a_session_has_a_target_in_each():
+    tare, offset = catalogue()["cell-tare"], catalogue()["encoder-offset"]
+    same = (Experiment("a"), Experiment("a", (LEFT,)))
+    assert targets_over(tare, ("left.front_left",), same) == ("left.front_left",)
+    other = (Experiment("a"), Experiment("b"), Experiment("a"))
+    assert targets_over(tare, ("left.front_left",), other) == ("left.front_left@1", "left.front_left@2")
+    assert epochs("tilt", "", (Experiment(), Experiment())) == (1, 2)
+    assert epochs("cell-gain", "left.front_left", other) == (1, 1, 1)
+    zeroed = (Experiment("a"), Experiment("a", ("encoder re-zeroed: right_knee",)))
+    assert targets_over(offset, ("right_knee", "left_knee"), zeroed) == (
+        *("right_knee@1", "right_knee@2"),
+        "left_knee",
+    )
+    assert acting(offset, "right_knee@2", (0.01,), zeroed, 0) is None
+    assert acting(offset, "right_knee@2", (0.01,), zeroed, 1) == ("right_knee", (0.01,))
+
+
+def test_joined_experiments_come_apart_again(pair):
+    whole = joined(pair)
+    assert len(whole) == len(pair[0]) + len(pair[1])
+    first, second = (set(whole.placement[whole.experiment == k]) for k in (0, 1))
+    assert not first & second
+    assert (np.diff(whole.time) > 0).sum() >= len(whole) - 1
+    for one, again in zip(pair, separate(whole), strict=True):
+        assert np.array_equal(one.cell_forces, again.cell_forces)
+        assert again.experiments == one.experiments
+
+
+def test_a_joined_run_folder_is_read_as_it_was_written(pair, tmp_path):
+    from tulip_testbed.sim.measurements.joined import read_written, write_experiments
+
+    whole = joined(pair)
+    write_experiments(tmp_path / "measurements", whole)
+    again = read_written(tmp_path / "measurements")
+    assert np.array_equal(whole.placement, again.placement)
+    assert np.array_equal(whole.cell_forces, again.cell_forces)
+    assert again.experiments == whole.experiments
+    assert again.weighed_mass == pytest.approx(whole.weighed_mass)
+
+
+def test_a_fault_moves_with_the_turned_plate_in_the_readings(lab, few):
+    """The simulated readings of a turned plate, against the readings without fault and one sum by hand."""
+    faulty = lab.with_effects("cell-gain:left.front_right=0.1")
+    plain, turned = (measured(one, few, LEFT).cell_forces for one in (lab, faulty))
+    by_hand = plain.copy()
+    at = CELLS.index("left.rear_left")
+    by_hand[:, at] *= 1.1
+    assert turned == pytest.approx(by_hand, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("effect", "manipulation"),
+    [
+        ("cell-gain:left.front_right=0.05", LEFT),
+        ("cell-tare:right.rear_left=2", "plates exchanged"),
+        ("tether=3,-2", CABLE),
+        ("tilt=0.01,0.02", "robot turned by 180 deg"),
+        ("encoder-offset:right_knee=0.01", "encoder re-zeroed: right_knee"),
+        ("encoder-slip:left_knee=0.01,0.5", "plates moved"),
+        ("creep:left.rear_left=0.02,0.3", LEFT),
+        ("rocking:left.rear_left=0.0003", LEFT),
+    ],
+)
+def test_an_effect_is_removed_from_both_experiments(robot, lab, few, effect, manipulation):
+    """Removal of the joint effect leaves what each experiment leaves by itself."""
+    faulty = lab.with_effects(effect)
+    both = [measured(faulty, few), measured(faulty, few, manipulation, seed=4)]
+    whole = joined(both)
+    nominal = nominal_robot(robot)
+    instance = faulty.hidden[0]
+    if "re-zeroed" in manipulation:
+        instance = dataclasses.replace(instance, target="right_knee@1")
+    clean = removed(observe(whole, nominal), [instance])
+    plain = joined([measured(lab, few), measured(lab, few, manipulation, seed=4)])
+    expected = observe(plain, nominal)
+    rows = {key: k for k, key in enumerate(keys_of(plain))}
+    kept = [(k, rows[key]) for k, key in enumerate(keys_of(whole)) if key in rows]
+    assert len(kept) > 0.8 * len(whole)
+    here, there = np.array(kept).T
+    off = np.abs(residuals(clean, nominal.value)[here] - residuals(expected, nominal.value)[there])
+    off = off * residuals_in_use(clean)[here] * residuals_in_use(expected)[there]
+    assert off[:, :2].max() < 4e-4
+    assert off[:, 2:5].max() < 0.25
+
+
+def keys_of(m):
+    """Name every row by its experiment, posture and number among the tries of the posture."""
+    pairs = list(zip(m.experiment.tolist(), m.posture.tolist(), strict=True))
+    return [(*pair, pairs[:k].count(pair)) for k, pair in enumerate(pairs)]
+
+
+def test_a_known_mass_is_part_of_the_model(robot, lab, few):
+    """The loaded robot is simulated as a robot with another torso; its own parameters are found again."""
+    loaded = joined([measured(lab, few), measured(lab, few, MASS, seed=4)])
+    assert loaded.weighed_mass is not None
+    assert loaded.weighed_mass[0] == pytest.approx(robot.model.body_mass.sum(), abs=1e-6)
+    nominal = nominal_robot(robot)
+    observed = observe(loaded, nominal)
+    found = residuals(observed, nominal.value)
+    alone = residuals(observe(joined([measured(lab, few)]), nominal), nominal.value)
+    rows = loaded.experiment == 1
+    # MuJoCo's soft contacts leave some tenths of a millimetre; the mass by itself moves the centre by 10 mm.
+    assert np.abs(found[rows, :2]).max() < 1.5 * np.abs(alone[:, :2]).max() + 1e-4
+    assert np.abs(found[rows, 2]).max() < 0.05
+    unknown = dataclasses.replace(loaded, experiments=(Experiment("one"), Experiment("one")))
+    assert np.abs(residuals(observe(unknown, nominal), nominal.value)[rows, :2]).max() > 5e-3
+
+
+def test_derivatives_know_the_mass(robot, lab, few):
+    nominal = nominal_robot(robot)
+    observed = observe(joined([measured(lab, few, MASS)]), nominal)
+    slope, values = sensitivity(observed, nominal.value), packed(observed)
+    for column in (3, 8, 14, 19, 21, 22, 25, 31):
+        step = np.zeros(values.shape[1])
+        step[column] = 1e-6
+        high, low = (residuals(unpacked(observed, values + s * step), nominal.value) for s in (1, -1))
+        numeric = (high - low) / 2e-6
+        assert slope[:, :3, column] == pytest.approx(numeric[:, :3], abs=2e-5)
+
+
+def test_one_folder_without_the_keys_is_as_before(noisy, few):
+    run = noisy.run(few, seed=3, engine="statics", workers=1).measurements
+    assert joined([run]) is run
+    stated = joined([dataclasses.replace(run, experiments=(Experiment("one"),))])
+    a, b = (tt.identify(one, noisy.robot).full for one in (run, stated))
+    assert np.array_equal(a.value, b.value)
+
+
+def test_the_keys_are_written_and_read(pair, tmp_path):
+    tt.write_measurements(tmp_path / "two", pair[1])
+    again = tt.read_measurements(tmp_path / "two")
+    assert again.experiments == (Experiment("one", (CABLE,)),)
+    with pytest.raises(InputError, match="2 experiments that were joined, expected one"):
+        tt.write_measurements(tmp_path / "both", joined(pair))
+
+
+@pytest.mark.parametrize(
+    ("texts", "message"),
+    [
+        (["plate turned"], "found 'plate turned', expected one of"),
+        ([LEFT, LEFT], "contradict each other"),
+        ([MASS, MASS.replace("2 kg", "3 kg")], "contradict each other"),
+        (["plates exchanged", "plates exchanged"], "contradict each other"),
+        (["known mass 0 kg at torso (0, 0, 0)"], "expected more than 0"),
+    ],
+)
+def test_manipulations_that_make_no_sense_are_refused(texts, message):
+    with pytest.raises(InputError, match=message):
+        arrangement_of(texts)
+
+
+def test_folders_that_do_not_belong_together_are_refused(pair, noisy, few):
+    first, second = pair
+    with pytest.raises(InputError, match="tuesday and monday: found the same measurements twice"):
+        joined([first, first], ["monday", "tuesday"])
+    other = dataclasses.replace(second, robot=second.robot | {"sha256": "0" * 64, "model": "other.xml"})
+    with pytest.raises(InputError, match="expected one robot with one nominal model"):
+        joined([first, other])
+    heavier = dataclasses.replace(second, weighed_mass=(second.weighed_mass[0] + 2, second.weighed_mass[1]))
+    with pytest.raises(InputError, match="a manipulation is missing or wrong"):
+        joined([first, heavier])
+    sheet = dataclasses.replace(second.sensors, cell_sd=1.0)
+    with pytest.raises(InputError, match="key 'sensors'"):
+        joined([first, dataclasses.replace(second, sensors=sheet)])
+    strange = dataclasses.replace(second, experiments=(Experiment("", ("encoder re-zeroed: right_elbow",)),))
+    with pytest.raises(InputError, match="right_elbow"):
+        joined([first, strange])
+
+
+def test_a_laboratory_refuses_what_it_does_not_have(robot, lab):
+    with pytest.raises(InputError, match="wrench sensors"):
+        Laboratory(robot, sensors="foot-ft").manipulated("plates exchanged")
+    with pytest.raises(InputError, match="nose"):
+        lab.manipulated("known mass 1 kg at nose (0, 0, 0)")
+    with pytest.raises(InputError, match="one session only"):
+        lab.with_effects("tilt:@2=0.01,0")
+
+
+def test_a_finding_of_one_session_says_so():
+    one = EffectInstance(catalogue()["tilt"], "@2", (0.01, 0.0))
+    assert one.finding.startswith("From experiment 2 on: the floor is tilted")
+    assert isinstance(one.effect, Effect)

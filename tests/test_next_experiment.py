@@ -1,0 +1,201 @@
+"""The experiment that settles the rest: what it is expected to settle, its plan folder, the whole loop."""
+
+import dataclasses
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tulip_testbed as tt
+from tests.effect_changes import first
+from tulip_testbed.cli.main import main
+from tulip_testbed.discovery.experiment_information import (
+    Explanation,
+    entropy,
+    expected_entropy,
+    probabilities,
+    separations,
+)
+from tulip_testbed.discovery.next_experiment import Doubt, minutes_of, next_experiments
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.experiments.campaigns.campaign_record import read_campaign
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.proposed_experiment import Proposals, read_experiment, write_experiment_plan
+from tulip_testbed.pages.page import html
+from tulip_testbed.pages.report_page import page_of
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Experiment, joined
+
+SEED = 31
+
+
+@pytest.fixture(scope="module")
+def lab(robot) -> Laboratory:
+    return Laboratory(robot, sensors="force-plate")
+
+
+@pytest.fixture(scope="module")
+def small(plan):
+    return first(plan, 12)
+
+
+def explanations(robot, *texts):
+    return tuple(Explanation(EffectInstance.parse(text, robot), 20.0) for text in texts)
+
+
+@pytest.fixture(scope="module")
+def ranked(robot, lab, small):
+    """Two cells that a single experiment confuses, and the experiments that would tell them apart."""
+    made = lab.with_effects("cell-tare:right.front_left=0.8").manipulated(session="one")
+    measured = joined([made.run(small, seed=SEED, engine="statics", workers=1).measurements])
+    both = explanations(robot, "cell-tare:right.front_left=0.8", "cell-tare:right.rear_right=0.8")
+    return next_experiments(measured, robot, [Doubt(both)], small)
+
+
+def test_turning_the_plate_tells_its_cells_apart_and_the_other_one_does_not(ranked):
+    by_words = {one.words: one for one in ranked}
+    right = by_words["right plate turned by 180 deg"]
+    left, more = by_words["left plate turned by 180 deg"], by_words["nothing changed, more postures"]
+    assert ranked[0].words in ("right plate turned by 180 deg", "cells re-tared")
+    assert right.gain > 0.9 * right.entropy[0]
+    assert left.gain < 0.1 * left.entropy[0]
+    assert right.separation > 10 * more.separation
+    assert right.rate > 5 * more.rate
+
+
+def test_predictions_tell_how_the_explanations_differ(ranked):
+    best = next(one for one in ranked if one.words == "right plate turned by 180 deg")
+    found = dict(best.predicted)
+    front, rear = (found[f"cell-tare:right.{corner}"][:2] for corner in ("front_left", "rear_right"))
+    # Turned with the plate, the front cell pulls the centre of pressure back to where the rear one was.
+    assert np.linalg.norm(front - rear) > 1e-3
+
+
+def test_an_expectation_against_one_by_hand():
+    """One size each, orthogonal columns: the new data's ln BF is that of a normal deviate."""
+    one, other = (
+        Explanation(dataclasses.replace(instance, values=(1.0,)), 5.0)
+        for instance in [EffectInstance.parse("cell-tare:right.front_left=1", tt.load_robot())] * 2
+    )
+    before, after = np.diag([0.0, 0.0]), np.diag([9.0, 9.0])
+    apart = separations([one, other], after)
+    assert apart[0, 1] == pytest.approx(4.5)
+    rng = np.random.default_rng(1)
+    expected = expected_entropy([one, other], before, after, rng)
+    # The same by brute force: draw the size from its prior, the data, and both evidences.
+    draws = np.random.default_rng(2)
+    size = 1.0 + draws.standard_normal(20000)
+    pulls = np.stack([9 * size + 3 * draws.standard_normal(20000), 3 * draws.standard_normal(20000)])
+    logs = 0.5 * pulls**2 / 10 - 0.5 * np.log(10)
+    share = np.exp(logs - logs.max(axis=0))
+    share = share / share.sum(axis=0)
+    by_hand = float(entropy(share.T).mean())
+    assert expected == pytest.approx(by_hand, abs=0.04)
+    assert expected < 0.7 * float(entropy(probabilities([0.0, 0.0])))
+
+
+def test_minutes_are_those_that_are_stated():
+    assert minutes_of(Experiment("", ("plates exchanged", "cable removed")), 6, 30) == 12 + 30 + 5 + 2
+
+
+def test_nothing_to_settle_is_said(robot, lab, small):
+    with pytest.raises(InputError, match="expected one to settle"):
+        next_experiments(lab.run(small, engine="statics").measurements, robot, [])
+    with pytest.raises(InputError, match="found the verdict named"):
+        write_experiment_plan(Path("anywhere"), Proposals("named", (), 2, ""))
+
+
+def test_the_plan_folder_holds_postures_manipulations_and_steps(robot, lab, ranked, tmp_path):
+    found = Proposals("ambiguous", tuple(ranked), 2, "one")
+    write_experiment_plan(tmp_path / "next", found)
+    experiment, number = read_experiment(tmp_path / "next")
+    assert (experiment, number) == (found.best.experiment, 2)
+    again = tt.plans.read(tmp_path / "next", robot)
+    assert np.array_equal(again.posture, found.best.plan.posture)
+    text = (tmp_path / "next" / "steps.md").read_text()
+    assert text.startswith("# Experiment 2: ")
+    assert "\n1. " in text
+    assert "\n4. State in the manifest" in text
+    document = found.document()
+    assert document["experiments"][0]["manipulations"] == list(experiment.manipulations)
+    json.dumps(document, allow_nan=False)
+    assert "settled" in str(found)
+
+
+def test_simulate_carries_an_experiment_out(ranked, tmp_path, capsys):
+    write_experiment_plan(tmp_path / "next", Proposals("ambiguous", tuple(ranked), 2, "one"))
+    options = ["--preset", "force-plate", "--statics", "--effect", "cell-tare:right.front_left=50"]
+    command = ["simulate", "--experiment", str(tmp_path / "next"), *options]
+    assert main([*command, "--out", str(tmp_path / "second")]) == 0
+    found = tt.read_measurements(tmp_path / "second")
+    assert found.experiments == (ranked[0].experiment,)
+    if ranked[0].words == "right plate turned by 180 deg":
+        front, _, rear, _ = found.cell_forces[:, :4].T
+        assert (rear - front).mean() > 0  # about -25 without the tare, -75 with it in front
+    assert (
+        main(["simulate", "plan", "--experiment", str(tmp_path / "next"), "--out", str(tmp_path / "x")]) == 2
+    )
+    assert "expected the plan of its own folder" in capsys.readouterr().err
+
+
+def test_a_folder_without_an_experiment_is_refused(few, tmp_path):
+    tt.plans.write(tmp_path / "plain", few)
+    with pytest.raises(InputError, match=r"experiment\.json: missing"):
+        read_experiment(tmp_path / "plain")
+
+
+@pytest.mark.slow
+def test_tilt_against_tether_is_settled_by_removing_the_cable(lab, tmp_path):
+    made, folder = lab.with_effects("tether=5,0"), tmp_path / "campaign"
+    found = tt.campaign(made, tt.plans.random, seed=3, folder=folder)
+    one, two = found.steps
+    assert one.verdict == "ambiguous"
+    assert {"tether", "tilt"} <= {each.label for each in one.explanations}
+    assert two.manipulations == ["cable removed"]
+    assert found.verdict == "named"
+    assert [each.split("=")[0] for each in two.adopted] == ["tether"]
+    assert two.error_mm < one.error_mm
+    _is_a_run_of_its_own(found, folder, made)
+
+
+def _is_a_run_of_its_own(found, folder, made):
+    """Read, draw, stop and resume, and refuse a second time."""
+    record = read_campaign(folder, made.robot)
+    assert record.steps == found.steps
+    text = html(page_of(record))
+    assert "cable removed" in text
+    assert "http://" not in text.split("<script")[0]
+    tt.view(folder, save=folder.parent / "campaign.rrd")
+    with pytest.raises(InputError, match="has ended"):
+        tt.campaign(made, tt.plans.random, seed=3, folder=folder)
+    stopped = folder.parent / "stopped"
+    shutil.copytree(folder, stopped)
+    (stopped / "run.json").unlink()
+    (stopped / "2" / "step.json").unlink()
+    with pytest.raises(InputError, match="another configuration"):
+        tt.campaign(made, tt.plans.random, seed=4, folder=stopped)
+    again = tt.campaign(made, tt.plans.random, seed=3, folder=stopped)
+    plain = [one.model_copy(update={"wall_s": 0.0}) for one in again.steps]
+    assert plain == [one.model_copy(update={"wall_s": 0.0}) for one in found.steps]
+
+
+@pytest.mark.slow
+def test_two_cells_tares_are_settled_by_turning_the_plate(lab, tmp_path):
+    made = lab.with_effects("cell-tare:right.front_left=0.8")
+    data = [tmp_path / "first", tmp_path / "second"]
+    run = made.manipulated(session="one").run(tt.plans.random, seed=3, engine="statics")
+    tt.write_measurements(data[0], run.measurements)
+    found = tt.discover(data[0], check=False)
+    assert found.verdict == "ambiguous"
+    proposals = tt.next_experiment(found, plan=tt.plans.random, out=tmp_path / "plan")
+    turned = next(one for one in proposals.experiments if "right plate turned" in one.words)
+    assert turned.rate >= 0.99 * proposals.best.rate
+    inside = made.manipulated(*turned.experiment.manipulations, session="one")
+    tt.write_measurements(data[1], inside.run(turned.plan, seed=4, engine="statics").measurements)
+    both = tt.discover(data, check=False)
+    assert both.verdict == "named"
+    assert [one.label for one in both.adopted] == ["cell-tare:right.front_left"]
+    (low, high), *_ = [one for one in both.adopted[0].intervals if one is not None]
+    assert low < 0.8 < high

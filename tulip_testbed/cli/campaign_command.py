@@ -1,0 +1,59 @@
+"""`tulip campaign`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from tulip_testbed.cli.options import DEFAULT_SEED, Json, Ordinary, Plan, Preset, RigFolder, RobotFile, Seed
+from tulip_testbed.cli.simulate_command import Effects
+from tulip_testbed.sim.shipped import TULIP
+
+
+def campaign_command(
+    plan: Plan = None,
+    /,
+    *,
+    out: Path,
+    preset: Preset = "wii",
+    seed: Seed = DEFAULT_SEED,
+    experiments: Annotated[int, tyro.conf.arg(help="experiments at most")] = 3,
+    minutes: Annotated[
+        float | None, tyro.conf.arg(help="minutes of laboratory time at most (assumed times)")
+    ] = None,
+    effect: Effects = (),
+    ordinary: Ordinary = None,
+    rig: RigFolder = None,
+    dynamics: Annotated[
+        bool, tyro.conf.arg(help="hold every posture in the full dynamics instead of its equilibrium")
+    ] = False,
+    robot: RobotFile = TULIP,
+    as_json: Json = False,
+) -> int:
+    """Simulate experiments until one explanation is left.
+
+    Begins with the plan in a virtual laboratory with hidden effects. While several explanations are left,
+    the experiment that settles most a minute is carried out. The same command goes on where it was stopped.
+    `tulip report` writes the campaign's page, `tulip view` shows it.
+
+    Example: tulip campaign --preset force-plate --effect tether=5,0 --out runs/campaign
+    """
+    from tulip_testbed.cli.laboratory_options import laboratory_and_plan
+    from tulip_testbed.cli.terminal import print_json, say, show, show_verdict
+    from tulip_testbed.experiments.campaigns.campaign_run import CampaignSettings, campaign
+
+    laboratory, made = laboratory_and_plan(robot, preset, plan, rig, effect, seed, not dynamics)
+    engine = "dynamics" if dynamics else "statics"
+    settings = CampaignSettings.model_validate(
+        {"seed": seed, "engine": engine, "experiments": experiments, "minutes": minutes, "ordinary": ordinary}
+    )
+    found = campaign(laboratory, made, settings, out, lambda what: say(f"{what[0].upper()}{what[1:]}"))
+    if as_json:
+        print_json({"verdict": found.verdict, "steps": [step.plain() for step in found.steps]})
+        return 0
+    show_verdict(found.verdict)
+    show(*found.parts())
+    say(f"Run folder: {out}")
+    return 0

@@ -1,0 +1,59 @@
+"""`tulip next`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from tulip_testbed.cli.options import Json, RobotFile
+from tulip_testbed.sim.shipped import TULIP
+
+
+def next_command(
+    run: Annotated[Path, tyro.conf.Positional],
+    /,
+    *,
+    out: Annotated[Path | None, tyro.conf.arg(help="plan folder to write, of the best experiment")] = None,
+    plan: Annotated[
+        Path | None, tyro.conf.arg(help="plan folder to choose from; the measured postures if left out")
+    ] = None,
+    seed: Annotated[int, tyro.conf.arg(help="seed of the draws of the expectation")] = 0,
+    robot: RobotFile = TULIP,
+    as_json: Json = False,
+) -> int:
+    """Rank the experiments that would settle an ambiguous discovery.
+
+    RUN is the run folder of `tulip discover`. Experiments are manipulations of the laboratory and a choice
+    of postures; they are ranked by the doubt that they are expected to settle a minute. With --out the best
+    is written as a plan folder with its manipulations as numbered steps (steps.md), which
+    `tulip simulate --experiment` carries out.
+
+    Example: tulip next runs/found --out plans/next
+    """
+    from tulip_testbed.cli.terminal import print_json, say, show, working_on
+    from tulip_testbed.experiments.description import described_robot
+    from tulip_testbed.experiments.discovery_record import read_discovery
+    from tulip_testbed.experiments.proposed_experiment import next_of, write_experiment_plan
+    from tulip_testbed.sim.errors import at_least
+    from tulip_testbed.sim.files import check_new
+    from tulip_testbed.sim.measurements import read_plan
+
+    at_least("seed", seed, 0)
+    if out is not None:
+        check_new(out)
+    described = described_robot(robot)
+    record = read_discovery(run, described)
+    chosen = None if plan is None else read_plan(plan, described)
+    with working_on("weighing experiments"):
+        found = next_of(record, described, chosen, seed)
+    if out is not None:
+        write_experiment_plan(out, found)
+    if as_json:
+        print_json(found.document())
+    else:
+        show(*found.parts())
+    if out is not None:
+        say(f"Plan folder: {out}")
+    return 0
