@@ -159,7 +159,12 @@ def _discover(
 def _described(
     search: Search, selection: Selection, through_laboratory: bool, hold_out: bool
 ) -> Discovery | None:
-    """Seek laws for what the catalogue does not explain; None: none is confirmed."""
+    """Seek laws for what the catalogue does not explain; None: none is confirmed.
+
+    A law speaks of places in one laboratory, so none is sought in several experiments together.
+    """
+    if search.observed.measurements.experiments:
+        return None
     laws = select_laws(search, selection)
     if laws is None:
         return None

@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from tulip_testbed.effects.instance import EffectInstance, check_instance, removed
+from tulip_testbed.effects.laws.grammar import LAW
 from tulip_testbed.effects.laws.learned_range import beyond, extrapolation
 from tulip_testbed.identification.ballast import known_weight
 from tulip_testbed.identification.kinematics import turned_about
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.observation import Observation, observe, turned
 from tulip_testbed.identification.residual_channels import carried, center
-from tulip_testbed.sim.errors import warn
+from tulip_testbed.sim.errors import InputError, warn
 from tulip_testbed.sim.measurements import Measurements
 
 
@@ -92,11 +93,17 @@ def without(
     A warning names the postures at which a law would have to extrapolate.
 
     Raises:
-        InputError: an effect on something that these measurements do not have, such as a placement.
+        InputError: an effect on something that these measurements do not have, such as a placement; a law in
+            several experiments together.
     """
     placements = np.unique(measurements.placement).tolist()
     for instance in instances:
         check_instance(instance, nominal.robot, placements, f"correction {instance.label}")
+        if measurements.experiments and instance.effect.name == LAW:
+            raise InputError(
+                f"correction {instance.label}: found {len(measurements.experiments)} experiments together, "
+                "expected one: a law speaks of places in one laboratory"
+            )
     before = observe(measurements, nominal)
     for one in instances:
         rows = beyond(before, one.effect, one.target, one.values)
