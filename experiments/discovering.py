@@ -20,7 +20,7 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight.units import units
 from tulip_testbed.identification.regressor import check_robot
 from tulip_testbed.sim.errors import InputError, at_least
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.measurements import Measurements, as_joined
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.table import Shown, Table
 from tulip_testbed.sim.threads import processes
@@ -107,6 +107,7 @@ def discover_effects(
     """
     at_least("seed", seed, 0)
     processes(workers)
+    measurements = as_joined(measurements)
     nominal = nominal_robot(robot)
     check_robot(nominal.parameters, measurements, robot, source)
     found = units(measurements, nominal)

@@ -39,7 +39,7 @@ from tulip_testbed.identification.statistics import (
 )
 from tulip_testbed.identification.zero_confounding import confounded_directions
 from tulip_testbed.sim.errors import InputError, look_up, warn
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.measurements import Measurements, as_joined
 from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.table import Shown, Table
@@ -203,6 +203,7 @@ def identify(
             unknown family or an impossible tolerance.
     """
     look_up("estimator", estimator, ESTIMATORS, "estimator")
+    measurements = as_joined(measurements)
     check_tolerances(measurements.tolerances, f"{source}: key 'tolerances'")
     check_tolerances(tolerances or {})
     if tolerances and estimator != SELF_CALIBRATING:

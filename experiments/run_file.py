@@ -86,11 +86,15 @@ def configuration_of(
 
 def write_run_file(folder: Path, document: RunFile[Made]) -> RunFile[Made]:
     """Write run.json beside all other files of a folder; returns it with their hashes."""
-    paths = sorted(path for path in folder.rglob("*") if path.is_file())
-    outputs = {str(path.relative_to(folder)): sha256(path) for path in paths}
-    document = document.model_copy(update={"outputs": outputs})
+    document = document.model_copy(update={"outputs": hashes_in(folder)})
     document.write(folder / RUN_FILE)
     return document
+
+
+def hashes_in(folder: Path) -> dict[str, str]:
+    """Return the sha256 of every file in a folder, by its path there."""
+    paths = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): sha256(path) for path in paths}
 
 
 def check_outputs(folder: Path, outputs: dict[str, str], needed: Sequence[str]) -> None:
@@ -102,14 +106,26 @@ def check_outputs(folder: Path, outputs: dict[str, str], needed: Sequence[str]) 
     for name in needed:
         if name not in outputs:
             raise InputError(f"{folder / RUN_FILE}: key 'outputs': found no {name}")
+    check_files(folder, outputs, RUN_FILE)
+
+
+def check_files(folder: Path, outputs: dict[str, str], by: str) -> None:
+    """Refuse a folder with a file that is missing or not what was written.
+
+    Args:
+        outputs: sha256 of the files. by: name of the file that states them.
+
+    Raises:
+        InputError: names the file.
+    """
     for name, expected in outputs.items():
         path = folder / name
         if ".." in Path(name).parts or Path(name).is_absolute():
-            raise InputError(f"{folder / RUN_FILE}: key 'outputs': found '{shortened(name)}'")
+            raise InputError(f"{folder / by}: key 'outputs': found '{shortened(name)}'")
         if (found := sha256(path)) != expected:
             raise InputError(
                 f"{path}: hash mismatch: found sha256 {found[:12]}..., "
-                f"expected {shortened(expected[:12])}... by run.json"
+                f"expected {shortened(expected[:12])}... by {by}"
             )
 
 

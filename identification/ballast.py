@@ -19,11 +19,14 @@ class Ballast:
         ratio: of their weight to that of the robot, (m,).
         place: their centre of mass times `ratio`, in the base frame, (m, 2) [m].
         slope: derivative of `place` by the joint angles, (m, 2, n_joints) [m/rad].
+        moment: their centre of mass times `ratio`, also in the base frame where `place` is seen from the
+            stance sole, (m, 3) [m].
     """
 
     ratio: np.ndarray
     place: np.ndarray
     slope: np.ndarray
+    moment: np.ndarray
 
     def without(self, center: np.ndarray) -> np.ndarray:
         """Return the robot's own centre of mass from that of robot and masses, (m, 2) [m]."""
@@ -33,13 +36,17 @@ class Ballast:
         """Return the centre of mass of robot and masses from the robot's own, (m, 2) [m]."""
         return (center + self.place) / (1 + self.ratio)[:, None]
 
+    def loaded(self, center: np.ndarray) -> np.ndarray:
+        """Return the centre of mass of robot and masses from the robot's own, (m, 3) [m]."""
+        return (center + self.moment) / (1 + self.ratio)[:, None]
+
 
 def known_weight(measurements: Measurements) -> np.ndarray:
     """Return the weight of the known masses in every row, (m,) [N]."""
-    if measurements.experiment is None:
+    if not measurements.experiments:
         return np.zeros(len(measurements))
     each = [one.arrangement.known_mass for one in measurements.experiments]
-    return measurements.gravity * np.array(each)[measurements.experiment]
+    return measurements.gravity * np.array(each)[measurements.of_experiment]
 
 
 def ballast_of(measurements: Measurements, geometry: PostureGeometry, weight: float) -> Ballast | None:
@@ -58,6 +65,7 @@ def ballast_of(measurements: Measurements, geometry: PostureGeometry, weight: fl
     rotations, origins = geometry.frames
     aloft = geometry.on_swing_foot  # there the centre is seen from the stance sole, see `center`
     place, slope = np.zeros((m, 2)), np.zeros((m, 2, len(tree.joints)))
+    moment = np.zeros((m, 3))
     for k, experiment in enumerate(measurements.experiments):
         rows = np.flatnonzero(measurements.of_experiment == k)
         for one in experiment.arrangement.masses:
@@ -65,6 +73,7 @@ def ballast_of(measurements: Measurements, geometry: PostureGeometry, weight: fl
             frame = tree.frame(one.link)
             ratio = one.mass * measurements.gravity / weight
             at = origins[rows, frame] + rotations[rows, frame] @ np.array(one.place)
+            moment[rows] += ratio * at
             place[rows] += ratio * at[:, :2]
             axes = geometry.axes[rows] * geometry.moved[:, frame, None]
             turned = np.cross(axes, at[:, None] - geometry.pivots[rows])
@@ -73,4 +82,4 @@ def ballast_of(measurements: Measurements, geometry: PostureGeometry, weight: fl
                 seen = aloft[rows][:, None]
                 place[rows] -= ratio * np.where(seen, geometry.stance_sole[rows, :2], 0.0)
                 slope[rows] -= ratio * np.where(seen[..., None], geometry.stance_sole_slope[rows, :2], 0.0)
-    return Ballast(weights / weight, place, slope)
+    return Ballast(weights / weight, place, slope, moment)

@@ -36,7 +36,7 @@ def load_rates(observed: Observation) -> tuple[np.ndarray, np.ndarray]:
     moments[:, 0, :, :k] = cells[:, 0]
     moments[:, 1, :, k : 2 * k] = cells[:, 1] - place[:, :2, None] * observed.contacts.bears[1]
     moments[..., 2 * k :] = down[..., None, None] * points.reshape(m, 2, 2, PLATES)
-    push = observed.measurements.top_height[0] * wrench[:, :2]
+    push = observed.depth * wrench[:, :2]
     moments[:, 0] -= push
     moments[:, 1] += push
     yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])

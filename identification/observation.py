@@ -21,7 +21,7 @@ from tulip_testbed.identification.joint_loads import Loads, joint_loads, servo_s
 from tulip_testbed.identification.kinematics import Tree
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.posture_geometry import PostureGeometry
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.measurements import Measurements, as_joined
 from tulip_testbed.sim.scene import plate_masses
 
 LONG_GAP = 1.5  # of the median time between a placement's postures
@@ -123,9 +123,28 @@ class Observation:
         return self.geometry.center
 
     @property
+    def loaded_center(self) -> np.ndarray:
+        """Return the nominal centre of mass of robot and known masses in the base frame, (m, 3) [m]."""
+        return self.center if self.ballast is None else self.ballast.loaded(self.center)
+
+    @property
+    def loaded_weight(self) -> np.ndarray:
+        """Return the weight of robot and known masses, (m,) [N]."""
+        return self.weight + known_weight(self.measurements)
+
+    @property
+    def depth(self) -> float:
+        """Return how far below the plates' top the plane lies to which the readings refer [m].
+
+        Cells stand on the floor; a wrench on the ground is stated at the top of its plate.
+        """
+        contacts = self.measurements.contacts
+        return float(self.measurements.top_height[0]) if contacts is None else contacts.depth
+
+    @property
     def height(self) -> np.ndarray:
-        """Return the height of the nominal centre of mass over the cells, (m,) [m]."""
-        return self.center[:, 2] + self.measurements.top_height[0]
+        """Return the height of `loaded_center` over the plane of the readings, (m,) [m]."""
+        return self.loaded_center[:, 2] + self.depth
 
     @property
     def swing_sole(self) -> tuple[np.ndarray, np.ndarray]:
@@ -150,13 +169,13 @@ class Observation:
     def sole_loads(self) -> np.ndarray:
         """Return force times lever about each sole point along the foot's x and y, (m, 2, 2) [Nm].
 
-        The cells give the point of the force on the floor; at the height of the sole it is displaced by the
+        Cells give the point of the force on the floor; at the height of the sole it is displaced by the
         horizontal force between the feet.
         """
         down, point = self.foot_loads
         place, turn = self.swing_sole
         yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
-        push = self.measurements.top_height[0] * self.loads.internal_wrench[:, :2]
+        push = self.depth * self.loads.internal_wrench[:, :2]
         stance = down[:, :1] * point[:, 0] - push
         x, y = (down[:, 1:] * (point[:, 1] - place[:, :2]) + push).T
         c, s = np.cos(yaw), np.sin(yaw)
@@ -189,12 +208,12 @@ class Observation:
     def loads(self) -> Loads:
         """Return the static loads of joints and feet."""
         down, point = self.foot_loads
-        floor = np.tile(-np.asarray(self.measurements.top_height)[:, None], (len(self), 1, 1))
+        plane = np.full((len(self), 2, 1), -self.depth)
         return joint_loads(
             self.geometry,
             self.weight,
             down,
-            np.concatenate([point, floor], axis=2),
+            np.concatenate([point, plane], axis=2),
             self.cell_places.reshape(len(self), 2, -1, 2),
             self.contacts.bears,
             self.cell_sd,
@@ -242,7 +261,7 @@ class Observation:
 
 def observe(measurements: Measurements, nominal: Nominal) -> Observation:
     """Return the observation of an experiment in the nominal laboratory."""
-    m = len(measurements)
+    measurements, m = as_joined(measurements), len(measurements)
     contacts = contact_readings(measurements, nominal)
     share = np.array(plate_masses(nominal.robot)) * measurements.gravity / 4
     gain = servo_stiffness(nominal.robot, measurements.gains)

@@ -172,7 +172,7 @@ def _of_everything(observed: Observation) -> np.ndarray:
     if not (tilt := carrying_tilt(observed)).any():
         return plain
     roll, pitch = tilt.T
-    return plain - observed.center[:, 2:] * np.column_stack([pitch, -roll])
+    return plain - observed.loaded_center[:, 2:] * np.column_stack([pitch, -roll])
 
 
 def _measured(observed: Observation) -> np.ndarray:
@@ -245,7 +245,7 @@ def sensitivity(observed: Observation, theta: np.ndarray) -> np.ndarray:
         by_pose = _in_axes_of_feet(observed, by_pose)
     out[:, 0:2, at["plates"]] = by_pose
     out[:, 5:, at["angles"]] = rates
-    height = observed.center[:, 2]
+    height = observed.loaded_center[:, 2]
     place, turn = observed.swing_sole
     yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
     roll, pitch = at["stance_tilt"].start, at["stance_tilt"].start + 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
+import shutil
 from pathlib import Path
 
 import mujoco
@@ -365,3 +366,17 @@ def test_a_place_within_a_frame_is_refused(tmp_path):
         with_places(text, {"a": (np.array([1.0, 0, 1]), np.array([1.0, 0, 2]))}, tmp_path / "x.xml")
     changed = with_places(text, {"a": (np.array([0.0, 0, 1]), np.array([0.0, 0, 2]))}, tmp_path / "x.xml")
     assert changed == text.replace(b'pos="0 0 1"', b'pos="0.0 0.0 2.0"')
+
+
+@pytest.mark.parametrize("setting", ["settotalmass", "boundinertia"])
+def test_a_source_whose_compiler_overrules_the_inertias_is_refused(setting, found, robot, tmp_path):
+    value = "30" if setting == "settotalmass" else "0.05"
+    text = robot.model_file.read_text().replace("<compiler ", f'<compiler {setting}="{value}" ', 1)
+    assert setting in text
+    source = robot.model_file.with_name(f"{setting}.xml")
+    copied = tmp_path / "robot"
+    shutil.copytree(robot.model_file.parent, copied)
+    (source := copied / source.name).write_text(text)
+    with pytest.raises(tt.InputError, match="in the written file is away from the stated one"):
+        tt.export_model(found, robot, tmp_path / "out.xml", source=source, samples=0)
+    assert not (tmp_path / "out.xml").exists()

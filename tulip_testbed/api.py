@@ -18,7 +18,7 @@ from tulip_testbed.effects.instance import EffectInstance, Effects, check_differ
 from tulip_testbed.experiments.atlases.effect_atlas import Atlas
 from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
 from tulip_testbed.experiments.atlases.planned_experiment import planned
-from tulip_testbed.experiments.campaigns.campaign_run import Campaign, CampaignSettings
+from tulip_testbed.experiments.campaigns.campaign_run import Campaign, campaign_settings
 from tulip_testbed.experiments.campaigns.campaign_run import campaign as _campaign
 from tulip_testbed.experiments.check_folder import (
     Preflight,
@@ -291,11 +291,7 @@ def campaign(
     Raises:
         InputError: what cannot be run; a folder that holds something else.
     """
-    at_least("seed", seed, 0)
-    at_least("experiments", experiments, 1)
-    asked = {"seed": seed, "engine": engine, "experiments": experiments, "ordinary": ordinary}
-    limit = None if minutes is None else float(minutes)
-    settings = CampaignSettings.model_validate(asked | {"minutes": limit})
+    settings = campaign_settings(seed, engine, experiments, minutes, ordinary)
     return _campaign(laboratory, plan, settings, None if folder is None else Path(folder))
 
 

@@ -40,8 +40,8 @@ def _predict(observed: Observation, target: str, values: Values) -> Observation:
     frame = observed.tree.frame_of_link[number]
     place = positions[:, frame] + rotations[:, frame] @ _place(observed.nominal.robot, target)
     gravity = observed.measurements.gravity
-    share = added / (observed.weight / gravity + added)
-    shift = share[:, None] * (place - observed.center)[:, :2]
+    share = added / (observed.loaded_weight / gravity + added)
+    shift = share[:, None] * (place - observed.loaded_center)[:, :2]
     return observed.changed(shift=observed.shift + shift, lift=observed.lift + added * gravity)
 
 

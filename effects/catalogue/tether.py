@@ -84,8 +84,8 @@ def without_pull(observed: Observation, force: np.ndarray) -> Observation:
     Args:
         force: in the base frame, (m, 2) or (2,) [N].
     """
-    height = torso_center(observed)[:, 2] + observed.measurements.top_height[0]
-    return observed.changed(shift=observed.shift + height[:, None] * force / observed.weight)
+    height = torso_center(observed)[:, 2] + observed.depth
+    return observed.changed(shift=observed.shift + height[:, None] * force / observed.loaded_weight[:, None])
 
 
 def _inject(rig: Rig, target: str, values: Values) -> Rig:

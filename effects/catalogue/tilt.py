@@ -31,7 +31,7 @@ def _predict(observed: Observation, target: str, values: Values) -> Observation:
     normal = np.cos(about_x) * np.cos(about_y)
     return observed.changed(
         shift=observed.shift + observed.height[:, None] * slope,
-        lift=observed.lift + observed.weight * (normal - 1),
+        lift=observed.lift + observed.loaded_weight * (normal - 1),
     )
 
 

@@ -47,14 +47,16 @@ def inject(rig: Rig, target: str, values: Values) -> Rig:
 def predict(observed: Observation, target: str, values: Values) -> Observation:
     """Return the observation without the force."""
     sentence = sentence_of(target)
-    acts = observed.time_fraction > values[3] if sentence.quantity == g.TIME else np.ones(len(observed), bool)
+    acts = (
+        observed.time_fraction >= values[3] if sentence.quantity == g.TIME else np.ones(len(observed), bool)
+    )
     force = np.outer(acts, values[:3])
     place = _center_of(observed, sentence.place)
-    height = place[:, 2] + observed.measurements.top_height[0]
+    height = place[:, 2] + observed.depth
     down = -force[:, 2]
-    moment = height[:, None] * force[:, :2] + down[:, None] * (place - observed.center)[:, :2]
+    moment = height[:, None] * force[:, :2] + down[:, None] * (place - observed.loaded_center)[:, :2]
     return observed.changed(
-        shift=observed.shift + moment / (observed.weight + down)[:, None], lift=observed.lift + down
+        shift=observed.shift + moment / (observed.loaded_weight + down)[:, None], lift=observed.lift + down
     )
 
 

@@ -24,6 +24,7 @@ from tulip_testbed.effects.targets import Targets
 from tulip_testbed.sim.robot import Robot
 
 OF_ENCODERS, OF_CELLS, OF_GAINS, OF_PLACES, OF_YAW, OF_FORCES = np.radians(0.5), 1.0, 0.02, 3e-3, 0.01, 2.0
+MOST_PERIODS = 200.0  # a turn, or in the experiment: finer ones no posture plan resolves
 # Units of quantities; a time is a fraction of the experiment's.
 UNITS = {
     g.OWN_ANGLE: "rad",
@@ -50,9 +51,19 @@ class Law(Effect):
 
     def refusal(self, values: Values) -> str:
         """Say why the range in which the law was learned is none, "" if it is one."""
-        _, _, ends = split_values(sentence_of(self.target), values)
+        sentence = sentence_of(self.target)
+        _, fixed, ends = split_values(sentence, values)
         low, high = ends[0::2], ends[1::2]
-        return "" if (low < high).all() else "found a range that does not grow, expected FROM < TO"
+        if not (low < high).all():
+            return "found a range that does not grow, expected FROM < TO"
+        for name, value in zip(fixed_names(sentence), fixed.tolist(), strict=True):
+            if sentence.form == g.SINE and not 0 < value <= MOST_PERIODS:
+                return f"found {value:g} {name}, expected a number above 0, {MOST_PERIODS:g} at most"
+            if sentence.form in (g.SATURATING, g.DEAD_BAND) and not value > 0:
+                return f"found {name} {value:g}, expected a number above 0"
+            if sentence.form == g.STEP and sentence.quantity == g.TIME and not 0 <= value <= 1:
+                return f"found {name} {value:g}, expected a part of the experiment's time, 0 to 1"
+        return ""
 
     def told(self, target: str, values: Values, intervals: tuple[tuple[float, float] | None, ...]) -> str:
         """Tell the law with its sizes in one sentence, and what is a guess in it."""

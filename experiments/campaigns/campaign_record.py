@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
+from tulip_testbed.experiments.discovery_record import REPORT_FILE
 from tulip_testbed.experiments.document import Count, Document, Figure, Seed, first_difference
 from tulip_testbed.experiments.run_file import (
     PLAN_FOLDER,
@@ -20,6 +20,7 @@ from tulip_testbed.experiments.run_file import (
     VERSION,
     Configuration,
     RunFile,
+    check_files,
     check_outputs,
     check_robot,
     write_run_file,
@@ -74,6 +75,7 @@ class Step(Document):
     """One experiment and what was known after it; entropies in nats.
 
     expected_entropy: as `tulip next` expected it before the experiment; None for the first one.
+    files: sha256 of the experiment's files.
     """
 
     number: int
@@ -92,6 +94,7 @@ class Step(Document):
     error_mm: float
     error_over_standard_error: float
     wall_s: float
+    files: dict[str, str] = Field(default_factory=dict)
 
     @property
     def words(self) -> str:
@@ -189,14 +192,24 @@ def _check_same(folder: Path, document: RunFile[CampaignConfiguration]) -> None:
 
 
 def _done(folder: Path) -> list[Step]:
-    """Read the experiments that are done, and remove one that was stopped in between."""
-    steps = []
-    while present(folder / str(len(steps) + 1)):
-        here = folder / str(len(steps) + 1)
+    """Read the experiments that are done.
+
+    Raises:
+        InputError: a file of theirs is not what was written, or a folder is none of theirs.
+    """
+    steps: list[Step] = []
+    while present(here := folder / str(len(steps) + 1)):
         if not present(here / STEP_FILE):
-            shutil.rmtree(here)
-            break
-        steps.append(Step.read(here / STEP_FILE))
+            raise InputError(f"{here}: found no {STEP_FILE}, expected one of the campaign's experiments")
+        step = Step.read(here / STEP_FILE)
+        check_files(here, step.files, STEP_FILE)
+        found = read_json(here / DISCOVERY / REPORT_FILE).get("verdict")
+        if step.verdict != found:
+            raise InputError(
+                f"{here / STEP_FILE}: key 'verdict': found {shortened(step.verdict)}, "
+                f"expected {found} by its discovery"
+            )
+        steps.append(step)
     return steps
 
 

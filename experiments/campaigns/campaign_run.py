@@ -38,10 +38,11 @@ from tulip_testbed.experiments.imperfections import check_ordinary, drawn, singl
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import plan_hash
 from tulip_testbed.experiments.proposed_experiment import next_of, read_experiment, write_experiment_plan
-from tulip_testbed.experiments.run_file import configuration_of
+from tulip_testbed.experiments.run_file import configuration_of, hashes_in
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.statistics import standard_errors
-from tulip_testbed.sim.errors import at_least
+from tulip_testbed.sim.errors import InputError, at_least
+from tulip_testbed.sim.files import new_folder
 from tulip_testbed.sim.measurements import (
     Experiment,
     PosturePlan,
@@ -55,6 +56,27 @@ from tulip_testbed.sim.table import Shown, Table
 
 SESSION = "campaign"
 AMBIGUOUS = "ambiguous"
+
+
+def campaign_settings(
+    seed: int, engine: str, experiments: int, minutes: float | None, ordinary: float | None
+) -> CampaignSettings:
+    """Return what is asked of a campaign.
+
+    Raises:
+        InputError: a number that cannot be.
+    """
+    at_least("seed", seed, 0)
+    at_least("experiments", experiments, 1)
+    if minutes is not None and not 0 < minutes < np.inf:
+        raise InputError(f"minutes: found {minutes:g}, expected a finite number above 0")
+    return CampaignSettings(
+        seed=seed,
+        engine=engine,
+        experiments=experiments,
+        minutes=None if minutes is None else float(minutes),
+        ordinary=ordinary,
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -102,8 +124,6 @@ def campaign(
     Raises:
         InputError: what cannot be run, or a folder that holds something else.
     """
-    at_least("seed", settings.seed, 0)
-    at_least("experiments", settings.experiments, 1)
     check_ordinary(laboratory, settings.ordinary)
     inside = drawn(laboratory, settings.ordinary, single_stream(settings.seed))
     inside.check(plan, settings.engine)
@@ -139,35 +159,47 @@ def _carry_out(
     progress: Callable[[str], None],
     tolerances: Mapping[str, float] | None,
 ) -> Step | None:
-    """Carry out the next experiment; None: there is no time for it."""
-    began, number = time.perf_counter(), len(steps) + 1
-    robot, here = laboratory.robot, folder / str(number)
-    experiment, expected, minutes = Experiment(SESSION), None, minutes_of(Experiment(), *_size(plan))
-    spent = sum(step.minutes for step in steps)
+    """Carry out the next experiment; None: there is no time for it.
+
+    Raises:
+        InputError: there is no time even for the first one.
+    """
+    began, robot = time.perf_counter(), laboratory.robot
+    number, spent = len(steps) + 1, sum(step.minutes for step in steps)
+    experiment, proposals, minutes = Experiment(SESSION), None, minutes_of(Experiment(), *_size(plan))
     if steps:
         progress(f"experiment {number}: what to measure")
         before = read_discovery(folder / str(number - 1) / DISCOVERY, robot)
         proposals = next_of(before, robot, plan, settings.seed)
-        expected, minutes = float(proposals.best.entropy[1]), proposals.best.minutes
-        if settings.minutes is not None and spent + minutes > settings.minutes:
+        minutes = proposals.best.minutes
+    if settings.minutes is not None and spent + minutes > settings.minutes:
+        if steps:
             return None
-        here.mkdir()
-        write_experiment_plan(here / PLAN, proposals)
-        plan, (experiment, _) = read_plan(here / PLAN, robot), read_experiment(here / PLAN)
-    else:
-        here.mkdir()
-        write_plan(here / PLAN, plan)
-    progress(f"experiment {number}: measuring ({', '.join(experiment.manipulations) or 'nothing changed'})")
-    inside = laboratory.manipulated(*experiment.manipulations, session=experiment.session)
-    seed = int(np.random.SeedSequence([settings.seed, number]).generate_state(1)[0])
-    write_measurements(here / MEASUREMENTS, inside.run(plan, seed, settings.engine, workers=1).measurements)
-    every = [read_measurements(folder / str(k) / MEASUREMENTS) for k in range(1, number + 1)]
-    progress(f"experiment {number}: looking for what is missing")
-    found = discover_effects(joined(every), robot, settings.seed, check=False, tolerances=tolerances)
-    write_discovery(here / DISCOVERY, discovery_record(found, MEASUREMENTS, settings.seed, True))
-    step = _step(found, number, experiment, len(plan), minutes, expected, laboratory, tolerances)
-    step = step.model_copy(update={"wall_s": time.perf_counter() - began, "rows": len(every[-1])})
-    step.write(here / STEP_FILE)
+        raise InputError(
+            f"minutes: found {settings.minutes:g}, expected {minutes:g} or more: the first experiment takes them"
+        )
+    with new_folder(folder / str(number)) as here:
+        if proposals is None:
+            write_plan(here / PLAN, plan)
+        else:
+            write_experiment_plan(here / PLAN, proposals)
+            plan, (experiment, _) = read_plan(here / PLAN, robot), read_experiment(here / PLAN)
+        manipulations = ", ".join(experiment.manipulations) or "nothing changed"
+        progress(f"experiment {number}: measuring ({manipulations})")
+        inside = laboratory.manipulated(*experiment.manipulations, session=experiment.session)
+        seed = int(np.random.SeedSequence([settings.seed, number]).generate_state(1)[0])
+        run = inside.run(plan, seed, settings.engine, workers=1)
+        write_measurements(here / MEASUREMENTS, run.measurements)
+        places = [*(folder / str(k) for k in range(1, number)), here]
+        every = [read_measurements(place / MEASUREMENTS) for place in places]
+        progress(f"experiment {number}: looking for what is missing")
+        found = discover_effects(joined(every), robot, settings.seed, check=False, tolerances=tolerances)
+        write_discovery(here / DISCOVERY, discovery_record(found, MEASUREMENTS, settings.seed, True))
+        expected = None if proposals is None else float(proposals.best.entropy[1])
+        step = _step(found, number, experiment, len(plan), minutes, expected, laboratory, tolerances)
+        made = {"wall_s": time.perf_counter() - began, "rows": len(every[-1]), "files": hashes_in(here)}
+        step = step.model_copy(update=made)
+        step.write(here / STEP_FILE)
     return step
 
 

@@ -21,7 +21,7 @@ from tulip_testbed.experiments.export.written_urdf import written_urdf
 from tulip_testbed.experiments.identify import Identification
 from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS
 from tulip_testbed.experiments.robot_import.urdf import find_mesh
-from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
+from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
 from tulip_testbed.identification.consistent_robot import (
     ConsistentRobot,
     Target,
@@ -30,6 +30,7 @@ from tulip_testbed.identification.consistent_robot import (
 )
 from tulip_testbed.identification.pseudo_inertia import (
     bounding_ellipsoids,
+    moved,
     pseudo_inertias,
     solid,
     standard_of,
@@ -43,6 +44,7 @@ from tulip_testbed.sim.robot import Robot, check_unchanged, load_spec
 LENGTH = "link-length"
 ENDINGS = (".xml", ".urdf")
 EXACT = 1e-9  # m: how far the base parameters of the file may be from the stated ones
+ALIKE = 1e-6  # of a pseudo-inertia, in its own metric
 SAMPLES, MOST_SAMPLES = 200, 100_000
 
 
@@ -191,11 +193,11 @@ def _content(
     """Return the bytes of the model, read back and compared, and notes on them."""
     if source is not None and export.source is not None:
         content = with_inertias(read_bytes(export.source), source.changed(found.pseudo), export.source)
-        standard = _published_standard(content, export, robot)
+        read = _published(content, export, robot)
         notes = _missing_files(export.source, export.path)
     elif export.path.suffix.lower() == ".urdf":
         content = written_urdf(robot, model, found.pseudo)
-        standard = _published_standard(content, export, replace(robot, model=model))
+        read = _published(content, export, replace(robot, model=model))
         notes = (
             "The URDF is written anew from the robot's MJCF: links, hinges, limits and inertias, without "
             "shapes and motors.",
@@ -210,15 +212,45 @@ def _content(
         content = with_places(content, _moved(robot.model, model), robot.model_file)
         model = _compiled(content, robot)
         parameters = base_parameters(robot, model, parameters.support)
-        standard, notes = standard_parameters(model), _missing_files(robot.model_file, export.path)
-    apart = float(np.abs(parameters.values(standard) - found.value).max())
+        read, notes = pseudo_inertias(model), _missing_files(robot.model_file, export.path)
+    apart = float(np.abs(parameters.values(standard_of(read)) - found.value).max())
     if not apart <= EXACT:
         raise InputError(
             f"{export.path}: the base parameters of the written file are {1e3 * apart:.3g} mm away from the "
             "stated ones; a setting of the file overrules its inertias (<compiler>: boundmass, "
             "balanceinertia)"
         )
+    worst, off = _farthest(_rigid(read, model), _rigid(found.pseudo, model))
+    if not off <= ALIKE:
+        raise InputError(
+            f"{export.path}: the inertia of {parameters.tree.links[worst]} in the written file is away from "
+            f"the stated one by {off:.2g} of it; a setting of the file overrules its inertias (<compiler>: "
+            "settotalmass, boundinertia, boundmass, balanceinertia)"
+        )
     return content, notes
+
+
+def _rigid(pseudo: np.ndarray, model: mujoco.MjModel) -> np.ndarray:
+    """Return pseudo-inertias with those of bodies without a joint in their parents', (n_links, 4, 4)."""
+    sums = pseudo.copy()
+    for body in range(model.nbody - 1, 0, -1):
+        parent = int(model.body_parentid[body])
+        if model.body_jntnum[body] == 0 and parent > 0:
+            turn, place = np.zeros(9), np.eye(4)
+            mujoco.mju_quat2Mat(turn, model.body_quat[body])
+            place[:3, :3], place[:3, 3] = turn.reshape(3, 3), model.body_pos[body]
+            sums[parent - 1] += moved(sums[body - 1], place)
+            sums[body - 1] = 0.0
+    return sums
+
+
+def _farthest(read: np.ndarray, wanted: np.ndarray) -> tuple[int, float]:
+    """Return the link whose pseudo-inertia was read back worst, and by what part of it it is off."""
+    off = np.zeros(len(wanted))
+    for k in np.flatnonzero(wanted[:, 3, 3] > LEAST_MASS):
+        inverse = np.linalg.inv(np.linalg.cholesky(wanted[k]))
+        off[k] = np.abs(inverse @ (read[k] - wanted[k]) @ inverse.T).max()
+    return int(off.argmax()), float(off.max())
 
 
 def _moved(nominal: mujoco.MjModel, model: mujoco.MjModel) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -263,13 +295,13 @@ def _compiled(content: bytes, robot: Robot) -> mujoco.MjModel:
         return load_spec(place, folder).compile()
 
 
-def _published_standard(content: bytes, export: Export, robot: Robot) -> np.ndarray:
-    """Read a file back as a published one; returns the standard parameters of the robot's links, (n, 4)."""
+def _published(content: bytes, export: Export, robot: Robot) -> np.ndarray:
+    """Read a file back as a published one; returns the pseudo-inertias of the robot's links, (n, 4, 4)."""
     with tempfile.TemporaryDirectory() as scratch:
         place = Path(scratch) / export.path.name
         write_bytes(place, content)
         links: PublishedLinks = published_links(place, robot)
-    return standard_of(links.by_link(robot.model.nbody - 1))
+    return links.by_link(robot.model.nbody - 1)
 
 
 def _missing_files(source: Path, path: Path) -> tuple[str, ...]:

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
-from tulip_testbed.discovery.discover import CALIBRATED, NAMED
+from tulip_testbed.discovery.discover import AMBIGUOUS, CALIBRATED, DESCRIBED, NAMED, UNKNOWN
 from tulip_testbed.effects.instance import EffectDocument, EffectInstance
 from tulip_testbed.experiments.discovery_record import read_discovery
 from tulip_testbed.experiments.identify import Identification, identify, plain_estimator
 from tulip_testbed.experiments.rig_folder import RIG, read_rig
 from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.experiments.validation_record import read_validation
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements, read_measurements
+from tulip_testbed.sim.errors import InputError, warn
+from tulip_testbed.sim.measurements import Measurements, read_experiments
 from tulip_testbed.sim.robot import Robot
 
 
@@ -46,10 +46,16 @@ def identified_run(
         effects = _effects(found.report.effects, robot, folder)
         measurements = found.measurements
         adopted = read_rig(folder / RIG, robot) if found.rig else ()
-        settled = found.report.verdict in (NAMED, CALIBRATED)
+        verdict = found.report.verdict
+        settled = verdict in (NAMED, DESCRIBED, CALIBRATED)
+        if verdict in (AMBIGUOUS, UNKNOWN):
+            warn(
+                f"{folder}: found the verdict {verdict}: nothing was adopted, so the exported robot keeps the "
+                "bias of what the model lacks"
+            )
         estimator = SELF_CALIBRATING if settled else plain_estimator(measurements)
     elif kind == "measurement":
-        measurements, estimator = read_measurements(folder), SELF_CALIBRATING
+        measurements, estimator = read_experiments([folder]), SELF_CALIBRATING
         effects = adopted = ()
     else:
         raise InputError(

@@ -7,7 +7,7 @@ from tulip_testbed.sim.measurements.data import (
     SensorSheet,
     lay_boards,
 )
-from tulip_testbed.sim.measurements.joined import joined, read_experiments
+from tulip_testbed.sim.measurements.joined import as_joined, joined, read_experiments
 from tulip_testbed.sim.measurements.manipulations import Experiment
 from tulip_testbed.sim.measurements.measurement_folder import read_measurements, write_measurements
 from tulip_testbed.sim.measurements.plan_folder import read_plan, write_plan
@@ -20,6 +20,7 @@ __all__ = [
     "PosturePlan",
     "SensorSheet",
     "Series",
+    "as_joined",
     "joined",
     "lay_boards",
     "read_experiments",

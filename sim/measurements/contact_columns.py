@@ -115,7 +115,7 @@ def _read_cells(
     covariance = (
         None if cell_sd is None else np.mean([cell_sd**2 * lever @ lever.T for lever in levers], axis=0)
     )
-    return _vertical(wrenches, covariance, "ground", np.zeros((2, 6)))
+    return _vertical(wrenches, covariance, "ground", np.zeros((2, 6)), depth=entries[0].top_height)
 
 
 def _read_cops(entries: list[CopEntry], table: MappedTable, loaded: np.ndarray) -> dict[str, Any]:
@@ -138,11 +138,12 @@ def _vertical(
     mount: str,
     pose: np.ndarray,
     cop_sd: np.ndarray | None = None,
+    depth: float = 0.0,
 ) -> dict[str, Any]:
     """Return tared sensors of vertical wrenches.
 
     Args:
-        readings: fz, mx, my of the right and of the left, (m, 2, 3). cop_sd: see `Contacts`.
+        readings: fz, mx, my of the right and of the left, (m, 2, 3). cop_sd, depth: see `Contacts`.
     """
     contacts = Contacts(
         mount=mount,
@@ -153,6 +154,7 @@ def _vertical(
         below=np.zeros((2, 4)),
         below_sd=np.zeros((2, 4)),
         cop_sd=cop_sd,
+        depth=depth,
     )
     read = {"contacts": contacts, "wrenches": readings, "wrenches_sd": np.full(readings.shape, np.nan)}
     return _no_cells(len(readings)) | read

@@ -32,6 +32,8 @@ class Contacts:
         below_sd: their s.d., (2, 4) [kg, m].
         cop_sd: s.d. of x, y and the vertical force of devices that give no more, (2, 3) [m, m, N], NaN:
             unknown; their readings are kept as `VERTICAL` wrenches. None: wrench sensors.
+        depth: of the plane to which readings refer under the plate's top [m]: its height for boards on cells,
+            which are read as vertical wrenches; 0 for wrench sensors.
     """
 
     mount: str
@@ -42,6 +44,7 @@ class Contacts:
     below: np.ndarray
     below_sd: np.ndarray
     cop_sd: np.ndarray | None = None
+    depth: float = 0.0
 
 
 def wrenches_of_cops(cops: np.ndarray) -> np.ndarray:

@@ -69,6 +69,12 @@ def joined(measured: Sequence[Measurements], sources: Sequence[str] = ()) -> Mea
     return replace(each[0], **rows, experiments=experiments, weighed_mass=_weighed(parts))
 
 
+def as_joined(measurements: Measurements) -> Measurements:
+    """Return measurements whose known masses are told from the robot, as `joined` does it."""
+    waiting = measurements.experiments and measurements.experiment is None
+    return joined([measurements]) if waiting else measurements
+
+
 def separate(measurements: Measurements) -> list[Measurements]:
     """Return the experiments that were joined, each as its folder has it."""
     m = measurements
@@ -211,16 +217,16 @@ def _digest(one: Measurements) -> str:
 
 def _weighed(parts: Sequence[tuple[Measurements, str]]) -> tuple[float, float] | None:
     """Return the mass of the robot without known masses, by all weighings, and its s.d. [kg]."""
-    found = {
-        (one.weighed_mass[0] - _experiment(one).arrangement.known_mass, one.weighed_mass[1])
-        for one, _ in parts
-        if one.weighed_mass is not None
-    }
-    if not found:
-        return None
-    if len(found) == 1:
-        return found.pop()
-    values, spreads = np.array(sorted(found)).T
+    # A weighing that several folders state counts once; adding and taking off masses rounds it.
+    each: dict[tuple[float, float], tuple[float, float]] = {}
+    for one, _ in parts:
+        if one.weighed_mass is not None:
+            own, sd = one.weighed_mass[0] - _experiment(one).arrangement.known_mass, one.weighed_mass[1]
+            each.setdefault((round(own, 9), sd), (own, sd))
+    found = sorted(each.values())
+    if len(found) < 2:
+        return found[0] if found else None
+    values, spreads = np.array(found).T
     weight = 1 / np.maximum(spreads, 1e-6) ** 2
     return float((weight * values).sum() / weight.sum()), float(weight.sum() ** -0.5)
 

@@ -42,13 +42,11 @@ def campaign_command(
     """
     from tulip_testbed.cli.laboratory_options import laboratory_and_plan
     from tulip_testbed.cli.terminal import print_json, say, show, show_verdict
-    from tulip_testbed.experiments.campaigns.campaign_run import CampaignSettings, campaign
+    from tulip_testbed.experiments.campaigns.campaign_run import campaign, campaign_settings
 
     laboratory, made = laboratory_and_plan(robot, preset, plan, rig, effect, seed, not dynamics)
     engine = "dynamics" if dynamics else "statics"
-    settings = CampaignSettings.model_validate(
-        {"seed": seed, "engine": engine, "experiments": experiments, "minutes": minutes, "ordinary": ordinary}
-    )
+    settings = campaign_settings(seed, engine, experiments, minutes, ordinary)
     found = campaign(laboratory, made, settings, out, lambda what: say(f"{what[0].upper()}{what[1:]}"))
     if as_json:
         print_json({"verdict": found.verdict, "steps": [step.plain() for step in found.steps]})

@@ -80,10 +80,11 @@ def simulate_command(
     from tulip_testbed.effects.random_effects import RANDOM
     from tulip_testbed.experiments.imperfections import check_ordinary, drawn, single_stream
     from tulip_testbed.experiments.laboratory import tries
-    from tulip_testbed.experiments.proposed_experiment import read_experiment
+    from tulip_testbed.experiments.proposed_experiment import EXPERIMENT_FILE, read_experiment
     from tulip_testbed.experiments.run_summary import usable_postures
     from tulip_testbed.experiments.truth_record import check_places, write_experiment
     from tulip_testbed.sim.errors import InputError
+    from tulip_testbed.sim.files import present
 
     check_places(out, truth)
     secret = RANDOM in effect
