@@ -66,7 +66,7 @@ def select_laws(search: Search, selection: Selection) -> tuple[Search, Selection
     start = first_calibration(search)
     laws = law_candidates(calibrated_data(search.observed, start).observed)
     every = LawSearch(search, laws, start, selection.tests * (1 + len(laws) / len(search.candidates)))
-    found, complete = _forward(every, selection)
+    found = _forward(every, selection)
     if found is None:
         return None
     near = _alternatives(every, found)
@@ -92,15 +92,15 @@ def select_laws(search: Search, selection: Selection) -> tuple[Search, Selection
     )
     wider = replace(search, candidates=[*search.candidates, *(one.candidate for one in known.values())])
     return wider, replace(
-        selection, calibration=calibration, complete=complete, fit=fit, alternatives=alternatives
+        selection, calibration=calibration, complete=True, fit=fit, alternatives=alternatives
     )
 
 
-def _forward(every: LawSearch, selection: Selection) -> tuple[Judged | None, bool]:
+def _forward(every: LawSearch, selection: Selection) -> Judged | None:
     """Add the best law or effect while it is decisive.
 
     Returns:
-        what was found, None: nothing; and whether nothing more is decisive.
+        what was found; None: nothing, or so many terms leave something decisive, which stays unknown.
     """
     search, found = every.search, None
     terms: tuple[Fitted, ...] = ()
@@ -113,14 +113,13 @@ def _forward(every: LawSearch, selection: Selection) -> tuple[Judged | None, boo
         good = [one for one in tried if is_decisive(one, before, every.tests)]
         best = _preferred(good)
         if best is None:
-            return found, True
+            return found
         found = _without_idle(every, best)
         calibration = search.calibrated(found)
         terms = at_estimate(found.terms, calibration)
-    return found, not any(
-        is_decisive(one, found.evidence if found else 0.0, every.tests)
-        for one in _judged_in_addition(every, terms, calibration, None)
-    )
+    more = _judged_in_addition(every, terms, calibration, None)
+    left = found is not None and any(is_decisive(one, found.evidence, every.tests) for one in more)
+    return None if left else found
 
 
 def _judged_in_addition(
