@@ -34,6 +34,7 @@ MOST_TERMS = 3
 PAIRS = 6  # of what errs and as a function of what, that are judged
 SHAPES = 4  # of the best pair
 EXCHANGES = 2  # rounds in which every term is sought anew
+MOST_JUDGED = 60  # after which nothing is exchanged: in a gross gap a judgement takes a second
 NEAR, SHARE = 15.0, 0.6  # laws are judged above SHARE of the best ln Bayes factor by linear columns less NEAR
 
 
@@ -71,6 +72,8 @@ def select_laws(search: Search, selection: Selection) -> tuple[Search, Selection
         return None
     near = _alternatives(every, found)
     for _ in range(EXCHANGES):
+        if sum(map(len, every.known.values())) > MOST_JUDGED:
+            break
         better = _exchanged(every, found, near)
         if better is None:
             break
@@ -117,9 +120,10 @@ def _forward(every: LawSearch, selection: Selection) -> Judged | None:
         found = _without_idle(every, best)
         calibration = search.calibrated(found)
         terms = at_estimate(found.terms, calibration)
-    more = _judged_in_addition(every, terms, calibration, None)
-    left = found is not None and any(is_decisive(one, found.evidence, every.tests) for one in more)
-    return None if left else found
+    near = [*_near(every, calibration, terms), *search.best(calibration, terms)]
+    more = (search.tried((*terms, one), every.start) for one in near)
+    decisive = (one.possible and is_decisive(one, found.evidence, every.tests) for one in more if one)
+    return None if found is None or any(decisive) else found
 
 
 def _judged_in_addition(

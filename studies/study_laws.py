@@ -253,7 +253,7 @@ def _drawn(
         found = Laboratory(robot, known.preset, hidden=(*rest, fault), nominal=rig)
         return found, plain, replace(known, size=max(map(abs, fault.values)), answers=((fault.label, "*"),))
     number = int(rng.integers(1000))
-    answers = tuple(sorted((ANSWERS | UNSEEN_ANSWERS)[hidden.name](robot, number)))
+    answers = tuple(sorted((UNSEEN_ANSWERS.get(hidden.name) or ANSWERS[hidden.name])(robot, number)))
     multiple = float(np.exp(rng.uniform(*np.log(MULTIPLES))))
     sign = 1.0 if hidden.positive else float(rng.choice([-1.0, 1.0]))
     size = sign * multiple * _least(hidden, number, measured, plain, plan, stream, rng)
