@@ -108,6 +108,7 @@ def _forward(every: LawSearch, selection: Selection) -> Judged | None:
     search, found = every.search, None
     terms: tuple[Fitted, ...] = ()
     calibration = every.start
+    seen: list[set[str]] = []
     while len(terms) < MOST_TERMS:
         before = evidence_for(calibration, terms, search.observed)
         if terms and (plain := search.tried(terms, every.start)) is not None:
@@ -118,6 +119,10 @@ def _forward(every: LawSearch, selection: Selection) -> Judged | None:
         if best is None:
             return found
         found = _without_idle(every, best)
+        labels = {term.label for term in found.terms}
+        if labels in seen:  # two terms eliminate each other in turn
+            return None
+        seen.append(labels)
         calibration = search.calibrated(found)
         terms = at_estimate(found.terms, calibration)
     near = [*_near(every, calibration, terms), *search.best(calibration, terms)]
