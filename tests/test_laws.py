@@ -329,5 +329,4 @@ def test_a_described_law_takes_the_bias_away(described, robot, plan):
         spread = np.sqrt(np.diag(full.covariance)) if spread is None else spread
         bias.append(np.sqrt((((full.value - true) / spread) ** 2).mean()))
     before, after = bias
-    print(bias)
     assert after < 0.3 * before
