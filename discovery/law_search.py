@@ -125,10 +125,11 @@ def _forward(every: LawSearch, selection: Selection) -> Judged | None:
         seen.append(labels)
         calibration = search.calibrated(found)
         terms = at_estimate(found.terms, calibration)
+    assert found is not None
     near = [*_near(every, calibration, terms), *search.best(calibration, terms)]
     more = (search.tried((*terms, one), every.start) for one in near)
     decisive = (one.possible and is_decisive(one, found.evidence, every.tests) for one in more if one)
-    return None if found is None or any(decisive) else found
+    return None if any(decisive) else found
 
 
 def _judged_in_addition(
