@@ -139,21 +139,23 @@ def _discover(
 ) -> Discovery:
     began = time.perf_counter()
     selection = select(search, np.random.default_rng(seed), progress)
-    fitted = _fitted(selection, through_laboratory)
+    # The laboratory and cross-validation take long: where it is `unknown` without them, laws come first.
+    sought = bool(_unexplained(selection))
+    described = _described(search, selection, through_laboratory, hold_out) if sought else None
     progress(1)
-    found = _concluded(search, selection, fitted, None)
-    described: Discovery | None = None
-    # Cross-validation takes longest: where the answer is `unknown` without it, laws are sought first.
-    if found.verdict == UNKNOWN:
-        described = _described(search, selection, through_laboratory, hold_out)
-    if described is None and hold_out:
-        certain = found.verdict == UNKNOWN
-        validation = held_out(search, selection.calibration, fitted.fit.terms)
-        found = _concluded(search, selection, fitted, validation)
-        if found.verdict == UNKNOWN and not certain:
-            described = _described(search, selection, through_laboratory, hold_out)
+    if described is None:
+        fitted = _fitted(selection, through_laboratory)
+        found = _concluded(search, selection, fitted, None)
+        if found.verdict == UNKNOWN and not sought:
+            described, sought = _described(search, selection, through_laboratory, hold_out), True
+        if described is None and hold_out:
+            validation = held_out(search, selection.calibration, fitted.fit.terms)
+            found = _concluded(search, selection, fitted, validation)
+            if found.verdict == UNKNOWN and not sought:
+                described = _described(search, selection, through_laboratory, hold_out)
+        described = described or found
     progress(1)
-    return replace(described or found, wall_s=time.perf_counter() - began)
+    return replace(described, wall_s=time.perf_counter() - began)
 
 
 def _described(
@@ -283,12 +285,7 @@ def _reasons(
         out.append(f"A pattern remains: {clearest.words} ({in_channels(clearest)}).")
     if lost:
         out.append(f"Fitted through the laboratory, the evidence for {listed(lost)} is gone.")
-    if not selection.complete:
-        out.append("Another effect would still be decisive.")
-    out += [
-        f"The family {one.family.name} is {one.spread:.0f} times as wide as its tolerance: that is not usual."
-        for one in too_wide(selection.calibration)
-    ]
+    out += _unexplained(selection)
     if validation is not None and not validation.holds:
         bad = [key for key in validation.after if validation.after[key] > validation.floor[key]]
         out.append(
@@ -296,6 +293,17 @@ def _reasons(
             f"({', '.join('all channels' if key == 'AFTC' else f'channel {key}' for key in bad)})."
         )
     return tuple(out)
+
+
+def _unexplained(selection: Selection) -> list[str]:
+    """Say what a selection leaves unexplained however it is fitted."""
+    if not selection.lacks_fit:
+        return []
+    out = [] if selection.complete else ["Another effect would still be decisive."]
+    return out + [
+        f"The family {one.family.name} is {one.spread:.0f} times as wide as its tolerance: that is not usual."
+        for one in too_wide(selection.calibration)
+    ]
 
 
 def _verdict(

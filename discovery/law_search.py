@@ -34,6 +34,7 @@ MOST_TERMS = 3
 PAIRS = 6  # of what errs and as a function of what, that are judged
 SHAPES = 4  # of the best pair
 EXCHANGES = 2  # rounds in which every term is sought anew
+MOST_JUDGED = 60  # after which nothing is exchanged: in a gross gap a judgement takes a second
 NEAR, SHARE = 15.0, 0.6  # laws are judged above SHARE of the best ln Bayes factor by linear columns less NEAR
 
 
@@ -66,11 +67,13 @@ def select_laws(search: Search, selection: Selection) -> tuple[Search, Selection
     start = first_calibration(search)
     laws = law_candidates(calibrated_data(search.observed, start).observed)
     every = LawSearch(search, laws, start, selection.tests * (1 + len(laws) / len(search.candidates)))
-    found, complete = _forward(every, selection)
+    found = _forward(every, selection)
     if found is None:
         return None
     near = _alternatives(every, found)
     for _ in range(EXCHANGES):
+        if sum(map(len, every.known.values())) > MOST_JUDGED:
+            break
         better = _exchanged(every, found, near)
         if better is None:
             break
@@ -92,19 +95,20 @@ def select_laws(search: Search, selection: Selection) -> tuple[Search, Selection
     )
     wider = replace(search, candidates=[*search.candidates, *(one.candidate for one in known.values())])
     return wider, replace(
-        selection, calibration=calibration, complete=complete, fit=fit, alternatives=alternatives
+        selection, calibration=calibration, complete=True, fit=fit, alternatives=alternatives
     )
 
 
-def _forward(every: LawSearch, selection: Selection) -> tuple[Judged | None, bool]:
+def _forward(every: LawSearch, selection: Selection) -> Judged | None:
     """Add the best law or effect while it is decisive.
 
     Returns:
-        what was found, None: nothing; and whether nothing more is decisive.
+        what was found; None: nothing, or so many terms leave something decisive, which stays unknown.
     """
     search, found = every.search, None
     terms: tuple[Fitted, ...] = ()
     calibration = every.start
+    seen: list[set[str]] = []
     while len(terms) < MOST_TERMS:
         before = evidence_for(calibration, terms, search.observed)
         if terms and (plain := search.tried(terms, every.start)) is not None:
@@ -113,14 +117,19 @@ def _forward(every: LawSearch, selection: Selection) -> tuple[Judged | None, boo
         good = [one for one in tried if is_decisive(one, before, every.tests)]
         best = _preferred(good)
         if best is None:
-            return found, True
+            return found
         found = _without_idle(every, best)
+        labels = {term.label for term in found.terms}
+        if labels in seen:  # two terms eliminate each other in turn
+            return None
+        seen.append(labels)
         calibration = search.calibrated(found)
         terms = at_estimate(found.terms, calibration)
-    return found, not any(
-        is_decisive(one, found.evidence if found else 0.0, every.tests)
-        for one in _judged_in_addition(every, terms, calibration, None)
-    )
+    assert found is not None
+    near = [*_near(every, calibration, terms), *search.best(calibration, terms)]
+    more = (search.tried((*terms, one), every.start) for one in near)
+    decisive = (one.possible and is_decisive(one, found.evidence, every.tests) for one in more if one)
+    return None if any(decisive) else found
 
 
 def _judged_in_addition(

@@ -2,8 +2,8 @@
 
 Every laboratory has a random robot, and half of them ordinary imperfections. Outside faults are drawn at a
 multiple of the smallest size that such a laboratory shows. The right answers, what errs and as a function of
-what, are in studies/law_answers.py, or a fault carries its own as `answers`. `report` runs another list of
-`Outside` once.
+what, are in studies/law_answers.py. The part `unseen` runs every fault of
+tulip_testbed/experiments/benchmark/unseen_faults.py once, which were opened when everything was fixed.
 """
 
 from __future__ import annotations
@@ -37,6 +37,8 @@ from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.experiments.benchmark.ordinary_run import LEAST_STANDING, _clear
 from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE, Outside
 from tulip_testbed.experiments.benchmark.score import Figure, median, rate
+from tulip_testbed.experiments.benchmark.unseen_faults import ANSWERS as UNSEEN_ANSWERS
+from tulip_testbed.experiments.benchmark.unseen_faults import UNSEEN
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.estimators import DEFAULT
@@ -51,7 +53,9 @@ from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.threads import one_blas_thread
 
-SETTINGS = Settings(seed=7000, only=("force-plate", "wii"))
+PRESETS, UNSEEN_PART = ("force-plate", "wii"), "unseen"
+SETTINGS = Settings(seed=7000, only=(*PRESETS, UNSEEN_PART))
+LATER = 1000  # of the seed, with which unseen faults are drawn
 OUTSIDE_ARM, CATALOGUE, NOTHING = "outside", "catalogue", "nothing"
 FULL = {OUTSIDE_ARM: 5, CATALOGUE: 60, NOTHING: 60}  # cases of a fault, of the other arms
 ROBOTS = (0.05, 0.2)  # spread of masses and centres of mass
@@ -114,43 +118,47 @@ class Case:
 
 
 def study(settings: Settings) -> Iterator[str]:
-    """Yield the figures of the development faults at each preset."""
-    yield from report(OUTSIDE, settings)
+    """Yield the figures of the development faults at each preset, and of the unseen ones."""
+    for number, preset in enumerate(PRESETS):
+        if preset in settings.only:
+            calls = _calls(preset, settings.seed + number, settings)
+            cases = settings.parallel(preset, carry_out, calls)
+            yield from _report(preset, cases, settings)
+            yield "\nCases:\n"
+            yield from (f"- {describe(case)}" for case in cases)
+    if UNSEEN_PART in settings.only:
+        cases = []
+        for run, fault in enumerate(UNSEEN):
+            cases.append(carry_out(OUTSIDE_ARM, fault, PRESETS[0], settings.seed + LATER, run))
+            yield f"- {describe(cases[-1])}"
+        yield from _report(UNSEEN_PART, cases, settings)
 
 
-def report(faults: Sequence[Outside], settings: Settings) -> Iterator[str]:
-    """Run all arms and yield the table and the misses.
+def _calls(preset: str, seed: int, settings: Settings) -> list[tuple[Any, ...]]:
+    """List the cases of all arms with the development faults, as arguments of `carry_out`."""
+    kinds = [effect.name for effect in effects_on(None, statics=True)]
+    order = np.random.default_rng(seed).permutation(len(kinds)).tolist()
+    calls: list[tuple[Any, ...]] = [
+        (OUTSIDE_ARM, fault, preset, seed, k * len(OUTSIDE) + j)
+        for k in range(settings.count(FULL[OUTSIDE_ARM]))
+        for j, fault in enumerate(OUTSIDE)
+    ]
+    calls += [
+        (CATALOGUE, kinds[order[k % len(kinds)]], preset, seed, 10_000 + k)
+        for k in range(settings.count(FULL[CATALOGUE]))
+    ]
+    return calls + [(NOTHING, "", preset, seed, 20_000 + k) for k in range(settings.count(FULL[NOTHING]))]
 
-    Args:
-        faults: that the catalogue does not hold; each with its right answers in `ANSWERS` or as `answers`.
-    """
-    for number, preset in enumerate(SETTINGS.only):
-        if preset not in settings.only:
-            continue
-        seed = settings.seed + number
-        kinds = [effect.name for effect in effects_on(None, statics=True)]
-        rng = np.random.default_rng(seed)
-        order = rng.permutation(len(kinds)).tolist()
-        calls: list[tuple[Any, ...]] = [
-            (OUTSIDE_ARM, fault, preset, seed, k * len(faults) + j)
-            for k in range(settings.count(FULL[OUTSIDE_ARM]))
-            for j, fault in enumerate(faults)
-        ]
-        calls += [
-            (CATALOGUE, kinds[order[k % len(kinds)]], preset, seed, 10_000 + k)
-            for k in range(settings.count(FULL[CATALOGUE]))
-        ]
-        calls += [(NOTHING, "", preset, seed, 20_000 + k) for k in range(settings.count(FULL[NOTHING]))]
-        cases = settings.parallel(preset, carry_out, calls)
-        yield f"\n**{preset}**, {len(cases)} cases, {sum(bool(c.failed) for c in cases)} without data\n"
-        yield header("figure", "value", "95 % interval", "of", "must reach")
-        for figure in figures(cases):
+
+def _report(part: str, cases: Sequence[Case], settings: Settings) -> Iterator[str]:
+    """Yield the table of some cases and keep them."""
+    path = settings.folder("laws") / f"{part}.json"
+    path.write_text(json.dumps([asdict(case) for case in cases]), encoding="utf-8")
+    yield f"\n**{part}**, {len(cases)} cases, {sum(bool(c.failed) for c in cases)} without data\n"
+    yield header("figure", "value", "95 % interval", "of", "must reach")
+    for figure in figures(cases):
+        if figure.count:
             yield _row(figure)
-        yield "\nCases:\n"
-        for case in cases:
-            yield f"- {describe(case)}"
-        path = settings.folder("laws") / f"{preset}.json"
-        path.write_text(json.dumps([asdict(case) for case in cases]), encoding="utf-8")
 
 
 def figures(cases: Sequence[Case]) -> list[Figure]:
@@ -216,7 +224,10 @@ def carry_out(arm: str, hidden: Outside | str, preset: str, seed: int, run: int)
     else:
         return replace(known, failed=why)
     began = time.process_time()
-    found = discover(measured, robot, seed)
+    try:
+        found = discover(measured, robot, seed)
+    except InputError as error:
+        return replace(known, verdict=f"refused: {error}")
     known = replace(known, cpu_s=time.process_time() - began)
     known = _said(known, found)
     if arm != OUTSIDE_ARM:
@@ -242,8 +253,7 @@ def _drawn(
         found = Laboratory(robot, known.preset, hidden=(*rest, fault), nominal=rig)
         return found, plain, replace(known, size=max(map(abs, fault.values)), answers=((fault.label, "*"),))
     number = int(rng.integers(1000))
-    own = getattr(hidden, "answers", None) or ANSWERS[hidden.name]
-    answers = own(robot, number) if callable(own) else own
+    answers = tuple(sorted((UNSEEN_ANSWERS.get(hidden.name) or ANSWERS[hidden.name])(robot, number)))
     multiple = float(np.exp(rng.uniform(*np.log(MULTIPLES))))
     sign = 1.0 if hidden.positive else float(rng.choice([-1.0, 1.0]))
     size = sign * multiple * _least(hidden, number, measured, plain, plan, stream, rng)

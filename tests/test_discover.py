@@ -20,9 +20,9 @@ from tulip_testbed.discovery.discover import _reasons, discover, stands_out
 from tulip_testbed.discovery.effect_intervals import TIME_GAIN
 from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.discovery.story import story
-from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import check_instances
+from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
 from tulip_testbed.experiments.discovering import next_experiments
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.observation import observe
@@ -217,9 +217,13 @@ def test_two_effects_are_both_named(robot, plan):
     assert sorted(names(found)) == sorted((name, target) for name, target, _ in hidden)
 
 
-def test_what_the_catalogue_lacks_is_unknown(robot, plan):
-    others = {name: effect for name, effect in catalogue().items() if name != "cell-hysteresis"}
-    found = discover(measured(robot, plan, "wii", ("cell-hysteresis", "", (0.1,))), robot, effects=others)
+@pytest.mark.slow
+def test_what_neither_the_catalogue_nor_a_law_says_is_unknown(robot, plan):
+    """A cable that pulls on one side only: no law has a force that follows the posture."""
+    (slack,) = [one for one in OUTSIDE if one.name == "cable-slack"]
+    rig = slack.inject(preset_rig("force-plate", robot), 7, 20.0)
+    data = run_statics(solve_plan(rig, plan), [np.random.SeedSequence(SEED)])[0].measurements
+    found = discover(data, robot)
     assert found.verdict == "unknown"
     assert found.where
     assert found.adopted == ()

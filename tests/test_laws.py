@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,16 +16,22 @@ from tests.effect_changes import agreement, changes, measured, statically
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.candidate_search import Search
 from tulip_testbed.discovery.columns import candidate_columns
+from tulip_testbed.discovery.discover import discover
 from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.law_candidates import _columns, law_candidates
+from tulip_testbed.discovery.law_search import select_laws
+from tulip_testbed.discovery.refit import simulated, without_noise
 from tulip_testbed.effects.instance import EffectDocument, EffectInstance, injected, removed
 from tulip_testbed.effects.laws import law_effect, sentence_of, sentences
 from tulip_testbed.effects.laws.learned_range import beyond
 from tulip_testbed.effects.laws.misread import misread
 from tulip_testbed.effects.removal import without
+from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.experiments.discovery_record import read_discovery
+from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.law_curves import law_curves
 from tulip_testbed.experiments.rig_folder import read_rig
+from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_noise import noise_of
@@ -32,8 +39,11 @@ from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.page import html
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, SensorSheet, read_measurements
+from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_robot
 
+HIDDEN = "law:encoder:right_knee/own-angle/sine=0.004,0.003,1,0,2"
 KNEE = [0.2, 0.4, -0.1]  # rad
 OTHER_KNEE = [0.25, -0.5, 0.5]
 # N, at front left, front right, rear right and rear left: 100, 80, 60 N and 260, 160, 200 N.
@@ -239,12 +249,26 @@ def test_a_law_warns_of_postures_beyond_its_range(robot, nominal):
         without(m, nominal, [law])
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("hidden", "verdict"),
+    [((), "none"), ((("encoder-gain", "right_knee", (0.02,)),), "named")],
+    ids=["nothing", "of the catalogue"],
+)
+def test_no_law_is_made_up(robot, plan, nominal, hidden, verdict):
+    """Not even where laws are sought, which these verdicts do not ask for."""
+    data = measured(robot, plan, "force-plate", *hidden)
+    found = discover(data, robot)
+    assert found.verdict == verdict
+    assert [(one.effect.name, one.target) for one in found.adopted] == [one[:2] for one in hidden]
+    assert select_laws(Search.of(observe(data, nominal)), found.selection) is None
+
+
 @pytest.fixture(scope="module")
 def described(tmp_path_factory):
     """An eccentric encoder, hidden, described and taken out; the folder of all of it."""
     folder = tmp_path_factory.mktemp("described")
-    law = "law:encoder:right_knee/own-angle/sine=0.004,0.003,1,0,2"
-    what = ["--preset", "force-plate", "--seed", "3", "--statics", "--effect", law]
+    what = ["--preset", "force-plate", "--seed", "3", "--statics", "--effect", HIDDEN]
     assert main(["simulate", *what, "--out", str(folder / "data"), "--json"]) == 0
     run = ["--no-check", "--out", str(folder / "found"), "--json"]
     assert main(["discover", str(folder / "data"), *run]) == 0
@@ -290,3 +314,19 @@ def test_the_rig_takes_the_law_out(described, robot):
     before = read.joint_angles[:, knee] - plain.joint_angles[:, knee]
     after = clean.joint_angles[:, knee] - plain.joint_angles[:, knee]
     assert np.sqrt((after**2).mean()) < 0.3 * np.sqrt((before**2).mean())
+
+
+@pytest.mark.slow
+def test_a_described_law_takes_the_bias_away(described, robot, plan):
+    """Without noise, so that nothing else is left in the estimate."""
+    plain = preset_rig("force-plate", robot)
+    faulty = injected(plain, [EffectInstance.parse(HIDDEN, robot)])
+    data = replace(simulated(without_noise(faulty), plan), sensors=constants(plain)["sensors"])
+    true, spread = true_base_parameters(plain), None
+    bias = []
+    for adopted in ((), read_rig(described / "found" / "rig", robot)):
+        full = identify(data, robot, estimator=DEFAULT, adopted=adopted).full
+        spread = np.sqrt(np.diag(full.covariance)) if spread is None else spread
+        bias.append(np.sqrt((((full.value - true) / spread) ** 2).mean()))
+    before, after = bias
+    assert after < 0.3 * before
