@@ -176,7 +176,7 @@ def _carry_out(
         if steps:
             return None
         raise InputError(
-            f"minutes: found {settings.minutes:g}, expected {minutes:g} or more: the first experiment takes them"
+            f"minutes: found {settings.minutes:g}, expected {minutes:g} or more for the first experiment"
         )
     with new_folder(folder / str(number)) as here:
         if proposals is None:

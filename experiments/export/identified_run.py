@@ -50,7 +50,7 @@ def identified_run(
         settled = verdict in (NAMED, DESCRIBED, CALIBRATED)
         if verdict in (AMBIGUOUS, UNKNOWN):
             warn(
-                f"{folder}: found the verdict {verdict}: nothing was adopted, so the exported robot keeps the "
+                f"{folder}: found the verdict {verdict}: nothing was adopted, so the robot keeps the "
                 "bias of what the model lacks"
             )
         estimator = SELF_CALIBRATING if settled else plain_estimator(measurements)

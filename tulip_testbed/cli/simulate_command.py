@@ -93,6 +93,11 @@ def simulate_command(
     wanted, number = (None, 1) if experiment is None else read_experiment(experiment)
     if experiment is not None and plan is not None:
         raise InputError("experiment: found a plan besides, expected the plan of its own folder")
+    if plan is not None and present(plan / EXPERIMENT_FILE):
+        raise InputError(
+            f"{plan}: found {EXPERIMENT_FILE}, expected --experiment {plan}: as a plain plan its manipulations "
+            "would be left out"
+        )
     laboratory, made = laboratory_and_plan(robot, preset, plan or experiment, rig, effect, seed, statics)
     check_ordinary(laboratory, ordinary)
     laboratory = drawn(laboratory, ordinary, single_stream(seed))
