@@ -216,6 +216,8 @@ def test_every_command_has_its_function():
         "postures": tt.plans.read,
         "plan": tt.plan,
         "discover": tt.discover,
+        "next": tt.next_experiment,
+        "campaign": tt.campaign,
         "effects": tt.effects.catalogue,
         "atlas": tt.atlas,
         "view": tt.view,

@@ -149,6 +149,8 @@ def test_texts_and_documents_are_read_as_they_were_written(data):
     for k, parameter in enumerate(effect.parameters):
         if parameter.name.startswith("to"):
             values[k] = values[k - 1] + 1.0
+        elif parameter.fixed and not parameter.name.startswith("from"):
+            values[k] = data.draw(st.floats(1e-3, 1.0))
     law = EffectInstance(effect, str(sentence), tuple(values))
     again = EffectInstance.parse(str(law), ROBOT)
     document = EffectDocument.model_validate_json(EffectDocument(**law.document()).model_dump_json())

@@ -64,7 +64,7 @@ def test_the_file_holds_the_command_and_what_was_printed(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["chek"], "unknown study 'chek'; did you mean 'check'? valid: atlas, check"),
+        (["chek"], "unknown study 'chek'; did you mean 'check'? valid: atlas, campaign, check"),
         (["check", "--only", "wii", "kinect"], "unknown part 'kinect'; valid: wii, force-plate"),
     ],
 )

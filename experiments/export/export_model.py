@@ -44,6 +44,13 @@ from tulip_testbed.sim.robot import Robot, check_unchanged, load_spec
 LENGTH = "link-length"
 ENDINGS = (".xml", ".urdf")
 EXACT = 1e-9  # m: how far the base parameters of the file may be from the stated ones
+OVERRULING = {  # settings of an MJCF's <compiler> that change inertias, and what leaves them alone
+    "inertiafromgeom": "false",
+    "balanceinertia": "false",
+    "boundmass": "0",
+    "boundinertia": "0",
+    "settotalmass": "-1",
+}
 ALIKE = 1e-6  # of a pseudo-inertia, in its own metric
 SAMPLES, MOST_SAMPLES = 200, 100_000
 
@@ -192,6 +199,8 @@ def _content(
 ) -> tuple[bytes, tuple[str, ...]]:
     """Return the bytes of the model, read back and compared, and notes on them."""
     if source is not None and export.source is not None:
+        if _kind(export.source) == ".xml":
+            _check_compiler(export.source)
         content = with_inertias(read_bytes(export.source), source.changed(found.pseudo), export.source)
         read = _published(content, export, robot)
         notes = _missing_files(export.source, export.path)
@@ -204,7 +213,7 @@ def _content(
         )
     else:
         check_unchanged(robot, robot.model_file)
-        _check_compiler(robot)
+        _check_compiler(robot.model_file)
         heavy = {
             name: one for name, one in zip(parameters.tree.links, found.pseudo, strict=True) if one[3, 3] > 0
         }
@@ -267,18 +276,15 @@ def _moved(nominal: mujoco.MjModel, model: mujoco.MjModel) -> dict[str, tuple[np
     }
 
 
-def _check_compiler(robot: Robot) -> None:
+def _check_compiler(file: Path) -> None:
     """Refuse settings of an MJCF with which MuJoCo does not use the inertias in it."""
-    if robot.spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
-        raise InputError(
-            f"{robot.model_file}: <compiler>: found inertiafromgeom='true', expected 'auto' or 'false': "
-            "MuJoCo would take masses from the shapes and not from the file"
-        )
-    least = robot.spec.compiler.boundmass
-    if least > 0:
-        raise InputError(
-            f"{robot.model_file}: <compiler>: found boundmass='{least:g}', expected none: it may raise a mass"
-        )
+    for compiler in ET.fromstring(read_bytes(file)).iter("compiler"):
+        for name, plain in OVERRULING.items():
+            if (found := compiler.get(name, plain)) not in (plain, "auto") and found.strip(" -.0"):
+                raise InputError(
+                    f"{file}: <compiler>: found {name}='{shortened(found)}', expected none: MuJoCo would not "
+                    "use the inertias of the file"
+                )
 
 
 def _compiled(content: bytes, robot: Robot) -> mujoco.MjModel:

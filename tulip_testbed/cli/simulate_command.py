@@ -95,8 +95,8 @@ def simulate_command(
         raise InputError("experiment: found a plan besides, expected the plan of its own folder")
     if plan is not None and present(plan / EXPERIMENT_FILE):
         raise InputError(
-            f"{plan}: found {EXPERIMENT_FILE}, expected --experiment {plan}: as a plain plan its manipulations "
-            "would be left out"
+            f"{plan}: found {EXPERIMENT_FILE}, expected --experiment {plan}: a plain plan would leave its "
+            "manipulations out"
         )
     laboratory, made = laboratory_and_plan(robot, preset, plan or experiment, rig, effect, seed, statics)
     check_ordinary(laboratory, ordinary)
