@@ -143,6 +143,8 @@ def test_a_fault_moves_with_the_turned_plate_in_the_readings(lab, few):
         ("encoder-slip:left_knee=0.01,0.5", "plates moved"),
         ("creep:left.rear_left=0.02,0.3", LEFT),
         ("rocking:left.rear_left=0.0003", LEFT),
+        ("tether=5,2", MASS),
+        ("payload-step:torso=0.5,0.5", MASS),
     ],
 )
 def test_an_effect_is_removed_from_both_experiments(robot, lab, few, effect, manipulation):

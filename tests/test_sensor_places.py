@@ -12,7 +12,11 @@ import pytest
 
 import tulip_testbed as tt
 from studies.study_equilibrium import compare, laboratories
+from tulip_testbed.effects.instance import removed
 from tulip_testbed.experiments.identify import identify
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.observation import observe
+from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
@@ -295,3 +299,18 @@ def test_both_engines_hand_over_what_the_contract_takes(tmp_path, robot, plan, n
     weight = read.wrenches[..., read.contacts.channels.index("fz")].sum(axis=1)
     zeros = run.truth.zeros[:, 0 if name == "sole-3axis" else 2].sum()
     np.testing.assert_allclose(weight - zeros, run.truth.mass * GRAVITY, atol=5 * 4.5 * np.sqrt(2))
+
+
+@pytest.mark.parametrize("name", ["plate-ft", "plate-cop", "sole-ft"])
+@pytest.mark.parametrize("effect", ["tilt=0.02,0.03", "tether=5,2"])
+def test_a_push_is_removed_at_the_height_of_the_readings(robot, mixed_few, name, effect):
+    """A plate's wrench is stated at its top, 50 mm over the floor on which cells stand."""
+    few = mixed_few.take(mixed_few.support == "double")
+    laboratory = exact(robot, name).with_effects(effect)
+    nominal = nominal_robot(robot)
+    pushed = laboratory.run(few, 3, "statics").measurements
+    plain = exact(robot, name).run(few, 3, "statics").measurements
+    clean = removed(observe(pushed, nominal), list(laboratory.hidden))
+    left = residuals(clean, nominal.value)[:, :2].mean(axis=0)
+    usual = residuals(observe(plain, nominal), nominal.value)[:, :2].mean(axis=0)
+    assert np.abs(left - usual).max() < 2e-4
