@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 ORACLE := .venv-oracle
 ROBOTS := .venv-robots
 
-# Measured on two cores: 4 minutes with a process each, 7 with one. More than four repeat too much.
+# Measured on two cores: 9.5 minutes with a process each. More than four repeat too much.
 SHARED := --numprocesses auto --maxprocesses 4 --dist worksteal
 STUDIES := $(patsubst studies/study_%.py,study-%,$(wildcard studies/study_*.py))
 
@@ -28,7 +28,7 @@ $(VENV)/.done: constraints.txt pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	@touch $@
 
-test: setup  ## the tests (5 minutes or so on two cores)
+test: setup  ## the tests (10 minutes or so on two cores)
 	$(BIN)/python -m pytest -q $(SHARED)
 
 test-all: setup  ## the tests that take ten seconds and more too
