@@ -38,7 +38,7 @@ ORDINARY_WORDS = (
 VERDICTS = {
     "calibrated": "Ordinary imperfections explain the measurements.",
     "named": "One explanation is left.",
-    "described": "A law describes it: the curve is measured, its cause is a guess.",
+    "described": "A law describes it.",
     "ambiguous": "Several explanations are left.",
     "unknown": "No explanation is good enough.",
     "none": "Nothing is missing that these postures can show.",
