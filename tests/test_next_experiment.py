@@ -173,12 +173,24 @@ def _is_a_run_of_its_own(found, folder, made):
     stopped = folder.parent / "stopped"
     shutil.copytree(folder, stopped)
     (stopped / "run.json").unlink()
-    (stopped / "2" / "step.json").unlink()
+    shutil.rmtree(stopped / "2")
     with pytest.raises(InputError, match="another configuration"):
         tt.campaign(made, tt.plans.random, seed=4, folder=stopped)
+    table = stopped / "1" / "measurements" / "postures.csv"
+    kept = table.read_bytes()
+    table.write_bytes(kept + b"\n")
+    with pytest.raises(InputError, match=r"postures\.csv: hash mismatch"):
+        tt.campaign(made, tt.plans.random, seed=3, folder=stopped)
+    table.write_bytes(kept)
+    (stopped / "2").mkdir()
+    (stopped / "2" / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"found no step\.json"):
+        tt.campaign(made, tt.plans.random, seed=3, folder=stopped)
+    shutil.rmtree(stopped / "2")
     again = tt.campaign(made, tt.plans.random, seed=3, folder=stopped)
-    plain = [one.model_copy(update={"wall_s": 0.0}) for one in again.steps]
-    assert plain == [one.model_copy(update={"wall_s": 0.0}) for one in found.steps]
+    timed = {"wall_s": 0.0, "files": {}}
+    plain = [one.model_copy(update=timed) for one in again.steps]
+    assert plain == [one.model_copy(update=timed) for one in found.steps]
 
 
 @pytest.mark.slow
@@ -199,3 +211,18 @@ def test_two_cells_tares_are_settled_by_turning_the_plate(lab, tmp_path):
     assert [one.label for one in both.adopted] == ["cell-tare:right.front_left"]
     (low, high), *_ = [one for one in both.adopted[0].intervals if one is not None]
     assert low < 0.8 < high
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"experiments": 0}, "experiments: found 0"),
+        ({"minutes": float("nan")}, "minutes: found nan"),
+        ({"minutes": 1.0}, "minutes: found 1, expected 210 or more"),
+    ],
+)
+def test_a_budget_that_cannot_be_leaves_nothing_behind(asked, message, robot, tmp_path):
+    made = Laboratory(robot, "force-plate").with_effects("tether=5,0")
+    with pytest.raises(InputError, match=message):
+        tt.campaign(made, tt.plans.random, folder=tmp_path / "campaign", **asked)
+    assert not list(tmp_path.iterdir())

@@ -125,6 +125,11 @@ def campaign(
         InputError: what cannot be run, or a folder that holds something else.
     """
     check_ordinary(laboratory, settings.ordinary)
+    first = minutes_of(Experiment(), *_size(plan))
+    if settings.minutes is not None and settings.minutes < first:
+        raise InputError(
+            f"minutes: found {settings.minutes:g}, expected {first:g} or more for the first experiment"
+        )
     inside = drawn(laboratory, settings.ordinary, single_stream(settings.seed))
     inside.check(plan, settings.engine)
     made = configuration_of(laboratory, plan, settings.seed, settings.engine, settings.ordinary).plain()
@@ -159,11 +164,7 @@ def _carry_out(
     progress: Callable[[str], None],
     tolerances: Mapping[str, float] | None,
 ) -> Step | None:
-    """Carry out the next experiment; None: there is no time for it.
-
-    Raises:
-        InputError: there is no time even for the first one.
-    """
+    """Carry out the next experiment; None: there is no time for it."""
     began, robot = time.perf_counter(), laboratory.robot
     number, spent = len(steps) + 1, sum(step.minutes for step in steps)
     experiment, proposals, minutes = Experiment(SESSION), None, minutes_of(Experiment(), *_size(plan))
@@ -172,12 +173,8 @@ def _carry_out(
         before = read_discovery(folder / str(number - 1) / DISCOVERY, robot)
         proposals = next_of(before, robot, plan, settings.seed)
         minutes = proposals.best.minutes
-    if settings.minutes is not None and spent + minutes > settings.minutes:
-        if steps:
+        if settings.minutes is not None and spent + minutes > settings.minutes:
             return None
-        raise InputError(
-            f"minutes: found {settings.minutes:g}, expected {minutes:g} or more for the first experiment"
-        )
     with new_folder(folder / str(number)) as here:
         if proposals is None:
             write_plan(here / PLAN, plan)
