@@ -38,6 +38,12 @@ class Hook:
 
 def hook(robot: Robot) -> Hook:
     """Find the centre of mass of a robot's torso."""
+    torso = robot.model.body(1)
+    return Hook(torso.name, torso.ipos.copy(), upright_center(robot, torso.name))
+
+
+def upright_center(robot: Robot, link: str) -> np.ndarray:
+    """Return the centre of mass of a link of the standing robot in the base frame, (3,) [m]."""
     model = robot.model
     data = mujoco.MjData(model)
     key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, UPRIGHT)
@@ -50,7 +56,7 @@ def hook(robot: Robot) -> Hook:
     yaw = np.arctan2(turn[1, 0], turn[0, 0])
     c, s = np.cos(yaw), np.sin(yaw)
     to_base = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    return Hook(model.body(1).name, model.body_ipos[1].copy(), to_base @ (data.xipos[1] - sole))
+    return to_base @ (data.body(link).xipos - sole)
 
 
 def tie(
@@ -73,9 +79,14 @@ def tie(
 
 def torso_center(observed: Observation) -> np.ndarray:
     """Compute the nominal torso's centre of mass in the base frame, (m, 3) [m]."""
+    return link_center(observed, observed.tree.links[0])
+
+
+def link_center(observed: Observation, link: str) -> np.ndarray:
+    """Compute the nominal centre of mass of a link in the base frame, (m, 3) [m]."""
     rotations, positions = observed.frames
-    frame = observed.tree.frame_of_link[0]
-    return positions[:, frame] + rotations[:, frame] @ observed.nominal.robot.model.body_ipos[1]
+    frame = observed.tree.frame(link)
+    return positions[:, frame] + rotations[:, frame] @ observed.nominal.robot.model.body(link).ipos
 
 
 def without_pull(observed: Observation, force: np.ndarray) -> Observation:

@@ -10,14 +10,13 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from tulip_testbed.effects.catalogue.tether import FAR, UPRIGHT
+from tulip_testbed.effects.catalogue.tether import FAR, link_center, upright_center
 from tulip_testbed.effects.effect import Values
 from tulip_testbed.effects.injection import edited, from_then_on
 from tulip_testbed.effects.laws import grammar as g
 from tulip_testbed.effects.laws.grammar import sentence_of
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import Robot, sole_point
 
 AXES = ("x", "y", "z")
 
@@ -28,7 +27,7 @@ def inject(rig: Rig, target: str, values: Values) -> Rig:
     size = float(np.linalg.norm(force))
     if size == 0:
         return rig
-    anchor = _upright(rig.robot, sentence.place) + FAR * force / size
+    anchor = upright_center(rig.robot, sentence.place) + FAR * force / size
     point = rig.robot.model.body(sentence.place).ipos.copy()
     name = f"force_{sentence.place}_{sentence.quantity}"
 
@@ -51,34 +50,10 @@ def predict(observed: Observation, target: str, values: Values) -> Observation:
         observed.time_fraction >= values[3] if sentence.quantity == g.TIME else np.ones(len(observed), bool)
     )
     force = np.outer(acts, values[:3])
-    place = _center_of(observed, sentence.place)
+    place = link_center(observed, sentence.place)
     height = place[:, 2] + observed.depth
     down = -force[:, 2]
     moment = height[:, None] * force[:, :2] + down[:, None] * (place - observed.loaded_center)[:, :2]
     return observed.changed(
         shift=observed.shift + moment / (observed.loaded_weight + down)[:, None], lift=observed.lift + down
     )
-
-
-def _center_of(observed: Observation, link: str) -> np.ndarray:
-    """Compute the nominal centre of mass of a link in the base frame, (m, 3) [m]."""
-    rotations, positions = observed.frames
-    frame = observed.tree.frame(link)
-    own = observed.nominal.robot.model.body(link).ipos
-    return positions[:, frame] + rotations[:, frame] @ own
-
-
-def _upright(robot: Robot, link: str) -> np.ndarray:
-    """Return the centre of mass of a link of the standing robot in the base frame, (3,) [m]."""
-    model = robot.model
-    data = mujoco.MjData(model)
-    key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, UPRIGHT)
-    if key >= 0:
-        mujoco.mj_resetDataKeyframe(model, data, key)
-    mujoco.mj_kinematics(model, data)
-    foot = data.body(robot.stance_foot)
-    turn = foot.xmat.reshape(3, 3)
-    sole = foot.xpos + turn @ sole_point(model, robot.stance_foot)
-    yaw = np.arctan2(turn[1, 0], turn[0, 0])
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ (data.body(link).xipos - sole)

@@ -13,13 +13,14 @@ from typing import ClassVar
 from pydantic import Field
 
 from tulip_testbed.experiments.discovery_record import REPORT_FILE
-from tulip_testbed.experiments.document import Count, Document, Figure, Seed, first_difference
+from tulip_testbed.experiments.document import Count, Document, Figure, Seed
 from tulip_testbed.experiments.run_file import (
     PLAN_FOLDER,
     RUN_FILE,
     VERSION,
     Configuration,
     RunFile,
+    check_configuration,
     check_files,
     check_outputs,
     check_robot,
@@ -179,16 +180,7 @@ def _check_same(folder: Path, document: RunFile[CampaignConfiguration]) -> None:
         raise InputError(f"{folder}: holds a run that has ended ({RUN_FILE}); give a new name")
     if not present(folder / CAMPAIGN_FILE):
         raise InputError(f"{folder}: exists already and holds no campaign ({CAMPAIGN_FILE}); give a new name")
-    found, asked = (
-        {key: value for key, value in content.items() if key != "machine"}
-        for content in (read_json(folder / CAMPAIGN_FILE), document.plain())
-    )
-    if (other := first_difference(found, asked)) is not None:
-        name, there, here = other
-        raise InputError(
-            f"{folder}: holds a campaign of another configuration: {name} is {shortened(repr(there))} there "
-            f"and {shortened(repr(here))} here; give a new name"
-        )
+    check_configuration(folder / CAMPAIGN_FILE, document, "a campaign")
 
 
 def _done(folder: Path) -> list[Step]:

@@ -14,7 +14,6 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from pydantic import Field
 
-from tulip_testbed.experiments.document import first_difference
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.settings import MonteCarloSettings, Settings
@@ -25,13 +24,14 @@ from tulip_testbed.experiments.run_file import (
     Configuration,
     Head,
     Machine,
+    check_configuration,
     configuration_of,
 )
 from tulip_testbed.sim.errors import InputError, shortened
 from tulip_testbed.sim.files import check_new, new_folder, present
 from tulip_testbed.sim.machine import machine
 from tulip_testbed.sim.measurements import PosturePlan, write_plan
-from tulip_testbed.sim.measurements.table_files import read_json, software
+from tulip_testbed.sim.measurements.table_files import software
 
 CHUNK_FOLDER, REPORT_FILE = "runs", "report.json"
 Asked = TypeVar("Asked")
@@ -110,17 +110,7 @@ def check_folder(folder: Path, document: RunsFile[Any]) -> bool:
         return False
     if not present(folder / RUN_FILE):
         raise InputError(f"{folder}: exists already and holds no Monte Carlo ({RUN_FILE}); give a new name")
-    # Another machine may go on: its last digits differ, its random numbers do not.
-    found, asked = (
-        {key: value for key, value in content.items() if key != "machine"}
-        for content in (read_json(folder / RUN_FILE), document.plain())
-    )
-    if (other := first_difference(found, asked)) is not None:
-        name, there, here = other
-        raise InputError(
-            f"{folder}: holds runs of another configuration: {name} is {shortened(repr(there))} there and "
-            f"{shortened(repr(here))} here; give a new name"
-        )
+    check_configuration(folder / RUN_FILE, document, "runs")
     return True
 
 
