@@ -1,0 +1,176 @@
+"""The order in which a plan is measured: short ways, and time that grows with nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import networkx as nx
+import numpy as np
+import scipy
+
+from tulip_testbed.experiments.usable_plan import planned_parameters
+from tulip_testbed.identification.feasibility import place_polygon
+from tulip_testbed.identification.planning.optimal_plan import with_repeats
+from tulip_testbed.identification.regressor import stacked_regressor
+from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.procedure import start_times
+from tulip_testbed.sim.rig import Rig, preset_rig
+from tulip_testbed.sim.robot import Robot, sole_corners
+from tulip_testbed.sim.scene import boards_under, nominal_plates
+
+STARTS = 4  # of the simulated annealing
+REFUSED = 1e4  # s, more than every motion: the robot would have to be lifted
+
+
+def with_own_repeats(plan: PosturePlan, count: int) -> PosturePlan:
+    """Return a plan with `count` repeated postures, or as it is if it holds repeats."""
+    return plan if plan.postures < len(plan) or not count else with_repeats(plan, count, 0)
+
+
+def shortest_tour(cost: np.ndarray) -> list[int]:
+    """Return a short closed tour of all nodes that begins with the first, as networkx finds it.
+
+    Simulated annealing begins with a greedy tour; of several runs the shortest is taken.
+
+    Args:
+        cost: symmetric, (n, n).
+    """
+    count = len(cost)
+    if count < 4:
+        return list(range(count))
+    graph = nx.from_numpy_array(cost + 1e-9)  # an edge of weight 0 would be none
+    tours = [
+        nx.approximation.simulated_annealing_tsp(
+            graph, "greedy", source=0, move=move, N_inner=200, seed=seed
+        )[:-1]
+        for seed in range(STARTS)
+        for move in ("1-1", "1-0")
+    ]
+    return min(tours, key=lambda tour: cost[tour, np.roll(tour, -1)].sum())
+
+
+def shortest_path(cost: np.ndarray) -> list[int]:
+    """Return a short open way through all nodes: a tour by one more node that is near to all."""
+    padded = np.pad(cost, ((1, 0), (1, 0)))
+    return [node - 1 for node in shortest_tour(padded)[1:]]
+
+
+def order_of_placement(
+    plan: PosturePlan, rows: np.ndarray, way: Callable[[int, int], float], least: Callable[[int, int], float]
+) -> np.ndarray:
+    """Order the rows of one placement and support.
+
+    The ways are evaluated where the tour wants to go alone: elsewhere their least duration is enough. The
+    first of the repeated postures opens the placement and closes it.
+
+    Args:
+        way: duration of the motion between two rows, `REFUSED` if there is none [s]. least: bound below [s].
+    """
+    _, first = np.unique(plan.posture[rows], return_index=True)
+    once = rows[np.sort(first)]
+    again = rows[~np.isin(rows, once)]
+    if len(once) == 1:
+        return rows
+    cost = np.array([[0.0 if a == b else least(a, b) for b in once] for a in once])
+    known = np.eye(len(once), dtype=bool)
+    while True:
+        tour = shortest_tour(cost) if len(again) else shortest_path(cost)
+        steps = list(zip(tour, [*tour[1:], tour[0]], strict=True))
+        steps = steps if len(again) else steps[:-1]
+        unknown = [(a, b) for a, b in steps if not known[a, b]]
+        if not unknown:
+            break
+        for a, b in unknown:
+            known[a, b] = known[b, a] = True
+            cost[a, b] = cost[b, a] = way(once[a], once[b])
+    ordered = once[tour]
+    if not len(again):
+        return ordered
+    position = {int(number): k for k, number in enumerate(plan.posture[ordered])}
+    ordered = np.roll(ordered, -position[int(plan.posture[again[0]])])
+    return np.concatenate([ordered, again])
+
+
+def order_of_placements(robot: Robot, plan: PosturePlan) -> list[int]:
+    """Order the placements of a plan by their numbers.
+
+    They form a closed tour that moves the boards little: it goes out and comes back, so that the place of the
+    feet does not grow with time. Of all beginnings and both directions of the tour, the one is taken in which
+    a linear drift is told best from everything else (`drift_inflation`). A placement that only repeats
+    postures comes half a tour after, or before, the placement that it repeats.
+    """
+    numbers = list(dict.fromkeys(plan.placement.tolist()))
+    rows = {number: np.flatnonzero(plan.placement == number) for number in numbers}
+    owner: dict[int, int] = {}
+    for number in numbers:
+        for posture in plan.posture[rows[number]].tolist():
+            owner.setdefault(posture, number)
+    repeats = [n for n in numbers if all(owner[p] != n for p in plan.posture[rows[n]].tolist())]
+    own = [number for number in numbers if number not in repeats]
+    tour = [own[k] for k in shortest_tour(marks_moved(robot, plan, [int(rows[n][0]) for n in own]))]
+    basis, rig = _explained(robot, plan), preset_rig("ideal", robot)
+
+    def complete(turned: list[int]) -> list[int]:
+        half, out = len(turned) // 2, list(turned)
+        for number in repeats:
+            there = turned.index(owner[int(plan.posture[rows[number][0]])])
+            after = turned[(there + half) % len(turned)]
+            out.insert(out.index(after) + 1, number)
+        return out
+
+    candidates = [complete(one[k:] + one[:k]) for one in (tour, tour[::-1]) for k in range(len(tour))]
+    return min(
+        candidates, key=lambda one: _inflation(basis, rig, plan, np.concatenate([rows[n] for n in one]))
+    )
+
+
+def drift_inflation(robot: Robot, plan: PosturePlan) -> float:
+    """Return by how much the standard error of a linear drift grows since other things vary with time [-].
+
+    The drift is that of the centre of pressure in x or in y, whichever is told worse. The other things are
+    the base parameters and whatever is linear in the place of the feet.
+    """
+    return _inflation(_explained(robot, plan), preset_rig("ideal", robot), plan, np.arange(len(plan)))
+
+
+def _explained(robot: Robot, plan: PosturePlan) -> np.ndarray:
+    """Return an orthonormal basis of what base parameters and feet can explain, (m, 2, p)."""
+    columns = stacked_regressor(planned_parameters(robot, plan), plan.joint_angles, plan.support)
+    feet = np.column_stack([np.ones(len(plan)), plan.swing_pose])
+    places = np.einsum("mk,ab->makb", feet, np.eye(2)).reshape(2 * len(plan), -1)
+    return scipy.linalg.orth(np.hstack([columns, places])).reshape(len(plan), 2, -1)
+
+
+def _inflation(basis: np.ndarray, rig: Rig, plan: PosturePlan, order: np.ndarray) -> float:
+    """Return the larger inflation of both axes.
+
+    Args:
+        basis: see `_explained`.
+    """
+    time = start_times(rig, plan.placement[order])
+    time = (time - time.mean()) / np.linalg.norm(time - time.mean())
+    explained = [float(((time @ basis[order, axis]) ** 2).sum()) for axis in range(2)]
+    return 1 / np.sqrt(max(1 - max(explained), 1e-12))
+
+
+def marks_moved(robot: Robot, plan: PosturePlan, rows: list[int]) -> np.ndarray:
+    """Return how far boards and foot marks move from one placement to another in the mean, (k, k) [m].
+
+    They are seen from the right board: the corners of the left board and of both soles.
+
+    Args:
+        rows: one row of every placement.
+    """
+    feet = plan.foot_poses[rows]
+    boards = boards_under(preset_rig("ideal", robot), feet)
+    half = nominal_plates(robot)[0].size / 2
+    corners = half * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
+    soles = [sole_corners(robot.model, foot)[:, :2] for foot in robot.feet]
+    marks = np.array(
+        [
+            np.concatenate([place_polygon(c, pose) for c, pose in zip([corners, *soles], poses, strict=True)])
+            - board[0, :2]
+            for poses, board in zip(np.concatenate([boards[:, 1:], feet], axis=1), boards, strict=True)
+        ]
+    )
+    return np.linalg.norm(marks[:, None] - marks[None], axis=-1).mean(axis=-1)

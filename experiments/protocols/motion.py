@@ -1,0 +1,217 @@
+"""Motions from one posture to the next while the feet stay where they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from tulip_testbed.experiments.protocols.motion_limits import (
+    GEOMETRIC,
+    MotionLimits,
+    dynamic_room,
+    geometric_room,
+    motion_limits,
+)
+from tulip_testbed.experiments.protocols.motion_loads import LoadsInMotion
+from tulip_testbed.identification.feasibility import place_polygon
+from tulip_testbed.identification.inverse_kinematics import InverseKinematics
+from tulip_testbed.identification.link_clearances import reference_posture
+from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.measurements.data import base_foot
+from tulip_testbed.sim.path import smooth_path, straight_path
+from tulip_testbed.sim.robot import Robot, sole_corners
+
+SPEED = 0.5  # rad/s, of any joint
+SHORTEST, LONGEST = 2.0, 30.0  # s, of a motion without a stop
+STILL = 1e3  # s, of a motion without any inertial force
+SLOWER = 1.3  # times the duration, where a faster motion exceeds a limit
+INSTANTS = 61  # of a motion without a stop that are looked at
+RATE, STRIDE = 50, 5  # samples a second of a trajectory; samples from one point of a message to the next
+LOWERED = (1.0, 0.97, 0.94, 0.9)  # heights of the centre of mass in the stance on the way, of that of `stand`
+
+FREE, HOIST, LIFT = "free", "hoist", "lift"
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A motion from one row of a plan to another.
+
+    Attributes:
+        start, end: numbers of the postures.
+        placement: number of the placement.
+        kind: "free": the robot carries itself; "hoist": it hangs in a hoist while its feet stay in place.
+        via_stance: whether it stops in a stance on the way.
+        times: (k,) [s]. angles, speeds, accelerations: (k, n) [rad, rad/s, rad/s2].
+        torques: of the drives by inverse dynamics, (k, n) [N m].
+        room: least room that every limit leaves, by its name [rad, m, -].
+        reason: what keeps it from being free, or "".
+    """
+
+    start: int
+    end: int
+    placement: int
+    kind: str
+    via_stance: bool
+    times: np.ndarray
+    angles: np.ndarray
+    speeds: np.ndarray
+    accelerations: np.ndarray
+    torques: np.ndarray
+    room: dict[str, float]
+    reason: str
+
+    @property
+    def duration(self) -> float:
+        """Return the duration [s]."""
+        return float(self.times[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class _Leg:
+    """A motion without a stop: joint angles over a time from 0 to 1, its duration [s] and its room."""
+
+    path: Callable[..., np.ndarray]
+    duration: float
+    room: dict[str, float]
+
+    @property
+    def lacks(self) -> list[str]:
+        return [name for name, value in self.room.items() if value < 0]
+
+
+class MotionPlanner:
+    """Plans motions between postures; a class because it keeps MuJoCo's data and its answers."""
+
+    def __init__(self, robot: Robot, plan: PosturePlan, speed: float = SPEED):
+        self.robot, self.plan, self.speed = robot, plan, speed
+        self.limits: MotionLimits = motion_limits(robot)
+        self.loads = LoadsInMotion(robot)
+        self.chain = self.loads.chain
+        self.inverse = InverseKinematics(robot, robot.model)
+        self.soles = [sole_corners(robot.model, foot)[:, :2] for foot in robot.feet]
+        self.standing = self.loads.position(reference_posture(robot), 0)
+        self.height = self.loads.height(self.standing)
+        self.legs: dict[tuple[int, int], tuple[list[_Leg], str]] = {}
+
+    def least_duration(self, start: int, end: int) -> float:
+        """Return the duration of a motion between two rows by the speed of the joints alone [s]."""
+        turn = np.abs(self.plan.joint_angles[end] - self.plan.joint_angles[start]).max()
+        return max(SHORTEST, 1.875 * float(turn) / self.speed)
+
+    def way(self, start: int, end: int) -> tuple[float, str]:
+        """Return duration [s] and kind of the motion between two rows of one placement and support."""
+        legs, kind = self._legs(start, end)
+        return sum(leg.duration for leg in legs), kind
+
+    def motion(self, start: int, end: int) -> Motion:
+        """Return the motion between two rows of one placement and support."""
+        legs, kind = self._legs(start, end)
+        plan, support = self.plan, str(self.plan.support[start])
+        times, angles, speeds, accelerations, torques = [], [], [], [], []
+        before = 0.0
+        for k, leg in enumerate(legs):
+            count = STRIDE * round(leg.duration * RATE / STRIDE)
+            part = np.linspace(0.0, 1.0, count + 1)
+            at = part * leg.duration
+            found = self.loads.at(at, leg.path(part), support)
+            first = int(k > 0)  # the stop on the way is the end of the leg before
+            times.append(before + at[first:])
+            angles.append(leg.path(part)[first:])
+            speeds.append((leg.path(part, 1) / leg.duration)[first:])
+            accelerations.append((leg.path(part, 2) / leg.duration**2)[first:])
+            torques.append(found.torques[first:])
+            before += leg.duration
+        room = {name: min(leg.room[name] for leg in legs) for name in legs[0].room}
+        lacking = {name: None for leg in legs for name in leg.lacks}
+        return Motion(
+            start=int(plan.posture[start]),
+            end=int(plan.posture[end]),
+            placement=int(plan.placement[start]),
+            kind=kind,
+            via_stance=len(legs) > 1,
+            times=np.concatenate(times),
+            angles=np.concatenate(angles),
+            speeds=np.concatenate(speeds),
+            accelerations=np.concatenate(accelerations),
+            torques=np.concatenate(torques),
+            room=room,
+            reason=", ".join(lacking),
+        )
+
+    def _legs(self, start: int, end: int) -> tuple[list[_Leg], str]:
+        """Return the legs of the motion between two rows, and its kind.
+
+        The straight way of the torso is preferred, then one by a stance between the feet. If neither keeps
+        all limits, the robot hangs in a hoist on the first way that keeps joints and links apart.
+        """
+        key = (start, end)
+        if key not in self.legs:
+            self.legs[key] = self._found(start, end)
+        return self.legs[key]
+
+    def _found(self, start: int, end: int) -> tuple[list[_Leg], str]:
+        first, last = self.plan.joint_angles[[start, end]]
+        support = str(self.plan.support[start])
+        ways = []
+        for stops in self._stops(start, end):
+            legs = [self._leg(a, b, support) for a, b in pairwise([first, *stops, last])]
+            if not any(leg.lacks for leg in legs):
+                return legs, FREE
+            ways.append(legs)
+        for legs in ways:
+            if not any(leg.room[name] < 0 for leg in legs for name in GEOMETRIC):
+                return legs, HOIST
+        return ways[0], LIFT
+
+    def _stops(self, start: int, end: int) -> Iterator[list[np.ndarray]]:
+        """Yield what lies on the way: nothing, then stances with the feet of the placement."""
+        yield []
+        if self.plan.support[start] != "double":
+            return
+        mean = self.plan.joint_angles[[start, end]].mean(axis=0)
+        for height in LOWERED:
+            if (stance := self.stance(self.plan.swing_pose[start], height, mean)) is not None:
+                yield [stance]
+
+    def stance(self, swing_pose: np.ndarray, lowered: float, angles: np.ndarray) -> np.ndarray | None:
+        """Return an upright posture with the centre of mass between the feet, (n,) [rad]; None: out of reach.
+
+        Args:
+            swing_pose: (3,) [m, m, rad].
+            lowered: height of the centre of mass over that of `stand`.
+            angles: joints that are not between the feet stay there, (n,) [rad].
+        """
+        guess = self.standing.copy()
+        free = ~self.chain.coupled
+        guess[self.chain.qpos[free]] = angles[free]
+        both = np.array(
+            [
+                place_polygon(sole, pose)
+                for sole, pose in zip(self.soles, (np.zeros(3), swing_pose), strict=True)
+            ]
+        )
+        com = np.array([*both.mean(axis=(0, 1)), lowered * self.height])
+        return self.inverse.solve(swing_pose, com, np.array([0.0, 0.0, swing_pose[2] / 2]), guess)
+
+    def _leg(self, start: np.ndarray, end: np.ndarray, support: str) -> _Leg:
+        between = self.chain.path if support == "double" else straight_path
+        base = int(base_foot(np.array([support]))[0])
+        path = smooth_path(start, between, end, 1.0)
+        part = np.linspace(0.0, 1.0, INSTANTS)
+        angles = path(part)
+        room = geometric_room(self.limits, between, start, end, angles, base)
+        duration = max(SHORTEST, float(np.abs(path(part, 1)).max()) / self.speed)
+        found = self._dynamic_room(part * STILL, angles, support)
+        holds = min(found.values()) >= 0  # however slow
+        while holds and duration < LONGEST:
+            found = self._dynamic_room(part * duration, angles, support)
+            if min(found.values()) >= 0:
+                break
+            duration *= SLOWER
+        return _Leg(path, duration, room | found)
+
+    def _dynamic_room(self, times: np.ndarray, angles: np.ndarray, support: str) -> dict[str, float]:
+        return dynamic_room(self.limits, self.loads.at(times, angles, support), support)
