@@ -145,7 +145,7 @@ class MotionPlanner:
         """Return the legs of the motion between two rows, and its kind.
 
         The straight way of the torso is preferred, then one by a stance between the feet. If neither keeps
-        all limits, the robot hangs in a hoist on the first way that keeps joints and links apart.
+        all limits, the robot hangs in a hoist on the first way that keeps ranges and distances of links.
         """
         key = (start, end)
         if key not in self.legs:
@@ -155,16 +155,22 @@ class MotionPlanner:
     def _found(self, start: int, end: int) -> tuple[list[_Leg], str]:
         first, last = self.plan.joint_angles[[start, end]]
         support = str(self.plan.support[start])
+        held = all(min(self._at_rest(angles, support).values()) >= 0 for angles in (first, last))
+        hung: list[_Leg] = []
         ways = []
         for stops in self._stops(start, end):
             legs = [self._leg(a, b, support) for a, b in pairwise([first, *stops, last])]
             if not any(leg.lacks for leg in legs):
                 return legs, FREE
+            if not hung and not any(leg.room[name] < 0 for leg in legs for name in GEOMETRIC):
+                hung = legs
+                if not held:  # no way is free
+                    break
             ways.append(legs)
-        for legs in ways:
-            if not any(leg.room[name] < 0 for leg in legs for name in GEOMETRIC):
-                return legs, HOIST
-        return ways[0], LIFT
+        return (hung, HOIST) if hung else (ways[0], LIFT)
+
+    def _at_rest(self, angles: np.ndarray, support: str) -> dict[str, float]:
+        return self._dynamic_room(STILL * np.arange(3), np.tile(angles, (3, 1)), support)
 
     def _stops(self, start: int, end: int) -> Iterator[list[np.ndarray]]:
         """Yield what lies on the way: nothing, then stances with the feet of the placement."""

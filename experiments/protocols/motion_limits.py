@@ -104,16 +104,15 @@ def dynamic_room(limits: MotionLimits, loads: MotionLoads, support: str) -> dict
     soles = loads.soles[0, stands, :, :2]
     used = ((np.abs(loads.torques) + np.abs(loads.friction)) / limits.torques).max()
     polygon = support_polygon(soles)
-    inside = min(stability_margin(point, polygon) for point in np.concatenate([loads.com, loads.zmp]))
+    inside = stability_margin(np.concatenate([loads.com, loads.zmp]), polygon)  # of the nearest
     room = {
         TORQUE: TORQUE_SHARE - float(used),
         SUPPORT: inside - limits.stability_margin + ROUNDING,
     }
     if stands.all():
         on_soles = [
-            stability_margin(point, polygon)
-            for side, polygon in enumerate(map(support_polygon, soles))
-            for point in loads.foot_points[:, side]
+            stability_margin(loads.foot_points[:, side], support_polygon(sole))
+            for side, sole in enumerate(soles)
         ]
         room[SOLE] = min(on_soles) - limits.sole_margin + ROUNDING
     else:

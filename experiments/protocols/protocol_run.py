@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -249,8 +248,9 @@ def _notes(planner: MotionPlanner, plan: PosturePlan, motions: tuple[Motion | No
             distance = clearances_at(pairs, plan.joint_angles[rows], 0.0).distance
             for k in np.flatnonzero(distance.min(axis=1) < -1e-4):
                 pair = int(distance[k].argmin())
+                links = " and ".join(pairs.names[pair])
                 notes.append(
-                    f"Posture {plan.posture[rows[k]]}: the shapes of {' and '.join(pairs.names[pair])} overlap by "
+                    f"Posture {plan.posture[rows[k]]}: the shapes of {links} overlap by "
                     f"{-1e3 * distance[k, pair]:.1f} mm in the model: look before you let the robot go there."
                 )
     hung = [motion for motion in motions if motion and motion.kind == HOIST]
