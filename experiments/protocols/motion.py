@@ -210,14 +210,14 @@ class MotionPlanner:
         angles = path(part)
         room = geometric_room(self.limits, between, start, end, angles, base)
         duration = max(SHORTEST, float(np.abs(path(part, 1)).max()) / self.speed)
-        found = self._dynamic_room(part * STILL, angles, support)
-        holds = min(found.values()) >= 0  # however slow
-        while holds and duration < LONGEST:
-            found = self._dynamic_room(part * duration, angles, support)
-            if min(found.values()) >= 0:
-                break
-            duration *= SLOWER
-        return _Leg(path, duration, room | found)
+        found = self._dynamic_room(part * STILL, angles, support)  # of the slowest motion
+        slower = duration
+        while min(found.values()) >= 0 and slower < LONGEST:
+            faster = self._dynamic_room(part * slower, angles, support)
+            if min(faster.values()) >= 0:
+                return _Leg(path, slower, room | faster)
+            slower *= SLOWER
+        return _Leg(path, duration, room | self._dynamic_room(part * duration, angles, support))
 
     def _dynamic_room(self, times: np.ndarray, angles: np.ndarray, support: str) -> dict[str, float]:
         return dynamic_room(self.limits, self.loads.at(times, angles, support), support)

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from tulip_testbed.sim.errors import IncompleteError, InputError, look_up
-from tulip_testbed.sim.files import new_folder, present
+from tulip_testbed.sim.files import new_folder, present, write_text
 from tulip_testbed.sim.measurements.checked_table import checked_table, tables_beside
 from tulip_testbed.sim.measurements.column_mapping import MappedTable, mapped_table
 from tulip_testbed.sim.measurements.contact_columns import (
@@ -93,6 +93,24 @@ def write_measurements(folder: Path, measurements: Measurements, likely: bool = 
         tables = {path.name: sha256(path) for path in paths.values()}
         manifest = manifest_of(measurements, tables).model_dump(exclude=unset_keys(measurements))
         write_json(working / "manifest.json", _without_unused(manifest))
+
+
+def write_start(folder: Path, empty: Measurements) -> None:
+    """Write a new folder that measurements are to be appended to: a manifest, and a table without rows.
+
+    The table is a CSV file; the manifest states no hash, since the table is to grow.
+
+    Args:
+        empty: everything that is known beforehand, without rows.
+
+    Raises:
+        InputError: the folder exists or cannot be written.
+    """
+    exclude = unset_keys(empty) | {"created", "software", "tables"}
+    with new_folder(folder) as working:
+        manifest = manifest_of(empty, {}).model_dump(exclude=exclude)
+        write_json(working / "manifest.json", _without_unused(manifest))
+        write_text(working / "postures.csv", ",".join(empty.columns()) + "\n")
 
 
 def _without_unused(manifest: dict[str, Any]) -> dict[str, Any]:

@@ -106,7 +106,7 @@ def html(page: Page) -> str:
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        finalize=_shown,
+        finalize=shown_value,
     )
     figures = [figure for section in page.sections for figure in section.figures]
     return environment.from_string(template).render(
@@ -117,7 +117,7 @@ def html(page: Page) -> str:
     )
 
 
-def _shown(value: Any) -> Any:
+def shown_value(value: Any) -> Any:
     """Return a value without control characters, which a name or a text of a file may hold."""
     if not isinstance(value, str) or isinstance(value, Markup):
         return value
@@ -298,7 +298,7 @@ def _pictures(
     names = [f"Posture {postures.posture[k]}, placement {postures.placement[k]}" for k in rows]
     return tuple(
         Picture(
-            "data:image/png;base64," + base64.b64encode(_png(drawing)).decode(),
+            "data:image/png;base64," + base64.b64encode(png(drawing)).decode(),
             name,
             f"The robot on its two plates: {name}.",
         )
@@ -306,7 +306,7 @@ def _pictures(
     )
 
 
-def _png(image: np.ndarray) -> bytes:
+def png(image: np.ndarray) -> bytes:
     file = io.BytesIO()
     Image.fromarray(image).quantize(COLOURS).save(file, "PNG", optimize=True)
     return file.getvalue()

@@ -1,0 +1,62 @@
+"""What is known of the measurements before the first row: the start of their folder, and rows to fill in."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from tulip_testbed.sim.measurements import Measurements, PosturePlan, SensorSheet
+from tulip_testbed.sim.procedure import constants
+from tulip_testbed.sim.rig import preset_rig
+from tulip_testbed.sim.robot import CELLS, Robot, joint_names
+
+KNOWN = ("posture", "placement", "support")  # columns that the protocol fills in
+
+
+def empty_measurements(robot: Robot, sensors: str | None) -> Measurements:
+    """Return measurements without rows: robot, joints, sensors and their data sheet, as far as known.
+
+    Args:
+        sensors: preset; None: four cells under each foot, without a data sheet.
+    """
+    known = constants(preset_rig(sensors or "ideal", robot))
+    if sensors is None:
+        known["sensors"] = SensorSheet()
+    contacts, joints = known["contacts"], len(joint_names(robot.model))
+    channels = 0 if contacts is None else len(contacts.channels)
+    cells = np.zeros((0, len(CELLS) if contacts is None else 0))
+    angles, wrenches = np.zeros((0, joints)), None if contacts is None else np.zeros((0, 2, channels))
+    return Measurements(
+        joints=joint_names(robot.model),
+        **{name: np.zeros(0, int) for name in ("posture", "placement", "samples")},
+        support=np.zeros(0, str),
+        **{name: np.zeros(0) for name in ("time", "window")},
+        joint_angles=angles,
+        joint_angles_sd=angles,
+        command=None,
+        motor=None,
+        cell_forces=cells,
+        cell_forces_sd=cells,
+        plate_poses=np.zeros((0, 2, 3)),
+        weighed_mass=None,
+        wrenches=wrenches,
+        wrenches_sd=wrenches,
+        **known,
+    )
+
+
+def rows_to_fill_in(empty: Measurements, plan: PosturePlan) -> str:
+    """Return the rows to measure as CSV in the columns of the measurement folder; what is measured is empty."""
+    columns = list(empty.columns())
+    known = zip(*(getattr(plan, name).tolist() for name in KNOWN), strict=True)
+    rows = [[str(dict(zip(KNOWN, row, strict=True)).get(name, "")) for name in columns] for row in known]
+    return "\n".join(",".join(row) for row in [columns, *rows]) + "\n"
+
+
+def unknown_entries(empty: Measurements) -> list[str]:
+    """Name the entries of the manifest that a person has to fill in."""
+    sheet = dataclasses.asdict(empty.sensors)
+    cells = empty.contacts is None
+    wanted = [name for name, value in sheet.items() if value is None and (cells or "cell" not in name)]
+    return ["weighed_mass", *(f"sensors.{name}" for name in wanted)]

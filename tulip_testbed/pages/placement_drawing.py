@@ -1,0 +1,187 @@
+"""A placement from above as SVG in the millimetres of the paper: boards, foot marks, datum, calibration bar."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+
+from tulip_testbed.identification.feasibility import place_polygon
+from tulip_testbed.sim.measurements.data import base_foot
+from tulip_testbed.sim.robot import CORNERS, PLATES, Robot, sole_corners
+from tulip_testbed.sim.scene import nominal_plates
+
+SCALES = (1, 2, 2.5, 4, 5, 8, 10, 15, 20, 25, 50, 100)
+WIDTH, HEIGHT = 112.0, 96.0  # mm of the paper, of the largest drawing
+BAR = 100.0  # mm on the paper
+EDGE, FOOTER = 6.0, 12.0  # mm around the drawing and below it
+BOARD, SOLE, DATUM = "#8a939c", "#1f5fa8", "#c4461b"
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A point to be measured on boards or floor.
+
+    Attributes:
+        label: as in the drawing. name: what it is.
+        x, y: in the base frame [mm].
+    """
+
+    label: str
+    name: str
+    x: float
+    y: float
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Boards and soles of one placement in its base frame.
+
+    Attributes:
+        boards: poses of right and left board, (2, 3) [m, m, rad]. outlines: their corners, (2, 4, 2) [m].
+        feet: poses of right and left foot, (2, 3) [m, m, rad]. soles: their corners, (2, 4, 2) [m].
+        stands: whether each foot stands, (2,).
+        datum: the foot below whose ankle the origin lies, 0: right.
+    """
+
+    boards: np.ndarray
+    outlines: np.ndarray
+    feet: np.ndarray
+    soles: np.ndarray
+    stands: tuple[bool, bool]
+    datum: int
+
+
+def placement_of(robot: Robot, boards: np.ndarray, feet: np.ndarray, support: np.ndarray) -> Placement:
+    """Return what a placement's drawing shows.
+
+    Args:
+        boards, feet: poses of right and left in the base frame, (2, 3) [m, m, rad].
+        support: of the placement's postures, (k,).
+    """
+    half = nominal_plates(robot)[0].size / 2
+    corners = half * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
+    soles = [sole_corners(robot.model, foot)[:, :2] for foot in robot.feet]
+    return Placement(
+        boards=boards,
+        outlines=np.array([place_polygon(corners, pose) for pose in boards]),
+        feet=feet,
+        soles=np.array([place_polygon(sole, pose) for sole, pose in zip(soles, feet, strict=True)]),
+        stands=(bool((support != "left").any()), bool((support != "right").any())),
+        datum=int(base_foot(support[:1])[0]),
+    )
+
+
+def marks(placement: Placement) -> list[Mark]:
+    """List the corners of boards and soles and the points below the ankles."""
+    found = []
+    for side, plate in enumerate(PLATES):
+        letters = "ABCD" if side == 0 else "EFGH"
+        for label, corner, point in zip(letters, CORNERS, placement.outlines[side], strict=True):
+            found.append(_mark(label, f"{plate} board, {_words(corner)}", point))
+    for side, plate in enumerate(PLATES):
+        if not placement.stands[side]:
+            continue
+        for k, (corner, point) in enumerate(zip(CORNERS, placement.soles[side], strict=True)):
+            found.append(_mark(str(4 * side + k + 1), f"{plate} sole, {_words(corner)}", point))
+        found.append(_mark("RL"[side], f"below the {plate} ankle", placement.feet[side, :2]))
+    return found
+
+
+def scale_for(placements: list[Placement]) -> float:
+    """Return the largest usual scale in which all placements fit their space on the paper, 1 : N."""
+    sizes = [1e3 * np.ptp(_points(one), axis=0)[::-1] for one in placements]
+    need = float((np.max(sizes, axis=0) / [WIDTH, HEIGHT]).max())
+    return next((scale for scale in SCALES if scale >= need), SCALES[-1])
+
+
+def drawing(placement: Placement, scale: float) -> str:
+    """Return a placement as an SVG whose millimetres are those of the paper; forward is up, left is left.
+
+    Args:
+        scale: N of 1 : N.
+    """
+    points = _points(placement)
+    low, high = points.min(axis=0), points.max(axis=0)
+
+    def at(point: np.ndarray) -> tuple[float, float]:
+        x, y = 1e3 * (high - point)[::-1] / scale + EDGE
+        return float(x), float(y)
+
+    def polygon(corners: np.ndarray, style: str, name: str) -> str:
+        text = " ".join(f"{x:.3f},{y:.3f}" for x, y in map(at, corners))
+        return f'<polygon id="{name}" points="{text}" {style}/>'
+
+    wide, tall = 1e3 * (high - low)[::-1] / scale + 2 * EDGE
+    wide, tall = max(float(wide), BAR + 2 * EDGE), float(tall) + FOOTER
+    parts = [
+        polygon(outline, f'fill="#f3f5f7" stroke="{BOARD}" stroke-width="0.3"', f"{plate}-board")
+        for plate, outline in zip(PLATES, placement.outlines, strict=True)
+    ]
+    for side, plate in enumerate(PLATES):
+        if placement.stands[side]:
+            style = f'fill="{SOLE}" fill-opacity="0.08" stroke="{SOLE}" stroke-width="0.3"'
+            parts.append(polygon(placement.soles[side], style, f"{plate}-sole"))
+            parts.append(_cross(*at(placement.feet[side, :2]), 1.5, SOLE))
+    parts += [_label(mark, at, points.mean(axis=0)) for mark in marks(placement)]
+    x, y = at(np.zeros(2))
+    reach = 9.0
+    parts.append(
+        f'<g stroke="{DATUM}" stroke-width="0.4" fill="none"><circle cx="{x:.3f}" cy="{y:.3f}" r="1.8"/>'
+        f'<path d="M{x:.3f} {y:.3f}v{-reach}l-1 2m1 -2l1 2M{x:.3f} {y:.3f}h{-reach}l2 -1m-2 1l2 1"/></g>'
+        f'<g fill="{DATUM}" font-size="3"><text x="{x + 1.2:.3f}" y="{y - reach + 1:.3f}">x</text>'
+        f'<text x="{x - reach:.3f}" y="{y - 1.8:.3f}">y</text></g>'
+    )
+    parts.append(_bar(EDGE, tall - 6.0))
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide:.3f}mm" height="{tall:.3f}mm" '
+        f'viewBox="0 0 {wide:.3f} {tall:.3f}" font-family="sans-serif" role="img" '
+        f'aria-label="Boards and foot marks from above, 1 : {scale:g}">{"".join(parts)}</svg>'
+    )
+
+
+def _bar(x: float, y: float) -> str:
+    ticks = "".join(f"M{x + 10 * k:.3f} {y:.3f}v{-1.5 - (k % 5 == 0)}" for k in range(11))
+    return (
+        f'<path id="bar" d="M{x:.3f} {y:.3f}h{BAR:g}" stroke="black" stroke-width="0.3" fill="none"/>'
+        f'<path d="{ticks}" stroke="black" stroke-width="0.2" fill="none"/>'
+        f'<text x="{x:.3f}" y="{y + 3.6:.3f}" font-size="2.8">This bar measures {BAR:g} mm on paper; '
+        "if not, print at 100 %.</text>"
+    )
+
+
+def _cross(x: float, y: float, reach: float, colour: str) -> str:
+    return (
+        f'<path d="M{x - reach:.3f} {y:.3f}h{2 * reach}M{x:.3f} {y - reach:.3f}v{2 * reach}" '
+        f'stroke="{colour}" stroke-width="0.3"/>'
+    )
+
+
+def _label(mark: Mark, at, middle: np.ndarray) -> str:
+    """A mark's label, a little outside of its point; that of an ankle beside it."""
+    x, y = at(1e-3 * np.array([mark.x, mark.y]))
+    if mark.label in "RL":
+        return f'<text x="{x + 1.6:.3f}" y="{y + 3.6:.3f}" font-size="2.8" fill="{SOLE}">{mark.label}</text>'
+    u, v = at(middle)
+    board = mark.label.isalpha()
+    across = np.sign(x - u) if board else 0.0
+    x, y = x + 2.2 * across, y + (2.4 if y > v else -1.2) + (0.6 if board else 0.0)
+    colour = "#444" if board else SOLE
+    return (
+        f'<text x="{x:.3f}" y="{y:.3f}" font-size="2.8" text-anchor="middle" fill="{colour}">'
+        f"{escape(mark.label)}</text>"
+    )
+
+
+def _points(placement: Placement) -> np.ndarray:
+    """Return the corners of both boards and the datum, (9, 2) [m]."""
+    return np.vstack([placement.outlines.reshape(-1, 2), placement.soles.reshape(-1, 2), np.zeros((1, 2))])
+
+
+def _mark(label: str, name: str, point: np.ndarray) -> Mark:
+    return Mark(label, name, 1e3 * float(point[0]), 1e3 * float(point[1]))
+
+
+def _words(corner: str) -> str:
+    return corner.replace("_", " ")

@@ -1,0 +1,191 @@
+"""The protocol of a laboratory day as a folder: pages to print, trajectories, the start of the measurements."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+
+from tulip_testbed.experiments.protocols.measurement_start import (
+    empty_measurements,
+    rows_to_fill_in,
+    unknown_entries,
+)
+from tulip_testbed.experiments.protocols.motion import FREE, Motion
+from tulip_testbed.experiments.protocols.motion_files import motion_csv, motion_name, motion_yaml
+from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol
+from tulip_testbed.pages.page import png, shown_value
+from tulip_testbed.pages.placement_drawing import Mark, drawing, marks, placement_of, scale_for
+from tulip_testbed.rendering import rendered
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.files import new_folder, write_text
+from tulip_testbed.sim.measurements.measurement_folder import write_start
+from tulip_testbed.sim.measurements.plan_folder import write_plan
+
+TEMPLATE = "protocol.html.j2"
+PAGE, PLAN, TRAJECTORIES = "protocol.html", "plan", "trajectories"
+MEASUREMENTS, ROWS = "measurements", "rows.csv"
+SIZE = (240, 320)  # pixels, of a posture's picture
+COLUMNS = 6  # postures beside each other
+SUPPORTS = {"double": "both feet", "right": "right foot", "left": "left foot"}
+
+BEFORE = (
+    "Both boards and the floor below them are level.",
+    "Cells and drives have warmed up for half an hour.",
+    "The boards are unloaded and the cells are tared; the readings of the empty boards are written down.",
+    "A known mass stood on each corner of each board; the cells read it.",
+    "The encoders' zeros are checked at their marks.",
+    "The robot is weighed, with everything that it wears; mass and standard deviation are in manifest.json.",
+    "No cable or rope pulls at the robot: they hang slack in every posture.",
+    "The hoist can carry the robot, and somebody holds the emergency stop.",
+    "One trajectory was run in the air, slowly.",
+    "Date, people and temperature are written down.",
+)
+AFTER = (
+    "The boards are unloaded: the zeros of all cells are read again and written down. Do not tare before.",
+    "The encoders' zeros are read again at their marks.",
+    "The robot is weighed again.",
+    "The temperature is written down.",
+    "Rows and manifest are complete; `tulip check` finds no fault.",
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A posture as the page shows it; angles in degrees, in the order of the joints."""
+
+    number: int
+    picture: str
+    arrive: str
+    support: str
+    repeat: bool
+    angles: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A placement as the page shows it, its rows in groups that stand beside each other."""
+
+    number: int
+    svg: Markup
+    marks: tuple[Mark, ...]
+    boards: tuple[tuple[str, str, str, str], ...]
+    datum: str
+    groups: tuple[tuple[Row, ...], ...]
+
+
+def write_protocol(folder: Path, protocol: LaboratoryProtocol) -> list[str]:
+    """Write a protocol as a new folder, which appears whole or not at all.
+
+    Returns:
+        what could not be drawn, sentences.
+
+    Raises:
+        InputError: the folder exists or cannot be written.
+    """
+    plan, robot = protocol.plan, protocol.robot
+    empty = empty_measurements(robot, protocol.settings.sensors)
+    with new_folder(folder) as working:
+        page, missing = protocol_page(protocol)
+        write_text(working / PAGE, page)
+        write_plan(working / PLAN, plan)
+        (working / TRAJECTORIES).mkdir()
+        for k, motion in enumerate(protocol.motions):
+            if motion is not None:
+                name = working / TRAJECTORIES / motion_name(k + 1, motion)
+                write_text(name.with_suffix(".csv"), motion_csv(motion, plan.joints))
+                write_text(name.with_suffix(".yaml"), motion_yaml(motion, plan.joints))
+        write_start(working / MEASUREMENTS, empty)
+        write_text(working / ROWS, rows_to_fill_in(empty, plan))
+    return missing
+
+
+def protocol_page(protocol: LaboratoryProtocol) -> tuple[str, list[str]]:
+    """Return the page as HTML that asks the network for nothing, and what could not be drawn."""
+    missing: list[str] = []
+    pictures = _pictures(protocol, missing)
+    environment = jinja2.Environment(
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=shown_value,
+    )
+    template = files("tulip_testbed.pages").joinpath(TEMPLATE).read_text(encoding="utf-8")
+    plan, robot = protocol.plan, protocol.robot
+    first = {number: int(np.flatnonzero(plan.placement == number)[0]) for number in protocol.placements}
+    placed = {
+        number: placement_of(
+            robot, protocol.boards[row], plan.foot_poses[row], plan.support[plan.placement == number]
+        )
+        for number, row in first.items()
+    }
+    scale = scale_for(list(placed.values()))
+    sheets = []
+    for number, placement in placed.items():
+        rows = [_row(protocol, int(k), pictures) for k in np.flatnonzero(plan.placement == number)]
+        boards = tuple(
+            (side, *(f"{value:.1f}" for value in (1e3 * pose[0], 1e3 * pose[1], np.rad2deg(pose[2]))))
+            for side, pose in zip(("right", "left"), placement.boards, strict=True)
+        )
+        groups = tuple(tuple(rows[k : k + COLUMNS]) for k in range(0, len(rows), COLUMNS))
+        foot = ("right", "left")[placement.datum]
+        svg = Markup(drawing(placement, scale))
+        sheets.append(Sheet(number, svg, tuple(marks(placement)), boards, foot, groups))
+    empty = empty_measurements(robot, protocol.settings.sensors)
+    page = environment.from_string(template).render(
+        protocol=protocol,
+        content=protocol.document(),
+        joints=plan.joints,
+        sheets=sheets,
+        scale=scale,
+        before=BEFORE,
+        after=AFTER,
+        unknown=unknown_entries(empty),
+        missing=missing,
+    )
+    return page, missing
+
+
+def _row(protocol: LaboratoryProtocol, k: int, pictures: dict[int, str]) -> Row:
+    plan = protocol.plan
+    number = int(plan.posture[k])
+    return Row(
+        number=number,
+        picture=pictures.get(number, ""),
+        arrive=_arrival(k + 1, protocol.motions[k]),
+        support=SUPPORTS[str(plan.support[k])],
+        repeat=bool((plan.posture[:k] == number).any()),
+        angles=tuple(f"{angle:.2f}" for angle in np.rad2deg(plan.joint_angles[k])),
+    )
+
+
+def _arrival(number: int, motion: Motion | None) -> str:
+    """Tell how the robot comes to a posture."""
+    if motion is None:
+        return "Set down anew from the hoist, in this posture."
+    hung = "" if motion.kind == FREE else " In the hoist, feet in place; then let it stand."
+    by = " By a stance between the feet." if motion.via_stance else ""
+    return f"Trajectory {number:03d}, {motion.duration:.1f} s.{by}{hung}"
+
+
+def _pictures(protocol: LaboratoryProtocol, missing: list[str]) -> dict[int, str]:
+    """Return a picture of every posture as a data address, by its number."""
+    plan = protocol.plan
+    _, rows = np.unique(plan.posture, return_index=True)
+    try:
+        images = rendered(
+            protocol.robot, plan.joint_angles[rows], plan.support[rows], protocol.boards[rows], *SIZE
+        )
+    except InputError as error:
+        missing.append(f"Pictures of postures: {error}.")
+        return {}
+    return {
+        int(plan.posture[row]): "data:image/png;base64," + base64.b64encode(png(image)).decode()
+        for row, image in zip(rows, images, strict=True)
+    }
