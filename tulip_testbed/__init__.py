@@ -20,6 +20,7 @@ FUNCTIONS = (
         "next_experiment",
         "campaign",
         "plan",
+        "protocol",
         "check",
         "import_table",
         "predict",

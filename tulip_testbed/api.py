@@ -43,6 +43,13 @@ from tulip_testbed.experiments.planning_run import PlanSettings, optimal_plan
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.predict import predict as _predict
 from tulip_testbed.experiments.proposed_experiment import Proposals, next_of, write_experiment_plan
+from tulip_testbed.experiments.protocols.motion import SPEED
+from tulip_testbed.experiments.protocols.protocol_run import (
+    REPEATS,
+    LaboratoryProtocol,
+    ProtocolSettings,
+    protocol_of,
+)
 from tulip_testbed.experiments.records import read_record, record_of
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.experiments.table_import.import_map import read_map
@@ -79,6 +86,7 @@ __all__ = [
     "next_experiment",
     "plan",
     "predict",
+    "protocol",
     "read_measurements",
     "report",
     "validate",
@@ -401,6 +409,41 @@ def plan(
         check_contract(after)
     wanted = PlanSettings(seed, objective, *size, single_support, repeats, solver, right, left)
     return optimal_plan(robot or load_robot(), wanted, after)
+
+
+@checked
+@one_blas_thread
+def protocol(
+    plan: PosturePlan,
+    folder: str | Path,
+    robot: Robot | None = None,
+    sensors: str | None = None,
+    speed: float = SPEED,
+    repeats: int = REPEATS,
+) -> LaboratoryProtocol:
+    """Write what a laboratory needs to carry a plan out: pages to print, trajectories, a measurement folder.
+
+    Args:
+        plan: postures to measure.
+        folder: a new one.
+        robot: the nominal robot; TULip if None.
+        sensors: preset whose data sheet starts the measurement folder; None: it is left open.
+        speed: largest speed of a joint between postures [rad/s].
+        repeats: postures that are measured twice if the plan repeats none; at most every fifth is.
+
+    Returns:
+        the plan in the order in which it is measured, with the motion to every posture.
+
+    Raises:
+        InputError: a plan that does not fit the robot or would not identify it, a setting out of range, or a
+            folder that exists.
+    """
+    from tulip_testbed.pages.protocol_page import write_protocol
+
+    check_new(Path(folder))
+    made = protocol_of(robot or load_robot(), plan, ProtocolSettings(sensors, speed, repeats))
+    write_protocol(Path(folder), made)
+    return made
 
 
 @checked

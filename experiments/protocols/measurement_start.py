@@ -26,12 +26,16 @@ def empty_measurements(robot: Robot, sensors: str | None) -> Measurements:
     contacts, joints = known["contacts"], len(joint_names(robot.model))
     channels = 0 if contacts is None else len(contacts.channels)
     cells = np.zeros((0, len(CELLS) if contacts is None else 0))
+    none = np.zeros(0)
     angles, wrenches = np.zeros((0, joints)), None if contacts is None else np.zeros((0, 2, channels))
     return Measurements(
         joints=joint_names(robot.model),
-        **{name: np.zeros(0, int) for name in ("posture", "placement", "samples")},
-        support=np.zeros(0, str),
-        **{name: np.zeros(0) for name in ("time", "window")},
+        posture=none,
+        placement=none,
+        support=none,
+        time=none,
+        window=none,
+        samples=none,
         joint_angles=angles,
         joint_angles_sd=angles,
         command=None,
@@ -47,7 +51,7 @@ def empty_measurements(robot: Robot, sensors: str | None) -> Measurements:
 
 
 def rows_to_fill_in(empty: Measurements, plan: PosturePlan) -> str:
-    """Return the rows to measure as CSV in the columns of the measurement folder; what is measured is empty."""
+    """Return the rows to measure as CSV in the columns of the measurement folder, without readings."""
     columns = list(empty.columns())
     known = zip(*(getattr(plan, name).tolist() for name in KNOWN), strict=True)
     rows = [[str(dict(zip(KNOWN, row, strict=True)).get(name, "")) for name in columns] for row in known]

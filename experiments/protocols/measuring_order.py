@@ -138,7 +138,7 @@ def _explained(robot: Robot, plan: PosturePlan) -> np.ndarray:
     columns = stacked_regressor(planned_parameters(robot, plan), plan.joint_angles, plan.support)
     feet = np.column_stack([np.ones(len(plan)), plan.swing_pose])
     places = np.einsum("mk,ab->makb", feet, np.eye(2)).reshape(2 * len(plan), -1)
-    return scipy.linalg.orth(np.hstack([columns, places])).reshape(len(plan), 2, -1)
+    return np.asarray(scipy.linalg.orth(np.hstack([columns, places]))).reshape(len(plan), 2, -1)
 
 
 def _inflation(basis: np.ndarray, rig: Rig, plan: PosturePlan, order: np.ndarray) -> float:

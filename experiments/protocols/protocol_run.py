@@ -21,7 +21,7 @@ from tulip_testbed.experiments.protocols.motion import FREE, HOIST, LIFT, SPEED,
 from tulip_testbed.experiments.usable_plan import check_plan
 from tulip_testbed.identification.link_clearances import clearances_at
 from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.errors import InputError, at_least
+from tulip_testbed.sim.errors import InputError, at_least, look_up
 from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.measurements.data import base_foot
 from tulip_testbed.sim.rig import Protocol as Procedure
@@ -199,8 +199,8 @@ def check_settings(settings: ProtocolSettings) -> None:
     at_least("repeats", settings.repeats, 0)
     if not 0 < settings.speed <= FASTEST:
         raise InputError(f"speed: found {settings.speed:g}, expected above 0 and at most {FASTEST:g} rad/s")
-    if settings.sensors is not None and settings.sensors not in PRESETS:
-        raise InputError(f"preset: found '{settings.sensors}', expected one of {', '.join(PRESETS)}")
+    if settings.sensors is not None:
+        look_up("preset", settings.sensors, PRESETS, "sensors")
 
 
 def steps_of(plan: PosturePlan, settings: ProtocolSettings) -> int:

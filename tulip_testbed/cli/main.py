@@ -35,6 +35,7 @@ COMMANDS: dict[str, str] = {
     "predict": "Ask whether the identified model predicts better than CAD.",
     "postures": "Draw random feasible postures, or describe a plan.",
     "plan": "Search for optimal postures (section IV of the paper).",
+    "protocol": "Write what a laboratory needs to carry a plan out.",
     "import": "Make a measurement folder of your own table.",
     "robot": "Prepare a published MJCF or URDF for every other command.",
     "model": "Show a model's standard parameters and its base parameters.",

@@ -1,4 +1,4 @@
-"""A placement from above as SVG in the millimetres of the paper: boards, foot marks, datum, calibration bar."""
+"""A placement from above as SVG in millimetres of the paper: boards, foot marks, datum, calibration bar."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The protocol of a laboratory day as a folder: pages to print, trajectories, the start of the measurements."""
+"""The folder of a laboratory day: pages to print, trajectories, the start of the measurements."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import new_folder, write_text
 from tulip_testbed.sim.measurements.measurement_folder import write_start
 from tulip_testbed.sim.measurements.plan_folder import write_plan
+from tulip_testbed.sim.robot import PLATES
 
 TEMPLATE = "protocol.html.j2"
 PAGE, PLAN, TRAJECTORIES = "protocol.html", "plan", "trajectories"
@@ -74,7 +75,7 @@ class Sheet:
     number: int
     svg: Markup
     marks: tuple[Mark, ...]
-    boards: tuple[tuple[str, str, str, str], ...]
+    boards: tuple[tuple[str, str], ...]
     datum: str
     groups: tuple[tuple[Row, ...], ...]
 
@@ -105,6 +106,11 @@ def write_protocol(folder: Path, protocol: LaboratoryProtocol) -> list[str]:
     return missing
 
 
+def contents(folder: Path) -> list[str]:
+    """List what a protocol's folder holds."""
+    return [str(folder / name) for name in (PAGE, PLAN, TRAJECTORIES, MEASUREMENTS, ROWS)]
+
+
 def protocol_page(protocol: LaboratoryProtocol) -> tuple[str, list[str]]:
     """Return the page as HTML that asks the network for nothing, and what could not be drawn."""
     missing: list[str] = []
@@ -130,8 +136,8 @@ def protocol_page(protocol: LaboratoryProtocol) -> tuple[str, list[str]]:
     for number, placement in placed.items():
         rows = [_row(protocol, int(k), pictures) for k in np.flatnonzero(plan.placement == number)]
         boards = tuple(
-            (side, *(f"{value:.1f}" for value in (1e3 * pose[0], 1e3 * pose[1], np.rad2deg(pose[2]))))
-            for side, pose in zip(("right", "left"), placement.boards, strict=True)
+            (side, f"{1e3 * x:.1f}, {1e3 * y:.1f}, {np.rad2deg(yaw):.1f}")
+            for side, (x, y, yaw) in zip(PLATES, placement.boards, strict=True)
         )
         groups = tuple(tuple(rows[k : k + COLUMNS]) for k in range(0, len(rows), COLUMNS))
         foot = ("right", "left")[placement.datum]
