@@ -215,6 +215,7 @@ def test_every_command_has_its_function():
         "identify": tt.identify,
         "postures": tt.plans.read,
         "plan": tt.plan,
+        "protocol": tt.protocol,
         "discover": tt.discover,
         "next": tt.next_experiment,
         "campaign": tt.campaign,

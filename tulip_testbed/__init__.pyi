@@ -16,6 +16,7 @@ from tulip_testbed.api import monte_carlo as monte_carlo
 from tulip_testbed.api import next_experiment as next_experiment
 from tulip_testbed.api import plan as plan
 from tulip_testbed.api import predict as predict
+from tulip_testbed.api import protocol as protocol
 from tulip_testbed.api import read_measurements as read_measurements
 from tulip_testbed.api import report as report
 from tulip_testbed.api import validate as validate

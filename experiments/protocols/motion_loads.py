@@ -23,8 +23,8 @@ class MotionLoads:
         friction: dry friction of the drives against the motion, (k, n) [N m].
         com: projection of the centre of mass, (k, 2) [m].
         zmp: zero-moment point of the ground's force on both feet together, (k, 2) [m].
-        foot_loads: vertical force on right and left foot, (k, 2) [N].
-        foot_points: its point on each foot, (k, 2, 2) [m]; not a number for a foot in the air.
+        foot_wrenches: of the ground on right and left foot, about the origin, (k, 2, 6) [N, N m].
+        foot_points: the load's point on each foot, (k, 2, 2) [m]; not a number for a foot in the air.
         soles: corners of the right and the left sole over the ground, (k, 2, 4, 3) [m].
     """
 
@@ -32,7 +32,7 @@ class MotionLoads:
     friction: np.ndarray
     com: np.ndarray
     zmp: np.ndarray
-    foot_loads: np.ndarray
+    foot_wrenches: np.ndarray
     foot_points: np.ndarray
     soles: np.ndarray
 
@@ -60,7 +60,7 @@ class LoadsInMotion:
         """
         model, data, base = self.model, self.data, int(support == "left")
         poses = np.array([self.position(angles, base) for angles in joint_angles])
-        speeds, accelerations = self._derivatives(times, poses)
+        speeds, accelerations = self.derivatives(times, poses)
         count, joints = joint_angles.shape
         torques, com = np.empty((count, joints)), np.empty((count, 2))
         totals, soles = np.empty((count, 6)), np.empty((count, 2, 4, 3))
@@ -84,7 +84,7 @@ class LoadsInMotion:
         wrenches, points, zmp = _shared(totals, soles[..., :2].mean(axis=2), support)
         torques -= np.einsum("ksia,ksi->ka", jacobians[..., self.dofs], wrenches)
         friction = model.dof_frictionloss[self.dofs] * np.tanh(speeds[:, self.dofs] / BREAKING_LOOSE)
-        return MotionLoads(torques, friction, com, zmp, wrenches[..., 2], points, soles)
+        return MotionLoads(torques, friction, com, zmp, wrenches, points, soles)
 
     def position(self, angles: np.ndarray, base: int) -> np.ndarray:
         """Return MuJoCo's coordinates with the sole of foot `base` flat on the origin, (nq,)."""
@@ -99,7 +99,7 @@ class LoadsInMotion:
         mujoco.mj_comPos(self.model, self.data)
         return float(self.data.subtree_com[0, 2])
 
-    def _derivatives(self, times: np.ndarray, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def derivatives(self, times: np.ndarray, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Differentiate MuJoCo's coordinates twice by central differences, at rest at both ends, (k, nv)."""
         step, count = times[1] - times[0], len(times)
         # The motion begins and ends at rest: mirrored at its ends it goes on smoothly.
