@@ -55,8 +55,16 @@ def made(robot, small):
 def folder(made, tmp_path_factory):
     """A protocol's folder, and the protocol."""
     path = tmp_path_factory.mktemp("protocol") / "day"
-    assert write_protocol(path, made) == []
+    with (
+        pytest.MonkeyPatch.context() as patch
+    ):  # drawing takes long; what counts is the space of the pictures
+        patch.setattr("tulip_testbed.pages.protocol_page.rendered", _grey)
+        assert write_protocol(path, made) == []
     return path, made
+
+
+def _grey(robot, angles, support, boards, width, height):
+    return np.full((len(angles), height, width, 3), 200, np.uint8)
 
 
 def at_rest(loads, angles, support="double"):

@@ -56,7 +56,7 @@ class LaboratoryProtocol(Shown):
     """A plan in the order in which it is measured, with the motion to every row.
 
     Attributes:
-        given: the plan as it was given.
+        given: the plan in its own order, with repeats.
         plan: its rows in order, with repeats.
         motions: to every row from the one before, (m,); None: the robot is set down anew, held by a hoist.
         boards: poses of right and left board in the base frame of every row, (m, 2, 3) [m, m, rad].
@@ -181,7 +181,7 @@ def protocol_of(
     ordered, motions = _joined(planner, extended, np.array(rows))
     return LaboratoryProtocol(
         robot=robot,
-        given=plan,
+        given=extended,
         plan=ordered,
         settings=settings,
         motions=motions,

@@ -64,7 +64,7 @@ def put_down(
     stand.command = angles if command is None else command
     stand.run(LANDING_TIME)
     stand.mark_feet()
-    _clamp(stand)
+    clamp(stand)
     stand.run(stand.protocol.rest_time)
 
 
@@ -76,7 +76,7 @@ def move(stand: Stand, start: np.ndarray, end: np.ndarray, command: np.ndarray) 
     command noise.
     """
     stand.stiction.release(stand.data)
-    _clamp(stand)
+    clamp(stand)
     duration = stand.protocol.move_time
     path_between = stand.chain.path if stand.foot_contact.all() else straight_path
     path = smooth_path(start, path_between, end, duration)
@@ -97,7 +97,7 @@ def hold(stand: Stand, plan: np.ndarray) -> tuple[Held | None, str]:
     Nothing changes after that, so that a short average equals that of the whole window.
     """
     protocol, data = stand.protocol, stand.data
-    _release(stand)
+    release(stand)
     before = mechanical_energy(stand)
     upright = stand.chain.base_pose(plan, stand.base)
     released = data.time
@@ -187,13 +187,14 @@ def _average(stand: Stand, window: float) -> np.ndarray:
     return np.mean(states, axis=0)
 
 
-def _clamp(stand: Stand) -> None:
+def clamp(stand: Stand) -> None:
+    """Clamp the feet that stand, where they were marked."""
     clamps = stand.clamps[stand.foot_contact]
     stand.data.eq_active[clamps] = 1
     stand.model.eq_solimp[clamps, :2] = CLAMP_IMPEDANCE
 
 
-def _release(stand: Stand) -> None:
+def release(stand: Stand) -> None:
     """Release the clamps slowly, since a sudden release would make the feet hop."""
     for impedance in np.geomspace(CLAMP_IMPEDANCE, 1e-4, round(stand.protocol.rest_time / CONTROL_PERIOD)):
         stand.model.eq_solimp[stand.clamps, :2] = impedance

@@ -165,11 +165,11 @@ def _label(mark: Mark, at, middle: np.ndarray) -> str:
         return f'<text x="{x + 1.6:.3f}" y="{y + 3.6:.3f}" font-size="2.8" fill="{SOLE}">{mark.label}</text>'
     u, v = at(middle)
     board = mark.label.isalpha()
-    across = np.sign(x - u) if board else 0.0
-    x, y = x + 2.2 * across, y + (2.4 if y > v else -1.2) + (0.6 if board else 0.0)
+    x, y = x + (2.2 * np.sign(x - u) if board else 0.0), y + (3.0 if y > v else -1.0)
     colour = "#444" if board else SOLE
     return (
-        f'<text x="{x:.3f}" y="{y:.3f}" font-size="2.8" text-anchor="middle" fill="{colour}">'
+        f'<text x="{x:.3f}" y="{y:.3f}" font-size="2.8" text-anchor="middle" fill="{colour}" '
+        'stroke="white" stroke-width="0.6" paint-order="stroke">'
         f"{escape(mark.label)}</text>"
     )
 
