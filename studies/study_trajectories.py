@@ -1,10 +1,10 @@
 """Follow the motions of protocols in the full dynamics (docs/protocol.md; 10 minutes).
 
-The robot is put down in the first posture of a placement, held by clamps as by a hoist, and let go. From there
-on it stands on its own feet: its servos get the trajectories' angles, led by their derivative time as in the
-laboratory, and the trajectories' torques. Where the protocol states a hoist, the feet are clamped for the
-motion. Nothing is hidden: the robot is the nominal one; its drives have dry friction, which no trajectory
-knows of.
+The robot is put down in the first posture of a placement, held by clamps as by a hoist, and let go. From
+there on it stands on its own feet: its servos get the trajectories' angles, led by their derivative time as
+in the laboratory, and the trajectories' torques. Where the protocol states a hoist, the feet are clamped for
+the motion, and there are no torques. Nothing is hidden: the robot is the nominal one; its drives have dry
+friction, which no trajectory knows of.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 
-SETTINGS = Settings(seed=1)
-PLANS = ("optimal", "random", "mixed")
 HUMANOID = "humanoid"
+PARTS = ("optimal", "random", "mixed", HUMANOID)
+SETTINGS = Settings(seed=1, only=PARTS)
 PLACEMENTS, POSTURES = 20, 5  # of the humanoid's random plan
 REST = 1.0  # s, after a motion
 LOST = 1e-3  # m, of a sole's corner over its board: the foot is lost
@@ -132,7 +132,7 @@ def study(settings: Settings) -> Iterator[str]:
         "largest error, mrad",
         "largest torque, of the limit",
     )
-    for name in settings.only or (*PLANS, HUMANOID):
+    for name in settings.only:
         if name == HUMANOID:
             robot, plan = humanoid(settings.seed, max(settings.count(PLACEMENTS), 5))
         else:
