@@ -288,6 +288,7 @@ def test_the_started_folder_takes_rows(folder, robot, tmp_path, way):
             for row, measured in zip(rows, simulated, strict=True):
                 writer.writerow({key: value or measured[key] for key, value in row.items()})
     manifest = json.loads((tmp_path / "data" / "manifest.json").read_text())
+    assert run.measurements.weighed_mass is not None
     mass, sd = run.measurements.weighed_mass
     assert manifest["weighed_mass"] is None
     manifest["weighed_mass"] = {"value": mass, "sd": sd}

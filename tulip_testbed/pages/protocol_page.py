@@ -26,7 +26,7 @@ from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import new_folder, write_text
 from tulip_testbed.sim.measurements.measurement_folder import write_start
 from tulip_testbed.sim.measurements.plan_folder import write_plan
-from tulip_testbed.sim.robot import PLATES
+from tulip_testbed.sim.robot import CORNERS, PLATES
 
 TEMPLATE = "protocol.html.j2"
 PAGE, PLAN, TRAJECTORIES = "protocol.html", "plan", "trajectories"
@@ -37,9 +37,9 @@ SUPPORTS = {"double": "both feet", "right": "right foot", "left": "left foot"}
 
 BEFORE = (
     "Both boards and the floor below them are level.",
-    "Cells and drives have warmed up for half an hour.",
-    "The boards are unloaded and the cells are tared; the readings of the empty boards are written down.",
-    "A known mass stood on each corner of each board; the cells read it.",
+    "Sensors and drives have warmed up for half an hour.",
+    "Nothing loads the sensors: they are tared, and their readings are written down on the last page.",
+    "A known mass stood on each board at each corner; the sensors read it.",
     "The encoders' zeros are checked at their marks.",
     "The robot is weighed, with everything that it wears; mass and standard deviation are in manifest.json.",
     "No cable or rope pulls at the robot: they hang slack in every posture.",
@@ -48,7 +48,7 @@ BEFORE = (
     "Date, people and temperature are written down.",
 )
 AFTER = (
-    "The boards are unloaded: the zeros of all cells are read again and written down. Do not tare before.",
+    "Nothing loads the sensors: their zeros are read again and written down below. Do not tare before.",
     "The encoders' zeros are read again at their marks.",
     "The robot is weighed again.",
     "The temperature is written down.",
@@ -144,6 +144,7 @@ def protocol_page(protocol: LaboratoryProtocol) -> tuple[str, list[str]]:
         svg = Markup(drawing(placement, scale))
         sheets.append(Sheet(number, svg, tuple(marks(placement)), boards, foot, groups))
     empty = empty_measurements(robot, protocol.settings.sensors)
+    contacts = empty.contacts
     page = environment.from_string(template).render(
         protocol=protocol,
         content=protocol.document(),
@@ -153,6 +154,8 @@ def protocol_page(protocol: LaboratoryProtocol) -> tuple[str, list[str]]:
         before=BEFORE,
         after=AFTER,
         unknown=unknown_entries(empty),
+        on_ground=contacts is None or contacts.mount == "ground",
+        channels=[f"{c.replace('_', ' ')}, N" for c in CORNERS] if contacts is None else contacts.channels,
         missing=missing,
     )
     return page, missing
