@@ -57,6 +57,7 @@ VALID: dict[str, dict[str, tuple[str, ...]]] = {
         TIME: (LINEAR, QUADRATIC, STEP),
         LOADED: (LINEAR, SATURATING),
         PLATE_LOAD: (LINEAR, QUADRATIC),
+        COP: (LINEAR, QUADRATIC),
     },
     FORCE: {NOTHING: (CONSTANT,), TIME: (STEP, LINEAR)},
 }
