@@ -2,9 +2,9 @@
 
 The robot is put down in the first posture of a placement, held by clamps as by a hoist, and let go. From
 there on it stands on its own feet: its servos get the trajectories' angles, led by their derivative time as
-in the laboratory, and the trajectories' torques. Where the protocol states a hoist, the feet are clamped for
-the motion, and there are no torques. Nothing is hidden: the robot is the nominal one; its drives have dry
-friction, which no trajectory knows of.
+in the laboratory, and the trajectories' torques. Where the protocol states a hoist, it pulls the free body up
+with 60 % of the weight, the feet are clamped for the motion, and there are no torques. Nothing is hidden: the
+robot is the nominal one; its drives have dry friction, which no trajectory knows of.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ SETTINGS = Settings(seed=1, only=PARTS)
 PLACEMENTS, POSTURES = 20, 5  # of the humanoid's random plan
 REST = 1.0  # s, after a motion
 LOST = 1e-3  # m, of a sole's corner over its board: the foot is lost
+HOISTED = 0.6  # of the weight, that a hoist carries
 LOOK = 5  # servo periods between two looks
 
 
@@ -73,18 +74,21 @@ def follow(stand: Stand, motion: Motion) -> Followed:
     torques = make_interp_spline(motion.times, motion.torques * (not hung), k=1)
     lead, limit = stand.rig.controller.derivative_time, stand.model.actuator_forcerange[stand.servos, 1]
     commands = angles(times) + lead * angles(times, 1) + stand.offset(torques(times))
-    for part in np.linspace(0.0, 1.0, round(REST / SERVO_PERIOD)):  # from the torques of before to these
+    slowly = np.linspace(0.0, 1.0, round(REST / SERVO_PERIOD))
+    for part in slowly:  # from the torques of before to these
         stand.command = (1 - part) * before + part * commands[0]
-        stand.run(SERVO_PERIOD)
+        hoist(stand, part * hung)
     stand.mark_feet()
     gap = error = torque = 0.0
     for k, (command, wanted) in enumerate(zip(commands, angles(times), strict=True)):
         stand.command = command
-        stand.run(SERVO_PERIOD)
+        hoist(stand, float(hung))
         if k % LOOK == 0:
             gap = max(gap, stand.highest_corner())
             error = max(error, float(np.abs(stand.data.qpos[stand.qpos] - wanted).max()))
             torque = max(torque, float(np.abs(stand.data.actuator_force[stand.servos] / limit).max()))
+    for part in slowly:
+        hoist(stand, (1 - part) * hung)
     stand.run(REST)
     if hung:
         release(stand)
@@ -92,6 +96,15 @@ def follow(stand: Stand, motion: Motion) -> Followed:
     tipped = stand.tipped(stand.chain.base_pose(motion.angles[-1], stand.base))
     slip, still = stand.drift(), stand.fault() is None
     return Followed(motion.kind, bool(tipped or gap > LOST), gap, slip, error, torque, still and not tipped)
+
+
+def hoist(stand: Stand, part: float) -> None:
+    """Run for a servo period while a hoist pulls the free body up with a part of what it may carry."""
+    weight = stand.model.body_subtreemass[stand.torso] * -stand.model.opt.gravity[2]
+    pull = part * HOISTED * weight
+    stand.data.xfrc_applied[stand.torso, 2] += pull
+    stand.run(SERVO_PERIOD)
+    stand.data.xfrc_applied[stand.torso, 2] -= pull
 
 
 def placement(protocol: LaboratoryProtocol, number: int) -> list[Followed]:
