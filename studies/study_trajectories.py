@@ -44,7 +44,8 @@ class Followed:
     """What happened on one motion.
 
     Attributes:
-        kind: as the protocol states it. lost: whether a foot or the balance was lost.
+        kind: as the protocol states it.
+        lost: whether a foot or the balance was lost on the way. fell: whether it was lost then.
         gap: largest height of a sole's corner over its board on the way [m].
         slip: distance that a foot moved by [m].
         error: largest error of a joint's angle [rad].
@@ -54,6 +55,7 @@ class Followed:
 
     kind: str
     lost: bool
+    fell: bool
     gap: float
     slip: float
     error: float
@@ -87,15 +89,17 @@ def follow(stand: Stand, motion: Motion) -> Followed:
             gap = max(gap, stand.highest_corner())
             error = max(error, float(np.abs(stand.data.qpos[stand.qpos] - wanted).max()))
             torque = max(torque, float(np.abs(stand.data.actuator_force[stand.servos] / limit).max()))
+    upright = stand.chain.base_pose(motion.angles[-1], stand.base)
+    lost = gap > LOST or stand.tipped(upright)
     for part in slowly:
         hoist(stand, (1 - part) * hung)
     stand.run(REST)
     if hung:
         release(stand)
         stand.run(REST)
-    tipped = stand.tipped(stand.chain.base_pose(motion.angles[-1], stand.base))
-    slip, still = stand.drift(), stand.fault() is None
-    return Followed(motion.kind, bool(tipped or gap > LOST), gap, slip, error, torque, still and not tipped)
+    slip, fell = stand.drift(), stand.tipped(upright)
+    still = stand.fault() is None and not fell
+    return Followed(motion.kind, bool(lost), bool(fell), gap, slip, error, torque, still)
 
 
 def hoist(stand: Stand, part: float) -> None:
@@ -108,7 +112,7 @@ def hoist(stand: Stand, part: float) -> None:
 
 
 def placement(protocol: LaboratoryProtocol, number: int) -> list[Followed]:
-    """Follow the motions of one placement; after a loss the rest is lost too."""
+    """Follow the motions of one placement until the robot falls."""
     plan, rig, found = protocol.plan, preset_rig("ideal", protocol.robot), []
     rows = np.flatnonzero(plan.placement == number)
     stand = Stand(rig, protocol.boards[rows[0]])
@@ -116,6 +120,8 @@ def placement(protocol: LaboratoryProtocol, number: int) -> list[Followed]:
         motion = protocol.motions[k]
         if motion is not None:
             found.append(follow(stand, motion))
+            if found[-1].fell:
+                break
             continue
         following = protocol.motions[k + 1] if k + 1 < len(plan) else None
         torques = following.torques[0] if following and following.kind == FREE else plan.feed_forward[k]
@@ -138,7 +144,8 @@ def study(settings: Settings) -> Iterator[str]:
         "plan",
         "motions",
         "number",
-        "lost a foot",
+        "lost a foot on the way",
+        "fell then",
         "could be measured then",
         "highest corner, mm",
         "largest slip, mm",
@@ -162,6 +169,7 @@ def study(settings: Settings) -> Iterator[str]:
                 "on its own feet" if kind == FREE else "in the hoist",
                 len(some),
                 sum(one.lost for one in some),
+                sum(one.fell for one in some),
                 sum(one.still for one in some),
                 f"{1e3 * max(one.gap for one in some):.2f}",
                 f"{1e3 * max(one.slip for one in some):.2f}",

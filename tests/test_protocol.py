@@ -21,7 +21,7 @@ from tulip_testbed.experiments.protocols.measuring_order import (
     shortest_path,
     shortest_tour,
 )
-from tulip_testbed.experiments.protocols.motion import FREE, HOIST, MotionPlanner
+from tulip_testbed.experiments.protocols.motion import FREE, HOIST, LIFT, MotionPlanner
 from tulip_testbed.experiments.protocols.motion_files import motion_csv, motion_yaml
 from tulip_testbed.experiments.protocols.motion_limits import dynamic_room
 from tulip_testbed.experiments.protocols.motion_loads import LoadsInMotion
@@ -190,6 +190,30 @@ def test_a_posture_that_asks_too_much_is_reached_in_the_hoist(robot):
     assert "torque" in motion.reason
     assert "torque." not in motion_csv(motion, plan.joints).splitlines()[0]
     assert yaml.safe_load(motion_yaml(motion, plan.joints))["points"][0]["effort"] == []
+
+
+def test_motions_on_one_foot_keep_the_other_in_the_air(robot):
+    """Near each other: from a posture on the right foot to one with a little of the way to the next."""
+    mixed = tt.plans.mixed
+    plan = mixed.take(np.flatnonzero(mixed.support == "right")[[0, 0]])
+    turned = plan.joint_angles + np.array([[0.0], [0.05]]) * np.eye(12)[6]  # the left hip's yaw
+    plan = replace(plan, joint_angles=turned, posture=np.array([1, 2]), placement=np.array([1, 1]))
+    motion = MotionPlanner(robot, plan).motion(0, 1)
+    assert motion.kind == FREE
+    found = LoadsInMotion(robot).at(motion.times, motion.angles, "right")
+    assert found.soles[:, 1, :, 2].min() > 0.01
+    assert np.isnan(found.foot_points[:, 1]).all()
+    assert (found.foot_wrenches[:, 1] == 0).all()
+
+
+def test_where_links_would_touch_the_robot_is_lifted(robot, small, monkeypatch):
+    """And what follows has a placement of its own, since its boards are recorded anew."""
+    found = MotionPlanner._found
+    monkeypatch.setattr(MotionPlanner, "_found", lambda self, a, b: (found(self, a, b)[0], LIFT))
+    lifted = protocol_of(robot, small, ProtocolSettings(repeats=0))
+    assert lifted.motions == (None,) * len(small)
+    assert len(lifted.placements) == len(small)
+    assert sorted(lifted.plan.posture.tolist()) == sorted(small.posture.tolist())
 
 
 def test_order_is_as_short_as_the_shortest():

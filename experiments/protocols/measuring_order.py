@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import networkx as nx
 import numpy as np
@@ -19,6 +20,7 @@ from tulip_testbed.sim.robot import Robot, sole_corners
 from tulip_testbed.sim.scene import boards_under, nominal_plates
 
 STARTS = 4  # of the simulated annealing
+LONGER = 1.2  # times the shortest tour, that a tour may be which separates a drift better
 REFUSED = 1e4  # s, more than every motion: the robot would have to be lifted
 
 
@@ -27,26 +29,35 @@ def with_own_repeats(plan: PosturePlan, count: int) -> PosturePlan:
     return plan if plan.postures < len(plan) or not count else with_repeats(plan, count, 0)
 
 
-def shortest_tour(cost: np.ndarray) -> list[int]:
-    """Return a short closed tour of all nodes that begins with the first, as networkx finds it.
+def short_tours(cost: np.ndarray) -> list[list[int]]:
+    """Return short closed tours of all nodes that begin with the first, the shortest first.
 
-    Simulated annealing begins with a greedy tour; of several runs the shortest is taken.
+    They are networkx's by simulated annealing, which begins with a greedy tour; longer ones are left out.
 
     Args:
         cost: symmetric, (n, n).
     """
     count = len(cost)
     if count < 4:
-        return list(range(count))
+        return [list(range(count))]
     graph = nx.from_numpy_array(cost + 1e-9)  # an edge of weight 0 would be none
-    tours = [
-        nx.approximation.simulated_annealing_tsp(
-            graph, "greedy", source=0, move=move, N_inner=200, seed=seed
-        )[:-1]
-        for seed in range(STARTS)
-        for move in ("1-1", "1-0")
-    ]
-    return min(tours, key=lambda tour: cost[tour, np.roll(tour, -1)].sum())
+    anneal = partial(
+        nx.approximation.simulated_annealing_tsp,
+        graph,
+        "greedy",
+        source=0,
+        N_inner=8 * count,
+        weight="weight",
+    )
+    tours = [anneal(move=move, seed=seed)[:-1] for seed in range(STARTS) for move in ("1-1", "1-0")]
+    lengths = [cost[tour, np.roll(tour, -1)].sum() for tour in tours]
+    order = np.argsort(lengths, kind="stable")
+    return [tours[k] for k in order if lengths[k] <= LONGER * lengths[order[0]]]
+
+
+def shortest_tour(cost: np.ndarray) -> list[int]:
+    """Return the shortest of the `short_tours`."""
+    return short_tours(cost)[0]
 
 
 def shortest_path(cost: np.ndarray) -> list[int]:
@@ -95,9 +106,9 @@ def order_of_placements(robot: Robot, plan: PosturePlan) -> list[int]:
     """Order the placements of a plan by their numbers.
 
     They form a closed tour that moves the boards little: it goes out and comes back, so that the place of the
-    feet does not grow with time. Of all beginnings and both directions of the tour, the one is taken in which
-    a linear drift is told best from everything else (`drift_inflation`). A placement that only repeats
-    postures comes half a tour after, or before, the placement that it repeats.
+    feet does not grow with time. Of several short tours, all their beginnings and both directions, the one is
+    taken in which a linear drift is told best from everything else (`drift_inflation`). A placement that only
+    repeats postures comes half a tour after, or before, the placement that it repeats.
     """
     numbers = list(dict.fromkeys(plan.placement.tolist()))
     rows = {number: np.flatnonzero(plan.placement == number) for number in numbers}
@@ -107,7 +118,7 @@ def order_of_placements(robot: Robot, plan: PosturePlan) -> list[int]:
             owner.setdefault(posture, number)
     repeats = [n for n in numbers if all(owner[p] != n for p in plan.posture[rows[n]].tolist())]
     own = [number for number in numbers if number not in repeats]
-    tour = [own[k] for k in shortest_tour(marks_moved(robot, plan, [int(rows[n][0]) for n in own]))]
+    tours = short_tours(marks_moved(robot, plan, [int(rows[n][0]) for n in own]))
     basis, rig = _explained(robot, plan), preset_rig("ideal", robot)
 
     def complete(turned: list[int]) -> list[int]:
@@ -118,7 +129,9 @@ def order_of_placements(robot: Robot, plan: PosturePlan) -> list[int]:
             out.insert(out.index(after) + 1, number)
         return out
 
-    candidates = [complete(one[k:] + one[:k]) for one in (tour, tour[::-1]) for k in range(len(tour))]
+    named = [[own[k] for k in tour] for tour in tours]
+    both = [one for tour in named for one in (tour, tour[::-1])]
+    candidates = [complete(one[k:] + one[:k]) for one in both for k in range(len(one))]
     return min(
         candidates, key=lambda one: _inflation(basis, rig, plan, np.concatenate([rows[n] for n in one]))
     )

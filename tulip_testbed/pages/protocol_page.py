@@ -52,7 +52,7 @@ AFTER = (
     "The encoders' zeros are read again at their marks.",
     "The robot is weighed again.",
     "The temperature is written down.",
-    "Rows and manifest are complete; `tulip check` finds no fault.",
+    "Rows and manifest are complete: tulip check finds no fault.",
 )
 
 
