@@ -138,7 +138,6 @@ def test_the_wheel_holds_every_folder():
     ("library", "owners"),
     [
         ("mink", r"identification\.inverse_kinematics"),
-        ("networkx", r"experiments\.protocols\.measuring_order"),
         ("yaml", r"experiments\.protocols\.motion_files"),
         ("plotly", r"pages\.\w*figures"),
         ("rerun", r"viewer\.\w+"),

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 
-import networkx as nx
 import numpy as np
 import scipy
+from scipy.optimize import Bounds, LinearConstraint, milp
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from tulip_testbed.experiments.usable_plan import planned_parameters
 from tulip_testbed.identification.feasibility import place_polygon
@@ -19,8 +20,9 @@ from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, sole_corners
 from tulip_testbed.sim.scene import boards_under, nominal_plates
 
-STARTS = 4  # of the simulated annealing
-LONGER = 1.2  # times the shortest tour, that a tour may be which separates a drift better
+SAME = 1e-9  # m, s, between nodes that are one
+SEPARATED = 1.15  # inflation of a drift's standard error that is small enough
+ROUNDS = (1, 2, 3)
 REFUSED = 1e4  # s, more than every motion: the robot would have to be lifted
 
 
@@ -29,40 +31,55 @@ def with_own_repeats(plan: PosturePlan, count: int) -> PosturePlan:
     return plan if plan.postures < len(plan) or not count else with_repeats(plan, count, 0)
 
 
-def short_tours(cost: np.ndarray) -> list[list[int]]:
-    """Return short closed tours of all nodes that begin with the first, the shortest first.
+def shortest_tour(cost: np.ndarray) -> list[int]:
+    """Return a shortest closed tour of all nodes that begins with the first.
 
-    They are networkx's by simulated annealing, which begins with a greedy tour; longer ones are left out.
+    Nodes at no distance from each other are one. HiGHS chooses edges such that every node has two; as long as
+    they form several tours, each is forbidden and it chooses again (Dantzig, Fulkerson and Johnson 1954).
 
     Args:
-        cost: symmetric, (n, n).
+        cost: symmetric, with the triangle inequality where it is zero, (n, n).
     """
+    owner = (cost <= SAME).argmax(axis=1)
+    places = np.unique(owner)
+    inner = _tour_of_different(cost[np.ix_(places, places)])
+    tour = [int(node) for k in inner for node in np.flatnonzero(owner == places[k])]
+    return tour[tour.index(0) :] + tour[: tour.index(0)]
+
+
+def _tour_of_different(cost: np.ndarray) -> list[int]:
     count = len(cost)
     if count < 4:
-        return [list(range(count))]
-    graph = nx.from_numpy_array(cost + 1e-9)  # an edge of weight 0 would be none
-    anneal = partial(
-        nx.approximation.simulated_annealing_tsp,
-        graph,
-        "greedy",
-        source=0,
-        N_inner=8 * count,
-        weight="weight",
-    )
-    tours = [anneal(move=move, seed=seed)[:-1] for seed in range(STARTS) for move in ("1-1", "1-0")]
-    lengths = [cost[tour, np.roll(tour, -1)].sum() for tour in tours]
-    order = np.argsort(lengths, kind="stable")
-    return [tours[k] for k in order if lengths[k] <= LONGER * lengths[order[0]]]
+        return list(range(count))
+    first, second = np.triu_indices(count, 1)
+    every, edges = np.arange(count)[:, None], len(first)
+    rows = [LinearConstraint(((first == every) | (second == every)).astype(float), 2, 2)]
+    while True:
+        found = milp(cost[first, second], integrality=np.ones(edges), bounds=Bounds(0, 1), constraints=rows)
+        taken = found.x > 0.5
+        graph = csr_array((np.ones(taken.sum()), (first[taken], second[taken])), shape=(count, count))
+        tours, member = connected_components(graph, directed=False)
+        if tours == 1:
+            return _around(first[taken], second[taken])
+        for k in range(tours):
+            inside = member == k
+            rows.append(LinearConstraint((inside[first] & inside[second]).astype(float), ub=inside.sum() - 1))
 
 
-def shortest_tour(cost: np.ndarray) -> list[int]:
-    """Return the shortest of the `short_tours`."""
-    return short_tours(cost)[0]
+def _around(first: np.ndarray, second: np.ndarray) -> list[int]:
+    """Return the nodes of a tour in order, given its edges, from node 0."""
+    tour, left = [0], list(zip(first.tolist(), second.tolist(), strict=True))
+    while len(left) > 1:
+        edge = next(edge for edge in left if tour[-1] in edge)
+        left.remove(edge)
+        tour.append(edge[0] if edge[1] == tour[-1] else edge[1])
+    return tour
 
 
 def shortest_path(cost: np.ndarray) -> list[int]:
-    """Return a short open way through all nodes: a tour by one more node that is near to all."""
-    padded = np.pad(cost, ((1, 0), (1, 0)))
+    """Return a shortest open way through all nodes: a tour by one more node, equally far from all."""
+    padded = np.pad(cost, ((1, 0), (1, 0)), constant_values=1.0 + cost.max())
+    padded[0, 0] = 0.0
     return [node - 1 for node in shortest_tour(padded)[1:]]
 
 
@@ -105,10 +122,11 @@ def order_of_placement(
 def order_of_placements(robot: Robot, plan: PosturePlan) -> list[int]:
     """Order the placements of a plan by their numbers.
 
-    They form a closed tour that moves the boards little: it goes out and comes back, so that the place of the
-    feet does not grow with time. Of several short tours, all their beginnings and both directions, the one is
-    taken in which a linear drift is told best from everything else (`drift_inflation`). A placement that only
-    repeats postures comes half a tour after, or before, the placement that it repeats.
+    They form a shortest closed tour: it goes out and comes back, so that the place of the feet does not grow
+    with time. Of all beginnings of the tour and both directions, the one is taken in which a linear drift is
+    told best from everything else. If that is not enough (`SEPARATED`), the tour is gone round twice or three
+    times, with every second or third placement each time. A placement that only repeats postures comes half a
+    tour after, or before, the placement that it repeats.
     """
     numbers = list(dict.fromkeys(plan.placement.tolist()))
     rows = {number: np.flatnonzero(plan.placement == number) for number in numbers}
@@ -118,7 +136,7 @@ def order_of_placements(robot: Robot, plan: PosturePlan) -> list[int]:
             owner.setdefault(posture, number)
     repeats = [n for n in numbers if all(owner[p] != n for p in plan.posture[rows[n]].tolist())]
     own = [number for number in numbers if number not in repeats]
-    tours = short_tours(marks_moved(robot, plan, [int(rows[n][0]) for n in own]))
+    tour = [own[k] for k in shortest_tour(marks_moved(robot, plan, [int(rows[n][0]) for n in own]))]
     basis, rig = _explained(robot, plan), preset_rig("ideal", robot)
 
     def complete(turned: list[int]) -> list[int]:
@@ -129,12 +147,16 @@ def order_of_placements(robot: Robot, plan: PosturePlan) -> list[int]:
             out.insert(out.index(after) + 1, number)
         return out
 
-    named = [[own[k] for k in tour] for tour in tours]
-    both = [one for tour in named for one in (tour, tour[::-1])]
-    candidates = [complete(one[k:] + one[:k]) for one in both for k in range(len(one))]
-    return min(
-        candidates, key=lambda one: _inflation(basis, rig, plan, np.concatenate([rows[n] for n in one]))
-    )
+    def inflated(one: list[int]) -> float:
+        return _inflation(basis, rig, plan, np.concatenate([rows[number] for number in one]))
+
+    for rounds in ROUNDS:
+        turned = [one[k:] + one[:k] for one in (tour, tour[::-1]) for k in range(len(tour))]
+        found = [complete([number for k in range(rounds) for number in one[k::rounds]]) for one in turned]
+        best = min(found, key=inflated)
+        if inflated(best) <= SEPARATED:
+            break
+    return best
 
 
 def drift_inflation(robot: Robot, plan: PosturePlan) -> float:
