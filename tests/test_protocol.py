@@ -261,6 +261,15 @@ def test_time_grows_with_nothing_else(robot):
     assert drift_inflation(robot, ordered) < 0.8 * drift_inflation(robot, plan)
 
 
+@pytest.mark.parametrize("rows", [1, 5])
+def test_a_short_plan_that_alone_tells_nothing_has_a_protocol(robot, small, rows):
+    """Such as the next experiment of a session."""
+    made = protocol_of(robot, small.take(np.arange(rows)))
+    assert sorted(set(made.plan.posture.tolist())) == list(range(1, rows + 1))
+    assert len(made.plan) == rows + rows // 5
+    assert "Protocol" in repr(made)
+
+
 def test_trajectories_are_messages_of_ros(folder):
     path, made = folder
     files = sorted((path / "trajectories").glob("*.yaml"))

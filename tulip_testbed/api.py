@@ -435,8 +435,7 @@ def protocol(
         the plan in the order in which it is measured, with the motion to every posture.
 
     Raises:
-        InputError: a plan that does not fit the robot or would not identify it, a setting out of range, or a
-            folder that exists.
+        InputError: a plan that does not fit the robot, a setting out of range, or a folder that exists.
     """
     from tulip_testbed.pages.protocol_page import write_protocol
 

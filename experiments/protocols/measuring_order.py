@@ -182,6 +182,8 @@ def _inflation(basis: np.ndarray, rig: Rig, plan: PosturePlan, order: np.ndarray
     Args:
         basis: see `_explained`.
     """
+    if len(order) < 2:
+        return 1.0
     time = start_times(rig, plan.placement[order])
     time = (time - time.mean()) / np.linalg.norm(time - time.mean())
     explained = [float(((time @ basis[order, axis]) ** 2).sum()) for axis in range(2)]

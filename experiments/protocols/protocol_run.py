@@ -18,16 +18,18 @@ from tulip_testbed.experiments.protocols.measuring_order import (
     with_own_repeats,
 )
 from tulip_testbed.experiments.protocols.motion import FREE, HOIST, LIFT, SPEED, Motion, MotionPlanner
-from tulip_testbed.experiments.usable_plan import check_plan
 from tulip_testbed.identification.link_clearances import clearances_at
 from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.errors import InputError, at_least, look_up
 from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.measurements.data import base_foot
+from tulip_testbed.sim.measurements.plan_folder import check_fits
 from tulip_testbed.sim.rig import Protocol as Procedure
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.robot_check import warn_of_robot
 from tulip_testbed.sim.scene import boards_under
+from tulip_testbed.sim.scene_check import check_scene
 from tulip_testbed.sim.sensors import PRESETS
 from tulip_testbed.sim.table import Shown, Table
 
@@ -159,11 +161,13 @@ def protocol_of(
         progress: called with 1 after every placement, see `steps_of`.
 
     Raises:
-        InputError: a plan that does not fit the robot or would not identify it; a setting out of range.
+        InputError: a plan that does not fit the robot, a scene without a laboratory, a setting out of range.
     """
     settings = settings or ProtocolSettings()
     check_settings(settings)
-    check_plan(robot, plan)
+    check_fits("plan", plan, robot)
+    check_scene(preset_rig("ideal", robot))
+    warn_of_robot(robot)
     extended = with_own_repeats(plan, min(settings.repeats, len(plan) // 5))
     planner = MotionPlanner(robot, extended, settings.speed)
 
@@ -255,7 +259,8 @@ def _notes(planner: MotionPlanner, plan: PosturePlan, motions: tuple[Motion | No
                 )
     hung = [motion for motion in motions if motion and motion.kind == HOIST]
     notes += [
-        f"Motion from posture {m.start} to {m.end}: in the hoist, since it would not keep: {m.reason}."
+        f"Motion from posture {m.start} to {m.end}: in the hoist. On its own feet the robot would break a "
+        f"limit: {m.reason}."
         for m in hung
     ]
     return tuple(notes)
