@@ -169,6 +169,10 @@ def test_what_is_built_in_is_where_the_answers_say(number, exact, robot):
         touched = {int(model.joint(j).bodyid[0]) for j in new(model, before, "joint")}
         touched |= {int(model.site(s).bodyid[0]) for s in new(model, before, "site")} - {0}
         added = set(new(model, before, "body"))
+        for body in set(range(model.nbody)) - added:
+            was, now = before.body(model.body(body).name), model.body(body)
+            if not (np.array_equal(was.quat, now.quat) and np.isclose(was.mass, now.mass)):
+                touched.add(body)
         names = {model.body(b if b not in added else int(model.body_parentid[b])).name for b in touched}
         named = {
             robot.model.body(links_of[what]).name if what in links_of else what.split(":")[1]
