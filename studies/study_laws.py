@@ -16,15 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from studies.law_answers import ANSWERS, Answers, is_right
+from studies.law_answers import ANSWERS, Answers, is_right, said_by
 from studies.runner import Settings, header, row, shipped_plan
 from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.candidate_search import calibrated_data
-from tulip_testbed.discovery.candidates import Fitted, candidates
+from tulip_testbed.discovery.candidates import candidates
 from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.detectability import noncentrality, single_level
-from tulip_testbed.discovery.discover import ADOPTED, CALIBRATED, DESCRIBED, NAMED, Discovery, discover
+from tulip_testbed.discovery.discover import ADOPTED, CALIBRATED, DESCRIBED, Discovery, discover
 from tulip_testbed.discovery.evidence import effective_tests
 from tulip_testbed.discovery.law_candidates import is_law
 from tulip_testbed.discovery.refit import simulated, without_noise
@@ -32,7 +32,6 @@ from tulip_testbed.discovery.selection import LEVEL
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.instruments import effects_on
-from tulip_testbed.effects.laws.grammar import Sentence
 from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.experiments.benchmark.ordinary_run import LEAST_STANDING, _clear
 from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE, Outside
@@ -74,7 +73,8 @@ class Case:
         size: of the fault [its unit]. multiple: of the minimum detectable size.
         answers: that are right. failed: why there is no case, or "".
         verdict: of the discovery. adopted: effects and laws.
-        first: (what, of) of the laws, in order. also: of those that do as well.
+        first: (what, of) of the laws, and of effects of the catalogue that say as much, in order.
+        also: of the laws that do as well.
         before, after, floor: r.m.s. of held-out residuals over their noise. closed: whether every channel is
             within chance.
         bias: r.m.s. over the base parameters in standard errors before and after; None: below `BIASED`.
@@ -102,19 +102,19 @@ class Case:
 
     @property
     def right_first(self) -> bool:
-        """Whether the first law's what and of are right."""
-        return self.verdict == DESCRIBED and is_right(self.first[0], self.answers)
+        """Whether the first law's what and of are right, or those of an effect of the catalogue."""
+        return self.verdict in ADOPTED and any(is_right(one, self.answers) for one in self.first[:1])
 
     @property
     def in_set(self) -> bool:
         """Whether a law or one that does as well is right."""
         told = (*self.first, *self.also)
-        return self.verdict == DESCRIBED and any(is_right(one, self.answers) for one in told)
+        return self.verdict in ADOPTED and any(is_right(one, self.answers) for one in told)
 
     @property
     def wrong(self) -> bool:
         """Whether a cause is told alone, and it is wrong."""
-        return (self.verdict == NAMED) or (self.verdict == DESCRIBED and not self.in_set)
+        return self.verdict in ADOPTED and not self.in_set
 
 
 def study(settings: Settings) -> Iterator[str]:
@@ -296,9 +296,9 @@ def _said(known: Case, found: Discovery) -> Case:
     first, also = [], []
     for k in found.effects:
         term = found.fit.terms[k]
+        first += said_by(term.candidate)
         if is_law(term.candidate):
-            first.append(_pair(term))
-            also += [_pair(one) for one in found.equivalents[k] if is_law(one.candidate)]
+            also += [pair for one in found.equivalents[k] for pair in said_by(one.candidate)]
     held = found.heldout
     adopting = found.verdict in (*ADOPTED, CALIBRATED)
     return replace(
@@ -312,11 +312,6 @@ def _said(known: Case, found: Discovery) -> Case:
         floor=np.nan if held is None else held.floor["AFTC"],
         closed=adopting and held is not None and held.holds,
     )
-
-
-def _pair(term: Fitted) -> tuple[str, str]:
-    sentence = Sentence(*term.candidate.target.split("/"))
-    return sentence.what, sentence.of
 
 
 def _bias(
