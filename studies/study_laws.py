@@ -4,7 +4,8 @@ Every laboratory has a random robot, and half of them ordinary imperfections. Ou
 multiple of the smallest size that such a laboratory shows. The right answers, what errs and as a function of
 what, are in studies/law_answers.py. The part `opened` runs every fault of
 tulip_testbed/experiments/benchmark/unseen_faults.py once. They were unseen until they showed what the first
-search for laws lacked; since then they are development faults.
+search for laws lacked; since then they are development faults. The part `unseen` does the same with
+tulip_testbed/experiments/benchmark/second_unseen_faults.py, which were opened when everything was fixed.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.experiments.benchmark.ordinary_run import LEAST_STANDING, _clear
 from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE, Outside
 from tulip_testbed.experiments.benchmark.score import Figure, median, rate
+from tulip_testbed.experiments.benchmark.second_unseen_faults import ANSWERS as SECOND_ANSWERS
+from tulip_testbed.experiments.benchmark.second_unseen_faults import SECOND
 from tulip_testbed.experiments.benchmark.unseen_faults import ANSWERS as UNSEEN_ANSWERS
 from tulip_testbed.experiments.benchmark.unseen_faults import UNSEEN
 from tulip_testbed.experiments.identify import identify
@@ -53,15 +56,17 @@ from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.threads import one_blas_thread
 
-PRESETS, OPENED = ("force-plate", "wii"), "opened"
-SETTINGS = Settings(seed=7000, only=(*PRESETS, OPENED))
-LATER = 1000  # of the seed, with which faults are drawn that were unseen once
+PRESETS = ("force-plate", "wii")
+# Faults that all are run once, and how much larger the seed is with which they are drawn.
+DOZENS = {"opened": (UNSEEN, 1000), "unseen": (SECOND, 2000)}
+SETTINGS = Settings(seed=7000, only=(*PRESETS, *DOZENS))
 OUTSIDE_ARM, CATALOGUE, NOTHING = "outside", "catalogue", "nothing"
 FULL = {OUTSIDE_ARM: 5, CATALOGUE: 60, NOTHING: 60}  # cases of a fault, of the other arms
 ROBOTS = (0.05, 0.2)  # spread of masses and centres of mass
 MULTIPLES = (4.0, 16.0)  # of the minimum detectable size
 TRIAL = 0.1  # of a fault's typical amplitude, to measure what it shows
 MOST_TRIES = 10
+EVERY_ANSWER = {**ANSWERS, **UNSEEN_ANSWERS, **SECOND_ANSWERS}
 BIASED = 1.0  # standard error: a bias that ought to be removed
 
 
@@ -127,12 +132,13 @@ def study(settings: Settings) -> Iterator[str]:
             yield from _report(preset, cases, settings)
             yield "\nCases:\n"
             yield from (f"- {describe(case)}" for case in cases)
-    if OPENED in settings.only:
-        cases = []
-        for run, fault in enumerate(UNSEEN):
-            cases.append(carry_out(OUTSIDE_ARM, fault, PRESETS[0], settings.seed + LATER, run))
-            yield f"- {describe(cases[-1])}"
-        yield from _report(OPENED, cases, settings)
+    for part, (faults, later) in DOZENS.items():
+        if part in settings.only:
+            cases = []
+            for run, fault in enumerate(faults):
+                cases.append(carry_out(OUTSIDE_ARM, fault, PRESETS[0], settings.seed + later, run))
+                yield f"- {describe(cases[-1])}"
+            yield from _report(part, cases, settings)
 
 
 def _calls(preset: str, seed: int, settings: Settings) -> list[tuple[Any, ...]]:
@@ -254,7 +260,7 @@ def _drawn(
         found = Laboratory(robot, known.preset, hidden=(*rest, fault), nominal=rig)
         return found, plain, replace(known, size=max(map(abs, fault.values)), answers=((fault.label, "*"),))
     number = int(rng.integers(1000))
-    answers = tuple(sorted((UNSEEN_ANSWERS.get(hidden.name) or ANSWERS[hidden.name])(robot, number)))
+    answers = tuple(sorted(EVERY_ANSWER[hidden.name](robot, number)))
     multiple = float(np.exp(rng.uniform(*np.log(MULTIPLES))))
     sign = 1.0 if hidden.positive else float(rng.choice([-1.0, 1.0]))
     size = sign * multiple * _least(hidden, number, measured, plain, plan, stream, rng)
