@@ -173,21 +173,12 @@ def study(settings: Settings) -> Iterator[str]:
             some = [one for one in found if one.kind == kind]
             if not some:
                 continue
-            yield row(
-                name,
-                WORDS[kind],
-                len(some),
-                sum(one.lost for one in some),
-                sum(one.fell for one in some),
-                sum(one.still for one in some),
-                *(
-                    ["", "", "", ""]
-                    if kind == SET_DOWN
-                    else [
-                        f"{1e3 * max(one.gap for one in some):.2f}",
-                        f"{1e3 * max(one.slip for one in some):.2f}",
-                        f"{1e3 * max(one.error for one in some):.1f}",
-                        f"{max(one.torque for one in some):.2f}",
-                    ]
-                ),
+            figures = (
+                f"{1e3 * max(one.gap for one in some):.2f}",
+                f"{1e3 * max(one.slip for one in some):.2f}",
+                f"{1e3 * max(one.error for one in some):.1f}",
+                f"{max(one.torque for one in some):.2f}",
             )
+            counts = (sum(getattr(one, key) for one in some) for key in ("lost", "fell", "still"))
+            on_the_way = ("",) * len(figures) if kind == SET_DOWN else figures
+            yield row(name, WORDS[kind], len(some), *counts, *on_the_way)

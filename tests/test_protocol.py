@@ -15,6 +15,7 @@ import yaml
 
 import tulip_testbed as tt
 from tulip_testbed.cli.main import main
+from tulip_testbed.experiments.protocols.measurement_start import empty_measurements, rows_to_fill_in
 from tulip_testbed.experiments.protocols.measuring_order import (
     drift_inflation,
     order_of_placements,
@@ -34,9 +35,11 @@ from tulip_testbed.pages.placement_drawing import placement_of, scale_for
 from tulip_testbed.pages.protocol_page import write_protocol
 from tulip_testbed.sim.control import torque_limits
 from tulip_testbed.sim.measurements import read_plan, write_measurements
+from tulip_testbed.sim.measurements.measurement_folder import write_start
 from tulip_testbed.sim.measurements.plan_folder import write_plan
 from tulip_testbed.sim.robot import joint_ranges
 from tulip_testbed.sim.scene import nominal_plates
+from tulip_testbed.sim.sensors import PRESETS
 
 G = 9.81
 
@@ -371,6 +374,28 @@ def test_without_a_data_sheet_the_manifest_says_so(robot, small, made, tmp_path,
     page = (tmp_path / "day" / "protocol.html").read_text()
     assert "sensors.cell_sd" in page
     assert "Pictures of postures: nothing draws here" in page
+
+
+@pytest.mark.parametrize("preset", sorted(PRESETS))
+def test_every_laboratory_s_folder_can_be_started(robot, small, tmp_path, preset):
+    """The manifest is that of a simulated laboratory, without the mass, and so are the columns."""
+    empty = empty_measurements(robot, preset)
+    write_start(tmp_path / "data", empty)
+    started = json.loads((tmp_path / "data" / "manifest.json").read_text())
+    run = tt.Laboratory(robot, preset).run(small, seed=412, engine="statics")
+    write_measurements(tmp_path / "simulated", run.measurements)
+    simulated = json.loads((tmp_path / "simulated" / "manifest.json").read_text())
+    for key in ("weighed_mass", "created", "software", "tables"):
+        simulated.pop(key)
+    assert started.pop("weighed_mass") is None
+    if preset == "plate-cop":  # follows from the measurements' loads
+        assert all(contact.pop("covariance", None) is None for contact in started["contacts"])
+        [contact.pop("covariance", None) for contact in simulated["contacts"]]
+    assert started == simulated
+    names = (tmp_path / "data" / "postures.csv").read_text().strip().split(",")
+    written = set(table_of(tmp_path / "simulated" / "postures.csv")[0])
+    assert set(names) == {name for name in written if not name.startswith(("q_command.", "motor."))}
+    assert rows_to_fill_in(empty, small).count("\n") == len(small) + 1
 
 
 def _no_pictures(*arguments):
