@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
 
@@ -124,7 +125,7 @@ def drawing(placement: Placement, scale: float) -> str:
             style = f'fill="{SOLE}" fill-opacity="0.08" stroke="{SOLE}" stroke-width="0.3"'
             parts.append(polygon(placement.soles[side], style, f"{plate}-sole"))
             parts.append(_cross(*at(placement.feet[side, :2]), 1.5, SOLE))
-    parts += [_label(mark, at, points.mean(axis=0)) for mark in marks(placement)]
+    parts += [_label(mark, at, placement) for mark in marks(placement)]
     x, y = at(np.zeros(2))
     reach = 9.0
     parts.append(
@@ -158,19 +159,20 @@ def _cross(x: float, y: float, reach: float, colour: str) -> str:
     )
 
 
-def _label(mark: Mark, at, middle: np.ndarray) -> str:
-    """A mark's label, a little outside of its point; that of an ankle beside it."""
+def _label(mark: Mark, at: Callable[[np.ndarray], tuple[float, float]], placement: Placement) -> str:
+    """Return a mark's label: inside a board's corner, outside of a sole's, beside an ankle."""
     x, y = at(1e-3 * np.array([mark.x, mark.y]))
     if mark.label in "RL":
         return f'<text x="{x + 1.6:.3f}" y="{y + 3.6:.3f}" font-size="2.8" fill="{SOLE}">{mark.label}</text>'
-    u, v = at(middle)
-    board = mark.label.isalpha()
-    x, y = x + (2.2 * np.sign(x - u) if board else 0.0), y + (3.0 if y > v else -1.0)
-    colour = "#444" if board else SOLE
+    on_board = mark.label.isalpha()
+    side = int(mark.name.startswith("left"))
+    corners = (placement.outlines if on_board else placement.soles)[side]
+    u, v = at(corners.mean(axis=0))
+    away = np.array([np.sign(x - u), np.sign(y - v)]) * (-2.2 if on_board else 1.8)
+    colour = "#444" if on_board else SOLE
     return (
-        f'<text x="{x:.3f}" y="{y:.3f}" font-size="2.8" text-anchor="middle" fill="{colour}" '
-        'stroke="white" stroke-width="0.6" paint-order="stroke">'
-        f"{escape(mark.label)}</text>"
+        f'<text x="{x + away[0]:.3f}" y="{y + away[1] + 1.0:.3f}" font-size="2.8" text-anchor="middle" '
+        f'fill="{colour}">{escape(mark.label)}</text>'
     )
 
 
