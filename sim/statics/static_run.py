@@ -209,7 +209,8 @@ def _draw(solved_plan: SolvedPlan, run: int, rng: np.random.Generator) -> Tries:
     """Draw one run: repeats, plate poses, commands and friction."""
     rig, plan, m = solved_plan.rig, solved_plan.plan, solved_plan.mechanism
     repeats = choose_repeats(plan, rig.protocol.repeats, rng)
-    order = [row for number in np.unique(plan.placement) for row, _ in order_of_tries(plan, number, repeats)]
+    placements = dict.fromkeys(plan.placement.tolist())
+    order = [row for number in placements for row, _ in order_of_tries(plan, number, repeats)]
     row = np.array(order)
     place = solved_plan.placement[row]
     fresh = np.append(True, new_set_up(place, plan.support[row]))
