@@ -1,0 +1,267 @@
+"""The order of a protocol and the motions between its postures."""
+
+import itertools
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+import yaml
+
+import tulip_testbed as tt
+from tulip_testbed.experiments.protocols.measuring_order import (
+    drift_inflation,
+    order_of_placements,
+    shortest_path,
+    shortest_tour,
+)
+from tulip_testbed.experiments.protocols.motion import FREE, HOIST, LIFT, MotionPlanner
+from tulip_testbed.experiments.protocols.motion_files import motion_csv, motion_yaml
+from tulip_testbed.experiments.protocols.motion_limits import dynamic_room
+from tulip_testbed.experiments.protocols.motion_loads import LoadsInMotion
+from tulip_testbed.experiments.protocols.protocol_run import ProtocolSettings, protocol_of
+from tulip_testbed.identification.feasibility import stability_margin, support_polygon
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.planning_ranges import planning_ranges
+from tulip_testbed.sim.control import torque_limits
+from tulip_testbed.sim.robot import joint_ranges
+
+G = 9.81
+
+
+@pytest.fixture(scope="module")
+def small():
+    return tt.plans.optimal.take(tt.plans.optimal.placement <= 4)
+
+
+@pytest.fixture(scope="module")
+def made(robot, small):
+    return protocol_of(robot, small, ProtocolSettings("wii", repeats=3))
+
+
+def at_rest(loads, angles, support="double"):
+    return loads.at(np.arange(3.0), np.tile(angles, (3, 1)), support)
+
+
+@pytest.mark.parametrize("name", ["optimal", "mixed"])
+def test_torques_at_rest_are_the_plan_s(robot, name):
+    """Which planning computed from its own kinematics."""
+    plan, loads = getattr(tt.plans, name), LoadsInMotion(robot)
+    for k in range(0, len(plan), 7):
+        found = at_rest(loads, plan.joint_angles[k], str(plan.support[k]))
+        np.testing.assert_allclose(found.torques[1], plan.torques[k], atol=1e-6)
+        np.testing.assert_allclose(found.zmp[1], found.com[1], atol=1e-9)
+
+
+def test_zero_moment_point_follows_from_momentum(robot, made):
+    """Differences of the momentum of all links, which inverse dynamics does not use."""
+    motion = max(
+        (m for m in made.motions if m and not m.via_stance), key=lambda m: np.ptp(m.angles, axis=0).max()
+    )
+    loads = LoadsInMotion(robot)
+    fast = motion.times / 4
+    found = loads.at(fast, motion.angles, "double")
+    data, model, step = mujoco.MjData(robot.model), robot.model, fast[1]
+    poses = [loads.position(angles, 0) for angles in motion.angles]
+    com, spin = [], []
+    for before, after in itertools.pairwise(poses):
+        middle, speed = before.copy(), np.zeros(model.nv)
+        mujoco.mj_differentiatePos(model, speed, step, before, after)
+        mujoco.mj_integratePos(model, middle, speed, step / 2)
+        data.qpos, data.qvel = middle, speed
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        mujoco.mj_subtreeVel(model, data)
+        com.append(data.subtree_linvel[1].copy())
+        spin.append(data.subtree_angmom[1].copy())
+    a, turn = np.diff(com, axis=0) / step, np.diff(spin, axis=0) / step
+    heights = []
+    for pose in poses[1:-1]:
+        data.qpos = pose
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        heights.append(data.subtree_com[1].copy())
+    c, mass = np.array(heights), model.body_subtreemass[1]
+    up = G + a[:, 2]
+    x = c[:, 0] - c[:, 2] * a[:, 0] / up - turn[:, 1] / (mass * up)
+    y = c[:, 1] - c[:, 2] * a[:, 1] / up + turn[:, 0] / (mass * up)
+    away = np.abs(found.zmp - found.com).max()
+    assert away > 2e-3  # the motion is fast enough to tell
+    np.testing.assert_allclose(found.zmp[1:-1], np.column_stack([x, y]), atol=0.05 * away)
+
+
+def test_feet_and_drives_carry_the_motion(robot, made):
+    """Applied to the free robot, torques and feet's wrenches give the motion's accelerations."""
+    motion = next(m for m in made.motions if m and np.ptp(m.angles, axis=0).max() > 0.3)
+    loads = LoadsInMotion(robot)
+    found = loads.at(motion.times / 3, motion.angles, "double")
+    speeds, accelerations = loads.derivatives(
+        motion.times / 3, np.array([loads.position(q, 0) for q in motion.angles])
+    )
+    model, data = robot.model, mujoco.MjData(robot.model)
+    k = len(motion.times) // 3
+    data.qpos, data.qvel = loads.position(motion.angles[k], 0), speeds[k]
+    mujoco.mj_fwdPosition(model, data)
+    mujoco.mj_fwdVelocity(model, data)
+    total, jacobian = np.zeros(model.nv), np.zeros((6, model.nv))
+    total[loads.dofs] = found.torques[k]
+    for side, foot in enumerate(loads.feet):
+        mujoco.mj_jac(model, data, jacobian[:3], jacobian[3:], np.zeros(3), foot)
+        total += jacobian.T @ found.foot_wrenches[k, side]
+    inertia = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, inertia)
+    left = inertia @ accelerations[k] + data.qfrc_bias + model.dof_damping * speeds[k]
+    np.testing.assert_allclose(total, left, atol=1e-6)
+
+
+def test_every_motion_keeps_every_limit(robot, made):
+    """Looked at anew: ranges, speed, torque, feet, centre of mass."""
+    nominal, chain = nominal_robot(robot), MotionPlanner(robot, made.plan).chain
+    ranges, torques = joint_ranges(robot.model), torque_limits(robot)
+    inside = planning_ranges(robot).stability_margin
+    motions = [m for m in made.motions if m]
+    assert len(motions) > 10
+    assert any(m.via_stance for m in motions)
+    for motion in motions:
+        assert motion.kind == FREE
+        assert min(motion.room.values()) >= 0
+        assert (motion.angles >= ranges[:, 0] - 1e-4).all()
+        assert (motion.angles <= ranges[:, 1] + 1e-4).all()
+        assert np.abs(motion.speeds).max() <= 0.5 * 1.01
+        assert (np.abs(motion.torques) <= torques).all()
+        swing = np.array([chain.swing_pose(q) for q in motion.angles])
+        assert np.ptp(swing, axis=0).max() < 1e-4
+        polygon = support_polygon(nominal.soles_in_base(motion.angles[:1])[0])
+        assert stability_margin(nominal.center_of_mass(motion.angles), polygon) >= inside - 2e-4
+
+
+def test_legs_do_not_touch_on_the_way(robot, made):
+    """By MuJoCo's distances between the geoms of both legs below the hips, in the robot's own coordinates."""
+    model, data = robot.model, mujoco.MjData(robot.model)
+    loads, side = LoadsInMotion(robot), {}
+    for name in ("right", "left"):
+        legs = {model.body(f"{name}_{part}").id for part in ("upper_leg", "lower_leg")}
+        side[name] = [g for g in range(model.ngeom) if model.geom_bodyid[g] in legs]
+    assert min(map(len, side.values())) >= 2
+
+    def apart(angles):
+        data.qpos = loads.position(angles, 0)
+        mujoco.mj_kinematics(model, data)
+        pairs = itertools.product(side["right"], side["left"])
+        return min(mujoco.mj_geomDistance(model, data, a, b, 0.1, None) for a, b in pairs)
+
+    nearest = []
+    for motion in made.motions:
+        if motion is not None and not motion.via_stance:
+            distances = [apart(angles) for angles in motion.angles[:: len(motion.angles) // 12]]
+            ends = min(apart(motion.angles[0]), apart(motion.angles[-1]))
+            assert min(distances) > min(ends, 0.005) - 3e-4
+            nearest.append(min(distances))
+    assert min(nearest) < 0.05  # some come near each other
+
+
+def test_motions_begin_and_end_at_rest_in_their_postures(made):
+    for k, motion in enumerate(made.motions):
+        if motion is None:
+            continue
+        np.testing.assert_allclose(motion.angles[[0, -1]], made.plan.joint_angles[[k - 1, k]], atol=1e-9)
+        assert np.abs(motion.speeds[[0, -1]]).max() < 1e-9
+        slope = np.gradient(motion.angles, motion.times, axis=0)
+        np.testing.assert_allclose(motion.speeds[2:-2], slope[2:-2], atol=0.02)
+        assert (np.diff(motion.times) > 0).all()
+
+
+def test_a_posture_that_asks_too_much_is_reached_in_the_hoist(robot):
+    """Posture 25 of the random plan needs more than its drives give, if the load is shared as planned."""
+    plan = tt.plans.random
+    loads, limits = LoadsInMotion(robot), MotionPlanner(robot, plan).limits
+    over = [
+        k
+        for k in range(60)
+        if dynamic_room(limits, at_rest(loads, plan.joint_angles[k]), "double")["torque"] < -0.05
+        and plan.placement[k] == plan.placement[k - 1]
+    ]
+    motion = MotionPlanner(robot, plan).motion(over[0] - 1, over[0])
+    assert motion.kind == HOIST
+    assert "torque" in motion.reason
+    assert "torque." not in motion_csv(motion, plan.joints).splitlines()[0]
+    assert yaml.safe_load(motion_yaml(motion, plan.joints))["points"][0]["effort"] == []
+
+
+def test_motions_on_one_foot_keep_the_other_in_the_air(robot):
+    """Near each other: from a posture on the right foot to one with a little of the way to the next."""
+    mixed = tt.plans.mixed
+    plan = mixed.take(np.flatnonzero(mixed.support == "right")[[0, 0]])
+    turned = plan.joint_angles + np.array([[0.0], [0.05]]) * np.eye(12)[6]  # the left hip's yaw
+    plan = replace(plan, joint_angles=turned, posture=np.array([1, 2]), placement=np.array([1, 1]))
+    motion = MotionPlanner(robot, plan).motion(0, 1)
+    assert motion.kind == FREE
+    found = LoadsInMotion(robot).at(motion.times, motion.angles, "right")
+    assert found.soles[:, 1, :, 2].min() > 0.01
+    assert np.isnan(found.foot_points[:, 1]).all()
+    assert (found.foot_wrenches[:, 1] == 0).all()
+
+
+def test_where_links_would_touch_the_robot_is_lifted(robot, small, monkeypatch):
+    """And what follows has a placement of its own, since its boards are recorded anew."""
+    found = MotionPlanner._found
+    monkeypatch.setattr(MotionPlanner, "_found", lambda self, a, b: (found(self, a, b)[0], LIFT))
+    lifted = protocol_of(robot, small, ProtocolSettings(repeats=0))
+    assert lifted.motions == (None,) * len(small)
+    assert len(lifted.placements) == len(small)
+    assert sorted(lifted.plan.posture.tolist()) == sorted(small.posture.tolist())
+
+
+def test_order_is_as_short_as_the_shortest():
+    rng = np.random.default_rng(5)
+    for count in (3, 5, 6):
+        points = rng.random((count, 3))
+        cost = np.linalg.norm(points[:, None] - points, axis=-1)
+
+        def length(order, cost=cost):
+            return cost[list(order[:-1]), list(order[1:])].sum()
+
+        every = list(itertools.permutations(range(count)))
+        assert length(shortest_path(cost)) == pytest.approx(min(map(length, every)))
+        closed = min(length((*order, order[0])) for order in every)
+        tour = shortest_tour(cost)
+        assert length([*tour, tour[0]]) == pytest.approx(closed)
+
+
+def test_everything_is_measured_once_and_repeats_are_spread(made, small):
+    plan = made.plan
+    assert sorted(set(plan.posture.tolist())) == sorted(small.posture.tolist())
+    assert len(plan) == len(small) + 3
+    changes = np.count_nonzero(np.diff(plan.placement)) + 1
+    assert changes == len(np.unique(plan.placement))
+    for number in np.unique(plan.posture):
+        rows = np.flatnonzero(plan.posture == number)
+        assert (np.diff(rows) > 1).all()
+        assert (plan.joint_angles[rows] == plan.joint_angles[rows[0]]).all()
+    again = [n for n in made.placements if n > small.placement.max()]
+    assert again  # boards are laid anew
+    assert all(motion is None for k, motion in enumerate(made.motions) if not k or changes_at(plan, k))
+
+
+def changes_at(plan, k):
+    return plan.placement[k] != plan.placement[k - 1]
+
+
+def test_time_grows_with_nothing_else(robot):
+    """A plan whose placements are sorted by the place of the foot confuses a drift; the order does not."""
+    plan = tt.plans.random.take(tt.plans.random.placement <= 12)
+    first = plan.swing_pose[np.searchsorted(plan.placement, plan.placement)][:, 0]
+    plan = plan.take(np.argsort(first, kind="stable"))
+    order = order_of_placements(robot, plan)
+    ordered = plan.take(np.concatenate([np.flatnonzero(plan.placement == number) for number in order]))
+    assert drift_inflation(robot, ordered) < 0.8 * drift_inflation(robot, plan)
+
+
+@pytest.mark.parametrize("rows", [1, 5])
+def test_a_short_plan_that_alone_tells_nothing_has_a_protocol(robot, small, rows):
+    """Such as the next experiment of a session."""
+    made = protocol_of(robot, small.take(np.arange(rows)))
+    assert sorted(set(made.plan.posture.tolist())) == list(range(1, rows + 1))
+    assert len(made.plan) == rows + rows // 5
+    assert "Protocol" in repr(made)
