@@ -21,6 +21,7 @@ FUNCTIONS = (
         "campaign",
         "plan",
         "check",
+        "watch",
         "import_table",
         "predict",
         "export_model",

@@ -1,1 +1,1 @@
-"""Watch a day of measurements while its rows arrive: check every posture, notice changes, tell when to stop."""
+"""Watch a day of measurements while its rows arrive: check postures, notice changes, tell when to stop."""

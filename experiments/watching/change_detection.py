@@ -1,10 +1,10 @@
 """Notice a fault that begins at an unknown posture: generalised likelihood ratios over kinds and onsets.
 
-A fault of size s that begins at posture k adds s g_t to the residuals of every posture t from k on; of that the
-filter's innovations keep rho_t = g_t - H_t b_t, since the estimate follows the fault by b_t. With
-y = sum rho' S^-1 gamma and w = sum rho' S^-1 rho the likelihood ratio, maximised over s, is y^2 / w, chi-square
-of one degree of freedom without a fault. Onsets are those of the last postures and, further back, every
-`APART`-th: memory is constant.
+A fault of size s that begins at posture k adds s g_t to the residuals of every posture t from k on; of that
+the filter's innovations keep rho_t = g_t - H_t b_t, since the estimate follows the fault by b_t. With
+y = sum rho' S^-1 gamma and w = sum rho' S^-1 rho the likelihood ratio, maximised over s, is y^2 / w,
+chi-square of one degree of freedom without a fault. Onsets are those of the last postures and, further back,
+every `APART`-th: memory is constant.
 
 Reference: A. S. Willsky and H. L. Jones, A generalized likelihood ratio approach to the detection and
 estimation of jumps in linear systems, IEEE Trans. Automatic Control 21, 1976.

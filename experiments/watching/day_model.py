@@ -1,4 +1,4 @@
-"""What is known before a day of measurements: the robot's model, its tolerances, and the faults that may begin.
+"""What is known before a day of measurements: the robot, its tolerances, and the faults that may begin.
 
 The residuals of a posture are linear in the state x = (base parameters less CAD's, error of the weight,
 deviates of the ordinary imperfections, errors of the placement's recorded plates, swing foot's place in the
@@ -198,7 +198,7 @@ def base_prior(nominal: Nominal) -> np.ndarray:
 
 
 def _noise(observed: Observation) -> Noise:
-    """Return the noise by the data sheets; what they do not state is assumed, since one row cannot tell it."""
+    """Return the noise by the data sheets; what they do not state is assumed: one row cannot tell it."""
     sheet = observed.measurements.sensors
     stated = replace(
         sheet,

@@ -44,7 +44,8 @@ class RowColumns:
         faults: change by one plausible size of each direction, (m, 11, c).
         by_angles: derivative by the joint angles, (m, 11, j).
         slope: change of its first two rows with the base parameters, (m, 2, j, p).
-        angles: change of the angles' readings by the state, (m, j, n). fault_angles: by the faults, (m, j, c).
+        angles: change of the angles' readings by the state, (m, j, n).
+        fault_angles: the same by the faults, (m, j, c).
         pushed: change of the angles by one s.d. of the wrench that no cell shows, (m, j, 3).
         cells: covariance of the residuals by the cells, (m, 11, 11).
     """

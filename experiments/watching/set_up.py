@@ -61,7 +61,7 @@ def order_findings(model: DayModel, state: WatchState, row: Measurements, planne
             f"the time jumps {way} by {number(abs(later), '.0f')} s",
             f"times that increase, by less than {BREAK:.0f} s",
             where,
-            "After a break look for what changed; otherwise correct the clock. The foot counts as set down anew.",
+            "After a break look for what changed, else correct the clock. The foot counts as put down anew.",
         )
     )
     return found

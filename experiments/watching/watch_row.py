@@ -214,7 +214,8 @@ def _odd(found: Innovation, alone: float, again: float) -> Finding:
     return Finding(
         "prediction",
         "fail",
-        f"{number(worst[1], '.1f')} s.d. from the prediction in channel {worst[0]}, p = {number(alone, '.1g')}",
+        f"{number(worst[1], '.1f')} s.d. from the prediction in channel {worst[0]} "
+        f"(p = {number(alone, '.1g')})",
         "readings as the postures before predict them",
         f"channel {worst[0]}",
         "Measure it again; if it does not fit again, something has changed.",

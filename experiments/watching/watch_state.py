@@ -21,8 +21,9 @@ class Fault:
     """A change that was noticed and is there.
 
     Attributes:
-        direction: its number among the model's. onset: count of the row at which it began. posture: that row's.
-        size: in plausible sizes. gone: evidence that it has gone, ln of a likelihood ratio.
+        direction: its number among the model's. onset: count of the row at which it began.
+        posture: that row's. size: in plausible sizes.
+        gone: evidence that it has gone, ln of a likelihood ratio.
     """
 
     direction: int
