@@ -40,7 +40,7 @@ STEPS = (
     *("plate-translation", "plate-yaw", "tilt", "tether", "payload-step", "joint-compliance"),
     "sole-compliance",
 )
-RAMPS = ("encoder-slip", "cell-tare", "plate-drift", "thermal-gain-drift")  # these may also grow steadily
+RAMPS = ("cell-tare", "plate-drift", "thermal-gain-drift")  # these may also grow steadily
 RAMP = 10.0  # postures in which a ramp grows by one plausible size
 
 
