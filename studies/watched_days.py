@@ -1,4 +1,4 @@
-"""Days for the study of `tulip watch`: ordinary laboratories, faults that begin in the middle, and how it goes."""
+"""Days for the study of `tulip watch`: ordinary laboratories, and faults that begin in the middle."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from studies.runner import MEASURED_ROWS
 from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.injection import edited
@@ -17,7 +18,7 @@ from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.recursive_estimate import innovation, updated
 from tulip_testbed.experiments.watching.row_columns import row_columns
 from tulip_testbed.experiments.watching.set_up import set_up
-from tulip_testbed.experiments.watching.watch_row import OK, Verdict, watch_row
+from tulip_testbed.experiments.watching.watch_row import CHANGED, OK, Verdict, watch_row
 from tulip_testbed.experiments.watching.watch_state import first_state
 from tulip_testbed.identification.distributions import chi2_isf
 from tulip_testbed.sim.errors import InputError
@@ -65,7 +66,7 @@ FAULTS = (
     Kind("cell-tare:left.front_right"),
     Kind("cell-tare:right.rear_right"),
     Kind("cell-drift:right.front_right", ramp=True, watched="cell-tare:right.front_right"),
-    Kind("plate-drift:left", ramp=True),
+    Kind("sole-compliance"),
     Kind("plate-translation:left", (1.0, 0.0)),
     Kind("plate-translation:right", (0.0, 1.0)),
     Kind("plate-yaw:left"),
@@ -74,6 +75,16 @@ FAULTS = (
     Kind("payload-step:torso"),
     Kind("payload-step:left_lower_leg"),
     Kind("joint-compliance:right_knee"),
+)
+# Faults that grow slowly, which a watch notices late: a table of their own.
+DRIFTS = (
+    Kind("plate-drift:left", ramp=True),
+    Kind("plate-drift:right", ramp=True),
+    Kind("thermal-gain-drift", ramp=True),
+    *(
+        Kind(f"cell-drift:{cell}", ramp=True, watched=f"cell-tare:{cell}")
+        for cell in ("left.front_left", "left.rear_left", "right.front_left", "right.rear_right")
+    ),
 )
 
 
@@ -216,9 +227,8 @@ def faulty_day(day: Day, kind: Kind, plan: PosturePlan, seed: int) -> FaultyDay:
     later = [k for k in odd if k >= began]
     found = np.flatnonzero(ratios > float(chi2_isf(DETECTABLE, 1)))
     noticed = later[0] if later else -1
-    named = next(
-        (f.seen for v in verdicts[began:] if v.verdict == "changed" for f in v.findings if f.name == "change"), ""
-    )
+    changed = [v for v in verdicts[began:] if v.verdict == CHANGED]
+    named = next((f.seen for v in changed for f in v.findings if f.name == "change"), "")
     return FaultyDay(
         kind=kind,
         preset=day.laboratory.sensors,
@@ -253,18 +263,18 @@ def with_fault(day: Day, kind: Kind, size: float, plan: PosturePlan, start: floa
         size * next(along) * p.prior if k in effect.sizes else 0.0 for k, p in enumerate(effect.parameters)
     )
     if effect.misreads:
-        misread = effect.inject(preset_rig(day.laboratory.sensors, day.laboratory.robot), target, values).misread
+        rig = preset_rig(day.laboratory.sensors, day.laboratory.robot)
+        misread = effect.inject(rig, target, values).misread
         assert misread is not None
         return joined_rows(day.rows.take(before), misread(day.rows.take(after)))
     if "start" in (names := [p.name for p in effect.parameters]):
         late = 0.1  # before that part of the run which is used
         values = tuple(late if n == "start" else v for n, v in zip(names, values, strict=True))
-    hidden = (*(one for one in day.laboratory.hidden if one.label != kind.label), EffectInstance(effect, target, values))
-    if name == "tilt" or name == "joint-compliance":
-        own = next((one.values for one in day.laboratory.hidden if one.label == kind.label), (0.0,) * len(values))
-        values = tuple(a + b for a, b in zip(own, values, strict=True))
-        hidden = (*hidden[:-1], EffectInstance(effect, target, values))
-    laboratory = replace(day.laboratory, hidden=hidden)
+    others = tuple(one for one in day.laboratory.hidden if one.label != kind.label)
+    for one in day.laboratory.hidden:  # what was there before grows
+        if one.label == kind.label:
+            values = tuple(a + b for a, b in zip(one.values, values, strict=True))
+    laboratory = replace(day.laboratory, hidden=(*others, EffectInstance(effect, target, values)))
     faulty = laboratory.run(plan, day.stream, day.engine, workers=1).measurements
     return joined_rows(day.rows.take(before), faulty.take(faulty.time >= start))
 
@@ -279,8 +289,6 @@ def _same_unit(kind: Kind) -> float:
 
 def joined_rows(first: Measurements, then: Measurements) -> Measurements:
     """Return the rows of one measurement after those of another."""
-    names = ("posture", "placement", "support", "time", "window", "samples", "joint_angles")
-    names = (*names, "joint_angles_sd", "command", "motor", "cell_forces", "cell_forces_sd", "plate_poses")
-    return replace(
-        first, **{n: np.concatenate([getattr(first, n), getattr(then, n)]) for n in names if getattr(first, n) is not None}
-    )
+    there = [name for name in MEASURED_ROWS if getattr(first, name) is not None]
+    both = {name: np.concatenate([getattr(first, name), getattr(then, name)]) for name in there}
+    return replace(first, **both)  # pyrefly: ignore[bad-argument-type]

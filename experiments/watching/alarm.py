@@ -1,7 +1,7 @@
 """When a watch raises an alarm, and how it notices that the cause is gone.
 
-The error rates are of a whole day: `FALSE_ALARMS` is the probability of any false alarm in a day in which
-nothing begins, shared by the rows alone, their repeats, and changes.
+The error rates are of a whole day: the sum of `FALSE_ALARMS` is the probability of any false alarm in a day
+in which nothing begins.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from tulip_testbed.identification.distributions import chi2_isf
 from tulip_testbed.identification.preflight.finding import Finding
 from tulip_testbed.sim.numbers import number
 
-FALSE_ALARMS = 0.003  # a day, a third each by single rows, by repeats and by changes
+FALSE_ALARMS = {"row": 0.001, "repeat": 0.001, "change": 0.003}  # a day
 # Independent tests a posture to which the ratios of all kinds and onsets amount, by the distribution of their
 # largest value over clean days of development seeds (docs/watch.md).
-TESTS = 75.0
+TESTS = 175.0
 ODD_ROWS = 2  # in succession, that are a change
 GONE = 10.0  # ln of the likelihood ratio, from which a change counts as gone
 
@@ -32,17 +32,19 @@ class Level:
     """Limits of a day.
 
     Attributes:
-        row: p-value below which a row does not fit. ratio: of a change, twice the ln of the likelihood ratio.
+        row: p-value below which a row does not fit. repeat: that of its difference from the last time.
+        ratio: of a change, twice the ln of the likelihood ratio.
     """
 
     row: float
+    repeat: float
     ratio: float
 
 
 def levels(model: DayModel) -> Level:
     """Return the limits that keep `FALSE_ALARMS` over a plan."""
-    each = FALSE_ALARMS / 3 / max(len(model.plan), 1)
-    return Level(each, float(chi2_isf(each / TESTS, 1)))
+    row, repeat, change = (FALSE_ALARMS[name] / len(model.plan) for name in ("row", "repeat", "change"))
+    return Level(row, repeat, float(chi2_isf(change / TESTS, 1)))
 
 
 def fault_of_changes(model: DayModel, state: WatchState, level: Level) -> WatchState:

@@ -45,6 +45,11 @@ class Changes:
         return np.where(seen, self.pull**2 / np.where(seen, self.information, 1.0), 0.0)
 
 
+def newest(changes: Changes) -> int:
+    """Return the place of the last onset: the evidence of one row alone."""
+    return int(changes.onset.argmax())
+
+
 def no_changes(numbers: int, directions: int) -> Changes:
     """Return the evidence before the first row."""
     slots = RECENT + EARLIER

@@ -17,7 +17,7 @@ from tulip_testbed.experiments.watching.alarm import (
     noticed,
     still_there,
 )
-from tulip_testbed.experiments.watching.change_detection import with_row
+from tulip_testbed.experiments.watching.change_detection import newest, with_row
 from tulip_testbed.experiments.watching.day_model import DayModel
 from tulip_testbed.experiments.watching.design_information import with_posture
 from tulip_testbed.experiments.watching.history import remembered
@@ -139,7 +139,9 @@ def _judged(
         findings = [cleared, *findings]
     again = repeat_probability(model, state, columns, planned)
     alone = float(chi2_sf(found.chi_square, found.freedom))
-    if min(alone, again) < level.row:
+    changes = with_row(state.changes, found, state.count, model.ramps)
+    sudden = float(changes.ratio[newest(changes)].max())
+    if alone < level.row or again < level.repeat or sudden > level.ratio:
         findings = [_odd(found, alone, again), *findings]
         state = replace(state, done=_marked(state.done, planned, AGAIN))
         state = fault_of_odd_rows(model, state, found, planned)
@@ -151,7 +153,7 @@ def _judged(
     state = replace(
         state,
         odd=0,
-        changes=with_row(state.changes, found, state.count, model.ramps),
+        changes=changes,
         belief=updated(state.belief, found),
         information=with_posture(state.information, model, columns),
         earlier=with_earlier(model, state, columns, planned),
