@@ -216,7 +216,9 @@ def faulty_day(day: Day, kind: Kind, plan: PosturePlan, seed: int) -> FaultyDay:
     threshold = levels(model).ratio
     mde = (np.sqrt(threshold) + POWER) / np.sqrt(information[-1])
     multiple = float(np.exp(rng.uniform(*np.log(MULTIPLES))))
-    positive = any(p.positive for p in model.directions[direction].effect.parameters)
+    effect = model.directions[direction].effect
+    # A mass that is taken away may be more than the link has.
+    positive = effect.name == "payload-step" or any(p.positive for p in effect.parameters)
     size = multiple * mde * (1.0 if positive else float(rng.choice([-1.0, 1.0])))
     if kind.size is not None:
         size, multiple = kind.size, np.inf

@@ -31,9 +31,7 @@ def watch_command(
         bool, tyro.conf.arg(help="read the rows as CSV lines after a header from standard input")
     ] = False,
     once: Annotated[bool, tyro.conf.arg(help="judge the rows that are there and end")] = False,
-    view: Annotated[
-        bool, tyro.conf.arg(help="also show the day in rerun, in a browser")
-    ] = False,
+    view: Annotated[bool, tyro.conf.arg(help="also show the day in rerun, in a browser")] = False,
     robot: RobotFile = TULIP,
     as_json: Annotated[
         bool, tyro.conf.arg(name="json", help="print one line of JSON a posture on stdout")
@@ -43,15 +41,12 @@ def watch_command(
 
     FOLDER is a measurement folder whose manifest.json is written and whose postures.csv grows; nothing is
     written into it. Each row is held against the postures before it, the robot's CAD model, the repeats and
-    the data sheets' noise. The command ends when every posture is measured, or by Ctrl-C.
+    the data sheets' noise. The command ends when every posture is measured, or by Ctrl-C. PLAN is a plan
+    folder or the name of a shipped plan.
 
-    Examples:
+    Example: tulip watch lab/monday --plan random --out runs/monday.state --target all=2
 
-      tulip watch lab/monday --plan random --out runs/monday.state
-
-      tulip watch lab/monday --plan plans/next --target all=2 torso.x=1 --json
-
-      logger | tulip watch lab/monday --plan random --stdin
+    Example: logger | tulip watch lab/monday --plan plans/next --stdin --json
     """
     import sys
     from contextlib import ExitStack
