@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import io
 import json
+import struct
+import tokenize
 import zipfile
+import zlib
 from dataclasses import asdict, dataclass, fields
 from hashlib import sha256
 from pathlib import Path
@@ -22,6 +25,11 @@ from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import check_outside, present, read_bytes, write_bytes
 from tulip_testbed.sim.measurements import PosturePlan
 
+# What numpy and zipfile raise of files that are none of theirs.
+BROKEN = (
+    *(ValueError, LookupError, TypeError, OSError, EOFError, RuntimeError, SyntaxError, MemoryError),
+    *(OverflowError, zipfile.BadZipFile, tokenize.TokenError, zlib.error, struct.error),
+)
 FORMAT, VERSION = "tulip-watch", 1
 PLAIN = (
     "gaps",
@@ -130,7 +138,7 @@ def read_state(path: Path, key: str, model: DayModel) -> Kept | None:
         return _kept(arrays, head, first_state(model))
     except InputError:
         raise
-    except (ValueError, KeyError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
+    except BROKEN as error:
         raise InputError(f"{path}: found no state of a watch ({error}); give another name") from None
 
 

@@ -37,7 +37,7 @@ def watch_command(
         bool, tyro.conf.arg(name="json", help="print one line of JSON a posture on stdout")
     ] = False,
 ) -> int:
-    """Check a day's postures while they are measured, and tell when to stop.
+    """Check postures while they are measured, and tell when to stop.
 
     FOLDER is a measurement folder whose manifest.json is written and whose postures.csv grows; nothing is
     written into it. Each row is held against the postures before it, the robot's CAD model, the repeats and
