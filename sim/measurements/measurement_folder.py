@@ -135,9 +135,7 @@ def measurements_in(manifest: Manifest, table: Table, where: Path, likely: bool 
     Raises:
         InputError: the table breaks the contract; it lacks columns (`IncompleteError`).
     """
-    mapped = mapped_table(
-        table, manifest.mapping or {}, known_columns(manifest), manifest.gravity, where
-    )
+    mapped = mapped_table(table, manifest.mapping or {}, known_columns(manifest), manifest.gravity, where)
     constant = manifest.constant_joints or {}
     mapped.require(required_columns(tuple(manifest.joints), manifest.contacts, constant), MAY_LACK)
     measurements = _measurements(manifest, mapped, where)
