@@ -37,11 +37,13 @@ class Search:
     Attributes:
         tolerances: of families, in place of those that fit the sensors [SI]; zero: exact.
         candidates: effects that may be the cause.
+        widest: prior s.d. of the spread of a family [tolerances]: half a normal.
     """
 
     observed: Observation
     tolerances: Mapping[str, float] | None
     candidates: list[Candidate]
+    widest: float = np.inf
 
     @staticmethod
     def of(
@@ -66,7 +68,16 @@ class Search:
             found = self_calibrate(self.observed, self.tolerances, instances, found, covariance, ROUNDS)
             if found.moved < RESTS:
                 break
-        return Judged(at_estimate(terms, found), found, evidence_for(found, terms, self.observed))
+        return Judged(at_estimate(terms, found), found, self.evidence(found, terms))
+
+    def evidence(self, found: SelfCalibration, terms: Sequence[Fitted]) -> float:
+        """Compute ln of the evidence for effects, whose positive sizes have half a normal as their prior."""
+        out = found.solved.log_evidence - sum(log_choices(term.candidate, self.observed) for term in terms)
+        for one, error in zip(found.effects, found.effect_errors, strict=True):
+            sizes = np.array([one.values[k] for k in one.effect.sizes])
+            positive = np.array([one.effect.parameters[k].positive for k in one.effect.sizes], bool)
+            out += float((normal_logcdf(sizes / error) + np.log(2))[positive].sum())
+        return out - 0.5 * sum((one.spread / self.widest) ** 2 for one in found.families)
 
     def tried(self, terms: Sequence[Fitted], start: SelfCalibration, afresh: bool = False) -> Judged | None:
         """Judge as `judged` does; None: with these effects the calibration does not converge."""
@@ -152,16 +163,6 @@ class Judged:
     def steady(self) -> bool:
         """Return whether its linearisations came to rest, so that its evidence can be believed."""
         return self.calibration.moved < RESTS
-
-
-def evidence_for(found: SelfCalibration, terms: Sequence[Fitted], observed: Observation) -> float:
-    """Compute ln of the evidence for effects, whose positive sizes have half a normal as their prior."""
-    out = found.solved.log_evidence - sum(log_choices(term.candidate, observed) for term in terms)
-    for one, error in zip(found.effects, found.effect_errors, strict=True):
-        sizes = np.array([one.values[k] for k in one.effect.sizes])
-        positive = np.array([one.effect.parameters[k].positive for k in one.effect.sizes], bool)
-        out += float((normal_logcdf(sizes / error) + np.log(2))[positive].sum())
-    return out
 
 
 def at_estimate(terms: Sequence[Fitted], found: SelfCalibration) -> tuple[Fitted, ...]:

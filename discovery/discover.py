@@ -18,7 +18,7 @@ from tulip_testbed.discovery.equivalence import equivalent, refit_if_better, ref
 from tulip_testbed.discovery.held_out import HeldOut, check_placements, held_out
 from tulip_testbed.discovery.joint_fit import JointFit
 from tulip_testbed.discovery.law_candidates import is_law
-from tulip_testbed.discovery.law_search import select_laws
+from tulip_testbed.discovery.law_search import LawSelection, select_laws
 from tulip_testbed.discovery.patterns import Pattern, in_channels, patterns
 from tulip_testbed.discovery.pure_error import PureError, pure_error
 from tulip_testbed.discovery.selection import LEVEL, Selection, select
@@ -137,44 +137,37 @@ def discover(
 def _discover(
     search: Search, seed: int, through_laboratory: bool, hold_out: bool, progress: Callable[[int], None]
 ) -> Discovery:
-    began = time.perf_counter()
-    selection = select(search, np.random.default_rng(seed), progress)
-    # The laboratory and cross-validation take long: where it is `unknown` without them, laws come first.
-    sought = bool(_unexplained(selection))
-    described = _described(search, selection, through_laboratory, hold_out) if sought else None
+    began, rng = time.perf_counter(), np.random.default_rng(seed)
+    selection = select(search, rng, progress)
+    # A law speaks of places in one laboratory, so none is sought in several experiments together.
+    laws = None if search.observed.measurements.experiments else select_laws(search, selection, rng)
     progress(1)
-    if described is None:
-        fitted = _fitted(selection, through_laboratory)
-        found = _concluded(search, selection, fitted, None)
-        if found.verdict == UNKNOWN and not sought:
-            described, sought = _described(search, selection, through_laboratory, hold_out), True
-        if described is None and hold_out:
-            validation = held_out(search, selection.calibration, fitted.fit.terms)
-            found = _concluded(search, selection, fitted, validation)
-            if found.verdict == UNKNOWN and not sought:
-                described = _described(search, selection, through_laboratory, hold_out)
-        described = described or found
+    found = None
+    if laws is not None and laws.better:
+        found = _described(laws, through_laboratory, hold_out)
+    if found is None:
+        found = _listed(search, selection, through_laboratory, hold_out)
+        if found.verdict == UNKNOWN and laws is not None and not laws.better:
+            found = _described(laws, through_laboratory, hold_out) or found
     progress(1)
-    return replace(described, wall_s=time.perf_counter() - began)
+    return replace(found, wall_s=time.perf_counter() - began)
 
 
-def _described(
-    search: Search, selection: Selection, through_laboratory: bool, hold_out: bool
-) -> Discovery | None:
-    """Seek laws for what the catalogue does not explain; None: none is confirmed.
+def _listed(search: Search, selection: Selection, through_laboratory: bool, hold_out: bool) -> Discovery:
+    """Reach a verdict with the effects of the catalogue."""
+    fitted = _fitted(selection, through_laboratory)
+    validation = held_out(search, selection.calibration, fitted.fit.terms) if hold_out else None
+    return _concluded(search, selection, fitted, validation)
 
-    A law speaks of places in one laboratory, so none is sought in several experiments together.
-    """
-    if search.observed.measurements.experiments:
+
+def _described(laws: LawSelection, through_laboratory: bool, hold_out: bool) -> Discovery | None:
+    """Reach a verdict with laws; None: they are not confirmed."""
+    search, selection = laws.search, laws.selection
+    if _unexplained(selection):
         return None
-    laws = select_laws(search, selection)
-    if laws is None:
-        return None
-    wider, chosen = laws
-    fitted = _fitted(chosen, through_laboratory)
-    found = _concluded(wider, chosen, fitted, None)
-    if found.verdict == DESCRIBED and hold_out:
-        found = _concluded(wider, chosen, fitted, held_out(wider, chosen.calibration, fitted.fit.terms))
+    fitted = _fitted(selection, through_laboratory)
+    validation = held_out(search, selection.calibration, fitted.fit.terms) if hold_out else None
+    found = _concluded(search, selection, fitted, validation)
     return found if found.verdict == DESCRIBED else None
 
 
@@ -222,8 +215,10 @@ def _concluded(
     standing = [k for k, term in enumerate(final.terms) if stands_out(selection, term, final.errors[k])]
     outside = tuple(k for k in standing if equivalents[k][0].log_bayes_factor > DECISIVE)
     lost = [fit.terms[k].label for k in standing if k not in outside]
-    reasons = _reasons(selection, left[0], validation, lost)
     described = any(laws[k] for k in outside)
+    # A law need not be exact: what it leaves is tolerated if it predicts what it has not seen.
+    tolerated = described and validation is not None and validation.holds
+    reasons = _reasons(selection, None if tolerated else left[0], validation, lost)
     verdict = _verdict(selection, reasons, [equivalents[k] for k in outside], described)
     adopted = tuple(with_intervals(final, k) for k in range(len(fit.terms)))
     null, clearest = selection.null, left[0]
@@ -271,17 +266,18 @@ def stands_out(selection: Selection, term: Fitted, error: np.ndarray) -> bool:
 
 
 def _reasons(
-    selection: Selection, clearest: Pattern, validation: HeldOut | None, lost: Sequence[str] = ()
+    selection: Selection, clearest: Pattern | None, validation: HeldOut | None, lost: Sequence[str] = ()
 ) -> tuple[str, ...]:
     """Say why what was found does not suffice; empty: it does.
 
     Args:
+        clearest: pattern that is left; None: it is tolerated.
         lost: effects for which there is no evidence any more.
     """
     if not selection.lacks_fit:
         return ()
     out = []
-    if clearest.p < LEVEL:
+    if clearest is not None and clearest.p < LEVEL:
         out.append(f"A pattern remains: {clearest.words} ({in_channels(clearest)}).")
     if lost:
         out.append(f"Fitted through the laboratory, the evidence for {listed(lost)} is gone.")

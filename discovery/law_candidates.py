@@ -16,7 +16,7 @@ import numpy as np
 from tulip_testbed.calibration.linear_model import LinearModel
 from tulip_testbed.discovery.candidates import Candidate, Fitted
 from tulip_testbed.discovery.columns import CandidateColumns, candidate_columns
-from tulip_testbed.discovery.evidence import marginal_fits
+from tulip_testbed.discovery.evidence import effective_tests, marginal_fits
 from tulip_testbed.effects.laws import LAW, Sentence, law_effect
 from tulip_testbed.effects.laws import grammar as g
 from tulip_testbed.effects.laws.grammar import sentences_in
@@ -27,6 +27,7 @@ from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import SIZE, fields
 from tulip_testbed.sim.robot import PLATES
 
+DRAWS = 100  # of noise, for the number of tests among thousands of columns
 KEPT_POINTS = 3  # of a law's grid, with which it is judged
 
 
@@ -57,8 +58,7 @@ def _candidate(
     """
     effect = law_effect(str(sentence))
     if sentence.kind == g.FORCE:
-        times = [0.0] if sentence.quantity == g.NOTHING else np.linspace(0.1, 0.9, 9).tolist()
-        tail = np.array(times)[:, None] if sentence.quantity == g.TIME else np.zeros((1, 0))
+        tail = np.linspace(0.1, 0.9, 9)[:, None] if sentence.form == g.STEP else np.zeros((1, 0))
         return Candidate(effect, str(sentence), np.hstack([np.zeros((len(tail), 3)), tail]), price)
     x = _of_all_readings(observed, sentence, known)
     ends = learned_range(sentence, x)
@@ -85,6 +85,11 @@ def ranked_laws(linear: LinearModel, laws: list[Candidate]) -> list[Fitted]:
     for columns in _columns(linear, laws):
         out += marginal_fits(columns, linear.residual)
     return sorted(out, key=lambda one: -one.log_bayes_factor)
+
+
+def law_tests(linear: LinearModel, laws: list[Candidate], rng: np.random.Generator) -> float:
+    """Estimate the effective number of independent tests among laws and the points of their grids."""
+    return effective_tests(_columns(linear, laws), rng, DRAWS)
 
 
 def _columns(linear: LinearModel, laws: list[Candidate]) -> Iterator[CandidateColumns]:

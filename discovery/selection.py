@@ -23,7 +23,6 @@ from tulip_testbed.discovery.candidate_search import (
     Search,
     at_estimate,
     calibrated_data,
-    evidence_for,
     first_calibration,
 )
 from tulip_testbed.discovery.candidates import MOST_PLACEMENTS, Candidate, Fitted
@@ -177,7 +176,7 @@ def _forward(
     before = []
     while len(terms) < MOST_TERMS:
         plain = search.tried(terms, calibration)
-        before_all = evidence_for(calibration, terms, search.observed) if plain is None else plain.evidence
+        before_all = search.evidence(calibration, terms) if plain is None else plain.evidence
         tried = [(one, False) for one in search.best(calibration, terms)]
         if not terms:  # a large effect distorts the members so far that it hides among them
             tried += [(one, True) for one in search.shortest(null)]

@@ -1,10 +1,12 @@
-"""What is right to say of the outside faults: what errs, and as a function of what."""
+"""What is right to say of the outside faults, what errs and as a function of what, and what was said."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from tulip_testbed.effects.laws.grammar import joints_of_leg
+from tulip_testbed.discovery.candidates import Candidate
+from tulip_testbed.discovery.law_candidates import is_law
+from tulip_testbed.effects.laws.grammar import CATALOGUED, Sentence, joints_of_leg
 from tulip_testbed.effects.targets import plate_of
 from tulip_testbed.sim.robot import CELLS, PLATES, Robot, joint_names
 
@@ -58,6 +60,18 @@ ANSWERS: dict[str, Callable[[Robot, int], Answers]] = {
     "joint-sideways": _sideways,
     "cable-slack": lambda robot, number: (("force:torso", "*"),),
 }
+
+
+def said_by(candidate: Candidate) -> list[tuple[str, str]]:
+    """Return (what, of) of a law, or of an effect of the catalogue that says what a law could; else none."""
+    if is_law(candidate):
+        sentence = Sentence(*candidate.target.split("/"))
+        return [(sentence.what, sentence.of)]
+    as_law = {name: (kind, of) for (kind, of, _), name in CATALOGUED.items()}
+    if candidate.effect.name not in as_law:
+        return []
+    kind, of = as_law[candidate.effect.name]
+    return [(f"{kind}:{candidate.target}", of)]
 
 
 def is_right(found: tuple[str, str], answers: Answers) -> bool:

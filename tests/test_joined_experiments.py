@@ -1,6 +1,7 @@
 """Several experiments with one robot: manipulations, sessions, known masses, and what is refused."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from tulip_testbed.identification.residual_channels import (
     sensitivity,
     unpacked,
 )
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.errors import InputError, InputWarning
 from tulip_testbed.sim.measurements import Experiment, joined
 from tulip_testbed.sim.measurements.joined import separate
 from tulip_testbed.sim.measurements.manipulations import arrangement_of
@@ -266,3 +267,15 @@ def test_a_finding_of_one_session_says_so():
     one = EffectInstance(catalogue()["tilt"], "@2", (0.01, 0.0))
     assert one.finding.startswith("From experiment 2 on: the floor is tilted")
     assert isinstance(one.effect, Effect)
+
+
+def test_a_misspelt_key_of_a_manifest_is_named(pair, tmp_path):
+    tt.write_measurements(tmp_path / "one", pair[0])
+    where = tmp_path / "one" / "manifest.json"
+    content = json.loads(where.read_text())
+    where.write_text(json.dumps(content | {"manipulation": ["cable removed"], "cafe": 1}))
+    with pytest.warns(
+        InputWarning, match="'manipulation', which is not read; did you mean 'manipulations'"
+    ) as w:
+        tt.read_measurements(tmp_path / "one")
+    assert not any("cafe" in str(one.message) for one in w)

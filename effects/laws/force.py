@@ -1,4 +1,4 @@
-"""A force on a link that nobody knows of: constant in the base frame, from the start or from a time on.
+"""A force on a link that nobody knows of, in the base frame: constant, from a time on, or growing with time.
 
 The simulation ties the link's centre of mass by a soft spring to a point a kilometre away. Its removal moves
 the centre of pressure by the force's moment about the floor of the cells; what pulls down is added to the
@@ -6,6 +6,8 @@ weight. The link's centre of mass is that of the nominal robot.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -19,6 +21,7 @@ from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.rig import Rig
 
 AXES = ("x", "y", "z")
+STAGES = 20  # in which a force grows: half of one is 2.5 % of it
 
 
 def inject(rig: Rig, target: str, values: Values) -> Rig:
@@ -29,27 +32,36 @@ def inject(rig: Rig, target: str, values: Values) -> Rig:
         return rig
     anchor = upright_center(rig.robot, sentence.place) + FAR * force / size
     point = rig.robot.model.body(sentence.place).ipos.copy()
-    name = f"force_{sentence.place}_{sentence.quantity}"
 
-    def edit(spec: mujoco.MjSpec) -> None:
-        spec.worldbody.add_site(name=f"{name}_anchor", pos=anchor)
-        spec.body(sentence.place).add_site(name=f"{name}_hook", pos=point)
-        rope = spec.add_tendon(name=name, stiffness=[size / FAR, 0.0, 0.0], springlength=[0.0, 0.0])
-        rope.wrap_site(f"{name}_anchor")
-        rope.wrap_site(f"{name}_hook")
+    def pulling(count: int, part: float) -> Callable[[Rig], Rig]:
+        name = f"force_{sentence.place}_{sentence.quantity}_{count}"
+
+        def edit(spec: mujoco.MjSpec) -> None:
+            spec.worldbody.add_site(name=f"{name}_anchor", pos=anchor)
+            spec.body(sentence.place).add_site(name=f"{name}_hook", pos=point)
+            rope = spec.add_tendon(
+                name=name, stiffness=[part * size / FAR, 0.0, 0.0], springlength=[0.0, 0.0]
+            )
+            rope.wrap_site(f"{name}_anchor")
+            rope.wrap_site(f"{name}_hook")
+
+        return lambda one: edited(one, edit)
 
     if sentence.quantity == g.NOTHING:
-        return edited(rig, edit)
-    return from_then_on(rig, values[3], lambda one: edited(one, edit))
+        return pulling(0, 1.0)(rig)
+    if sentence.form == g.STEP:
+        return from_then_on(rig, values[3], pulling(0, 1.0))
+    for count in range(STAGES):
+        rig = from_then_on(rig, (count + 0.5) / STAGES, pulling(count, 1 / STAGES))
+    return rig
 
 
 def predict(observed: Observation, target: str, values: Values) -> Observation:
     """Return the observation without the force."""
     sentence = sentence_of(target)
-    acts = (
-        observed.time_fraction >= values[3] if sentence.quantity == g.TIME else np.ones(len(observed), bool)
-    )
-    force = np.outer(acts, values[:3])
+    time = observed.time_fraction
+    part = {g.CONSTANT: np.ones(len(time)), g.LINEAR: time}.get(sentence.form)
+    force = np.outer(time >= values[3] if part is None else part, values[:3])
     place = link_center(observed, sentence.place)
     height = place[:, 2] + observed.depth
     down = -force[:, 2]

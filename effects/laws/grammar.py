@@ -57,8 +57,9 @@ VALID: dict[str, dict[str, tuple[str, ...]]] = {
         TIME: (LINEAR, QUADRATIC, STEP),
         LOADED: (LINEAR, SATURATING),
         PLATE_LOAD: (LINEAR, QUADRATIC),
+        COP: (LINEAR, QUADRATIC),
     },
-    FORCE: {NOTHING: (CONSTANT,), TIME: (STEP,)},
+    FORCE: {NOTHING: (CONSTANT,), TIME: (STEP, LINEAR)},
 }
 WITH_JOINT = (ANGLE, TORQUE)
 # Sentences that say what an effect of the catalogue says: a search leaves them to the catalogue.
@@ -126,8 +127,7 @@ class Sentence:
     @property
     def catalogued(self) -> str:
         """Return the name of the effect in the catalogue that says the same, "" if there is none."""
-        torso = self.kind == FORCE and self.quantity == NOTHING and self.place == "torso"
-        return "tether" if torso else CATALOGUED.get((self.kind, self.quantity, self.shape), "")
+        return CATALOGUED.get((self.kind, self.quantity, self.shape), "")
 
 
 def shapes_of(kind: str, quantity: str) -> tuple[str, ...]:

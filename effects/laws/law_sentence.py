@@ -69,6 +69,8 @@ def _how(sentence: Sentence, parameters: tuple[Parameter, ...], values: Values, 
     fixed = [_shown(p, v) for p, v in zip(parameters[count:], values[count:], strict=True)]
     if sentence.kind in (g.PLATE, g.FORCE) or sentence.quantity == g.COP or sentence.form == g.QUADRATIC:
         at = f" from {fixed[0]} on" if sentence.form == g.STEP else ""
+        if sentence.kind == g.FORCE and sentence.form == g.LINEAR:
+            at = " and grows in proportion, at the end to"
         each = ", ".join(f"{p.name} {text}" for p, text in zip(parameters, sizes, strict=False))
         return f"{at} ({each})"
     if sentence.form == g.SINE:

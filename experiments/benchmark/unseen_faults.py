@@ -14,25 +14,27 @@ import numpy as np
 
 from tulip_testbed.effects.catalogue.tether import FAR, hook, tie
 from tulip_testbed.effects.injection import edited, from_then_on, misreading, successive
-from tulip_testbed.effects.targets import links, plate_of
+from tulip_testbed.effects.targets import plate_of
+from tulip_testbed.experiments.benchmark.fault_targets import (
+    Answers,
+    add_rope,
+    foot_at,
+    heading,
+    joint_at,
+    link_between,
+    pairs,
+    plate_at,
+)
 from tulip_testbed.experiments.benchmark.outside_faults import LOSS_TIME, Outside
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import CELLS, PLATES, Robot, joint_names, sole_point
 
-Answers = frozenset[tuple[str, str]]  # what errs, and as a function of what
-
-TURN = 2.4  # rad a number, so that numbers point in all directions
 CLOSED = 0.2  # compliance of a crack that closes, as a part of that of one that opens
 MOST = 40.0  # Nm, at which a screw's head stops a crack from opening; more than the joints of TULip bear
 RATES = np.array([1.0, 0.6, 0.8, 0.4])  # of the four charge amplifiers of a plate
 ARM = 0.1  # m, from the torso's centre of mass to the plug of its cables
 STEPS = (0.2, 0.4, 0.6, 0.8)  # of the experiment's time
-
-
-def _joint(robot: Robot, number: int) -> str:
-    names = joint_names(robot.model)
-    return names[number % len(names)]
 
 
 def _neighbour(robot: Robot, joint: str) -> str:
@@ -50,26 +52,8 @@ def _neighbour(robot: Robot, joint: str) -> str:
     )
 
 
-def _plate(number: int) -> str:
-    return PLATES[number % len(PLATES)]
-
-
-def _foot(robot: Robot, number: int) -> str:
-    return robot.feet[number % 2]
-
-
-def _between(robot: Robot, number: int) -> str:
-    """Return a link between the torso and the feet."""
-    inner = [link for link in links(robot)[1:] if link not in robot.feet]
-    return inner[number % len(inner)]
-
-
-def _way(number: int) -> np.ndarray:
-    return np.array([np.cos(TURN * number), np.sin(TURN * number)])
-
-
 def _stray_field(rig: Rig, number: int, amplitude: float) -> Rig:
-    joint = _joint(rig.robot, number)
+    joint = joint_at(rig.robot, number)
     other = _neighbour(rig.robot, joint)
 
     def read(m: Measurements) -> Measurements:
@@ -84,7 +68,7 @@ def _stray_field(rig: Rig, number: int, amplitude: float) -> Rig:
 
 
 def _lags(rig: Rig, number: int, amplitude: float) -> Rig:
-    joint = _joint(rig.robot, number)
+    joint = joint_at(rig.robot, number)
 
     def read(m: Measurements) -> Measurements:
         angles, at = m.joint_angles.copy(), m.joints.index(joint)
@@ -150,7 +134,7 @@ def _walks(rig: Rig, number: int, amplitude: float) -> Rig:
         poses = m.plate_poses.copy()
         places, order = np.unique(m.placement, return_inverse=True)
         gone = order / max(len(places) - 1, 1)
-        poses[:, number % 2, :2] -= amplitude * gone[:, None] * _way(number)
+        poses[:, number % 2, :2] -= amplitude * gone[:, None] * heading(number)
         return replace(m, plate_poses=poses)
 
     return misreading(rig, read)
@@ -191,7 +175,7 @@ def _add_crack(
 def _peels(rig: Rig, number: int, amplitude: float) -> Rig:
     if amplitude == 0:
         return rig
-    foot = _foot(rig.robot, number)
+    foot = foot_at(rig.robot, number)
     axis = np.eye(3)[1 - number // 2 % 2]  # pitch first: soles peel at the toe or heel
     at = (axis, sole_point(rig.robot.model, foot))
 
@@ -204,7 +188,7 @@ def _peels(rig: Rig, number: int, amplitude: float) -> Rig:
 def _opens(rig: Rig, number: int, amplitude: float) -> Rig:
     if amplitude == 0:
         return rig
-    name, side = _joint(rig.robot, number), number // len(joint_names(rig.robot.model))
+    name, side = joint_at(rig.robot, number), number // len(joint_names(rig.robot.model))
 
     def edit(spec: mujoco.MjSpec) -> None:
         joint = spec.joint(name)
@@ -217,12 +201,14 @@ def _opens(rig: Rig, number: int, amplitude: float) -> Rig:
 def _drags(rig: Rig, number: int, amplitude: float) -> Rig:
     if amplitude == 0:
         return rig
-    model, link = rig.robot.model, _between(rig.robot, number)
+    model, link = rig.robot.model, link_between(rig.robot, number)
     point = model.body_ipos[model.body(link).id].copy()
-    way = np.append(_way(number), -0.5) * np.sign(amplitude)
+    way = np.append(heading(number), -0.5) * np.sign(amplitude)
 
     def edit(spec: mujoco.MjSpec) -> None:
-        _rope(spec, "drags", (link, point), FAR * way / np.linalg.norm(way), abs(amplitude) / FAR, 0.0)
+        add_rope(
+            spec, "drags", (link, point), FAR * way / np.linalg.norm(way), abs(amplitude) / FAR, (0.0, 0.0)
+        )
 
     return edited(rig, edit)
 
@@ -231,35 +217,19 @@ def _umbilical(rig: Rig, number: int, amplitude: float) -> Rig:
     if amplitude == 0:
         return rig
     hooked = hook(rig.robot)
-    point = hooked.point + ARM * np.append(_way(number), 0.0)
+    point = hooked.point + ARM * np.append(heading(number), 0.0)
     floor = np.array([hooked.upright[0], hooked.upright[1], -FAR])
 
     def edit(spec: mujoco.MjSpec) -> None:  # longer than FAR by the height over the boards
-        _rope(spec, "umbilical", (hooked.body, point), floor, amplitude, FAR)
+        add_rope(spec, "umbilical", (hooked.body, point), floor, amplitude, (FAR, FAR))
 
     return edited(rig, edit)
-
-
-def _rope(
-    spec: mujoco.MjSpec,
-    name: str,
-    tied: tuple[str, np.ndarray],
-    anchor: np.ndarray,
-    stiffness: float,
-    length: float,
-) -> None:
-    """Tie a point of a body to a far one by a spring with this length at rest."""
-    spec.worldbody.add_site(name=f"{name}_anchor", pos=anchor)
-    spec.body(tied[0]).add_site(name=f"{name}_hook", pos=tied[1])
-    rope = spec.add_tendon(name=name, stiffness=[stiffness, 0.0, 0.0], springlength=[length, length])
-    rope.wrap_site(f"{name}_anchor")
-    rope.wrap_site(f"{name}_hook")
 
 
 def _reel(rig: Rig, number: int, amplitude: float) -> Rig:
     if amplitude == 0:
         return rig
-    hooked, way = hook(rig.robot), _way(number) * np.sign(amplitude)
+    hooked, way = hook(rig.robot), heading(number) * np.sign(amplitude)
     stiffness = abs(amplitude) / len(STEPS) / FAR
     for k, start in enumerate(STEPS):
 
@@ -308,12 +278,8 @@ UNSEEN = (
 )
 
 
-def _pairs(what: str, *of: str) -> Answers:
-    return frozenset((what, one) for one in of)
-
-
 def _leg_encoders(number: int) -> str:
-    return f"encoders:{_plate(number)}"
+    return f"encoders:{plate_at(number)}"
 
 
 def _of_height(robot: Robot) -> tuple[str, ...]:
@@ -322,25 +288,25 @@ def _of_height(robot: Robot) -> tuple[str, ...]:
 
 
 ANSWERS: Mapping[str, Callable[[Robot, int], Answers]] = {
-    "encoder-stray-field": lambda robot, number: _pairs(
-        f"encoder:{_joint(robot, number)}", f"torque:{_neighbour(robot, _joint(robot, number))}"
+    "encoder-stray-field": lambda robot, number: pairs(
+        f"encoder:{joint_at(robot, number)}", f"torque:{_neighbour(robot, joint_at(robot, number))}"
     ),
     # Postures vary about a middle, so the direction of a move says much of where it began.
-    "encoder-lags": lambda robot, number: _pairs(
-        f"encoder:{_joint(robot, number)}", "posture-before", "direction"
+    "encoder-lags": lambda robot, number: pairs(
+        f"encoder:{joint_at(robot, number)}", "posture-before", "direction"
     ),
-    "leg-ground-shift": lambda robot, number: _pairs(_leg_encoders(number), "leg-load"),
-    "charge-drift": lambda robot, number: _pairs(f"cells:{_plate(number)}", "time-since-loading"),
-    "cell-stop": lambda robot, number: _pairs(f"cell:{CELLS[number % len(CELLS)]}", "plate-load", "cop"),
+    "leg-ground-shift": lambda robot, number: pairs(_leg_encoders(number), "leg-load"),
+    "charge-drift": lambda robot, number: pairs(f"cells:{plate_at(number)}", "time-since-loading"),
+    "cell-stop": lambda robot, number: pairs(f"cell:{CELLS[number % len(CELLS)]}", "plate-load", "cop"),
     "plate-saddle": lambda robot, number: (
-        _pairs(f"plate:{_plate(number)}", "cop") | _pairs(f"cells:{_plate(number)}", "cop")
+        pairs(f"plate:{plate_at(number)}", "cop") | pairs(f"cells:{plate_at(number)}", "cop")
     ),
-    "plate-walks": lambda robot, number: _pairs(f"plate:{_plate(number)}", "time"),
+    "plate-walks": lambda robot, number: pairs(f"plate:{plate_at(number)}", "time"),
     # The moment under a sole is its load times the centre of pressure.
-    "sole-peels": lambda robot, number: _pairs(f"sole:{_foot(robot, number)}", "cop", "leg-load"),
-    "flange-opens": lambda robot, number: _pairs(f"encoder:{_joint(robot, number)}", "own-torque"),
-    "cable-drags": lambda robot, number: _pairs(f"force:{_between(robot, number)}", "nothing"),
+    "sole-peels": lambda robot, number: pairs(f"sole:{foot_at(robot, number)}", "cop", "leg-load"),
+    "flange-opens": lambda robot, number: pairs(f"encoder:{joint_at(robot, number)}", "own-torque"),
+    "cable-drags": lambda robot, number: pairs(f"force:{link_between(robot, number)}", "nothing"),
     # Most of its weight hangs there in all postures.
-    "umbilical": lambda robot, number: _pairs(f"force:{hook(robot).body}", "nothing", *_of_height(robot)),
-    "reel-tightens": lambda robot, number: _pairs(f"force:{hook(robot).body}", "time"),
+    "umbilical": lambda robot, number: pairs(f"force:{hook(robot).body}", "nothing", *_of_height(robot)),
+    "reel-tightens": lambda robot, number: pairs(f"force:{hook(robot).body}", "time"),
 }

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from tulip_testbed.sim.errors import IncompleteError, InputError, look_up
+from tulip_testbed.sim.errors import IncompleteError, InputError, close_to, look_up, shortened, warn
 from tulip_testbed.sim.files import new_folder, present
 from tulip_testbed.sim.measurements.checked_table import checked_table, tables_beside
 from tulip_testbed.sim.measurements.column_mapping import MappedTable, mapped_table
@@ -144,7 +144,7 @@ def measurements_in(manifest: Manifest, table: Table, where: Path, likely: bool 
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Read and check a measurement folder's manifest.json.
+    """Read and check a measurement folder's manifest.json; warn of a key that looks misspelt.
 
     Raises:
         InputError: the folder is missing, or the manifest breaks the contract.
@@ -155,9 +155,13 @@ def read_manifest(folder: Path) -> Manifest:
     if not present(where):
         raise IncompleteError(f"{where}: missing{tables_beside(folder)}")
     try:
-        return manifest_from(read_json(where))
+        manifest = manifest_from(read_json(where))
     except ValidationError as error:
         raise IncompleteError(f"{where}: {validation_message(error)}") from None
+    for key in manifest.model_extra or {}:
+        if meant := close_to(key, list(type(manifest).model_fields)):
+            warn(f"{where}: found the key '{shortened(key)}', which is not read; did you mean '{meant[0]}'?")
+    return manifest
 
 
 def _measurements(manifest: Manifest, table: MappedTable, where: Path) -> Measurements:
