@@ -58,6 +58,18 @@ def test_half_a_line_waits_for_its_end(folder, plan, robot):
     assert [one.verdict.verdict for one in judged(path, plan, robot)] == [OK, OK]
 
 
+def test_prepared_rows_wait_for_their_readings(folder, plan, robot, tmp_path):
+    path, lines = folder
+    header = (path / "postures.csv").read_text()
+    empty = [",".join([*line.split(",")[:3], *[""] * (line.count(",") - 2)]) + "\n" for line in lines]
+    state = tmp_path / "state"
+    for count in (0, 2, 3):
+        (path / "postures.csv").write_text(header + "".join(lines[:count] + empty[count:]))
+        found = judged(path, plan, robot, state=state)
+        assert [one.line for one in found] == {0: [], 2: [2, 3], 3: [4]}[count]
+        assert all(one.verdict for one in found)
+
+
 def test_it_goes_on_where_it_was_and_writes_nothing_into_the_folder(folder, plan, robot, day, tmp_path):
     path, lines = folder
     state = tmp_path / "out" / "state"

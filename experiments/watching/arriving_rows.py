@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -57,8 +58,16 @@ def is_row(text: bytes) -> bool:
     return bool(text.strip(b' \t\r",;')) and not text.lstrip(b' "').startswith(b"#")
 
 
+def is_prepared(text: bytes) -> bool:
+    """Return whether most values of a line are empty: a row that was prepared and is not measured yet."""
+    values = _names(text)
+    return is_row(text) and 2 * values.count("") > len(values)
+
+
 def new_lines(path: Path, place: Place) -> list[Line]:
     """Return the complete lines of a file that grew; a half-written last line waits for its end.
+
+    A row that is prepared, its readings still empty, waits for them, and so do those after it.
 
     Raises:
         InputError: the file became shorter, or its header or the last line that was read is another one.
@@ -86,7 +95,7 @@ def new_lines(path: Path, place: Place) -> list[Line]:
             content = file.read(MOST_AT_ONCE)
     except OSError as error:
         raise InputError(f"{path}: cannot read ({error.strerror})") from None
-    return list(_complete(content, place))
+    return list(itertools.takewhile(lambda line: not is_prepared(line.text), _complete(content, place)))
 
 
 def _complete(content: bytes, place: Place) -> Iterator[Line]:
