@@ -117,7 +117,7 @@ def is_folder(path: Path) -> bool:
         raise InputError(f"{path}: cannot read ({error_text(error)})") from None
 
 
-def _check_outside(path: Path) -> None:
+def check_outside(path: Path) -> None:
     """Refuse a place inside of a measurement folder, which holds what was measured and nothing else.
 
     Raises:
@@ -150,7 +150,7 @@ def check_new(path: Path, ending: str = "") -> None:
     if present(path) or present(real):
         raise InputError(f"{path}: exists already; give a new name")
     if not ending:  # a view or a page may lie beside what it shows
-        _check_outside(real)
+        check_outside(real)
     parent = next(folder for folder in real.parents if present(folder))
     try:
         probe = tempfile.mkdtemp(dir=parent, prefix=f".{_stem(path)}.", suffix=".partial")
@@ -171,7 +171,7 @@ def new_folder(path: Path) -> Iterator[Path]:
     path = Path(path)
     if present(path):
         raise InputError(f"{path}: exists already; give the name of a new folder")
-    _check_outside(Path(os.path.realpath(path)))
+    check_outside(Path(os.path.realpath(path)))
     with _partial(path, _new_folder) as working:
         yield working
         for inner in [*working.rglob("*"), working]:

@@ -227,6 +227,7 @@ def test_every_command_has_its_function():
         "import": tt.import_table,
         "predict": tt.predict,
         "export": tt.export_model,
+        "watch": tt.watch,
     }
     assert all(callable(function) for function in offered.values())
     assert set(COMMANDS) - set(offered) == {"model", "tolerance", "compare", "benchmark"}

@@ -22,6 +22,7 @@ FUNCTIONS = (
         "plan",
         "protocol",
         "check",
+        "watch",
         "import_table",
         "predict",
         "export_model",

@@ -21,6 +21,7 @@ from tulip_testbed.api import read_measurements as read_measurements
 from tulip_testbed.api import report as report
 from tulip_testbed.api import validate as validate
 from tulip_testbed.api import view as view
+from tulip_testbed.api import watch as watch
 from tulip_testbed.api import write_measurements as write_measurements
 
 __all__: list[str]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import atexit
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +58,7 @@ from tulip_testbed.experiments.table_import.table_import import import_table as 
 from tulip_testbed.experiments.usable_plan import check_plan
 from tulip_testbed.experiments.validate import Validation
 from tulip_testbed.experiments.validate import validate as _validate
+from tulip_testbed.experiments.watching.watch_day import Arrival, WatchSettings, watch_day
 from tulip_testbed.identification.planning.interior_point import SOLVERS
 from tulip_testbed.identification.planning.search import HOPS
 from tulip_testbed.sim.arguments import checked
@@ -91,6 +92,7 @@ __all__ = [
     "report",
     "validate",
     "view",
+    "watch",
     "write_measurements",
 ]
 
@@ -467,6 +469,41 @@ def check(
     if isinstance(measurements, str | Path):
         return check_folder(Path(measurements), robot, known)
     return check_measurements(_measurements(measurements, likely=False), robot, known)
+
+
+@checked
+def watch(
+    folder: str | Path,
+    plan: PosturePlan,
+    robot: Robot | None = None,
+    state: str | Path | None = None,
+    targets: Mapping[str, float] | None = None,
+    follow: bool = True,
+    rows: Iterable[bytes] | None = None,
+) -> Iterator[Arrival]:
+    """Check a day's postures while they are measured, and tell when to stop.
+
+    Args:
+        folder: measurement folder whose manifest.json is written and whose postures.csv grows. Nothing is
+            written into it.
+        plan: postures that are being measured.
+        robot: the nominal robot; TULip if None.
+        state: file that keeps the state, so that a watch that ended goes on; None: it is not kept.
+        targets: standard errors at which to stop, by base parameter or "all" [m].
+        follow: wait for more rows until every posture is measured; otherwise judge those that are there.
+        rows: lines of a CSV after their header, in place of the folder's postures.csv.
+
+    Returns:
+        what came of every row, as soon as it is there; `verdict` says what it shows, which posture is next
+        and whether the day may end.
+
+    Raises:
+        InputError: another robot's folder or plan, sensors other than plates on four cells, a state of
+            another day; while rows arrive, a table whose header changes or that becomes shorter.
+    """
+    place = None if state is None else Path(state)
+    robot = robot or load_robot()
+    return watch_day(WatchSettings(Path(folder), plan, robot, place, targets, follow, rows))
 
 
 @checked

@@ -34,6 +34,7 @@ from tulip_testbed.sim.measurements.manifest import (
 )
 from tulip_testbed.sim.measurements.manipulations import Experiment, arrangement_of
 from tulip_testbed.sim.measurements.table_files import (
+    Table,
     read_json,
     write_json,
     write_table,
@@ -137,19 +138,25 @@ def read_measurements(folder: Path, likely: bool = True) -> Measurements:
     folder = Path(folder)
     try:
         manifest = read_manifest(folder)
-        where = folder / "manifest.json"
-        table = mapped_table(
-            checked_table(folder, "postures", manifest.tables),
-            manifest.mapping or {},
-            known_columns(manifest),
-            manifest.gravity,
-            where,
-        )
-        constant = manifest.constant_joints or {}
-        table.require(required_columns(tuple(manifest.joints), manifest.contacts, constant), MAY_LACK)
+        table = checked_table(folder, "postures", manifest.tables)
+        return measurements_in(manifest, table, folder / "manifest.json", likely)
     except IncompleteError as error:
         raise InputError(f"{error}; `tt.check({str(folder)!r})` lists all that is missing or wrong") from None
-    measurements = _measurements(manifest, table, where)
+
+
+def measurements_in(manifest: Manifest, table: Table, where: Path, likely: bool = True) -> Measurements:
+    """Check a table against its manifest and return the measurements that it holds.
+
+    Args:
+        where: path of the manifest, for messages. likely: see `read_measurements`.
+
+    Raises:
+        InputError: the table breaks the contract; it lacks columns (`IncompleteError`).
+    """
+    mapped = mapped_table(table, manifest.mapping or {}, known_columns(manifest), manifest.gravity, where)
+    constant = manifest.constant_joints or {}
+    mapped.require(required_columns(tuple(manifest.joints), manifest.contacts, constant), MAY_LACK)
+    measurements = _measurements(manifest, mapped, where)
     check_contract(measurements, table.path, where, likely)
     return measurements
 

@@ -29,6 +29,7 @@ COMMANDS: dict[str, str] = {
     "validate": "Simulate a plan, identify the robot and compare with the truth.",
     "simulate": "Simulate an experiment and write a measurement folder.",
     "montecarlo": "Repeat a simulated experiment and test the stated standard errors.",
+    "watch": "Check postures while they are measured, and tell when to stop.",
     "check": "Check a measurement folder for faults.",
     "identify": "Identify the robot's base parameters from a measurement folder.",
     "export": "Write the identified robot as a model file (MJCF or URDF).",

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
+from rich.live import Live
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -85,6 +86,29 @@ def print_json(document: dict[str, Any]) -> None:
         sys.stdout.flush()
     except BrokenPipeError:
         fall_silent()
+
+
+def print_line_of_json(document: dict[str, Any]) -> None:
+    """Print one JSON document on a line of stdout, at once."""
+    try:
+        sys.stdout.write(json.dumps(finite(document)) + "\n")
+        sys.stdout.flush()
+    except BrokenPipeError:
+        fall_silent()
+
+
+@contextmanager
+def live_table() -> Iterator[Callable[[Table, str], None]]:
+    """Show a table on stdout that changes in its place; a pipe or a file gets a line of text each time.
+
+    Yields:
+        What is called with the table and with the line, which may be empty.
+    """
+    if not sys.stdout.isatty():
+        yield lambda table, line: show_whole([line] if line else [])
+        return
+    with Live(console=_console(), auto_refresh=False) as screen:
+        yield lambda table, line: screen.update(table, refresh=True)
 
 
 def fall_silent() -> None:

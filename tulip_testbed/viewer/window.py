@@ -8,9 +8,10 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 import urllib.parse
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import rerun as rr
@@ -26,6 +27,7 @@ ENDINGS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(si
 LOCAL = ("--bind", "127.0.0.1")  # rerun's own default is every address of the machine
 OTHERWISE = "`save=FILE.rrd` writes the view without a window"
 SCRATCH = "tulip-view"
+START = 30.0  # s, in which a server has to open its port
 # `rerun` starts the viewer as a child of its own, all in one process group, which ends with this process.
 VIEWER = """
 import sys
@@ -119,6 +121,48 @@ def serve(title: str, log: Log, announce: Callable[[str], None]) -> None:
             raise InputError(f"viewer: {_fault(said.read_text(errors='replace'))}")
 
 
+@contextmanager
+def serve_live(title: str, announce: Callable[[str], None]) -> Iterator[rr.RecordingStream]:
+    """Serve a view that grows to browsers of this machine while the context lasts.
+
+    Args:
+        announce: called with the address.
+
+    Yields:
+        The recording.
+
+    Raises:
+        InputError: the server did not start.
+    """
+    data, page = _free_port(), _free_port()
+    source = f"rerun+http://127.0.0.1:{data}/proxy"
+    options = ("--serve-web", "--port", str(data), "--web-viewer-port", str(page))
+    with scratch_folder(SCRATCH) as scratch, _viewer(scratch, None, *options) as (viewer, said):
+        _wait_for(data, viewer, said)
+        recording = rr.RecordingStream(APPLICATION)
+        recording.connect_grpc(source)
+        recording.send_recording_name(title)
+        announce(f"http://127.0.0.1:{page}?url={urllib.parse.quote(source, safe='')}")
+        try:
+            yield recording
+        finally:
+            recording.disconnect()
+
+
+def _wait_for(port: int, viewer: subprocess.Popen[bytes], said: Path) -> None:
+    """Wait until a port of this machine is open.
+
+    Raises:
+        InputError: the viewer ended, or the port stays closed.
+    """
+    until = time.monotonic() + START
+    while viewer.poll() is None and time.monotonic() < until:
+        with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1.0):
+            return
+        time.sleep(0.1)
+    raise InputError(f"viewer: {_fault(said.read_text(errors='replace'))}")
+
+
 def _record(folder: Path, title: str, log: Log) -> Path:
     path = folder / "view.rrd"
     recording = rr.RecordingStream(APPLICATION)
@@ -135,12 +179,14 @@ def _record(folder: Path, title: str, log: Log) -> Path:
 
 
 @contextmanager
-def _viewer(folder: Path, recording: Path, *options: str) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+def _viewer(
+    folder: Path, recording: Path | None, *options: str
+) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
     """The viewer with a recording open, and the file of what it says; it ends with the block."""
-    said = folder / "viewer.log"
+    said, shown = folder / "viewer.log", [] if recording is None else [str(recording)]
     with said.open("wb") as log:
         viewer = subprocess.Popen(
-            [sys.executable, "-c", VIEWER, str(os.getpid()), *LOCAL, *options, str(recording)],
+            [sys.executable, "-c", VIEWER, str(os.getpid()), *LOCAL, *options, *shown],
             stdout=log,
             stderr=log,
             start_new_session=True,

@@ -1,0 +1,154 @@
+"""Rows of a measurement folder's table while they arrive: in a file that grows, or as lines of a stream."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from tulip_testbed.sim.errors import InputError, listed, shortened
+from tulip_testbed.sim.files import present
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.measurements.manifest import Manifest
+from tulip_testbed.sim.measurements.measurement_folder import measurements_in
+from tulip_testbed.sim.measurements.table_files import Table
+
+TABLE = "postures.csv"
+MOST_LINE = 2**20  # bytes
+MOST_AT_ONCE = 2**22  # bytes that are read of a file at a time
+
+
+@dataclass(frozen=True)
+class Line:
+    """A complete line of a table.
+
+    Attributes:
+        text: without its end. number: in the file, from 1. end: bytes of the file up to its end.
+    """
+
+    text: bytes
+    number: int
+    end: int
+
+
+@dataclass(frozen=True)
+class Place:
+    """How far a table was read.
+
+    Attributes:
+        lines: number of lines. size: bytes up to the end of the last one.
+        header: the first line; b"": none yet.
+        last: the last line that was read.
+    """
+
+    lines: int = 0
+    size: int = 0
+    header: bytes = b""
+    last: bytes = b""
+
+    def after(self, line: Line) -> Place:
+        """Return the place after one more line."""
+        return Place(line.number, line.end, self.header or line.text, line.text)
+
+
+def is_row(text: bytes) -> bool:
+    """Return whether a line holds values: it is not empty and no comment."""
+    return bool(text.strip(b' \t\r",;')) and not text.lstrip(b' "').startswith(b"#")
+
+
+def is_prepared(text: bytes) -> bool:
+    """Return whether most values of a line are empty: a row that was prepared and is not measured yet."""
+    values = _names(text)
+    return is_row(text) and 2 * values.count("") > len(values)
+
+
+def new_lines(path: Path, place: Place) -> list[Line]:
+    """Return the complete lines of a file that grew; a half-written last line waits for its end.
+
+    A row that is prepared, its readings still empty, waits for them, and so do those after it.
+
+    Raises:
+        InputError: the file became shorter, or its header or the last line that was read is another one.
+    """
+    if not present(path):
+        if place.size:
+            raise InputError(f"{path}: found no file any more, expected the one that was read so far")
+        return []
+    try:
+        with path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            if size < place.size:
+                raise InputError(
+                    f"{path}: found {size} bytes, expected at least the {place.size} that were read: rows "
+                    "may only be added at the end"
+                )
+            _check_beginning(path, file.read(min(place.size, MOST_LINE)), place)
+            file.seek(max(place.size - len(place.last) - 2, 0))
+            before = file.read(place.size - file.tell())
+            if place.last and place.last not in before:
+                raise InputError(
+                    f"{path}: line {place.lines}: found other values than were read before; rows may only be "
+                    "added at the end"
+                )
+            content = file.read(MOST_AT_ONCE)
+    except OSError as error:
+        raise InputError(f"{path}: cannot read ({error.strerror})") from None
+    return list(itertools.takewhile(lambda line: not is_prepared(line.text), _complete(content, place)))
+
+
+def _complete(content: bytes, place: Place) -> Iterator[Line]:
+    number, end = place.lines, place.size
+    for whole in content.splitlines(keepends=True):
+        if not whole.endswith(b"\n"):
+            return
+        number, end = number + 1, end + len(whole)
+        yield Line(whole.rstrip(b"\r\n"), number, end)
+
+
+def _check_beginning(path: Path, beginning: bytes, place: Place) -> None:
+    """Refuse a file whose header has changed during the day."""
+    if place.header and place.header not in beginning:
+        now = beginning.split(b"\n")[0].rstrip(b"\r")
+        gone = [name for name in _names(place.header) if name not in _names(now)]
+        vanished = f"column {listed(map(repr, gone))} vanished during the day" if gone else "another header"
+        raise InputError(f"{path}: line 1: found that {vanished}, expected the header of the first row")
+
+
+def _names(header: bytes) -> list[str]:
+    text = header.decode("utf-8-sig", "replace")
+    return [name.strip().strip('"') for name in text.replace(";", ",").split(",")]
+
+
+def lines_of(stream: Iterable[bytes], place: Place) -> Iterator[Line]:
+    """Yield the lines of a stream; its end also ends a line."""
+    number, end = place.lines, place.size
+    for whole in stream:
+        number, end = number + 1, end + len(whole)
+        yield Line(whole.rstrip(b"\r\n"), number, end)
+
+
+def row_of(line: Line, header: bytes, manifest: Manifest, path: Path, where: Path) -> Measurements:
+    """Read one row and hold it against the contract.
+
+    Args:
+        path: of the table, where: of the manifest, for messages.
+
+    Raises:
+        InputError: names the line, what was found and what was expected.
+    """
+    if len(line.text) > MOST_LINE:
+        raise InputError(f"{path}: line {line.number}: found {len(line.text)} bytes, expected one posture")
+    names, values = _names(header), _names(line.text)
+    if len(values) != len(names):
+        fewer = "a column vanished" if len(values) < len(names) else "a column was added"
+        raise InputError(
+            f"{path}: line {line.number}: found {len(values)} values, expected {len(names)}, as many as the "
+            f"header has names ({fewer} during the day, or a decimal comma)"
+        )
+    try:
+        return measurements_in(manifest, Table(path, header + b"\n" + line.text + b"\n"), where)
+    except InputError as error:
+        place = str(error).removeprefix(f"{path}: ").replace(", row 1", "")
+        raise InputError(f"{path}: line {line.number}: {shortened(place, 400)}") from None

@@ -1,0 +1,228 @@
+"""What is known before a day of measurements: the robot, its tolerances, and the faults that may begin.
+
+The residuals of a posture are linear in the state x = (base parameters less CAD's, error of the weight,
+deviates of the ordinary imperfections, errors of the placement's recorded plates, swing foot's place in the
+stance). Before the first row x is normal with mean zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from tulip_testbed.calibration.families import Family, families_in
+from tulip_testbed.calibration.linear_model import weighed_precision
+from tulip_testbed.calibration.linearisation import joint_compliance, mixing_of
+from tulip_testbed.calibration.self_calibration import usual_tolerances
+from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.effect import Effect
+from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.instruments import targets_in
+from tulip_testbed.identification.base_parameters import common_support, standard_parameters
+from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.identification.observation import LEAST_LOAD, Observation, observe
+from tulip_testbed.identification.residual_noise import ASSUMED_CELL, ASSUMED_ENCODER, Noise, noise_of
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.measurements.plan_folder import check_fits
+from tulip_testbed.sim.robot import Robot
+
+MASS_SD = 0.25  # relative, of each link's mass by CAD
+CENTER_SD = 0.02  # m, of each link's centre of mass by CAD, per axis
+STANCE_SD = np.array([0.03, 0.03, 0.1])  # m, m, rad, of the swing foot about its planned place
+PLATES, STANCE = 6, 3  # numbers of the state that begin anew with a placement or a stance
+# Faults that can begin in the middle of a day; an effect with a start begins at once.
+STEPS = (
+    *("encoder-slip", "encoder-gain", "cell-gain", "cell-tare", "plate-drift", "thermal-gain-drift"),
+    *("plate-translation", "plate-yaw", "tilt", "tether", "payload-step", "joint-compliance"),
+    "sole-compliance",
+)
+RAMPS = ("cell-tare", "plate-drift", "thermal-gain-drift")  # these may also grow steadily
+RAMP = 10.0  # postures in which a ramp grows by one plausible size
+
+
+@dataclass(frozen=True)
+class Direction:
+    """One fault that may begin, as a direction in the space of the residuals.
+
+    Attributes:
+        effect, target: of the catalogue.
+        sizes: values of the effect's parameters at one plausible size [SI].
+        ramp: whether it grows with every posture instead of beginning at once.
+    """
+
+    effect: Effect
+    target: str
+    sizes: tuple[float, ...]
+    ramp: bool
+
+    @property
+    def instance(self) -> EffectInstance:
+        """Return the effect at one plausible size."""
+        return EffectInstance(self.effect, self.target, self.sizes)
+
+    @property
+    def label(self) -> str:
+        """Return name and target."""
+        return self.instance.label
+
+    def told(self, size: float) -> str:
+        """Tell the change in words.
+
+        Args:
+            size: in plausible sizes; of a ramp, in ten postures.
+        """
+        values = [
+            p.text(size * v)
+            for number, (p, v) in enumerate(
+                zip(self.effect.parameters_on(self.target), self.sizes, strict=True)
+            )
+            if number in self.effect.sizes and v
+        ]
+        sort = "drifts by about {} in ten postures" if self.ramp else "changed by about {}"
+        return f"{self.label}: {sort.format(', '.join(values))}"
+
+
+@dataclass(frozen=True, eq=False)
+class DayModel:
+    """A plan with everything that is known of its day before the first row.
+
+    Attributes:
+        plan: postures in their order.
+        nominal: the robot by CAD.
+        noise: of the readings, by the data sheets.
+        families: of ordinary imperfections. mixing: members from their deviates, (q, k).
+        covariance: of the state before the day, (n, n); plates and stance are the last nine.
+        directions: faults that may begin. unseen: s.d. of joint compliances, (n_joints,) [rad/Nm].
+        cell_margin: least reading of a loaded cell, (2, 4) [N].
+    """
+
+    plan: PosturePlan
+    nominal: Nominal
+    noise: Noise
+    families: tuple[Family, ...]
+    mixing: np.ndarray
+    covariance: np.ndarray
+    directions: tuple[Direction, ...]
+    unseen: np.ndarray
+
+    @property
+    def parameters(self) -> int:
+        """Count the base parameters."""
+        return len(self.nominal.value)
+
+    @cached_property
+    def of_posture(self) -> dict[int, list[int]]:
+        """Return the plan's rows by their posture's number."""
+        out: dict[int, list[int]] = {}
+        for row, number in enumerate(self.plan.posture.tolist()):
+            out.setdefault(number, []).append(row)
+        return out
+
+    @cached_property
+    def ramps(self) -> np.ndarray:
+        """Return which directions are ramps, (c,) bool."""
+        return np.array([one.ramp for one in self.directions])
+
+    def observe(self, rows: Measurements) -> Observation:
+        """Return an observation in which no row depends on another one.
+
+        Time is counted in the plan's postures, so that neither a break nor a clock that jumps matters.
+        """
+        seen = observe(rows, self.nominal)
+        forces = seen.cell_forces.reshape(len(seen), 2, 4)
+        margin = max(LEAST_LOAD, 4 * self.noise.cell)
+        first = [self.of_posture.get(number, [0])[0] for number in rows.posture.tolist()]
+        progress = np.array(first) / max(len(self.plan) - 1, 1)
+        loaded = forces.min(axis=2) > margin - seen.board_share
+        return replace(seen, cell_sd=self.noise.cell, time_fraction=progress, on_four_cells=loaded)
+
+
+def day_model(plan: PosturePlan, robot: Robot, head: Measurements) -> DayModel:
+    """Prepare the watch of a day.
+
+    Args:
+        head: any row or rows of the day, for what the manifest states.
+
+    Raises:
+        InputError: a plan of another robot, or contact sensors other than plates on four cells.
+    """
+    check_fits("plan", plan, robot)
+    if head.contacts is not None:
+        raise InputError(
+            f"watch: found {head.contacts.mount} sensors of wrenches, expected plates on four cells each"
+        )
+    nominal = nominal_robot(robot, common_support(plan.support))
+    observed = observe(head.take(np.arange(1)), nominal)
+    noise = _noise(observed)
+    families = families_in(observed, usual_tolerances(observed, None))
+    mixing, _ = mixing_of(families)
+    sizes = np.concatenate([np.zeros(0), *(np.full(len(f), f.tolerance) for f in families)])
+    prior = block_diag(
+        base_prior(nominal),
+        1 / weighed_precision(observed) ** 2,
+        np.eye(mixing.shape[1]),
+        np.eye(PLATES),
+        np.diag(STANCE_SD**2),
+    )
+    return DayModel(
+        plan=plan,
+        nominal=nominal,
+        noise=noise,
+        families=families,
+        mixing=mixing,
+        covariance=prior,
+        directions=_directions(robot),
+        unseen=joint_compliance(families, sizes, observed.tree.joints),
+    )
+
+
+def base_prior(nominal: Nominal) -> np.ndarray:
+    """Return the covariance of the base parameters about CAD's, (p, p) [m2].
+
+    The base parameters are ratios to the total mass, which the scale tells.
+    """
+    standard = standard_parameters(nominal.robot.model)
+    mass, total = standard[:, 0], standard[:, 0].sum()
+    spread = np.zeros((*standard.shape, 4))
+    spread[:, :, 0] = MASS_SD * standard
+    for axis in (1, 2, 3):
+        spread[:, axis, axis] = CENTER_SD * mass
+    each = block_diag(*(one @ one.T for one in spread))
+    by_mass = np.tile([1.0, 0.0, 0.0, 0.0], len(mass))
+    slope = (nominal.parameters.from_standard - np.outer(nominal.value, by_mass)) / total
+    return slope @ each @ slope.T
+
+
+def _noise(observed: Observation) -> Noise:
+    """Return the noise by the data sheets; what they do not state is assumed: one row cannot tell it."""
+    sheet = observed.measurements.sensors
+    stated = replace(
+        sheet,
+        encoder_sd=sheet.encoder_sd or ASSUMED_ENCODER,
+        cell_sd=sheet.cell_sd or ASSUMED_CELL,
+    )
+    return noise_of(replace(observed, measurements=replace(observed.measurements, sensors=stated)))
+
+
+def _directions(robot: Robot) -> tuple[Direction, ...]:
+    out = []
+    for name in STEPS:
+        effect = catalogue()[name]
+        for target in targets_in(effect, robot, None, ()):
+            out += [Direction(effect, target, sizes, False) for sizes in _sizes(effect)]
+            if name in RAMPS:
+                out += [Direction(effect, target, sizes, True) for sizes in _sizes(effect)]
+    return tuple(out)
+
+
+def _sizes(effect: Effect) -> list[tuple[float, ...]]:
+    """Return plausible sizes of an effect in several directions; a start is the least that there is."""
+    plain = np.array([p.prior if k in effect.sizes else 0.0 for k, p in enumerate(effect.parameters)])
+    if len(effect.sizes) == 1:
+        return [tuple(plain.tolist())]
+    signs = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])
+    return [tuple((plain * sign).tolist()) for sign in signs]

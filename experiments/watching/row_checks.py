@@ -1,0 +1,108 @@
+"""Checks that a single row can fail without any model of the day: plausible readings, and rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from tulip_testbed.identification.nominal import Nominal
+from tulip_testbed.identification.preflight.finding import Finding
+from tulip_testbed.identification.preflight.plate_checks import feet_on_plates, load_in_soles, plate_poses
+from tulip_testbed.identification.preflight.readings import cell_loads
+from tulip_testbed.identification.preflight.settling import (
+    LEAST_ANGLE,
+    LEAST_FORCE,
+    UNSTEADY_FAIL,
+    UNSTEADY_WARN,
+)
+from tulip_testbed.identification.preflight.units import joint_limits, units
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.numbers import number
+from tulip_testbed.sim.robot import CELLS
+
+USUAL = 30  # rows from which the usual s.d. within a window is taken
+LEAST_ROWS = 5  # of them, from which a window is compared
+LEAST_SPEED = 1e-4  # rad/s: slower is at rest
+MOST_OFF = 0.1  # rad, of a joint from its planned angle: drives sag by 0.02 rad in the simulated laboratory
+
+
+def plausible(row: Measurements, nominal: Nominal, level: float) -> list[Finding]:
+    """Run the checks of the preflight that one row allows; return those that fail or warn.
+
+    Args:
+        level: p-value below which a statistical check counts.
+    """
+    found = units(row, nominal)
+    if found.result == "fail":
+        return [found]
+    both = bool((row.support == "double").all())
+    checks: list[Callable[[], Finding]] = [lambda: joint_limits(row, nominal), lambda: cell_loads(row)]
+    if both:
+        checks += [
+            lambda: plate_poses(row),
+            lambda: feet_on_plates(row, nominal),
+            lambda: load_in_soles(row, nominal),
+        ]
+    results = [check() for check in checks]
+    # A cell that hardly bears anything in one posture is nothing unusual; over a day it would be.
+    idle = [one for one in results if one.name == "cell loads" and "never carries" in one.seen]
+    chance = [one for one in results if one.p_value is not None and one.p_value >= level]
+    return [one for one in results if one.result in ("warn", "fail") and one not in (*idle, *chance)]
+
+
+def as_planned(row: Measurements, planned: np.ndarray, joints: tuple[str, ...]) -> Finding | None:
+    """Compare the joint angles with the planned ones, (n_joints,) [rad]; None: they agree."""
+    off = row.joint_angles[0] - planned
+    worst = int(np.abs(off).argmax())
+    if abs(off[worst]) <= MOST_OFF:
+        return None
+    return Finding(
+        "posture",
+        "fail",
+        f"q.{joints[worst]} is {number(float(off[worst]), '+.2g')} rad from the plan",
+        f"every joint within {MOST_OFF:g} rad of its planned angle",
+        f"posture {row.posture[0]}",
+        "Look for another posture under this number, or an encoder that slipped.",
+    )
+
+
+def spreads_of(row: Measurements) -> np.ndarray:
+    """Return the s.d. within the window of joints and cells, and the speed, (n_joints + 9,); NaN: unknown."""
+    speed = np.nan if row.speed is None else float(row.speed[0])
+    return np.concatenate([row.joint_angles_sd[0], row.cell_forces_sd[0], [speed]])
+
+
+def settled(row: Measurements, usual: np.ndarray) -> Finding | None:
+    """Compare the s.d. within the window with those of the rows before; None: nothing is unusual.
+
+    Args:
+        usual: `spreads_of` the last rows, (k, n_joints + 9).
+    """
+    if len(usual) < LEAST_ROWS:
+        return None
+    names = [*(f"q_std.{joint}" for joint in row.joints), *(f"cell_std.{cell}" for cell in CELLS), "speed"]
+    ratio, where = max(_ratios(row, usual), default=(0.0, 0))
+    if ratio <= UNSTEADY_WARN:
+        return None
+    return Finding(
+        "settled",
+        "fail" if ratio > UNSTEADY_FAIL else "warn",
+        f"{names[where]} is {number(ratio, '.3g')} times its usual value",
+        f"at most {UNSTEADY_WARN:g} times (fails at {UNSTEADY_FAIL:g})",
+        f"posture {row.posture[0]}",
+        "Wait longer before averaging, and measure the posture again.",
+    )
+
+
+def _ratios(row: Measurements, usual: np.ndarray) -> Iterator[tuple[float, int]]:
+    """Yield how many times its usual value every known spread is, with its number."""
+    sheet, joints = row.sensors, len(row.joints)
+    cells = row.cell_forces.shape[1]
+    # A reading between two steps of a coarse sensor jumps by half a step without movement.
+    steps = [*[sheet.encoder_resolution or 0.0] * joints, *[sheet.cell_resolution or 0.0] * cells, 0.0]
+    least = [*[LEAST_ANGLE] * joints, *[LEAST_FORCE] * cells, LEAST_SPEED]
+    for k, spread in enumerate(spreads_of(row).tolist()):
+        known = usual[:, k][np.isfinite(usual[:, k])]
+        if np.isfinite(spread) and len(known) >= LEAST_ROWS:
+            yield spread / float(np.hypot(np.hypot(np.median(known), steps[k] / 2), least[k])), k

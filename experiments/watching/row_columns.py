@@ -1,0 +1,184 @@
+"""The residuals of single postures, and how they change with the state and with faults.
+
+No posture depends on another: the columns of one row are the same, computed alone or among others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from tulip_testbed.calibration.families import Family
+from tulip_testbed.calibration.linear_model import nuisances
+from tulip_testbed.calibration.member_columns import STEP, member_columns
+from tulip_testbed.experiments.watching.day_model import STANCE, DayModel
+from tulip_testbed.identification.joint_loads import UNSEEN
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.identification.residual_channels import (
+    ANCHORED,
+    SIZE,
+    constants_of_stances,
+    difference,
+    residuals,
+    residuals_in_use,
+    sensitivity,
+)
+from tulip_testbed.identification.residual_channels import fields as columns_of_fields
+from tulip_testbed.identification.residual_noise import floor
+from tulip_testbed.sim.measurements import Measurements
+
+# Size of the wrench between the feet that no cell shows, over that of `UNSEEN`: friction differs between
+# postures, and the compliances by which it acts are anything up to two tolerances.
+FRICTION = 2.0
+
+
+@dataclass(frozen=True)
+class RowColumns:
+    """Residuals of m postures, linear about the robot by CAD.
+
+    Attributes:
+        residual: at CAD's base parameters, swing foot relative to its planned place, (m, 11).
+        used: residuals that hold information, (m, 11) bool.
+        state: derivative by the state, (m, 11, n).
+        faults: change by one plausible size of each direction, (m, 11, c).
+        by_angles: derivative by the joint angles, (m, 11, j).
+        slope: change of its first two rows with the base parameters, (m, 2, j, p).
+        angles: change of the angles' readings by the state, (m, j, n).
+        fault_angles: the same by the faults, (m, j, c).
+        pushed: change of the angles by one s.d. of the wrench that no cell shows, (m, j, 3).
+        cells: covariance of the residuals by the cells, (m, 11, 11).
+    """
+
+    residual: np.ndarray
+    used: np.ndarray
+    state: np.ndarray
+    faults: np.ndarray
+    by_angles: np.ndarray
+    slope: np.ndarray
+    angles: np.ndarray
+    fault_angles: np.ndarray
+    pushed: np.ndarray
+    cells: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.residual)
+
+    def row(self, k: int) -> RowColumns:
+        """Return one row, without the axis of rows."""
+        return RowColumns(**{one.name: getattr(self, one.name)[k] for one in fields(self)})
+
+    def about(self, theta: np.ndarray) -> RowColumns:
+        """Return a row linearised about other base parameters.
+
+        Args:
+            theta: less CAD's, (p,) [m].
+        """
+        turn = self.slope @ theta
+        by_angles, state, faults = self.by_angles.copy(), self.state.copy(), self.faults.copy()
+        by_angles[..., :2, :] -= turn
+        state[..., :2, :] -= turn @ self.angles
+        faults[..., :2, :] -= turn @ self.fault_angles
+        return replace(self, by_angles=by_angles, state=state, faults=faults)
+
+    def noise(self, encoder: float) -> np.ndarray:
+        """Return the covariance of the residuals by what no posture shares, (..., 11, 11); 1 if not used."""
+        pushed = self.by_angles @ self.pushed
+        own = encoder**2 * self.by_angles @ self.by_angles.swapaxes(-1, -2)
+        own = own + self.cells + pushed @ pushed.swapaxes(-1, -2)
+        both = self.used[..., :, None] & self.used[..., None, :]
+        return np.where(both, own, np.eye(SIZE))
+
+
+def row_columns(model: DayModel, rows: Measurements) -> RowColumns:
+    """Compute the columns of some postures of a day."""
+    seen, m, p = model.observe(rows), len(rows), model.parameters
+    at, theta, noise = columns_of_fields(seen), model.nominal.value, model.noise
+    used = residuals_in_use(seen)
+    reach = sensitivity(seen, theta)
+    joints = at["angles"].stop
+    members, member_angles = _families(model, seen, theta, reach)
+    faults, fault_angles = _faults(model, seen, theta, reach)
+    planned = np.array([model.of_posture.get(number, [0])[0] for number in rows.posture.tolist()])
+    left = residuals(seen, theta)
+    left[:, ANCHORED] -= model.plan.swing_pose[planned]
+    left[:, -1] = np.arctan2(np.sin(left[:, -1]), np.cos(left[:, -1]))
+    state = np.concatenate(
+        [
+            -nuisances(seen, "AFTC"),
+            members,
+            reach[..., at["plates"]] * noise.plates,
+            constants_of_stances(used)[..., :STANCE],
+        ],
+        axis=2,
+    )
+    angles = np.zeros((m, joints, state.shape[2]))
+    angles[..., p + 1 : p + 1 + members.shape[2]] = member_angles
+    by_cells = reach[..., at["cells"]]
+    inside = used[..., None]
+    return RowColumns(
+        residual=np.where(used, left, 0.0),
+        used=used,
+        state=state * inside,
+        faults=faults * inside,
+        by_angles=reach[..., at["angles"]] * inside,
+        slope=seen.geometry.slope,
+        angles=angles,
+        fault_angles=fault_angles,
+        pushed=model.unseen[:, None] * seen.loads.levers * FRICTION * UNSEEN,
+        cells=noise.cell**2 * by_cells @ by_cells.mT + floor(noise),
+    )
+
+
+def _families(
+    model: DayModel, seen: Observation, theta: np.ndarray, reach: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Differentiate the residuals and the angles by the deviates of all members, (m, 11, k), (m, j, k)."""
+    columns, angles = [], []
+    for family in model.families:
+        one, by_angles = _family(seen, theta, reach, family)
+        columns.append(one)
+        angles.append(by_angles)
+    joints = seen.joint_angles.shape[1]
+    whole = np.concatenate([np.zeros((len(seen), SIZE, 0)), *columns], axis=2)
+    turned = np.concatenate([np.zeros((len(seen), joints, 0)), *angles], axis=2)
+    return whole @ model.mixing, turned @ model.mixing
+
+
+def _family(
+    seen: Observation, theta: np.ndarray, reach: np.ndarray, family: Family
+) -> tuple[np.ndarray, np.ndarray]:
+    columns, angles = [], []
+    for number, size in enumerate((STEP * family.steps).tolist()):
+        one = family.one(number, size)
+        after = one.effect.predict(seen, one.target, one.values)
+        if after.tree is not seen.tree or after.cells is not seen.cells:
+            return member_columns(seen, theta, reach, family), np.zeros(
+                (len(seen), seen.joint_angles.shape[1], len(family))
+            )
+        change = difference(seen, after) / size
+        columns.append(-(reach @ change[..., None])[..., 0])
+        angles.append(-change[:, : seen.joint_angles.shape[1]])
+    return np.stack(columns, axis=-1), np.stack(angles, axis=-1)
+
+
+def _faults(
+    model: DayModel, seen: Observation, theta: np.ndarray, reach: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the change of residuals and angles by one plausible size of each direction."""
+    begun = replace(seen, time_fraction=np.ones(len(seen)))
+    # What is computed of the postures' geometry once serves all directions.
+    begun.__dict__["geometry"] = seen.geometry
+    joints = seen.joint_angles.shape[1]
+    columns = np.zeros((len(seen), SIZE, len(model.directions)))
+    angles = np.zeros((len(seen), joints, len(model.directions)))
+    known: dict[tuple[str, tuple[float, ...]], int] = {}
+    for k, one in enumerate(model.directions):
+        if (twin := known.setdefault((one.label, one.sizes), k)) < k:
+            columns[..., k], angles[..., k] = columns[..., twin], angles[..., twin]
+            continue
+        sizes = tuple(STEP * value for value in one.sizes)
+        change = difference(begun, one.effect.predict(begun, one.target, sizes)) / STEP
+        columns[..., k] = -(reach @ change[..., None])[..., 0]
+        angles[..., k] = -change[:, :joints]
+    return columns, angles

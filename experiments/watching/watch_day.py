@@ -1,0 +1,242 @@
+"""Watch a day: read rows as they arrive, judge each, and keep the state."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from tulip_testbed.experiments.watching.arriving_rows import (
+    TABLE,
+    Line,
+    Place,
+    is_row,
+    lines_of,
+    new_lines,
+    row_of,
+)
+from tulip_testbed.experiments.watching.day_model import DayModel, day_model
+from tulip_testbed.experiments.watching.state_file import (
+    Kept,
+    check_state_file,
+    key_of,
+    read_state,
+    write_state,
+)
+from tulip_testbed.experiments.watching.watch_row import Verdict, watch_row
+from tulip_testbed.experiments.watching.watch_state import WatchState, first_state
+from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
+from tulip_testbed.sim.files import read_bytes
+from tulip_testbed.sim.measurements import Measurements, PosturePlan, SensorSheet
+from tulip_testbed.sim.measurements.manifest import Manifest
+from tulip_testbed.sim.measurements.measurement_folder import read_manifest
+from tulip_testbed.sim.measurements.plan_folder import check_model
+from tulip_testbed.sim.robot import CELLS, CORNERS, Robot, joint_names
+from tulip_testbed.sim.threads import one_blas_thread
+
+POLL = 0.25  # s, between two looks at a file
+EVERY = "all"
+
+
+@dataclass(frozen=True, eq=False)
+class WatchSettings:
+    """What is watched.
+
+    Attributes:
+        folder: measurement folder; nothing is written into it.
+        state: file that keeps the state; None: it is not kept.
+        targets: standard errors that are wanted, by base parameter or "all" [m].
+        follow: wait for more rows; otherwise judge those that are there.
+        rows: lines of a CSV after their header, in place of the folder's table.
+    """
+
+    folder: Path
+    plan: PosturePlan
+    robot: Robot
+    state: Path | None = None
+    targets: Mapping[str, float] | None = None
+    follow: bool = True
+    rows: Iterable[bytes] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Arrival:
+    """What came of a line.
+
+    Attributes:
+        line: its number in the table. verdict: None if it could not be read.
+        problem: why it could not be read, otherwise "". plan: the day's plan.
+        state: after the row.
+    """
+
+    line: int
+    verdict: Verdict | None
+    problem: str = ""
+    state: WatchState | None = None
+
+
+def read_targets(texts: Sequence[str]) -> dict[str, float]:
+    """Read targets that are written NAME=MILLIMETRES, by base parameter or "all" [m].
+
+    Raises:
+        InputError: with what was found and what is valid.
+    """
+    found: dict[str, float] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        if name in found:
+            raise InputError(f"target: {name}: found two values, expected one")
+        try:
+            found[name] = 1e-3 * float(value)
+        except ValueError:
+            raise InputError(
+                f"target: found {shortened(repr(text))}, expected NAME=MILLIMETRES, for instance all=2"
+            ) from None
+    return found
+
+
+def targets_of(model: DayModel, given: Mapping[str, float] | None) -> np.ndarray | None:
+    """Return the standard error that is wanted of every base parameter, (p,) [m]; None: none is.
+
+    Raises:
+        InputError: an unknown parameter, or a target that is not above zero.
+    """
+    if not given:
+        return None
+    names = model.nominal.parameters.names
+    out = np.full(len(names), np.inf)
+    for name, value in sorted(given.items(), key=lambda each: each[0] != EVERY):
+        look_up("parameter", name, (EVERY, *names), "target")
+        if not 0 < value < np.inf:
+            raise InputError(f"target: {name}: found {value:g}, expected a standard error above 0 [m]")
+        out[slice(None) if name == EVERY else names.index(name)] = value
+    return out
+
+
+def watch_day(settings: WatchSettings, pause: Callable[[float], None] = time.sleep) -> Iterator[Arrival]:
+    """Yield what comes of every row as it arrives, until every posture of the plan is measured.
+
+    The state is written after a row was yielded: whoever is killed between both sees that row again.
+
+    Args:
+        pause: called with the time to wait between two looks at the file [s].
+
+    Raises:
+        InputError: a folder, plan or state that cannot be used; a table whose header changes or that becomes
+            shorter.
+    """
+    s, where = settings, Path(settings.folder) / "manifest.json"
+    manifest = read_manifest(s.folder)
+    model = _model(s, manifest, where)
+    targets = targets_of(model, s.targets)
+    key, kept = key_of(s.plan, read_bytes(where)), Kept(first_state(model), Place())
+    if s.state is not None:
+        check_state_file(s.state)
+        kept = read_state(s.state, key, model) or kept
+    path = Path(s.folder) / TABLE if s.rows is None else Path("standard input")
+    stream = None if s.rows is None else lines_of(s.rows, Place())
+    skipped = kept.place.lines if stream is not None else 0
+    judge = one_blas_thread(watch_row)
+    while True:
+        lines = list(_taken(stream)) if stream is not None else new_lines(path, kept.place)
+        for line in lines:
+            if not is_row(line.text) or (kept.place.header and line.text == kept.place.header):
+                kept = Kept(kept.state, _passed(kept.place, line))
+                continue
+            if not kept.place.header:
+                kept = Kept(kept.state, kept.place.after(line))
+                continue
+            try:
+                row = row_of(line, kept.place.header, manifest, path, where)
+            except InputError as error:
+                yield Arrival(line.number, None, str(error), kept.state)
+                kept = Kept(kept.state, kept.place.after(line))
+                continue
+            if skipped and _known(kept.state, row):
+                continue
+            skipped = 0
+            state, verdict = judge(model, kept.state, row, targets)
+            kept = Kept(state, kept.place.after(line))
+            yield Arrival(line.number, verdict, "", state)
+            if s.state is not None:
+                write_state(s.state, key, kept)
+            if verdict.next is None:
+                return
+        if lines:
+            continue
+        if stream is not None or not s.follow:
+            return
+        pause(POLL)
+
+
+def _taken(stream: Iterator[Line]) -> Iterator[Line]:
+    """Yield the next line of a stream, if there is one."""
+    line = next(stream, None)
+    if line is not None:
+        yield line
+
+
+def _passed(place: Place, line: Line) -> Place:
+    """Return the place after a line that holds no values."""
+    return Place(line.number, line.end, place.header, line.text)
+
+
+def _known(state: WatchState, row: Measurements) -> bool:
+    """Return whether a row was judged before the watch was killed: a stream may bring it again."""
+    return bool(row.time[0] <= state.time)
+
+
+def _model(settings: WatchSettings, manifest: Manifest, where: Path) -> DayModel:
+    """Prepare the day of a folder.
+
+    Raises:
+        InputError: another robot's folder or plan, or sensors that are not plates on cells.
+    """
+    robot = settings.robot
+    check_model(where, manifest.robot.model, manifest.robot.sha256, robot)
+    if tuple(manifest.joints) != (joints := joint_names(robot.model)):
+        found, expected = listed(manifest.joints), listed(joints)
+        raise InputError(f"{where}: key 'joints': found {found}, expected {expected}")
+    feet = (manifest.robot.stance_foot, manifest.robot.swing_foot)
+    if feet != robot.feet:
+        raise InputError(
+            f"{where}: key 'robot': found the feet {listed(feet)}, expected {listed(robot.feet)}"
+        )
+    if manifest.plates is None:
+        raise InputError(f"{where}: key 'contacts': found other sensors, expected plates on four cells each")
+    return day_model(settings.plan, robot, _first_planned(settings.plan, manifest))
+
+
+def _first_planned(plan: PosturePlan, manifest: Manifest) -> Measurements:
+    """Return what the manifest states, as measurements of the plan's first posture with equal cell forces."""
+    assert manifest.plates is not None
+    mass, sheet = manifest.weighed_mass, manifest.sensors
+    plates = [manifest.plates.right, manifest.plates.left]
+    one, n = np.full(1, np.nan), len(plan.joints)
+    return Measurements(
+        joints=plan.joints,
+        posture=plan.posture[:1],
+        placement=plan.placement[:1],
+        support=plan.support[:1],
+        time=np.zeros(1),
+        window=one,
+        samples=one,
+        joint_angles=plan.joint_angles[:1],
+        joint_angles_sd=np.full((1, n), np.nan),
+        command=None,
+        motor=None,
+        cell_forces=np.full((1, len(CELLS)), 10.0),
+        cell_forces_sd=np.full((1, len(CELLS)), np.nan),
+        plate_poses=np.array([[[0.0, 0.0, 0.0], [0.0, 0.3, 0.0]]]),
+        cells=np.array([[getattr(plate.cells, corner) for corner in CORNERS] for plate in plates]),
+        top_height=np.array([plate.top_height for plate in plates]),
+        weighed_mass=None if mass is None else (mass.value, mass.sd),
+        gravity=manifest.gravity,
+        sensors=SensorSheet(**{f.name: getattr(sheet, f.name) for f in fields(SensorSheet)}),
+        robot={key: getattr(manifest.robot, key) for key in ("model", "sha256", "stance_foot", "swing_foot")},
+        gains=manifest.gains or {},
+        tolerances=manifest.tolerances or {},
+    )

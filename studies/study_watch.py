@@ -1,0 +1,207 @@
+"""Count how soon `tulip watch` notices faults, its false alarms, and the coverage of days that stop early.
+
+The parts: `clean` days, `faults` that begin at posture 40, slow `drifts` (all by statics), `dynamics`, days
+and faults in the full dynamics, and `stopping` (docs/watch.md; an hour and a half on one core).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import scipy
+
+from studies.runner import Settings, header, row, shipped_plan
+from studies.stopped_days import RULES, Stopped, stopped_days
+from studies.watched_days import (
+    DRIFTS,
+    FAULTS,
+    Day,
+    FaultyDay,
+    Kind,
+    alarms,
+    faulty_day,
+    ordinary_day,
+    played,
+)
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.robot import Robot, load_robot
+
+SETTINGS = Settings(seed=12000, workers=1, only=("clean", "faults", "drifts", "dynamics", "stopping"))
+PRESETS = ("wii", "force-plate")
+CLEAN, STOPPED = 50, 1000
+LABORATORIES = 2  # a preset, in the full dynamics
+TRIES, ANOTHER = 5, 1000  # laboratories for a fault, and the distance of their seeds
+CHUNK = 50  # stopped days of one process
+
+
+def study(settings: Settings) -> Iterator[str]:
+    """Make the tables."""
+    robot = load_robot()
+    plan = shipped_plan(robot)
+    parts = {
+        "clean": _clean,
+        "faults": _faults,
+        "drifts": _drifts,
+        "dynamics": _dynamics,
+        "stopping": _stopping,
+    }
+    for part, make in parts.items():
+        if part in settings.only:
+            yield from make(settings, robot, plan)
+
+
+def _clean(settings: Settings, robot: Robot, plan: PosturePlan) -> Iterator[str]:
+    count = settings.count(CLEAN)
+    seeds = [(settings.seed + k, PRESETS[k % 2], plan) for k in range(count)]
+    yield from _clean_table("Clean days, statics", settings.parallel("clean days", clean_day, seeds))
+
+
+def clean_day(seed: int, preset: str, plan: PosturePlan) -> tuple[str, int, int, float]:
+    """Return preset, rows, false alarms and the largest likelihood ratio of a change of a clean day."""
+    day = ordinary_day(seed, preset, "statics", plan)
+    return (preset, *_watched(day, plan))
+
+
+def _watched(day: Day, plan: PosturePlan) -> tuple[int, int, float]:
+    _, verdicts, most = played(plan, day.rows)
+    return len(verdicts), len(alarms(verdicts)), most
+
+
+def _clean_table(title: str, days: Sequence[tuple[str, int, int, float]]) -> Iterator[str]:
+    yield f"\n**{title}**\n"
+    yield header("sensors", "days", "rows", "days with a false alarm (95 %)", "largest ratio: median, most")
+    for preset in (*PRESETS, "all"):
+        own = [one for one in days if preset in (one[0], "all")]
+        if own:
+            wrong, most = sum(one[2] > 0 for one in own), [one[3] for one in own]
+            yield row(
+                preset,
+                len(own),
+                sum(one[1] for one in own),
+                share(wrong, len(own)),
+                f"{np.median(most):.1f}, {max(most):.1f}",
+            )
+
+
+def _faults(settings: Settings, robot: Robot, plan: PosturePlan) -> Iterator[str]:
+    kinds = range(settings.count(len(FAULTS)))
+    for which in (0, 1):
+        arguments = [
+            (settings.seed + 100 + len(FAULTS) * which + k, PRESETS[(k + which) % 2], plan, FAULTS[k])
+            for k in kinds
+        ]
+        found = settings.parallel("faults", fault_of_day, arguments)
+        name = ("first sensors", "the other sensors")[which]
+        yield from _fault_table(f"Faults from posture 40 on, statics, {name}", found)
+
+
+def _drifts(settings: Settings, robot: Robot, plan: PosturePlan) -> Iterator[str]:
+    count = settings.count(2 * len(DRIFTS))
+    arguments = [
+        (settings.seed + 150 + k, PRESETS[k % 2], plan, DRIFTS[k // 2 % len(DRIFTS)]) for k in range(count)
+    ]
+    found = settings.parallel("drifts", fault_of_day, arguments)
+    yield from _fault_table("Slow drifts from posture 40 on, statics", found)
+
+
+def fault_of_day(seed: int, preset: str, plan: PosturePlan, kind: Kind) -> FaultyDay:
+    """Draw a laboratory and let a fault begin in its day; another one if the robot falls with the fault."""
+    for number in range(seed, seed + TRIES * ANOTHER, ANOTHER):
+        try:
+            return faulty_day(ordinary_day(number, preset, "statics", plan), kind, plan, number)
+        except InputError:
+            continue
+    raise InputError(f"{kind.label}: found no laboratory in which the robot stands with it")
+
+
+def _fault_table(title: str, found: Sequence[FaultyDay]) -> Iterator[str]:
+    yield f"\n**{title}**\n"
+    yield header("fault", "sensors", "MDE", "began", "detectable", "noticed", "later by", "by", "named")
+    for one in found:
+        multiple = f"{one.multiple:.1f}" if np.isfinite(one.multiple) else "cable off"
+        yield row(
+            one.kind.label + (" (grows)" if one.kind.ramp else ""),
+            one.preset,
+            multiple,
+            one.began + 1,
+            _row(one.detectable),
+            _row(one.noticed),
+            one.late if one.noticed >= 0 and one.detectable >= 0 else "-",
+            one.verdict or "-",
+            one.told or "-",
+        )
+    yield f"\nNoticed within three postures: {share(sum(one.hit for one in found), len(found))}."
+
+
+def _row(number: int) -> str:
+    return "-" if number < 0 else str(number + 1)
+
+
+def _dynamics(settings: Settings, robot: Robot, plan: PosturePlan) -> Iterator[str]:
+    """Clean days in the full dynamics, and a share of the faults in each of them."""
+    labs = [
+        (settings.seed + 200 + k, PRESETS[k % 2], plan)
+        for k in range(settings.count(LABORATORIES * len(PRESETS)))
+    ]
+    days = settings.parallel("dynamics", dynamic_day, labs)
+    watched = [(day.laboratory.sensors, *_watched(day, plan)) for day in days]
+    yield from _clean_table("Clean days, full dynamics", watched)
+    kinds = range(settings.count(len(FAULTS)))
+    arguments = [(days[k % len(days)], FAULTS[k], plan, settings.seed + 300 + k) for k in kinds]
+    found = settings.parallel("faults in dynamics", faulty_day, arguments)
+    yield from _fault_table("Faults from posture 40 on, full dynamics", found)
+
+
+def dynamic_day(seed: int, preset: str, plan: PosturePlan) -> Day:
+    """Measure a clean day in the full dynamics."""
+    return ordinary_day(seed, preset, "dynamics", plan)
+
+
+def _stopping(settings: Settings, robot: Robot, plan: PosturePlan) -> Iterator[str]:
+    whole = settings.count(STOPPED)
+    chunks = [min(CHUNK, whole - first) for first in range(0, whole, CHUNK)]
+    arguments = [(PRESETS[k % 2], settings.seed + 400 + k, count) for k, count in enumerate(chunks)]
+    results = settings.parallel("stopped days", stopped_chunk, arguments)
+    yield "\n**Days that stop**\n"
+    yield header(
+        "sensors", "rule", "days", "rows: median (least, most)", "coverage of 95 % (interval)", "error / s.e."
+    )
+    for preset in (*PRESETS, "all"):
+        own = [
+            one
+            for (p, *_), part in zip(arguments, results, strict=True)
+            if preset in (p, "all")
+            for one in part
+        ]
+        for rule in RULES:
+            yield _stopped_row(
+                preset, rule, [one for one in own if one.rule == rule and np.isfinite(one.covered)]
+            )
+
+
+def stopped_chunk(preset: str, seed: int, count: int) -> list[Stopped]:
+    """Simulate some days that stop."""
+    robot = load_robot()
+    return list(stopped_days(robot, shipped_plan(robot), preset, seed, count))
+
+
+def _stopped_row(preset: str, rule: str, days: Sequence[Stopped]) -> str:
+    rows, covered = [one.rows for one in days], np.array([one.covered for one in days])
+    half = 1.96 * covered.std(ddof=1) / np.sqrt(len(days)) if len(days) > 1 else np.nan
+    return row(
+        preset,
+        rule,
+        len(days),
+        f"{np.median(rows):.0f} ({min(rows)}, {max(rows)})",
+        f"{covered.mean():.4f} ({covered.mean() - half:.4f} to {covered.mean() + half:.4f})",
+        f"{np.sqrt(np.mean([one.ratio**2 for one in days])):.3f}",
+    )
+
+
+def share(count: int, of: int) -> str:
+    """Return a count with the exact interval of its share (Clopper and Pearson 1934)."""
+    low = scipy.stats.beta.ppf(0.025, count, of - count + 1) if count else 0.0
+    high = scipy.stats.beta.ppf(0.975, count + 1, of - count) if count < of else 1.0
+    return f"{count} of {of} ({low:.3f} to {high:.3f})"

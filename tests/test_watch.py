@@ -1,0 +1,235 @@
+"""`tulip watch`: what it says of postures as they come, and when it says stop."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from tests.watched import measured_day, model_of, one_row, play
+from tulip_testbed.experiments.watching.alarm import levels
+from tulip_testbed.experiments.watching.change_detection import EARLIER, RECENT, no_changes, with_row
+from tulip_testbed.experiments.watching.history import REACH
+from tulip_testbed.experiments.watching.recursive_estimate import (
+    Belief,
+    Innovation,
+    first_belief,
+    innovation,
+    updated,
+)
+from tulip_testbed.experiments.watching.row_checks import USUAL
+from tulip_testbed.experiments.watching.row_columns import row_columns
+from tulip_testbed.experiments.watching.watch_row import CHANGED, NOT_SETTLED, OK, REPEAT, UNPLANNED, UNUSABLE
+from tulip_testbed.experiments.watching.watch_state import GAPS, first_state
+from tulip_testbed.identification.nominal import nominal_robot
+from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, reading_noise
+from tulip_testbed.identification.regressor import regression
+from tulip_testbed.identification.variance_components import MARK_RATIO
+from tulip_testbed.sim.measurements import Measurements
+
+ONSET = 35
+
+
+@pytest.fixture(scope="module")
+def day(robot, plan) -> Measurements:
+    return measured_day(robot, plan)
+
+
+@pytest.fixture(scope="module")
+def watched(robot, plan, day):
+    return model_of(robot, plan.take(plan.placement <= 9), day)
+
+
+@pytest.fixture(scope="module")
+def played(watched, day):
+    return play(watched, day)
+
+
+@pytest.fixture(scope="module")
+def before(watched, day):
+    """The state before row `ONSET` of a clean day."""
+    return play(watched, day.take(np.arange(ONSET)))[0]
+
+
+def slipped(day: Measurements, angle: float, first: int = ONSET) -> Measurements:
+    """The right knee's encoder slips: every row from `first` on reads an angle too much."""
+    angles = day.joint_angles.copy()
+    angles[first:, day.joints.index("right_knee")] += angle
+    return replace(day, joint_angles=angles)
+
+
+def test_a_row_alone_has_the_columns_that_it_has_among_others(watched, day):
+    whole, alone = row_columns(watched, day).row(17), row_columns(watched, one_row(day, 17)).row(0)
+    for one in fields(whole):
+        np.testing.assert_allclose(getattr(alone, one.name), getattr(whole, one.name), rtol=1e-9, atol=1e-12)
+
+
+def test_the_filter_is_the_regression_of_all_rows_at_once(watched, day):
+    """By brute force: the posterior of one stacked Bayesian regression without relinearisation."""
+    rows = [k for k in range(len(day)) if day.placement[k] == day.placement[0]]
+    columns = row_columns(watched, day)
+    columns = replace(columns, slope=np.zeros_like(columns.slope))
+    belief = first_belief(watched)
+    precision, pull = np.linalg.inv(watched.covariance + 1e-12 * np.eye(len(watched.covariance))), 0.0
+    belief = Belief(belief.mean, np.linalg.inv(precision))
+    for k in rows:
+        row = columns.row(k)
+        belief = updated(belief, innovation(watched, belief, row))
+        weight = np.linalg.inv(row.noise(watched.noise.encoder))
+        precision = precision + row.state.T @ weight @ row.state
+        pull = pull + row.state.T @ weight @ row.residual
+    sd = np.sqrt(np.diag(belief.covariance))
+    np.testing.assert_allclose(belief.mean / sd, np.linalg.solve(precision, pull) / sd, atol=1e-3)
+    np.testing.assert_allclose(sd, np.sqrt(np.diag(np.linalg.inv(precision))), rtol=1e-3)
+
+
+def test_evidence_for_a_step_by_hand():
+    """Readings of variance 4 without any state; a step of 3 begins at the third row: y^2 / w = n 3^2 / 4."""
+    changes = no_changes(1, 1)
+    for k, value in enumerate([0.0, 0.0, 3.0, 3.0, 3.0, 3.0]):
+        one = np.ones((1, 1))
+        found = Innovation(value * one[0], 4 * one, one / 4, 0 * one, 0 * one, one, 1)
+        changes = with_row(changes, found, k, np.zeros(1, bool))
+    assert changes.ratio[:, 0].max() == pytest.approx(4 * 9 / 4)
+    assert changes.onset[changes.ratio[:, 0].argmax()] == 2
+
+
+def test_evidence_for_a_ramp_by_hand():
+    """A ramp of 0.1 plausible size a row, measured with variance 1: y^2 / w = sum (k / 10)^2."""
+    changes = no_changes(1, 1)
+    for k in range(5):
+        one = np.ones((1, 1))
+        found = Innovation((k + 1) / 10 * one[0], one, one, 0 * one, 0 * one, one, 1)
+        changes = with_row(changes, found, k, np.ones(1, bool))
+    assert changes.ratio[0, 0] == pytest.approx(55 / 100)
+
+
+def test_memory_is_bounded(watched, played):
+    """Nothing in a state grows with the rows, but lists up to a length that is reached here."""
+    state, verdicts = played
+    assert len(verdicts) > USUAL
+    assert len(state.history) <= RECENT + EARLIER + 1
+    assert len(state.taken) <= REACH
+    assert (len(state.spreads), len(state.gaps)) == (USUAL, GAPS)
+    empty = first_state(watched)
+    for name in ("belief", "changes", "information", "earlier"):
+        for one in fields(getattr(state, name)):
+            found, at_first = (getattr(getattr(each, name), one.name) for each in (state, empty))
+            assert found.nbytes == at_first.nbytes
+
+
+def test_a_clean_day_is_in_order(played, watched):
+    state, verdicts = played
+    assert {one.verdict for one in verdicts} == {OK}
+    assert state.fault is None
+    assert verdicts[0].next == 2
+    assert verdicts[-1].left == int((state.done != 1).sum())
+
+
+def test_a_slip_is_noticed_at_once_named_and_its_end_too(watched, day, before, played):
+    number, slip = int(day.posture[ONSET]), np.radians(0.4)
+    bad = slipped(slipped(day, slip), -slip, ONSET + 6)
+    state, verdicts = play(watched, bad.take(np.arange(ONSET, ONSET + 12)), before)
+    assert verdicts[0].verdict in (REPEAT, CHANGED)
+    assert verdicts[0].next == number
+    changed = [one for one in verdicts if one.verdict == CHANGED]
+    assert changed[0].onset == changed[0].next == number
+    assert "right_knee" in changed[0].findings[0].seen
+    clean = played[1][ONSET - 1].standard_errors
+    assert all(one.standard_errors == clean and not one.stop for one in changed)
+    assert state.fault is None
+    assert verdicts[-1].verdict == OK
+    assert any("is gone" in finding.seen for one in verdicts for finding in one.findings)
+
+
+def test_one_odd_posture_is_to_be_repeated_and_then_forgotten(watched, day, before):
+    odd = slipped(day, np.radians(1.0))
+    state, (verdict,) = play(watched, one_row(odd, ONSET), before)
+    assert verdict.verdict == REPEAT
+    assert verdict.next == int(day.posture[ONSET])
+    _, verdicts = play(watched, day.take(np.arange(ONSET + 1, ONSET + 6)), state)
+    assert {one.verdict for one in verdicts} == {OK}
+
+
+def test_a_repeat_that_differs_is_told(watched, day):
+    first = one_row(day, 0)
+    state, _ = play(watched, day.take(np.arange(1)))
+    forces = first.cell_forces.copy()
+    forces[0, [0, 2]] += 3.0
+    forces[0, [1, 3]] -= 3.0
+    other = replace(first, cell_forces=forces, time=first.time + 63)
+    _, (verdict,) = play(watched, other, state)
+    assert verdict.verdict == REPEAT
+    assert verdict.findings[0].name in ("repeats", "prediction")
+    _, (same,) = play(watched, replace(first, time=first.time + 63), state)
+    assert same.verdict == OK
+
+
+def test_a_window_that_moved(watched, day):
+    state, _ = play(watched, day.take(np.arange(10)))
+    row = one_row(day, 10)
+    _, (verdict,) = play(watched, replace(row, joint_angles_sd=20 * row.joint_angles_sd), state)
+    assert verdict.verdict == NOT_SETTLED
+    assert verdict.next == int(row.posture[0])
+    assert verdict.findings[0].advice.startswith("Wait longer")
+
+
+def test_rows_that_cannot_be_used(watched, day):
+    row = one_row(day, 0)
+    _, (verdict,) = play(watched, replace(row, joint_angles=np.degrees(row.joint_angles)))
+    assert verdict.verdict == UNUSABLE
+    assert verdict.findings[0].name == "units"
+    _, (verdict,) = play(watched, replace(row, posture=np.array([999])))
+    assert verdict.verdict == UNPLANNED
+    _, (verdict,) = play(watched, replace(row, posture=row.posture + 1))
+    assert verdict.verdict == UNUSABLE
+    assert "from the plan" in verdict.findings[0].seen
+
+
+@pytest.mark.parametrize(
+    ("jump", "told"), [(-1e5, "jumps back"), (1e5, "jumps ahead"), (-70.0, "row before")]
+)
+def test_clocks_and_the_order_of_rows(watched, day, jump, told):
+    state, _ = play(watched, day.take(np.arange(8)))
+    row = one_row(day, 8) if jump != -70.0 else one_row(day, 6)
+    state = replace(state, time=float(day.time[7]))
+    _, (verdict,) = play(watched, replace(row, time=day.time[7:8] + jump), state)
+    assert verdict.verdict == OK
+    assert any(told in one.seen for one in verdict.findings)
+
+
+def test_it_stops_when_the_targets_are_met_and_says_what_is_left(watched, day, played, before):
+    errors = np.array(list(played[1][-1].standard_errors.values()))
+    assert np.isfinite(errors).all()
+    _, verdicts = play(watched, day, targets=1.2 * errors)
+    stops = [one for one in verdicts if one.stop]
+    assert stops
+    assert stops[0].stop == f"the targets are met; {stops[0].left} postures are left"
+    assert all(e <= 1.2 * t for e, t in zip(stops[0].standard_errors.values(), errors, strict=True))
+    _, (verdict,) = play(watched, one_row(day, ONSET), before, targets=0.1 * errors)
+    assert verdict.stop == ""
+
+
+def test_the_standard_errors_are_those_of_generalised_least_squares(robot, day, played):
+    nominal = nominal_robot(robot)
+    matrix = regression(nominal.parameters, day, robot).matrix.reshape(len(day), 2, -1)
+    noise = reading_noise(day, nominal)
+    left = np.array(day.sensors.placement_sd)  # the foot on the right plate stands on a mark
+    levers = placement_levers(day) * np.concatenate([MARK_RATIO * left, left])
+    noise = ReadingNoise(noise.own, levers, day.placement)
+    expected = np.linalg.inv(np.tensordot(matrix, noise.weights(matrix), axes=((0, 1), (0, 1))))
+    found = np.array(list(played[1][-1].standard_errors.values()))
+    np.testing.assert_allclose(found, np.sqrt(np.diag(expected)), rtol=0.01)
+
+
+def test_the_limits_follow_from_the_plan(watched, robot, plan, day):
+    longer = levels(model_of(robot, plan, day))
+    assert longer.row < levels(watched).row
+    assert longer.ratio > levels(watched).ratio
+
+
+def test_the_first_state_knows_nothing(watched):
+    state = first_state(watched)
+    assert np.isinf(state.information.standard_errors()).all()
+    assert state.changes.ratio.max() == 0

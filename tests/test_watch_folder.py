@@ -1,0 +1,257 @@
+"""`tulip watch` on folders that grow and on streams: bad input, the state, and the command itself."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import tulip_testbed as tt
+from tests.watched import growing_folder, measured_day, model_of, one_row, play
+from tulip_testbed.cli.main import main
+from tulip_testbed.experiments.watching.arriving_rows import Place
+from tulip_testbed.experiments.watching.state_file import Kept, key_of, read_state, write_state
+from tulip_testbed.experiments.watching.watch_day import read_targets
+from tulip_testbed.experiments.watching.watch_row import OK, watch_row
+from tulip_testbed.sim.errors import InputError
+from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.sim.measurements.plan_folder import write_plan
+
+ROWS = 12
+
+
+@pytest.fixture(scope="module")
+def day(robot, plan) -> Measurements:
+    """The first rows of a day, every posture once."""
+    whole = measured_day(robot, plan)
+    first = np.sort(np.unique(whole.posture, return_index=True)[1])
+    return whole.take(first[:ROWS])
+
+
+@pytest.fixture
+def folder(tmp_path, day) -> tuple[Path, list[str]]:
+    return tmp_path / "lab", growing_folder(tmp_path / "lab", day)
+
+
+def grow(folder: Path, text: str) -> None:
+    with (folder / "postures.csv").open("a") as file:
+        file.write(text)
+
+
+def judged(folder: Path, plan, robot, **more) -> list:
+    return list(tt.watch(folder, plan, robot, follow=False, **more))
+
+
+def test_half_a_line_waits_for_its_end(folder, plan, robot):
+    path, lines = folder
+    grow(path, lines[0] + lines[1][:50])
+    assert [one.verdict.posture for one in judged(path, plan, robot)] == [1]
+    grow(path, lines[1][50:])
+    assert [one.verdict.verdict for one in judged(path, plan, robot)] == [OK, OK]
+
+
+def test_prepared_rows_wait_for_their_readings(folder, plan, robot, tmp_path):
+    path, lines = folder
+    header = (path / "postures.csv").read_text()
+    empty = [",".join([*line.split(",")[:3], *[""] * (line.count(",") - 2)]) + "\n" for line in lines]
+    state = tmp_path / "state"
+    for count in (0, 2, 3):
+        (path / "postures.csv").write_text(header + "".join(lines[:count] + empty[count:]))
+        found = judged(path, plan, robot, state=state)
+        assert [one.line for one in found] == {0: [], 2: [2, 3], 3: [4]}[count]
+        assert all(one.verdict for one in found)
+
+
+def test_it_goes_on_where_it_was_and_writes_nothing_into_the_folder(folder, plan, robot, day, tmp_path):
+    path, lines = folder
+    state = tmp_path / "out" / "state"
+    grow(path, "".join(lines[:5]))
+    before = {one.name: one.read_bytes() for one in path.iterdir()}
+    first = judged(path, plan, robot, state=state)
+    assert {one.name: one.read_bytes() for one in path.iterdir()} == before
+    grow(path, "".join(lines[5:]))
+    then = judged(path, plan, robot, state=state)
+    assert [one.verdict.posture for one in first + then] == day.posture.tolist()
+    whole = judged(path, plan, robot)
+    assert [one.verdict.document() for one in first + then] == [one.verdict.document() for one in whole]
+    assert [one.name for one in state.parent.iterdir()] == ["state"]
+
+
+def test_a_state_is_read_as_it_was_written(robot, plan, day, tmp_path):
+    model = model_of(robot, plan, day)
+    state, _ = play(model, day.take(np.arange(ROWS - 1)))
+    key = key_of(plan, b"manifest")
+    write_state(tmp_path / "state", key, Kept(state, Place(5, 99, b"a,b", b"1,2")))
+    kept = read_state(tmp_path / "state", key, model)
+    assert kept is not None
+    assert kept.place == Place(5, 99, b"a,b", b"1,2")
+    one, two = (watch_row(model, each, one_row(day, ROWS - 1)) for each in (state, kept.state))
+    assert one[1].document() == two[1].document()
+    np.testing.assert_array_equal(one[0].belief.covariance, two[0].belief.covariance)
+    np.testing.assert_array_equal(one[0].changes.ratio, two[0].changes.ratio)
+    with pytest.raises(InputError, match="state of another plan"):
+        read_state(tmp_path / "state", key_of(plan, b"other"), model)
+    (tmp_path / "state").write_bytes(b"PK\x03\x04 broken")
+    with pytest.raises(InputError, match="no state of a watch"):
+        read_state(tmp_path / "state", key, model)
+
+
+def test_a_state_inside_of_the_folder_is_refused(folder, plan, robot):
+    path, _ = folder
+    with pytest.raises(InputError, match="inside the measurement folder"):
+        judged(path, plan, robot, state=path / "state")
+
+
+def test_a_column_that_vanishes(folder, plan, robot, tmp_path):
+    path, lines = folder
+    grow(path, lines[0] + lines[1].rpartition(",")[0] + "\n" + lines[2])
+    first, second, third = judged(path, plan, robot)
+    assert (first.verdict.verdict, second.verdict, third.verdict.verdict) == (OK, None, OK)
+    assert "line 3: found" in second.problem
+    assert "a column vanished" in second.problem
+    state = tmp_path / "state"
+    judged(path, plan, robot, state=state)
+    text = (path / "postures.csv").read_text()
+    (path / "postures.csv").write_text(text.replace('"cell.left.rear_left",', "", 1) + " " * 100)
+    with pytest.raises(InputError, match=r"'cell\.left\.rear_left' vanished during the day"):
+        judged(path, plan, robot, state=state)
+
+
+def test_rows_that_were_read_may_not_change(folder, plan, robot, tmp_path):
+    path, lines = folder
+    state = tmp_path / "state"
+    grow(path, "".join(lines[:3]))
+    judged(path, plan, robot, state=state)
+    text = (path / "postures.csv").read_text()
+    (path / "postures.csv").write_text(text.replace(lines[2], lines[3]) + " " * 100)
+    with pytest.raises(InputError, match="found other values than were read before"):
+        judged(path, plan, robot, state=state)
+    (path / "postures.csv").write_text(text[:-50])
+    with pytest.raises(InputError, match="rows may only be added at the end"):
+        judged(path, plan, robot, state=state)
+
+
+def test_a_value_that_is_none_is_told_by_its_line(folder, plan, robot):
+    path, lines = folder
+    place = (path / "postures.csv").read_text().split(",").index('"q.right_knee"')
+    values = lines[1].split(",")
+    values[place] = "broken"
+    grow(path, lines[0] + ",".join(values) + "\n# a note\n\n" + lines[2])
+    found = judged(path, plan, robot)
+    assert [one.line for one in found] == [2, 3, 7]
+    assert found[1].verdict is None
+    assert "postures.csv: line 3: column 'q.right_knee': found string" in found[1].problem
+
+
+def test_another_robots_plan_and_folder(folder, plan, robot, tmp_path, capsys):
+    path, _ = folder
+    other = {"model": "other.xml", "sha256": "0" * 64}
+    write_plan(tmp_path / "plan", plan)
+    text = (tmp_path / "plan" / "plan.json").read_text()
+    (tmp_path / "plan" / "plan.json").write_text(text.replace(plan.robot["sha256"], "0" * 64))
+    assert main(["watch", str(path), "--plan", str(tmp_path / "plan"), "--once"]) == 2
+    assert "made for another robot than TULip" in " ".join(capsys.readouterr().err.split())
+    manifest = json.loads((path / "manifest.json").read_text())
+    (path / "manifest.json").write_text(json.dumps(manifest | {"robot": manifest["robot"] | other}))
+    with pytest.raises(InputError, match="made for another robot than TULip"):
+        judged(path, plan, robot)
+
+
+def test_targets():
+    assert read_targets(["all=2", "torso.x=0.5"]) == {"all": 2e-3, "torso.x": 5e-4}
+    with pytest.raises(InputError, match="expected NAME=MILLIMETRES"):
+        read_targets(["all"])
+    with pytest.raises(InputError, match="found two values"):
+        read_targets(["all=1", "all=2"])
+
+
+def test_unknown_targets(folder, plan, robot):
+    path, _ = folder
+    with pytest.raises(InputError, match=r"unknown parameter 'torso\.u'; did you mean"):
+        judged(path, plan, robot, targets={"torso.u": 1.0})
+    with pytest.raises(InputError, match="expected a standard error above 0"):
+        judged(path, plan, robot, targets={"all": 0.0})
+
+
+def test_lines_of_a_stream_as_lines_of_json(folder, day, capsys, monkeypatch):
+    path, lines = folder
+    header = (path / "postures.csv").read_text()
+
+    arriving = [header, *lines[:3], lines[3].rstrip()]
+    stdin = SimpleNamespace(buffer=[one.encode() for one in arriving])
+    monkeypatch.setattr(sys, "stdin", stdin)
+    assert main(["watch", str(path), "--plan", "random", "--stdin", "--json"]) == 0
+    out, err = capsys.readouterr()
+    told = [json.loads(line) for line in out.splitlines()]
+    assert err == ""
+    assert [one["posture"] for one in told] == day.posture[:4].tolist()
+    for one in told:
+        assert list(one) == ["posture", "verdict", "findings", "next", "standard_errors", "stop"]
+    assert told[0]["verdict"] == OK
+    assert told[0]["next"] == 2
+    assert told[0]["stop"] is None
+    assert len(told[0]["standard_errors"]) == 25
+
+
+def test_a_stream_that_begins_again_is_not_judged_twice(folder, plan, robot, day, tmp_path):
+    path, lines = folder
+    header = (path / "postures.csv").read_text().encode()
+    whole = [header, *(one.encode() for one in lines[:6])]
+    first = list(tt.watch(path, plan, robot, tmp_path / "state", rows=whole[:4]))
+    then = list(tt.watch(path, plan, robot, tmp_path / "state", rows=whole))
+    assert [one.verdict and one.verdict.posture for one in first + then] == day.posture[:6].tolist()
+
+
+def test_the_lines_that_a_person_sees(folder, capsys):
+    path, lines = folder
+    grow(path, "".join(lines[:3]))
+    assert main(["watch", str(path), "--plan", "random", "--once", "--target", "all=3"]) == 0
+    out = capsys.readouterr().out
+    assert "posture 3: ok; next 4" in out
+    assert "Next: posture 4; 147 left." in out
+    assert "torso.x" in out
+
+
+def test_two_seconds_at_five_hundred_rows(robot, plan, day):
+    """The last row of a plan of 500: its cost does not depend on how many came before."""
+    rows = np.concatenate([np.arange(150)] * 3 + [np.arange(50)])
+    turn = np.repeat([0, 1, 2, 3], [150, 150, 150, 50])
+    long = plan.take(rows)
+    object.__setattr__(long, "posture", long.posture + 150 * turn)
+    object.__setattr__(long, "placement", long.placement + 30 * turn)
+    model = model_of(robot, long, day)
+    state, _ = play(model, day.take(np.arange(3)))
+    began = time.perf_counter()
+    _, verdict = watch_row(model, state, one_row(day, 3))
+    assert time.perf_counter() - began < 2.0
+    assert verdict.left == 496
+
+
+@pytest.mark.slow
+def test_killed_and_started_again_it_goes_on(folder, day, tmp_path):
+    """The real command on a real file that grows, killed with no warning in the middle."""
+    path, lines = folder
+    command = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()", "watch", str(path)]
+    command += ["--plan", "random", "--json"]
+    told, state = [], tmp_path / "state"
+    for part in (lines[:5], lines[5:]):
+        grow(path, "".join(part))
+        watch = subprocess.Popen([*command, "--out", str(state)], stdout=subprocess.PIPE, text=True)
+        assert watch.stdout is not None
+        wanted = int(part[-1].partition(",")[0])
+        while told[-1:] != [wanted]:
+            told.append(json.loads(watch.stdout.readline())["posture"])
+        os.kill(watch.pid, signal.SIGKILL)
+        watch.wait()
+        watch.stdout.close()
+    # The row before the kill may be judged again, since its state was not written yet; none is left out.
+    assert list(dict.fromkeys(told)) == day.posture.tolist()
+    assert len(told) <= ROWS + 1
