@@ -1,7 +1,7 @@
 """Close the loop: plan, protocol, a day with a fault, watch, identify, export, new postures (docs/loop.md).
 
 Random true robots are measured in the full dynamics on force plates, in the order of the protocol. A fault
-begins at posture 40. Once `tulip watch` notices it, the laboratory mends it and measures again, in a set-up
+begins at the 40th row. Once `tulip watch` notices it, the laboratory mends it and measures again, in a set-up
 of its own, every posture since the one that the watch names. The estimate is exported. MuJoCo loads the file
 and computes the centre of pressure of 100 new random postures (a minute and a half for a robot).
 """
@@ -20,7 +20,7 @@ from scipy.stats import chi2
 import tulip_testbed as tt
 from studies.runner import Settings, header, row, shipped_plan
 from studies.study_export import pressure
-from studies.watched_days import FAULTS, Day, Kind, faulty_day, joined_rows
+from studies.watched_days import FAULTS, ONSET, Day, Kind, faulty_day, joined_rows
 from tulip_testbed.calibration.families import EXACT
 from tulip_testbed.calibration.prediction import predicted
 from tulip_testbed.calibration.self_calibration import self_calibrate
@@ -96,7 +96,7 @@ def carry_out(seed: int, plan: PosturePlan, kind: Kind) -> Loop:
     """Go through the loop with one random robot."""
     robot = load_robot()
     truth, day = _clean_day(seed, plan, robot)
-    seen = faulty_day(day, kind, plan, seed)
+    seen = faulty_day(day, kind, plan, seed, float(day.rows.time[ONSET - 1]))
     measured = _mended(day, plan, seen.began)
     found = tt.identify(measured, robot)
     with tempfile.TemporaryDirectory() as folder:

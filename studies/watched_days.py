@@ -205,11 +205,15 @@ def direction_of(model: DayModel, kind: Kind) -> int:
     raise AssertionError(label)
 
 
-def faulty_day(day: Day, kind: Kind, plan: PosturePlan, seed: int) -> FaultyDay:
-    """Let a fault begin in a day at posture `ONSET` and play it."""
+def faulty_day(day: Day, kind: Kind, plan: PosturePlan, seed: int, start: float | None = None) -> FaultyDay:
+    """Let a fault begin in a day and play it.
+
+    Args:
+        start: of the fault [s]; that of posture `ONSET` if None.
+    """
     rng = np.random.default_rng([seed, 99])
     model = day_model(plan, day.laboratory.robot, day.rows)
-    start = float(day.rows.time[day.rows.posture >= ONSET].min())
+    start = float(day.rows.time[day.rows.posture >= ONSET].min()) if start is None else start
     began = int((day.rows.time < start).sum())
     direction = direction_of(model, kind)
     _, information = known_ratio(model, day.rows, direction, began)
