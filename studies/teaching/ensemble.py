@@ -77,7 +77,9 @@ def ellipse(center: np.ndarray, covariance: np.ndarray, level: float = 0.95, poi
     return center + np.sqrt(chi2.ppf(level, 2)) * circle @ np.linalg.cholesky(covariance).T
 
 
-def share_inside(values: np.ndarray, center: np.ndarray, covariance: np.ndarray, level: float = 0.95) -> float:
+def share_inside(
+    values: np.ndarray, center: np.ndarray, covariance: np.ndarray, level: float = 0.95
+) -> float:
     """Return which share of estimates, (runs, 2), lies inside of the contour of `ellipse`."""
     away = values - center
     distance = np.einsum("ri,ij,rj->r", away, np.linalg.inv(covariance), away)

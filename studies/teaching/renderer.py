@@ -22,6 +22,7 @@ AZIMUTH, ELEVATION, DISTANCE = 150.0, -27.0, 1.95  # of the camera [deg, deg, m]
 LOOKED_AT = (0.0, 0.07, 0.50)  # m
 ARROW = 0.45 / 50.0  # m/N
 LEAST_ARROW = 1.0  # N: less is not drawn
+LUMINANCE = np.array([0.3, 0.59, 0.11])
 THICK, MARK, HEIGHT = 0.011, 0.026, 0.003  # m
 
 
@@ -82,6 +83,9 @@ def draw(scenes: Scenes) -> np.ndarray:
     places, where = np.unique(scenes.plates.round(6).reshape(len(images), -1), axis=0, return_inverse=True)
     for place, poses in enumerate(places.reshape(-1, 2, 3)):
         stand = Stand(rig, poses)
+        for rgba in (stand.model.geom_rgba, stand.model.mat_rgba):
+            # Grey, so that colours mean forces and centres alone.
+            rgba[:, :3] = 0.15 + 0.85 * (rgba[:, :3] @ LUMINANCE)[:, None]
         stand.model.vis.global_.offwidth, stand.model.vis.global_.offheight = width, height
         with mujoco.Renderer(stand.model, height, width) as renderer:
             for row in np.flatnonzero(where.ravel() == place):
@@ -92,7 +96,7 @@ def draw(scenes: Scenes) -> np.ndarray:
                 for cell, force in zip(scenes.cells[row], scenes.forces[row], strict=True):
                     if force > LEAST_ARROW:
                         foot = np.append(cell, HEIGHT)
-                        tip = foot + [0.0, 0.0, ARROW * force]
+                        tip = foot + np.array([0.0, 0.0, ARROW * force])
                         _link(renderer.scene, mujoco.mjtGeom.mjGEOM_ARROW, THICK, foot, tip, ESTIMATE)
                 point, center = np.append(scenes.pressure[row], HEIGHT), scenes.center[row]
                 _link(renderer.scene, mujoco.mjtGeom.mjGEOM_CAPSULE, 0.006, point, center, MEASURED)

@@ -1,7 +1,7 @@
 """Compute signatures: the error of the centre of pressure (CoP) that an effect makes in every posture.
 
-The CoP that the plates measure is compared with the one that the measured angles and the nominal base parameters
-predict. A fit of the base parameters to such data absorbs a part of it.
+The CoP that the plates measure is compared with the one that the measured angles and the nominal base
+parameters predict. A fit of the base parameters to such data absorbs a part of it.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def examples(robot: Robot) -> list[EffectInstance]:
 
 
 def signature(instance: EffectInstance, robot: Robot, plan: PosturePlan) -> Signature:
-    """Compute an effect's signature without noise: by the static laboratory, or where that cannot, predicted."""
+    """Simulate an effect's signature without noise by statics; predict it where statics cannot."""
     effect = instance.effect
     plain = _plain(robot, effect.instrument)
     if effect.statics:
@@ -102,7 +102,7 @@ def noise_sd(robot: Robot, plan: PosturePlan, preset: str) -> np.ndarray:
 
 
 def cop_error(observed: Observation) -> np.ndarray:
-    """Return the measured CoP minus the one that nominal parameters and measured angles predict, (m, 2) [mm]."""
+    """Return the measured CoP minus the prediction of nominal parameters and angles, (m, 2) [mm]."""
     return 1e3 * residuals(observed, observed.nominal.value)[:, ROWS["A"]]
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from studies.runner import shipped_plan
 from studies.teaching.signature import (
@@ -17,7 +18,7 @@ from studies.teaching.signature import (
     scatter_about_line,
     signature,
 )
-from studies.teaching.style import GREY, WIDTH, Axes, X, Y, card, save_png, save_svg
+from studies.teaching.style import GREY, WIDTH, X, Y, card, save_png, save_svg
 from studies.teaching.variables import HEIGHT, LEVER, TORQUE, variable_of
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.sim.robot import load_robot
@@ -30,13 +31,14 @@ THREE = {  # each of one standard deviation of what is plausible in a careful la
     "Floor tilted by 1°: left\nside up, front down": "tilt=0.0174533,0.0174533",
 }
 COLUMNS = (
-    ("CoM travel by the knee, mm/deg", LEVER[1]),
-    ("torque of the load on the knee, Nm", TORQUE[1]),
+    ("lever of the knee, mm/deg", LEVER[1]),
+    ("torque on the knee, Nm", TORQUE[1]),
     ("height of the CoM, m", HEIGHT[1]),
 )
 OWN = "#fff4d6"  # behind a fault's own quantity
 SMALL = (4.2, 2.75)  # inches, of an effect's picture
-LETTERS = 62  # of a line under it
+NONE = 0.05  # mm: a smaller error is none
+LETTERS = 48  # of a line under it
 
 
 def three_faults(path: Path) -> Path:
@@ -54,7 +56,7 @@ def three_faults(path: Path) -> Path:
                 _dots(ax, quantity(measured, JOINT), noisy, 3.0 if own else 2.2)
                 if own:
                     ax.set_facecolor(OWN)
-                    _line(ax, at, exact.error[:, 0])
+                    _lines(ax, at, exact.error)
                 off = scatter_about_line(at, exact.error[:, 0])
                 ax.set_title(f"x is off a line by {off:.2f} mm", loc="right", color="black" if own else GREY)
                 if row == len(THREE) - 1:
@@ -93,24 +95,30 @@ def one_effect(folder: Path, found: Signature, noise: np.ndarray) -> Path:
         _dots(ax, quantity(found.observed, instance.target), found.error, 2.6)
         largest = max(1.15 * float(np.abs(found.error).max()), 2.5 * band)
         ax.set_ylim(-largest, largest)
+        if np.abs(found.error).max() < NONE:
+            ax.text(0.5, 0.8, "no error of the CoP", color=GREY, ha="center", transform=ax.transAxes)
         ax.set_ylabel("CoP error, mm")
         ax.set_title(effect.name, loc="left", fontweight="bold")
         for place, colour, text in ((0.80, X, "x"), (0.90, Y, "y")):
             ax.text(place, 1.035, f"● {text}", color=colour, transform=ax.transAxes)
-        ax.set_xlabel(f"{label}\n{_under(instance.finding)}", fontsize=8.5, linespacing=1.5)
+        ax.set_xlabel(f"{label}\n{_under(found)}", fontsize=8.5, linespacing=1.5)
         return save_svg(figure, folder / f"{effect.name}.svg")
 
 
-def _under(sentence: str) -> str:
-    return "\n".join(textwrap.wrap(sentence, LETTERS))
+def _under(found: Signature) -> str:
+    """Return what the picture shows as a sentence in short lines."""
+    how = "" if found.simulated else " (Predicted, not simulated.)"
+    return "\n".join(textwrap.wrap(found.instance.finding + how, LETTERS))
 
 
 def _dots(ax: Axes, at: np.ndarray, error: np.ndarray, size: float) -> None:
-    for column, colour in enumerate((X, Y)):
-        ax.plot(at, error[:, column], "o", color=colour, markersize=size, markeredgewidth=0, alpha=0.75)
+    """Draw errors in x and y, (m, 2); y is smaller, so that x shows where both are the same."""
+    for column, (colour, part) in enumerate(((X, 1.3), (Y, 0.9))):
+        ax.plot(at, error[:, column], "o", color=colour, markersize=part * size, markeredgewidth=0)
 
 
-def _line(ax: Axes, at: np.ndarray, error: np.ndarray) -> None:
-    """Draw the straight line through errors without noise, (m,), over the quantity that explains them."""
+def _lines(ax: Axes, at: np.ndarray, error: np.ndarray) -> None:
+    """Draw the straight lines through errors without noise, (m, 2), over the quantity that explains them."""
     ends = np.array([at.min(), at.max()])
-    ax.plot(ends, np.polyval(np.polyfit(at, error, 1), ends), color="black", linewidth=1.5)
+    for column in error.T:
+        ax.plot(ends, np.polyval(np.polyfit(at, column, 1), ends), color="black", linewidth=1.5)

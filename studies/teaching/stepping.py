@@ -1,7 +1,7 @@
-"""Animate the robot on its way through some postures of the shipped plan, with forces and centre of pressure.
+"""Animate the robot on its way through postures of the shipped plan, with forces and centre of pressure.
 
-Between the postures the torso moves on a line while the feet stay in place; the forces are those of the static
-equilibrium of every image, by the static laboratory without noise.
+Between the postures the torso moves on a line while the feet stay in place; the forces are those of the
+static equilibrium of every image, by the static laboratory without noise.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ import numpy as np
 from matplotlib.patches import Polygon
 from PIL import Image
 
+from studies.improve.output import BLUE, GREEN, ORANGE, RED
 from studies.runner import shipped_plan
 from studies.teaching.renderer import Scenes, rendered_scenes
-from studies.teaching.style import BLUE, GREEN, GREY, ORANGE, RED, card, picture_of
+from studies.teaching.style import GREY, card, picture_of
 from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
@@ -54,7 +55,7 @@ class Way:
 
 
 def way_through(plan: PosturePlan, chain: ClosedChain, images: int = IMAGES) -> Way:
-    """Return planned postures with `images` images on the way to each from the one before in its placement."""
+    """Return planned postures with `images` images on the way from one to the next of a placement."""
     angles, torques, row, held, duration = [], [], [], [], []
     for k in range(len(plan)):
         new = k == 0 or plan.placement[k] != plan.placement[k - 1]
@@ -96,10 +97,7 @@ def film(path: Path) -> Path:
         center=seen.center,
         size=np.array(VIEW),
     )
-    images = [
-        _joined(image, _from_above(seen, way, k))
-        for k, image in enumerate(rendered_scenes(scenes))
-    ]
+    images = [_joined(image, _from_above(seen, way, k)) for k, image in enumerate(rendered_scenes(scenes))]
     images[0].save(
         path,
         save_all=True,
@@ -171,5 +169,5 @@ def _outline(seen: Observation, pose: np.ndarray) -> np.ndarray:
 
 
 def _in_picture(place: np.ndarray) -> np.ndarray:
-    """Return places as whoever faces the robot sees them: forward (x) down, its left (y) on the right, (..., 2)."""
+    """Return places as seen from before the robot: forward (x) down, left (y) on the right, (..., 2)."""
     return np.stack([place[..., 1], -place[..., 0]], axis=-1)

@@ -76,5 +76,5 @@ VARIABLES: dict[str, Variable] = {
 
 
 def variable_of(effect: str) -> Variable:
-    """Return label and values of what explains an effect's error; the order of the postures if nothing else."""
+    """Return what explains an effect's error, with its label: the order of the postures if nothing else."""
     return VARIABLES.get(effect, ORDER)
