@@ -72,7 +72,7 @@ $(STUDIES): study-%: setup  ## make the tables of one study (`make studies` list
 study-plan: setup  ## docs/planning.md's Table I: six trials of optimal postures
 	$(BIN)/tulip plan --table1 --out runs/plan-$$(date +%Y%m%d-%H%M%S)
 
-teaching: setup  ## docs/pictures: film, signatures, clouds (four minutes on a busy machine; needs libosmesa6)
+teaching: setup  ## docs/pictures: film, signatures, clouds (one to three minutes; needs libosmesa6)
 	MUJOCO_GL=disable $(BIN)/python -m studies.teaching
 
 pictures: teaching  ## the README's pictures too (needs libosmesa6, mesa-vulkan-drivers, chromium)

@@ -83,9 +83,9 @@ def draw(scenes: Scenes) -> np.ndarray:
     places, where = np.unique(scenes.plates.round(6).reshape(len(images), -1), axis=0, return_inverse=True)
     for place, poses in enumerate(places.reshape(-1, 2, 3)):
         stand = Stand(rig, poses)
-        for rgba in (stand.model.geom_rgba, stand.model.mat_rgba):
-            # Grey, so that colours mean forces and centres alone.
-            rgba[:, :3] = 0.15 + 0.85 * (rgba[:, :3] @ LUMINANCE)[:, None]
+        # Grey, so that colours mean forces and centres alone. Only the plates have no material.
+        colours = stand.model.mat_rgba
+        colours[:, :3] = 0.3 + 0.7 * (colours[:, :3] @ LUMINANCE)[:, None]
         stand.model.vis.global_.offwidth, stand.model.vis.global_.offheight = width, height
         with mujoco.Renderer(stand.model, height, width) as renderer:
             for row in np.flatnonzero(where.ravel() == place):
