@@ -1,4 +1,4 @@
-"""Show links that leave docs/ as plain file names: on GitHub they lead to the file, in the site there is none."""
+"""Show links that leave docs/ as plain file names: on GitHub they lead to the file, which the site lacks."""
 
 from __future__ import annotations
 
