@@ -100,7 +100,13 @@ class Page:
 
 def html(page: Page) -> str:
     """The page as one file that asks the network for nothing."""
-    template = files("tulip_testbed.pages").joinpath(TEMPLATE).read_text(encoding="utf-8")
+    figures = [figure for section in page.sections for figure in section.figures]
+    return filled(TEMPLATE, page=page, figures=figures, plotly=Markup(drawn.plotly_script()), script=Markup)
+
+
+def filled(template: str, **content: Any) -> str:
+    """Fill in a template of this room; nothing in the content is taken for HTML, unless it is `Markup`."""
+    text = files("tulip_testbed.pages").joinpath(template).read_text(encoding="utf-8")
     environment = jinja2.Environment(
         autoescape=True,
         undefined=jinja2.StrictUndefined,
@@ -108,13 +114,7 @@ def html(page: Page) -> str:
         lstrip_blocks=True,
         finalize=shown_value,
     )
-    figures = [figure for section in page.sections for figure in section.figures]
-    return environment.from_string(template).render(
-        page=page,
-        figures=figures,
-        plotly=Markup(drawn.plotly_script()),
-        script=Markup,
-    )
+    return environment.from_string(text).render(**content)
 
 
 def shown_value(value: Any) -> Any:
