@@ -26,7 +26,7 @@ from tulip_testbed.experiments.montecarlo.calibration_verdict import BIAS, COVER
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
 from tulip_testbed.experiments.parameter_tables import models, parameter_table, read_reported
 from tulip_testbed.experiments.records import Record
-from tulip_testbed.experiments.settings_table import settings_table
+from tulip_testbed.experiments.settings_table import settings_tables
 from tulip_testbed.experiments.validate import correlations_at
 from tulip_testbed.experiments.validation_record import ValidationRecord
 from tulip_testbed.identification.base_parameters import base_parameters, common_support, renumbered
@@ -68,7 +68,7 @@ class Section:
     """A part of the page; what it has not got is left out.
 
     Attributes:
-        folded: a heading and a text as it stands, which a click unfolds.
+        folded: a heading and a text as it stands, or a table, which a click unfolds.
     """
 
     title: str
@@ -76,7 +76,7 @@ class Section:
     tables: tuple[Table, ...] = ()
     figures: tuple[Figure, ...] = ()
     pictures: tuple[Picture, ...] = ()
-    folded: tuple[tuple[str, str], ...] = ()
+    folded: tuple[tuple[str, str | Table], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def validation_page(run: ValidationRecord) -> Page:
             figures=_polygons(robot, measured, com),
             pictures=_pictures(robot, measured, _contact_poses(robot, measured), missing),
         ),
-        Section("How it was made", tables=(settings_table(run.document.plain()),)),
+        how_it_was_made(run),
     )
     mass = report.total_mass
     facts = (
@@ -205,7 +205,7 @@ def montecarlo_page(run: MonteCarloRecord) -> Page:
         Section("Errors", figures=figures[3:]),
         Section("Parameters", tables=(*tables, spread_table(content))),
         Section("Postures", pictures=_planned_pictures(run.robot, run.plan, chosen, missing)),
-        Section("How it was made", tables=(settings_table(run.document.plain()),)),
+        how_it_was_made(run),
     )
     facts = (
         ("sensors", run.document.configuration.preset),
@@ -218,6 +218,12 @@ def montecarlo_page(run: MonteCarloRecord) -> Page:
     return Page(
         title_of(run), report.verdict, words.montecarlo_sentence(report), facts, sections, tuple(missing)
     )
+
+
+def how_it_was_made(run: Record) -> Section:
+    """Return the section of a run's settings, folded: they are many."""
+    tables = settings_tables(run.document.plain())
+    return Section("How it was made", folded=tuple((f"{t.title} ({len(t.rows)} values)", t) for t in tables))
 
 
 def _ordinary_fact(scale: float | None) -> tuple[tuple[str, str], ...]:
