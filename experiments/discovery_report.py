@@ -40,6 +40,8 @@ EffectName = Annotated[str, AfterValidator(_known)]
 SizedName = Annotated[str, AfterValidator(_sized)]
 Deviation = Annotated[float, Field(ge=0, le=MOST_FORCE)]
 
+RUNNERS_UP = 5  # of a gap, that are listed
+
 
 class AdoptedEffect(EffectDocument):
     """An effect that was added to the model, with its evidence."""
@@ -60,6 +62,15 @@ class Explanation(Document):
     def label(self) -> str:
         """Return `name:target`."""
         return effect_label(self.name, self.target)
+
+
+class RunnerUp(Document):
+    """An effect that explains a gap less well, by its predictions alone."""
+
+    gap: int
+    name: str
+    target: str | None
+    log_bayes_factor: float
 
 
 class OtherLaw(Document):
@@ -187,6 +198,7 @@ class DiscoveryReport(Document):
     families: list[FamilySpread] = Field(default_factory=list)
     laws: list[LawReport] = Field(default_factory=list)
     candidates: list[Explanation]
+    runners_up: list[RunnerUp] = Field(default_factory=list)
     undetectable: list[Undetectable]
     weakly_detectable: list[WeaklyDetectable] = Field(default_factory=list)
     where: str
@@ -225,6 +237,7 @@ def discovery_report(result: Discovered, rig: str | None = None) -> DiscoveryRep
             if is_law(found.fit.terms[k].candidate)
         ],
         "candidates": [_explanation(found, k, one) for k in found.effects for one in found.equivalents[k]],
+        "runners_up": [one for k in found.effects for one in _runners_up(found, k)],
         "undetectable": [
             {
                 "name": u.candidate.effect.name,
@@ -282,6 +295,21 @@ def _explanation(found: Discovery, k: int, explanation: Fitted) -> dict[str, Any
     adopted = explanation.label == found.fit.terms[k].label
     instance = with_intervals(found.fit, k) if adopted else explanation.instance
     return {"gap": k + 1, **instance.document(), "log_bayes_factor": explanation.log_bayes_factor}
+
+
+def _runners_up(found: Discovery, k: int) -> list[dict[str, Any]]:
+    """List the best explanations of a gap that are not as good as the best one."""
+    left = {one.label for one in found.equivalents[k]}
+    others = found.selection.alternatives[k] if k < len(found.selection.alternatives) else ()
+    return [
+        {
+            "gap": k + 1,
+            "name": one.candidate.effect.name,
+            "target": one.candidate.target or None,
+            "log_bayes_factor": one.log_bayes_factor,
+        }
+        for one in [one for one in others if one.label not in left and one.detectable][:RUNNERS_UP]
+    ]
 
 
 def _gap(found: Discovery) -> dict[str, Any]:

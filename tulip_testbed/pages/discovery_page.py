@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
 from tulip_testbed.experiments.discovery_tables import (
     CHANNEL_NAMES,
@@ -125,8 +124,8 @@ def _evidence(report: dict[str, Any]) -> tuple[Section, ...]:
     if not found:
         return ()
     words = (EVIDENCE_WORDS[report["verdict"] == "unknown"],)
-    labels = [effect_label(candidate["name"], candidate["target"]) for candidate in found]
-    return (Section("Evidence", words, (candidate_table(found),), (drawn.evidence_figure(found, labels),)),)
+    drawing = drawn.evidence_figure(found, report["runners_up"])
+    return (Section("Evidence", words, (candidate_table(found),), (drawing,)),)
 
 
 def _ordinary(report: dict[str, Any]) -> tuple[Section, ...]:
