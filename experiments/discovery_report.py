@@ -40,8 +40,6 @@ EffectName = Annotated[str, AfterValidator(_known)]
 SizedName = Annotated[str, AfterValidator(_sized)]
 Deviation = Annotated[float, Field(ge=0, le=MOST_FORCE)]
 
-RUNNERS_UP = 5  # of a gap, that are listed
-
 
 class AdoptedEffect(EffectDocument):
     """An effect that was added to the model, with its evidence."""
@@ -237,7 +235,7 @@ def discovery_report(result: Discovered, rig: str | None = None) -> DiscoveryRep
             if is_law(found.fit.terms[k].candidate)
         ],
         "candidates": [_explanation(found, k, one) for k in found.effects for one in found.equivalents[k]],
-        "runners_up": [one for k in found.effects for one in _runners_up(found, k)],
+        "runners_up": [_runner_up(k, one) for k in found.effects for one in found.runners_up(k)],
         "undetectable": [
             {
                 "name": u.candidate.effect.name,
@@ -297,19 +295,14 @@ def _explanation(found: Discovery, k: int, explanation: Fitted) -> dict[str, Any
     return {"gap": k + 1, **instance.document(), "log_bayes_factor": explanation.log_bayes_factor}
 
 
-def _runners_up(found: Discovery, k: int) -> list[dict[str, Any]]:
-    """List the best explanations of a gap that are not as good as the best one."""
-    left = {one.label for one in found.equivalents[k]}
-    others = found.selection.alternatives[k] if k < len(found.selection.alternatives) else ()
-    return [
-        {
-            "gap": k + 1,
-            "name": one.candidate.effect.name,
-            "target": one.candidate.target or None,
-            "log_bayes_factor": one.log_bayes_factor,
-        }
-        for one in [one for one in others if one.label not in left and one.detectable][:RUNNERS_UP]
-    ]
+def _runner_up(k: int, one: Fitted) -> dict[str, Any]:
+    target = one.candidate.target or None
+    return {
+        "gap": k + 1,
+        "name": one.candidate.effect.name,
+        "target": target,
+        "log_bayes_factor": one.log_bayes_factor,
+    }
 
 
 def _gap(found: Discovery) -> dict[str, Any]:
