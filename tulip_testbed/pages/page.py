@@ -84,9 +84,10 @@ class Page:
     """The whole page.
 
     Attributes:
-        verdict: "pass" or "fail", or a discovery's. sentence: what that means.
+        verdict: "pass" or "fail", or a discovery's; "": there is none. sentence: what that means.
         story: more sentences beside the verdict.
         missing: what could not be drawn, one sentence each.
+        searched: whether there is a box that searches the rows of the tables.
     """
 
     title: str
@@ -96,6 +97,7 @@ class Page:
     sections: tuple[Section, ...]
     missing: tuple[str, ...] = field(default=())
     story: tuple[str, ...] = field(default=())
+    searched: bool = False
 
 
 def html(page: Page) -> str:
