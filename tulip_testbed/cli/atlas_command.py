@@ -26,8 +26,8 @@ def atlas_command(
 ) -> int:
     """Predict which effects a plan can detect and distinguish.
 
-    No data are needed. The screen shows one row for each kind of effect; atlas.html in the folder has a search
-    box and shows every effect with the bias that it causes if it is not modelled.
+    No data are needed. The screen shows one row for each kind of effect. The page atlas.html in the folder
+    shows every effect with the bias that it causes if it is not modelled; it has a search box.
 
     Example: tulip atlas --preset force-plate --out atlas
     """
