@@ -97,8 +97,8 @@ def kind_table(found: Atlas, rows: list[Row]) -> Table:
         )
     note = (
         "plausible: 1 s.d. of the prior. found from: the least size that is found with 90 % probability. "
-        "angle: to the most similar effect. largest bias: of a parameter if the effect is not modelled, at its "
-        "plausible size. Ranges are those over the targets."
+        "angle: to the most similar effect. largest bias: of a parameter if the effect is not modelled, at "
+        "its plausible size. Ranges are those over the targets."
     )
     return Table("Effects that these postures detect, by kind", columns, lines, note)
 
