@@ -8,7 +8,7 @@ what are judged by self-calibration, and then the shapes of the best pair.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from tulip_testbed.calibration.calibration_result import HALF_95, SelfCalibratio
 from tulip_testbed.discovery.candidate_search import (
     DECISIVE,
     ORDINARY,
-    RESTS,
     Judged,
     Search,
     at_estimate,
@@ -33,6 +32,7 @@ from tulip_testbed.discovery.law_candidates import (
     ranked_laws,
     with_best_points,
 )
+from tulip_testbed.discovery.law_judgements import LawSearch, as_good, disagreement, judged
 from tulip_testbed.discovery.selection import LEVEL, Selection, is_decisive
 from tulip_testbed.discovery.unusual_members import STANDS_OUT, with_unusual_members
 from tulip_testbed.effects.laws import LAW
@@ -45,26 +45,6 @@ SHAPES = 4  # of the best pair
 EXCHANGES = 2  # rounds in which every term is sought anew
 MOST_JUDGED = 60  # after which nothing is exchanged: in a gross gap a judgement takes a second
 NEAR, SHARE = 15.0, 0.6  # laws are judged above SHARE of the best ln Bayes factor by linear columns less NEAR
-GLANCED = 0.2  # of the best gain at a glance, by which others that are judged may lie below it beside NEAR
-
-
-@dataclass(frozen=True)
-class LawSearch:
-    """A search for laws.
-
-    Attributes:
-        alone: the laws ranked as if everything else were exact.
-        start: without laws or effects.
-        tests: effective number of independent tests among the candidates of the catalogue and the laws.
-        known: what was judged before in addition to some terms, by their labels.
-    """
-
-    search: Search
-    laws: list[Candidate]
-    alone: list[Fitted]
-    start: SelfCalibration
-    tests: float
-    known: dict[tuple[str, ...], list[Judged]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -74,11 +54,14 @@ class LawSelection:
     Attributes:
         search: with the laws that were found and their neighbours among its candidates.
         better: whether they do decisively better than the effects of the catalogue alone.
+        disagreement: r.m.s. difference of the base parameters to those of an explanation that does as well,
+            in standard errors, the largest.
     """
 
     search: Search
     selection: Selection
     better: bool
+    disagreement: float = 0.0
 
 
 def select_laws(search: Search, selection: Selection, rng: np.random.Generator) -> LawSelection | None:
@@ -139,7 +122,7 @@ def select_laws(search: Search, selection: Selection, rng: np.random.Generator) 
     )
     listed = search.tried(at_estimate(selection.fit.terms, selection.calibration), every.start)
     better = listed is None or found.evidence > listed.evidence + DECISIVE
-    return LawSelection(wider, chosen, better)
+    return LawSelection(wider, chosen, better, disagreement(found, as_good(every, found)))
 
 
 def _forward(every: LawSearch, selection: Selection) -> Judged | None:
@@ -170,7 +153,7 @@ def _forward(every: LawSearch, selection: Selection) -> Judged | None:
         terms = at_estimate(found.terms, calibration)
     assert found is not None
     near = [*_near(every, calibration, terms), *search.best(calibration, terms)]
-    more = _judged(every, terms, [(one, False) for one in near])
+    more = judged(every, terms, [(one, False) for one in near])
     return None if any(is_decisive(one, found.evidence, every.tests) for one in more) else found
 
 
@@ -192,7 +175,7 @@ def _judged_in_addition(
     if selection is not None:
         near += [(one, True) for one in _pairs(every.alone)[: PAIRS // 2]]
         near += [(one, True) for one in search.shortest(selection.null)]
-    out = _judged(every, terms, near)
+    out = judged(every, terms, near)
     laws = [one for one in out if is_law(one.terms[-1].candidate)]
     best = max(laws, key=lambda one: (one.steady, one.evidence), default=None)
     every.known[key] = out if best is None else out + _other_shapes(every, terms, calibration, best)
@@ -255,30 +238,7 @@ def _other_shapes(
     alike = [one for one in alike if one.label != law.label]
     linear = next(iter(_models(every, calibration, terms)))
     near = [with_best_points(one) for one in ranked_laws(linear, alike)[:SHAPES] if one.detectable]
-    return _judged(every, terms, [(one, False) for one in near], best.evidence)
-
-
-def _judged(
-    every: LawSearch, terms: tuple[Fitted, ...], near: list[tuple[Fitted, bool]], best: float = -np.inf
-) -> list[Judged]:
-    """Judge what is promising at a glance, each in addition to some terms.
-
-    A glance costs a fifth of a judgement. About a start at rest it misses the evidence by 3 at most where
-    the gap is small, by a small part of the gain where it is large. Other starts it does not serve.
-
-    Args:
-        near: with each, whether it is judged without the members of the start.
-        best: ln of the evidence for the best of what they compete with.
-    """
-    search = every.search
-    if every.start.moved < RESTS:
-        plain = search.glanced(terms, every.start)
-        seen = [search.glanced((*terms, one), every.start) for one, _ in near]
-        best = max([best, *seen])
-        least = max(plain, best - NEAR - GLANCED * max(best - plain, 0.0))
-        near = [one for one, evidence in zip(near, seen, strict=True) if evidence > least]
-    tried = [search.tried((*terms, one), every.start, afresh) for one, afresh in near]
-    return [one for one in tried if one is not None and one.possible]
+    return judged(every, terms, [(one, False) for one in near], best.evidence)
 
 
 def _preferred(tried: list[Judged]) -> Judged | None:
@@ -315,9 +275,9 @@ def _alternatives(every: LawSearch, found: Judged) -> tuple[tuple[Fitted, ...], 
         plain = every.search.tried(others, every.start)
         before = every.search.evidence(every.start, ()) if plain is None else plain.evidence
         calibration = every.start if plain is None else plain.calibration
-        judged = _judged_in_addition(every, others, calibration, None)
+        several = _judged_in_addition(every, others, calibration, None)
         best: dict[str, Fitted] = {_pair(term): replace(term, log_bayes_factor=found.evidence - before)}
-        for one in sorted(judged, key=lambda one: -one.evidence):
+        for one in sorted(several, key=lambda one: -one.evidence):
             if one.steady:
                 last = replace(one.terms[-1], log_bayes_factor=one.evidence - before)
                 if _pair(last) not in best or best[_pair(last)].log_bayes_factor < last.log_bayes_factor:
