@@ -38,8 +38,8 @@ NAMED, AMBIGUOUS, UNKNOWN, CALIBRATED, NONE = "named", "ambiguous", "unknown", "
 DESCRIBED = "described"
 ADOPTED = (NAMED, DESCRIBED)  # verdicts whose effects are added to the model
 REPORTED_PATTERNS = 5
-# Standard errors, r.m.s., by which laws that do as well may differ in the base parameters. On development
-# faults they differ by 0.5 at most or by 10 at least.
+# Standard errors, r.m.s., by which laws that do as well may differ in the base parameters. On five
+# development faults they differed by 0.4 at most or by 10.
 AGREEING = 1.0
 
 
