@@ -8,7 +8,7 @@ ROBOTS := .venv-robots
 SHARED := --numprocesses auto --maxprocesses 4 --dist worksteal
 STUDIES := $(patsubst studies/study_%.py,study-%,$(wildcard studies/study_*.py))
 
-.PHONY: setup validate demo test test-all lint bench oracle test-robots studies $(STUDIES) study-plan pictures constraints clean
+.PHONY: setup validate demo test test-all lint docs bench oracle test-robots studies $(STUDIES) study-plan pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -36,6 +36,9 @@ test-all: setup  ## the tests that take ten seconds and more too
 
 lint: setup
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/pyrefly check
+
+docs: setup  ## the documentation as a site: site/index.html
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 bench: setup  ## ratios of times, in one run
 	$(BIN)/python -m pytest -q -s tests/benchmarks -o addopts= --benchmark-only
@@ -69,7 +72,7 @@ studies: setup  ## list the studies, each with the page that it is for and its t
 $(STUDIES): study-%: setup  ## make the tables of one study (`make studies` lists them)
 	$(BIN)/python -m studies $*
 
-study-plan: setup  ## docs/planning.md's Table I: six trials of optimal postures
+study-plan: setup  ## docs/how-to/planning.md's Table I: six trials of optimal postures
 	$(BIN)/tulip plan --table1 --out runs/plan-$$(date +%Y%m%d-%H%M%S)
 
 pictures: setup  ## the README's pictures (needs libosmesa6, mesa-vulkan-drivers, chromium)

@@ -50,7 +50,7 @@ def complaint_lines(document: dict[str, Any]) -> list[str]:
             "",
             f"These columns are optional: {', '.join(MAY_LACK)}.",
         ]
-    return [*lines, "", "docs/your-data.md explains the format step by step."]
+    return [*lines, "", "docs/how-to/your-data.md explains the format step by step."]
 
 
 def preflight_report(document: dict[str, Any]) -> list[Table | str]:

@@ -12,7 +12,7 @@ from tulip_testbed.sim.control import joint_torques
 # A servo reaches its torque limit at 0.02 rad: with less inertia its damping makes the joint chatter.
 LEAST_ARMATURE = 0.0014  # kg m2 per Nm of torque limit
 ROUNDING = 1e-6  # relative
-# Friction rows softer than this let a joint creep for long before it sticks (docs/contact-study.md).
+# Friction rows softer than this let a joint creep for long before it sticks (docs/studies/contact-study.md).
 SOLREF_FRICTION = (0.002, 1.0)
 SOLIMP_FRICTION = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 LEAST_RATE = 2 / SOLREF_FRICTION[0]  # 1/s

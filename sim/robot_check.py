@@ -50,7 +50,7 @@ def robot_findings(robot: Robot) -> tuple[RobotFinding, ...]:
     """Find what will go wrong with a robot in the laboratory, without simulating anything.
 
     Returns:
-        the findings; none if the robot meets every need (docs/your-robot.md lists them).
+        the findings; none if the robot meets every need (docs/how-to/your-robot.md lists them).
     """
     try:
         torques = joint_torques(robot.spec)

@@ -30,7 +30,7 @@ from tulip_testbed.sim.sensors import ANKLE
 from tulip_testbed.sim.wrench_sensors import add_foot_sensors
 
 PLATE_GAP = 0.01  # m, between the boards' long edges until `place_plates` moves them
-# As in the hand-written scene; docs/contact-study.md gives the reasons.
+# As in the hand-written scene; docs/studies/contact-study.md gives the reasons.
 SOLE_ON_BOARD = {
     "condim": 3,
     "friction": [1.0, 1.0, 0.005, 0.0001, 0.0001],

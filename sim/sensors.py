@@ -129,7 +129,8 @@ COARSE_ENCODERS = {  # of ordinary ones [rad]
 }
 BY_JIG = {"placement_sd": (0.0004, 0.0004, 0.001), "mark_sd": (0.0001, 0.0001, 0.0005)}  # m, m, rad
 BY_TAPE = {"placement_sd": (0.0035, 0.0035, 0.01), "mark_sd": (0.001, 0.001, 0.005)}
-# ATI Mini45, calibration SI-580-20, without tare; docs/laboratory.md says where each figure is from.
+# ATI Mini45, calibration SI-580-20, without tare; docs/explanation/laboratory.md says where the figures are
+# from.
 MINI45 = WrenchSensors(
     repeatability=(0.58, 0.58, 1.16, 0.02, 0.02, 0.02),
     noise=(0.25, 0.25, 0.25, 1 / 188, 1 / 188, 1 / 376),

@@ -24,7 +24,7 @@ from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.scene import boards_under
 
-DOCS = Path(__file__).resolve().parent.parent / "docs"
+PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"
 ROWS = (2, 26, 58, 121)
 SEED = "1"
 EFFECT = "encoder-offset:right_ankle_roll=0.01"
@@ -35,16 +35,16 @@ DRAWN_BY = 6.0  # s, until rerun's notes at its start are gone
 
 
 def main() -> None:
-    _save(DOCS / "postures.png", _postures())
-    _save(DOCS / "shrinkage.png", shrinkage())
+    _save(PICTURES / "postures.png", _postures())
+    _save(PICTURES / "shrinkage.png", shrinkage())
     with tempfile.TemporaryDirectory() as scratch:
         run = Path(scratch) / "first"
         with redirect_stdout(io.StringIO()):
             tulip(["validate", "--seed", SEED, "--out", str(run), "--json"])
         found = _discovery(Path(scratch))
         for name, folder in (("", run), ("discovery-", found)):
-            _save(DOCS / f"{name}view.png", _window(folder, Path(scratch)))
-            _save(DOCS / f"{name}report.png", _report(folder, Path(scratch)))
+            _save(PICTURES / f"{name}view.png", _window(folder, Path(scratch)))
+            _save(PICTURES / f"{name}report.png", _report(folder, Path(scratch)))
 
 
 def _postures() -> Image.Image:

@@ -1,4 +1,4 @@
-"""Compare contact, integrator and gate settings by their accuracy (docs/contact-study.md; ten minutes).
+"""Compare contact, integrator and gate settings by their accuracy (docs/studies/contact-study.md; ten minutes).
 
 The laboratory is free of noise and holds the first ten placements of the shipped plan.
 """

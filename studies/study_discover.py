@@ -1,4 +1,4 @@
-"""Run the benchmark of `tulip discover` at both presets (docs/discovery-benchmark.md; hours, resumable).
+"""Run the benchmark of `tulip discover` at both presets (docs/studies/discovery-benchmark.md; hours, resumable).
 
 The cases and their CSV files stay in a folder for each preset.
 """

@@ -1,4 +1,4 @@
-"""Run `tulip discover` on data as other programs write them (docs/discovery-benchmark.md; fifteen minutes).
+"""Run `tulip discover` on data as other programs write them (docs/studies/discovery-benchmark.md; fifteen minutes).
 
 Every data set has its own noise, repeats and number of placements. Its table is CSV without hash, commands
 and motor angles; its data sheet may lack the figures of cells, encoders or plates. Every second one has a

@@ -1,4 +1,4 @@
-"""Change 2,000 folders, robots, names and arguments: a right result or one message? (docs/reliability.md)
+"""Change 2,000 folders, robots, names and arguments: a right result or one message? (docs/studies/reliability.md)
 
 Hypothesis draws the changes, for one seed always the same. A case that ends otherwise is shrunk and described
 on stderr.

@@ -1,4 +1,4 @@
-"""Try the paper's ways to improve its estimates (docs/improve.md; seventeen minutes of one core).
+"""Try the paper's ways to improve its estimates (docs/studies/improve.md; seventeen minutes of one core).
 
 The folder of the study gets the tables as CSV, the figures, and the pool of random postures.
 """

@@ -1,4 +1,4 @@
-"""Kill a hundred `tulip` processes, most while they write, and disturb others (docs/reliability.md; 15 min).
+"""Kill a hundred `tulip` processes, most while they write, and disturb others (docs/studies/reliability.md; 15 min).
 
 Most kills aim at the moment of writing: the study watches for the first hidden file or folder in which the
 result is prepared, and kills a random part of the time later that an undisturbed run needs from there to the

@@ -1,4 +1,4 @@
-"""Close the loop: plan, protocol, a day with a fault, watch, identify, export, new postures (docs/loop.md).
+"""Close the loop: plan, protocol, a day with a fault, watch, identify, export, new postures (docs/studies/loop.md).
 
 Random true robots are measured in the full dynamics on force plates, in the order of the protocol. A fault
 begins at the 40th row. Once `tulip watch` notices it, the laboratory mends it and measures again, in a set-up

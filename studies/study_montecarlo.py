@@ -1,4 +1,4 @@
-"""Measure the calibration of the default estimator by Monte Carlo (docs/calibration.md; hours, resumable).
+"""Measure the calibration of the default estimator by Monte Carlo (docs/studies/calibration.md; hours, resumable).
 
 The part `calibration` includes wrong data sheets and random robots; `dynamics` compares runs in statics with
 runs in the full dynamics.

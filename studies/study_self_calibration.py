@@ -1,4 +1,4 @@
-"""Coverage and error of the self-calibrating estimate (docs/calibration.md; half an hour).
+"""Coverage and error of the self-calibrating estimate (docs/studies/calibration.md; half an hour).
 
 A laboratory has a random robot and, if it is ordinary, members of all families with spreads of 0.1 to 1
 tolerance, injected into the static laboratory. In a null nothing but the robot's masses differs. The oracle

@@ -24,10 +24,16 @@ from tests.effect_changes import SEED, first
 from tests.foreign_robots import ROBOTS, write_robot
 from tests.synthetic import Bench, synthetic_bench
 from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.protocols.protocol_run import (
+    LaboratoryProtocol,
+    ProtocolSettings,
+    protocol_of,
+)
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validate import Validation, validate
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.plans import optimal
 from tulip_testbed.sim.dynamics.dynamic_run import read_again, run_dynamics
 from tulip_testbed.sim.measurements import Measurements, PlateGeometry, PosturePlan, read_plan
 from tulip_testbed.sim.outcome import Outcome
@@ -56,6 +62,17 @@ def once(tmp_path_factory, worker_id) -> Callable[[str, Callable[[], Any]], Any]
 @pytest.fixture(scope="session")
 def robot() -> Robot:
     return load_robot()
+
+
+@pytest.fixture(scope="session")
+def small_plan() -> PosturePlan:
+    """The first four placements of the optimal plan."""
+    return optimal.take(optimal.placement <= 4)
+
+
+@pytest.fixture(scope="session")
+def small_protocol(robot, small_plan, once) -> LaboratoryProtocol:
+    return once("small-protocol", lambda: protocol_of(robot, small_plan, ProtocolSettings("wii", repeats=3)))
 
 
 @pytest.fixture(scope="session")

@@ -171,7 +171,7 @@ def test_the_example_balances_the_load(capsys):
 
 
 def test_the_documentations_code_runs():
-    text = (ROOT / "docs" / "composer.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "how-to" / "composer.md").read_text(encoding="utf-8")
     names: dict = {}
     for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
         exec(block, names)

@@ -19,7 +19,7 @@ from tulip_testbed.sim.measurements import read_measurements, write_measurements
 from tulip_testbed.sim.measurements.contacts import VERTICAL, WRENCH, Contacts
 from tulip_testbed.sim.measurements.contract import check_contract
 
-EXAMPLE = Path(__file__).parent.parent / "docs" / "your-data"
+EXAMPLE = Path(__file__).parent.parent / "docs" / "how-to" / "your-data"
 POSE = {"x": 0.01, "y": 0.0, "z": -0.03, "roll": 0.0, "pitch": 0.0, "yaw": 0.5}
 CHANNELS = {"wrench": list(WRENCH), "vertical": list(VERTICAL)}
 

@@ -38,7 +38,7 @@ def test_an_effect_is_named_with_its_size(text, robot, plan):
 
 @pytest.mark.slow
 @pytest.mark.xfail(
-    strict=True, reason="named: compliance and lag of that joint, see docs/ordinary-laboratories.md"
+    strict=True, reason="named: compliance and lag of that joint, see docs/studies/ordinary-laboratories.md"
 )
 def test_without_motors_a_logged_command_is_not_named_something_else(robot, plan):
     """Dry friction bears a part of the load, which neither servo nor compliance explains."""

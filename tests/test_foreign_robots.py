@@ -184,7 +184,7 @@ def test_a_joint_without_any_range_is_refused(foreign, tmp_path):
 
 
 def test_the_example_in_the_documentation_is_this_robots(foreign):
-    text = (Path(__file__).parent.parent / "docs" / "your-robot.md").read_text()
+    text = (Path(__file__).parent.parent / "docs" / "how-to" / "your-robot.md").read_text()
     example = text.split("```toml\n")[1].split("```")[0]
     assert tomllib.loads(example) == foreign["humanoid"].settings
 

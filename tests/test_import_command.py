@@ -17,7 +17,7 @@ from tulip_testbed.experiments.table_import.import_map import ImportMap, read_ma
 from tulip_testbed.sim.measurements import read_measurements
 from tulip_testbed.sim.measurements.contacts import VERTICAL
 
-EXAMPLE = Path(__file__).parent.parent / "docs" / "your-data"
+EXAMPLE = Path(__file__).parent.parent / "docs" / "how-to" / "your-data"
 PLATES = """
 [plates.right]
 top_height = 0.05

@@ -12,9 +12,10 @@ import pytest
 import yaml
 
 import tulip_testbed as tt
+from tests.test_report import needs_chromium
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.protocols.measurement_start import empty_measurements, rows_to_fill_in
-from tulip_testbed.experiments.protocols.protocol_run import REPEATS, ProtocolSettings, protocol_of
+from tulip_testbed.experiments.protocols.protocol_run import REPEATS, ProtocolSettings
 from tulip_testbed.identification.planning.optimal_plan import with_repeats
 from tulip_testbed.pages.placement_drawing import placement_of, scale_for
 from tulip_testbed.pages.protocol_page import write_protocol
@@ -26,25 +27,13 @@ from tulip_testbed.sim.sensors import PRESETS
 
 
 @pytest.fixture(scope="module")
-def small():
-    return tt.plans.optimal.take(tt.plans.optimal.placement <= 4)
-
-
-@pytest.fixture(scope="module")
-def made(robot, small):
-    return protocol_of(robot, small, ProtocolSettings("wii", repeats=3))
-
-
-@pytest.fixture(scope="module")
-def folder(made, tmp_path_factory):
+def folder(small_protocol, tmp_path_factory):
     """A protocol's folder, and the protocol."""
     path = tmp_path_factory.mktemp("protocol") / "day"
-    with (
-        pytest.MonkeyPatch.context() as patch
-    ):  # drawing takes long; what counts is the space of the pictures
+    with pytest.MonkeyPatch.context() as patch:  # drawing takes long; the space of the pictures counts
         patch.setattr("tulip_testbed.pages.protocol_page.rendered", _grey)
-        assert write_protocol(path, made) == []
-    return path, made
+        assert write_protocol(path, small_protocol) == []
+    return path, small_protocol
 
 
 def _grey(robot, angles, support, boards, width, height):
@@ -52,13 +41,13 @@ def _grey(robot, angles, support, boards, width, height):
 
 
 def test_trajectories_are_messages_of_ros(folder):
-    path, made = folder
+    path, small_protocol = folder
     files = sorted((path / "trajectories").glob("*.yaml"))
-    assert len(files) == sum(motion is not None for motion in made.motions)
+    assert len(files) == sum(motion is not None for motion in small_protocol.motions)
     for file in files:
         message = yaml.safe_load(file.read_text())
         assert list(message) == ["header", "joint_names", "points"]
-        assert message["joint_names"] == list(made.plan.joints)
+        assert message["joint_names"] == list(small_protocol.plan.joints)
         stamps = [p["time_from_start"] for p in message["points"]]
         times = np.array([s["sec"] + 1e-9 * s["nanosec"] for s in stamps])
         rows = list(csv.reader(io.StringIO(file.with_suffix(".csv").read_text())))
@@ -72,14 +61,14 @@ def test_trajectories_are_messages_of_ros(folder):
             ("effort", "torque"),
         ):
             values = np.array([p[key] for p in message["points"]])
-            for k, joint in enumerate(made.plan.joints):
+            for k, joint in enumerate(small_protocol.plan.joints):
                 found = np.interp(times, table["time"], table[f"{prefix}.{joint}"])
                 np.testing.assert_allclose(values[:, k], found, atol=2e-5)
 
 
-def test_statics_measures_in_the_order_of_the_protocol(robot, made):
-    measured = tt.Laboratory(robot, "ideal").run(made.plan, seed=413, engine="statics").measurements
-    np.testing.assert_array_equal(measured.posture, made.plan.posture)
+def test_statics_measures_in_the_order_of_the_protocol(robot, small_protocol):
+    measured = tt.Laboratory(robot, "ideal").run(small_protocol.plan, seed=413, engine="statics").measurements
+    np.testing.assert_array_equal(measured.posture, small_protocol.plan.posture)
     assert (np.diff(measured.placement) < 0).any()
     assert (np.diff(measured.time) > 0).all()
 
@@ -87,9 +76,9 @@ def test_statics_measures_in_the_order_of_the_protocol(robot, made):
 @pytest.mark.parametrize("way", ["appended", "filled in"])
 def test_the_started_folder_takes_rows(folder, robot, tmp_path, way):
     """Rows of a simulated run, appended by a logger or filled in by hand, are identified as the run's own."""
-    path, made = folder
+    path, small_protocol = folder
     kept = read_plan(path / "plan", robot)
-    np.testing.assert_array_equal(kept.posture, made.plan.posture)
+    np.testing.assert_array_equal(kept.posture, small_protocol.plan.posture)
     run = tt.Laboratory(robot, "wii").run(kept, seed=411, engine="statics")
     write_measurements(tmp_path / "simulated", run.measurements)
     simulated = table_of(tmp_path / "simulated" / "postures.csv")
@@ -124,11 +113,11 @@ def table_of(path):
     return list(csv.DictReader(io.StringIO(path.read_text())))
 
 
-def test_without_a_data_sheet_the_manifest_says_so(robot, small, made, tmp_path, monkeypatch):
-    without = replace(made, settings=ProtocolSettings())
-    monkeypatch.setattr("tulip_testbed.api.protocol_of", lambda *arguments: without)
+def test_without_a_data_sheet_the_manifest_says_so(robot, small_plan, small_protocol, tmp_path, monkeypatch):
+    without = replace(small_protocol, settings=ProtocolSettings())
+    monkeypatch.setattr("tulip_testbed.api.planned.protocol_of", lambda *arguments: without)
     monkeypatch.setattr("tulip_testbed.pages.protocol_page.rendered", _no_pictures)
-    tt.protocol(small, tmp_path / "day", robot, repeats=0)
+    tt.protocol(small_plan, tmp_path / "day", robot, repeats=0)
     manifest = json.loads((tmp_path / "day" / "measurements" / "manifest.json").read_text())
     assert set(manifest["sensors"].values()) == {None}
     page = (tmp_path / "day" / "protocol.html").read_text()
@@ -137,12 +126,12 @@ def test_without_a_data_sheet_the_manifest_says_so(robot, small, made, tmp_path,
 
 
 @pytest.mark.parametrize("preset", sorted(PRESETS))
-def test_every_laboratory_s_folder_can_be_started(robot, small, tmp_path, preset):
+def test_every_laboratory_s_folder_can_be_started(robot, small_plan, tmp_path, preset):
     """The manifest is that of a simulated laboratory, without the mass, and so are the columns."""
     empty = empty_measurements(robot, preset)
     write_start(tmp_path / "data", empty)
     started = json.loads((tmp_path / "data" / "manifest.json").read_text())
-    run = tt.Laboratory(robot, preset).run(small, seed=412, engine="statics")
+    run = tt.Laboratory(robot, preset).run(small_plan, seed=412, engine="statics")
     write_measurements(tmp_path / "simulated", run.measurements)
     simulated = json.loads((tmp_path / "simulated" / "manifest.json").read_text())
     for key in ("weighed_mass", "created", "software", "tables"):
@@ -155,7 +144,7 @@ def test_every_laboratory_s_folder_can_be_started(robot, small, tmp_path, preset
     names = (tmp_path / "data" / "postures.csv").read_text().strip().split(",")
     written = set(table_of(tmp_path / "simulated" / "postures.csv")[0])
     assert set(names) == {name for name in written if not name.startswith(("q_command.", "motor."))}
-    assert rows_to_fill_in(empty, small).count("\n") == len(small) + 1
+    assert rows_to_fill_in(empty, small_plan).count("\n") == len(small_plan) + 1
 
 
 def _no_pictures(*arguments):
@@ -186,9 +175,9 @@ def strokes(pdf, number):
     return [np.array(one) * 25.4 / 72 for one in found]
 
 
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs Chromium")
+@needs_chromium
 def test_drawings_measure_right_on_paper(folder, robot, tmp_path):
-    path, made = folder
+    path, small_protocol = folder
     pdf = tmp_path / "protocol.pdf"
     command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--no-pdf-header-footer"]
     profile = f"--user-data-dir={tmp_path / 'profile'}"
@@ -201,16 +190,15 @@ def test_drawings_measure_right_on_paper(folder, robot, tmp_path):
     from pypdf import PdfReader
 
     pages = PdfReader(pdf).pages
-    assert len(pages) == len(made.placements) + 2  # a page before and one after
+    assert len(pages) == len(small_protocol.placements) + 2  # a page before and one after
     box = pages[0].mediabox
     assert [float(box.width) * 25.4 / 72, float(box.height) * 25.4 / 72] == pytest.approx([210, 297], abs=0.5)
     size = nominal_plates(robot)[0].size
     placed = []
-    for number in made.placements:
-        row = int(np.flatnonzero(made.plan.placement == number)[0])
-        placed.append(
-            placement_of(robot, made.boards[row], made.plan.foot_poses[row], made.plan.support[[row]])
-        )
+    for number in small_protocol.placements:
+        plan, row = small_protocol.plan, int(np.flatnonzero(small_protocol.plan.placement == number)[0])
+        boards = small_protocol.boards[row]
+        placed.append(placement_of(robot, boards, plan.foot_poses[row], plan.support[[row]]))
     scale = scale_for(placed)
     for page, placement in enumerate(placed, 1):
         shapes = strokes(pdf, page)
@@ -225,12 +213,11 @@ def test_drawings_measure_right_on_paper(folder, robot, tmp_path):
             assert any(s == pytest.approx(sole, abs=0.1) for s in sides)
 
 
+@needs_chromium
 def test_pages_ask_the_network_for_nothing(folder):
     from tests.looking import browse
 
     path, _ = folder
-    if shutil.which("chromium") is None:
-        pytest.skip("needs Chromium")
     seen = browse(path / "protocol.html", path.parent / "protocol.png", size=(800, 1100))
     assert seen.requests == []
     assert seen.complaints == []
@@ -248,30 +235,30 @@ def test_command_refuses_and_leaves_nothing(tmp_path, capsys, monkeypatch):
     assert "exists already" in capsys.readouterr().err
 
 
-def test_another_robot_s_plan_is_refused(tmp_path, small):
-    other = replace(small, robot={"model": "other.xml", "sha256": "0" * 64})
+def test_another_robot_s_plan_is_refused(tmp_path, small_plan):
+    other = replace(small_plan, robot={"model": "other.xml", "sha256": "0" * 64})
     with pytest.raises(tt.InputError, match="made for another robot than TULip"):
         tt.protocol(other, tmp_path / "day")
     assert not list(tmp_path.iterdir())
 
 
-def test_command_prints_one_document(tmp_path, made, capsys, monkeypatch):
+def test_command_prints_one_document(tmp_path, small_protocol, capsys, monkeypatch):
     from tulip_testbed.experiments.protocols import protocol_run
 
     monkeypatch.setattr("tulip_testbed.pages.protocol_page.rendered", _no_pictures)
-    monkeypatch.setattr(protocol_run, "protocol_of", lambda *arguments: made)
+    monkeypatch.setattr(protocol_run, "protocol_of", lambda *arguments: small_protocol)
     assert main(["protocol", "optimal", "--out", str(tmp_path / "day"), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["rows"] == len(made.plan)
+    assert told["rows"] == len(small_protocol.plan)
     assert sum(told["motions"][kind] for kind in ("free", "hoist", "set_down")) == told["rows"]
     assert {name.split("/")[-1] for name in told["files"]} == {p.name for p in (tmp_path / "day").iterdir()}
     assert len(told["missing"]) == 1
 
 
 @pytest.mark.slow
-def test_a_plan_s_own_repeats_are_kept(robot, small, tmp_path):
+def test_a_plan_s_own_repeats_are_kept(robot, small_plan, tmp_path):
     """The whole command, on a plan that repeats postures."""
-    write_plan(tmp_path / "plan", with_repeats(small, 4, 1))
+    write_plan(tmp_path / "plan", with_repeats(small_plan, 4, 1))
     assert main(["protocol", str(tmp_path / "plan"), "--out", str(tmp_path / "day")]) == 0
     kept = read_plan(tmp_path / "day" / "plan", robot)
     assert len(kept) == 24

@@ -29,16 +29,6 @@ from tulip_testbed.sim.robot import joint_ranges
 G = 9.81
 
 
-@pytest.fixture(scope="module")
-def small():
-    return tt.plans.optimal.take(tt.plans.optimal.placement <= 4)
-
-
-@pytest.fixture(scope="module")
-def made(robot, small):
-    return protocol_of(robot, small, ProtocolSettings("wii", repeats=3))
-
-
 def at_rest(loads, angles, support="double"):
     return loads.at(np.arange(3.0), np.tile(angles, (3, 1)), support)
 
@@ -53,10 +43,11 @@ def test_torques_at_rest_are_the_plan_s(robot, name):
         np.testing.assert_allclose(found.zmp[1], found.com[1], atol=1e-9)
 
 
-def test_zero_moment_point_follows_from_momentum(robot, made):
+def test_zero_moment_point_follows_from_momentum(robot, small_protocol):
     """Differences of the momentum of all links, which inverse dynamics does not use."""
     motion = max(
-        (m for m in made.motions if m and not m.via_stance), key=lambda m: np.ptp(m.angles, axis=0).max()
+        (m for m in small_protocol.motions if m and not m.via_stance),
+        key=lambda m: np.ptp(m.angles, axis=0).max(),
     )
     loads = LoadsInMotion(robot)
     fast = motion.times / 4
@@ -91,9 +82,9 @@ def test_zero_moment_point_follows_from_momentum(robot, made):
     np.testing.assert_allclose(found.zmp[1:-1], np.column_stack([x, y]), atol=0.05 * away)
 
 
-def test_feet_and_drives_carry_the_motion(robot, made):
+def test_feet_and_drives_carry_the_motion(robot, small_protocol):
     """Applied to the free robot, torques and feet's wrenches give the motion's accelerations."""
-    motion = next(m for m in made.motions if m and np.ptp(m.angles, axis=0).max() > 0.3)
+    motion = next(m for m in small_protocol.motions if m and np.ptp(m.angles, axis=0).max() > 0.3)
     loads = LoadsInMotion(robot)
     found = loads.at(motion.times / 3, motion.angles, "double")
     speeds, accelerations = loads.derivatives(
@@ -115,12 +106,12 @@ def test_feet_and_drives_carry_the_motion(robot, made):
     np.testing.assert_allclose(total, left, atol=1e-6)
 
 
-def test_every_motion_keeps_every_limit(robot, made):
+def test_every_motion_keeps_every_limit(robot, small_protocol):
     """Looked at anew: ranges, speed, torque, feet, centre of mass."""
-    nominal, chain = nominal_robot(robot), MotionPlanner(robot, made.plan).chain
+    nominal, chain = nominal_robot(robot), MotionPlanner(robot, small_protocol.plan).chain
     ranges, torques = joint_ranges(robot.model), torque_limits(robot)
     inside = planning_ranges(robot).stability_margin
-    motions = [m for m in made.motions if m]
+    motions = [m for m in small_protocol.motions if m]
     assert len(motions) > 10
     assert any(m.via_stance for m in motions)
     for motion in motions:
@@ -136,7 +127,7 @@ def test_every_motion_keeps_every_limit(robot, made):
         assert stability_margin(nominal.center_of_mass(motion.angles), polygon) >= inside - 2e-4
 
 
-def test_legs_do_not_touch_on_the_way(robot, made):
+def test_legs_do_not_touch_on_the_way(robot, small_protocol):
     """By MuJoCo's distances between the geoms of both legs below the hips, in the robot's own coordinates."""
     model, data = robot.model, mujoco.MjData(robot.model)
     loads, side = LoadsInMotion(robot), {}
@@ -152,7 +143,7 @@ def test_legs_do_not_touch_on_the_way(robot, made):
         return min(mujoco.mj_geomDistance(model, data, a, b, 0.1, None) for a, b in pairs)
 
     nearest = []
-    for motion in made.motions:
+    for motion in small_protocol.motions:
         if motion is not None and not motion.via_stance:
             distances = [apart(angles) for angles in motion.angles[:: len(motion.angles) // 12]]
             ends = min(apart(motion.angles[0]), apart(motion.angles[-1]))
@@ -161,11 +152,13 @@ def test_legs_do_not_touch_on_the_way(robot, made):
     assert min(nearest) < 0.05  # some come near each other
 
 
-def test_motions_begin_and_end_at_rest_in_their_postures(made):
-    for k, motion in enumerate(made.motions):
+def test_motions_begin_and_end_at_rest_in_their_postures(small_protocol):
+    for k, motion in enumerate(small_protocol.motions):
         if motion is None:
             continue
-        np.testing.assert_allclose(motion.angles[[0, -1]], made.plan.joint_angles[[k - 1, k]], atol=1e-9)
+        np.testing.assert_allclose(
+            motion.angles[[0, -1]], small_protocol.plan.joint_angles[[k - 1, k]], atol=1e-9
+        )
         assert np.abs(motion.speeds[[0, -1]]).max() < 1e-9
         slope = np.gradient(motion.angles, motion.times, axis=0)
         np.testing.assert_allclose(motion.speeds[2:-2], slope[2:-2], atol=0.02)
@@ -203,14 +196,14 @@ def test_motions_on_one_foot_keep_the_other_in_the_air(robot):
     assert (found.foot_wrenches[:, 1] == 0).all()
 
 
-def test_where_links_would_touch_the_robot_is_lifted(robot, small, monkeypatch):
+def test_where_links_would_touch_the_robot_is_lifted(robot, small_plan, monkeypatch):
     """And what follows has a placement of its own, since its boards are recorded anew."""
     found = MotionPlanner._found
     monkeypatch.setattr(MotionPlanner, "_found", lambda self, a, b: (found(self, a, b)[0], LIFT))
-    lifted = protocol_of(robot, small, ProtocolSettings(repeats=0))
-    assert lifted.motions == (None,) * len(small)
-    assert len(lifted.placements) == len(small)
-    assert sorted(lifted.plan.posture.tolist()) == sorted(small.posture.tolist())
+    lifted = protocol_of(robot, small_plan, ProtocolSettings(repeats=0))
+    assert lifted.motions == (None,) * len(small_plan)
+    assert len(lifted.placements) == len(small_plan)
+    assert sorted(lifted.plan.posture.tolist()) == sorted(small_plan.posture.tolist())
 
 
 def test_order_is_as_short_as_the_shortest():
@@ -229,19 +222,21 @@ def test_order_is_as_short_as_the_shortest():
         assert length([*tour, tour[0]]) == pytest.approx(closed)
 
 
-def test_everything_is_measured_once_and_repeats_are_spread(made, small):
-    plan = made.plan
-    assert sorted(set(plan.posture.tolist())) == sorted(small.posture.tolist())
-    assert len(plan) == len(small) + 3
+def test_everything_is_measured_once_and_repeats_are_spread(small_protocol, small_plan):
+    plan = small_protocol.plan
+    assert sorted(set(plan.posture.tolist())) == sorted(small_plan.posture.tolist())
+    assert len(plan) == len(small_plan) + 3
     changes = np.count_nonzero(np.diff(plan.placement)) + 1
     assert changes == len(np.unique(plan.placement))
     for number in np.unique(plan.posture):
         rows = np.flatnonzero(plan.posture == number)
         assert (np.diff(rows) > 1).all()
         assert (plan.joint_angles[rows] == plan.joint_angles[rows[0]]).all()
-    again = [n for n in made.placements if n > small.placement.max()]
+    again = [n for n in small_protocol.placements if n > small_plan.placement.max()]
     assert again  # boards are laid anew
-    assert all(motion is None for k, motion in enumerate(made.motions) if not k or changes_at(plan, k))
+    assert all(
+        motion is None for k, motion in enumerate(small_protocol.motions) if not k or changes_at(plan, k)
+    )
 
 
 def changes_at(plan, k):
@@ -259,9 +254,9 @@ def test_time_grows_with_nothing_else(robot):
 
 
 @pytest.mark.parametrize("rows", [1, 5])
-def test_a_short_plan_that_alone_tells_nothing_has_a_protocol(robot, small, rows):
+def test_a_short_plan_that_alone_tells_nothing_has_a_protocol(robot, small_plan, rows):
     """Such as the next experiment of a session."""
-    made = protocol_of(robot, small.take(np.arange(rows)))
-    assert sorted(set(made.plan.posture.tolist())) == list(range(1, rows + 1))
-    assert len(made.plan) == rows + rows // 5
-    assert "Protocol" in repr(made)
+    small_protocol = protocol_of(robot, small_plan.take(np.arange(rows)))
+    assert sorted(set(small_protocol.plan.posture.tolist())) == list(range(1, rows + 1))
+    assert len(small_protocol.plan) == rows + rows // 5
+    assert "Protocol" in repr(small_protocol)

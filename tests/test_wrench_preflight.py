@@ -14,7 +14,7 @@ from tulip_testbed.experiments.preflight_tables import counts_line, preflight_re
 from tulip_testbed.sim.measurements import read_measurements
 from tulip_testbed.sim.measurements.contacts import VERTICAL, WRENCH, Contacts
 
-EXAMPLE = Path(__file__).parent.parent / "docs" / "your-data"
+EXAMPLE = Path(__file__).parent.parent / "docs" / "how-to" / "your-data"
 FEET_NOISE = np.diag([1.0, 1.0, 1.0, 0.05, 0.05, 0.05]) ** 2
 
 

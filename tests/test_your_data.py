@@ -1,4 +1,4 @@
-"""docs/your-data.md does what it says; hand-written folders need no more than it asks for."""
+"""docs/how-to/your-data.md does what it says; hand-written folders need no more than it asks for."""
 
 import json
 import re
@@ -15,8 +15,8 @@ from tulip_testbed.sim.measurements import read_measurements, write_measurements
 from tulip_testbed.sim.robot import sha256
 
 ROOT = Path(__file__).parent.parent
-GUIDE = (ROOT / "docs" / "your-data.md").read_text()
-EXAMPLE = ROOT / "docs" / "your-data"
+GUIDE = (ROOT / "docs" / "how-to" / "your-data.md").read_text()
+EXAMPLE = ROOT / "docs" / "how-to" / "your-data"
 
 
 def blocks(language: str) -> list[str]:

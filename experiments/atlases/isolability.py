@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-ISOLABLE = np.radians(15.0)  # from there on the right one comes first in 95 % (docs/atlas.md, seeds 0 to 99)
+# From there on the right one comes first in 95 % (docs/how-to/atlas.md, seeds 0 to 99).
+ISOLABLE = np.radians(15.0)
 
 
 def angles(blocks: list[list[np.ndarray]]) -> np.ndarray:

@@ -108,7 +108,7 @@ def import_table(table: Path, robot: Robot, folder: Path, stated: ImportMap) -> 
         required = tuple(name for name in names if name in (*WHOLE, *_angles(work)))
         work.missing.append(
             "contacts: not stated; state kind, mount, channels, zero and pose of both as [[contacts]], or "
-            "the cells and heights of [plates] (docs/measurements.md)"
+            "the cells and heights of [plates] (docs/reference/measurements.md)"
         )
     else:
         names = known_columns(manifest)

@@ -21,7 +21,7 @@ from tulip_testbed.sim.numbers import number
 
 FALSE_ALARMS = {"row": 0.001, "repeat": 0.001, "change": 0.003}  # a day
 # Independent tests a posture to which the ratios of all kinds and onsets amount, by the distribution of their
-# largest value over clean days of development seeds (docs/watch.md).
+# largest value over clean days of development seeds (docs/how-to/watch.md).
 TESTS = 175.0
 ODD_ROWS = 2  # in succession, that are a change
 GONE = 10.0  # ln of the likelihood ratio, from which a change counts as gone

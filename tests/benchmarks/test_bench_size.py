@@ -2,7 +2,7 @@
 
 The folders hold four and sixteen runs of one laboratory, 30 placements each: what grows with the square of
 the rows takes sixteen times as long for four times as many. `RUNS=65 make bench` has the 10,000 rows that
-the contract allows in place of sixteen runs (docs/reliability.md).
+the contract allows in place of sixteen runs (docs/studies/reliability.md).
 """
 
 import dataclasses

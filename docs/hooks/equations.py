@@ -1,0 +1,19 @@
+"""Turn the equations of a page, `$...$` and `$$...$$`, into MathML, which browsers draw without a script."""
+
+from __future__ import annotations
+
+import re
+from html import unescape
+from typing import Any
+
+from latex2mathml.converter import convert
+
+# What the extension pymdownx.arithmatex leaves of an equation.
+INLINE = re.compile(r'<span class="arithmatex">\\\((.*?)\\\)</span>', re.DOTALL)
+BLOCK = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.DOTALL)
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Return a page with MathML in place of LaTeX."""
+    html = BLOCK.sub(lambda found: convert(unescape(found[1]), display="block"), html)
+    return INLINE.sub(lambda found: convert(unescape(found[1])), html)

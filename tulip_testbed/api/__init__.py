@@ -1,0 +1,36 @@
+"""The functions that a researcher calls; `tulip_testbed` offers them all by name.
+
+Every function uses one thread for linear algebra, so that a notebook and the command line give the same bits.
+"""
+
+from tulip_testbed.api.inputs import import_table, load_robot, read_measurements, write_measurements
+from tulip_testbed.api.measured import check, discover, export_model, identify, next_experiment, predict
+from tulip_testbed.api.planned import atlas, plan, protocol, watch
+from tulip_testbed.api.shown import report, view
+from tulip_testbed.api.simulated import campaign, monte_carlo, validate
+from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.sim.errors import InputError
+
+__all__ = [
+    "InputError",
+    "Laboratory",
+    "atlas",
+    "campaign",
+    "check",
+    "discover",
+    "export_model",
+    "identify",
+    "import_table",
+    "load_robot",
+    "monte_carlo",
+    "next_experiment",
+    "plan",
+    "predict",
+    "protocol",
+    "read_measurements",
+    "report",
+    "validate",
+    "view",
+    "watch",
+    "write_measurements",
+]

@@ -1,0 +1,128 @@
+"""Robots and measurements: load, read, write, import; and how every function reads what it is given."""
+
+from __future__ import annotations
+
+import atexit
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from tulip_testbed.effects.instance import EffectInstance, Effects, check_different, instances_of
+from tulip_testbed.experiments.description import described_robot
+from tulip_testbed.experiments.laboratory import Run
+from tulip_testbed.experiments.robot_import.robot_import import import_robot
+from tulip_testbed.experiments.table_import.import_map import read_map
+from tulip_testbed.experiments.table_import.table_import import ImportedTable
+from tulip_testbed.experiments.table_import.table_import import import_table as _import_table
+from tulip_testbed.sim.arguments import checked
+from tulip_testbed.sim.measurements import Measurements, joined
+from tulip_testbed.sim.measurements import read_measurements as _read_measurements
+from tulip_testbed.sim.measurements import write_measurements as _write_measurements
+from tulip_testbed.sim.measurements.contract import check_contract
+from tulip_testbed.sim.robot import PUBLISHED, Robot
+from tulip_testbed.sim.shipped import TULIP
+
+Measured = Measurements | Run | str | Path
+
+
+Several = Measured | Sequence[Measured]
+
+
+@checked
+def load_robot(path: str | Path = TULIP) -> Robot:
+    """Load a robot and check its description and its model against each other.
+
+    Args:
+        path: of the description (TOML), or of a published MJCF or URDF, of which a description is made in a
+            temporary folder (`tulip robot` writes one to keep); TULip's if left out.
+
+    Raises:
+        InputError: names the file, the key, what was found and what was expected.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in PUBLISHED:
+        return described_robot(path)
+    folder = Path(tempfile.mkdtemp(prefix="tulip-robot-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return described_robot(import_robot(path).write(folder / path.stem).path)
+
+
+@checked
+def read_measurements(folder: str | Path) -> Measurements:
+    """Read and check a measurement folder.
+
+    Raises:
+        InputError: the folder breaks the contract; names file, place, what was found and what was expected.
+    """
+    return _read_measurements(Path(folder))
+
+
+@checked
+def write_measurements(folder: str | Path, measurements: Measurements) -> None:
+    """Write a measurement folder, which appears whole or not at all.
+
+    Raises:
+        InputError: measurements that no folder can hold; the folder exists or cannot be written.
+    """
+    _write_measurements(Path(folder), measurements)
+
+
+@checked
+def import_table(
+    table: str | Path, folder: str | Path, robot: Robot | None = None, stated: Sequence[str] = ()
+) -> ImportedTable:
+    """Make a measurement folder of a laboratory's own table, which keeps its names, units and signs.
+
+    Args:
+        table: CSV or Parquet, one row a held posture.
+        folder: a new one.
+        robot: that was measured; TULip if None.
+        stated: what the table does not say: the path of a TOML file, and entries such as
+            "q.right_knee=RKnee [deg]:deg:-1".
+
+    Returns:
+        what was mapped, assumed and is to be decided; its `folder` is None if something necessary is missing.
+
+    Raises:
+        InputError: a table or a statement that cannot be read, or a folder that exists.
+    """
+    return _import_table(Path(table), robot or load_robot(), Path(folder), read_map(stated))
+
+
+def corrections_of(corrections: Effects, robot: Robot) -> tuple[EffectInstance, ...]:
+    """Return the effects that measurements are corrected for, each at most once."""
+    found = instances_of(corrections, robot, "corrections")
+    check_different(found, "corrections")
+    return found
+
+
+def each_of(measurements: Several) -> list[Measured]:
+    """Return one experiment or several as a list."""
+    single = isinstance(measurements, Measurements | Run | str | Path)
+    return [measurements] if single else list(measurements)  # pyrefly: ignore[bad-argument-type]
+
+
+def source_of(measurements: Several) -> str | None:
+    """Return the folders of measurements, for messages."""
+    folders = [str(one) for one in each_of(measurements) if isinstance(one, str | Path)]
+    return ", ".join(folders) or None
+
+
+def to_check(measurements: Several) -> list[tuple[Measurements, str | None]]:
+    """Return each experiment with its source, but those that were simulated with faults on purpose."""
+    given = [one for one in each_of(measurements) if not isinstance(one, Run)]
+    return [(measurements_of(one), source_of(one)) for one in given]
+
+
+def measurements_of(measured: Several, likely: bool = True) -> Measurements:
+    """Return measurements, or those of runs and folders, held against the contract once and joined."""
+    each, found = each_of(measured), []
+    for one in each:
+        if isinstance(one, str | Path):
+            found.append(read_measurements(one))
+            continue
+        found.append(one.measurements if isinstance(one, Run) else one)
+        check_contract(found[-1], likely=likely)
+    names = [str(one) if isinstance(one, str | Path) else f"experiment {k + 1}" for k, one in enumerate(each)]
+    return joined(found, names)

@@ -1,0 +1,250 @@
+"""Functions of a measured robot: check, identify, discover, propose, predict, export."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from tulip_testbed.api.inputs import (
+    Measured,
+    Several,
+    corrections_of,
+    load_robot,
+    measurements_of,
+    source_of,
+    to_check,
+)
+from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
+from tulip_testbed.effects.instance import Effects
+from tulip_testbed.experiments.check_folder import Preflight, check_folder, check_measurements, warn_of_faults
+from tulip_testbed.experiments.discovering import Discovered, discover_effects
+from tulip_testbed.experiments.discovery_record import read_discovery
+from tulip_testbed.experiments.export.export_model import SAMPLES, Export
+from tulip_testbed.experiments.export.export_model import export_model as _export_model
+from tulip_testbed.experiments.export.exported_model import ExportedModel
+from tulip_testbed.experiments.export.identified_run import identified_run
+from tulip_testbed.experiments.identify import Identification, warn_of_unrest
+from tulip_testbed.experiments.identify import identify as _identify
+from tulip_testbed.experiments.laboratory import DEFAULT_SEED
+from tulip_testbed.experiments.predict import Prediction
+from tulip_testbed.experiments.predict import predict as _predict
+from tulip_testbed.experiments.proposed_experiment import Proposals, next_of, write_experiment_plan
+from tulip_testbed.experiments.validate import Validation
+from tulip_testbed.sim.arguments import checked
+from tulip_testbed.sim.errors import at_least
+from tulip_testbed.sim.files import check_new
+from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.threads import one_blas_thread, processes
+
+
+@checked
+@one_blas_thread
+def check(
+    measurements: Measured,
+    robot: Robot | None = None,
+    corrections: Effects = (),
+) -> Preflight:
+    """Check measurements for faults: weights, drift, plates, legs, units and more.
+
+    Args:
+        measurements: or a run, or their folder, whose complaints about missing columns are listed too.
+        robot: the nominal robot; TULip if None.
+        corrections: effects that the measurements are corrected for before.
+
+    Raises:
+        InputError: no such folder, or another robot's.
+    """
+    robot = robot or load_robot()
+    known = corrections_of(corrections, robot)
+    if isinstance(measurements, str | Path):
+        return check_folder(Path(measurements), robot, known)
+    return check_measurements(measurements_of(measurements, likely=False), robot, known)
+
+
+@checked
+@one_blas_thread
+def identify(
+    measurements: Several,
+    robot: Robot | None = None,
+    estimator: str = SELF_CALIBRATING,
+    corrections: Effects = (),
+    tolerances: Mapping[str, float] | None = None,
+) -> Identification:
+    """Identify a robot from what was measured.
+
+    Args:
+        measurements: or their folder, or a run; a list of them: experiments with one robot.
+        robot: the nominal robot; TULip if None.
+        estimator: "self-calibrating", "mixed-model", "least-squares", "placement", "errors-in-variables",
+            "robust", "prior" or "consistent".
+        corrections: effects that the measurements are corrected for, e.g. `discover(...).adopted`; or texts
+            as for `Laboratory.with_effects`.
+        tolerances: what is usual for the ordinary imperfections of this laboratory, by family [SI], e.g.
+            `{"encoder-offset": 0.001, "link-length": 0}` (0: exact); in place of those of the measurements
+            and those that fit the sensors. For the self-calibrating estimator.
+
+    Returns:
+        the full model and the simplified one; `fit["torso.x"].value` [m].
+
+    Raises:
+        InputError: measurements that do not fit the robot or do not suffice, an unknown estimator, an unknown
+            family or an impossible tolerance.
+    """
+    robot = robot or load_robot()
+    adopted = corrections_of(corrections, robot)
+    given = measurements_of(measurements)
+    source = source_of(measurements)
+    found = _identify(given, robot, estimator=estimator, adopted=adopted, tolerances=tolerances)
+    for one, where in to_check(measurements):
+        warn_of_faults(one, robot, adopted, where, tolerances)
+    warn_of_unrest(found, source or "measurements")
+    return found
+
+
+@checked
+@one_blas_thread
+def discover(
+    measurements: Several,
+    robot: Robot | None = None,
+    seed: int = 0,
+    check: bool = True,
+    workers: int | None = None,
+    tolerances: Mapping[str, float] | None = None,
+) -> Discovered:
+    """Find what the nominal model lacks: where it disagrees with measurements, and which effect explains it.
+
+    Args:
+        measurements: or their folder, or a run; a list of them: experiments with one robot.
+        robot: the nominal robot; TULip if None.
+        seed: of the bootstrap that calibrates the level.
+        check: simulate adopted physics in the full dynamics, which may take two minutes.
+        workers: processes of that simulation; None: one a core. Results do not depend on it.
+        tolerances: what is usual for the ordinary imperfections of this laboratory, as in `identify`.
+
+    Returns:
+        the verdict "none", "calibrated", "named", "described", "ambiguous" or "unknown"; what was adopted;
+        the robot identified before and after.
+
+    Raises:
+        InputError: measurements that do not fit the robot, in wrong units, or too few placements; an unknown
+            family or an impossible tolerance.
+    """
+    robot, given = robot or load_robot(), measurements_of(measurements)
+    found = discover_effects(given, robot, seed, check, processes(workers), tolerances=tolerances)
+    for one, where in to_check(measurements):
+        warn_of_faults(one, robot, source=where, tolerances=tolerances)
+    return found
+
+
+@checked
+@one_blas_thread
+def next_experiment(
+    found: Discovered | str | Path,
+    robot: Robot | None = None,
+    plan: PosturePlan | None = None,
+    seed: int = 0,
+    out: str | Path | None = None,
+) -> Proposals:
+    """Rank the experiments that would settle an ambiguous discovery.
+
+    Args:
+        found: a discovery, or its run folder.
+        robot: that the folder's run was made with; TULip if None.
+        plan: postures to choose from; None: those that were measured.
+        seed: of the draws of the expectation.
+        out: plan folder to write, of the best experiment with its manipulations; None: none.
+
+    Returns:
+        the experiments, the best first; `best.plan`, `best.experiment.manipulations`.
+
+    Raises:
+        InputError: no discovery; with `out`, nothing to settle, or a folder that exists.
+    """
+    at_least("seed", seed, 0)
+    if out is not None:
+        check_new(Path(out))
+    if isinstance(found, Discovered):
+        ranked = next_of(found, found.robot, plan, seed)
+    else:
+        robot = robot or load_robot()
+        ranked = next_of(read_discovery(Path(found), robot), robot, plan, seed)
+    if out is not None:
+        write_experiment_plan(Path(out), ranked)
+    return ranked
+
+
+@checked
+@one_blas_thread
+def predict(
+    measurements: Measured,
+    robot: Robot | None = None,
+    train: Sequence[str] = (),
+    test: Sequence[str] = (),
+) -> Prediction:
+    """Ask whether the identified model predicts better than CAD.
+
+    Args:
+        measurements: or their folder, or a run.
+        robot: the nominal robot, whose masses are CAD's; TULip if None.
+        train, test: postures by number, "1-40", or placements, "placement:1-8"; the rest if left out. Without
+            both the postures are split by blocks of placements and by halves.
+
+    Returns:
+        r.m.s. of the centre of pressure on postures that took no part, for CAD, a constant, the identified
+        model and one with a prior at CAD; `beats_cad`.
+
+    Raises:
+        InputError: measurements that do not fit the robot, or parts that are not there.
+    """
+    source = source_of(measurements) or "measurements"
+    return _predict(measurements_of(measurements), robot or load_robot(), train, test, source)
+
+
+@checked
+@one_blas_thread
+def export_model(
+    found: Identification | Validation | Discovered | str | Path,
+    path: str | Path,
+    robot: Robot | None = None,
+    source: str | Path | None = None,
+    samples: int = SAMPLES,
+    seed: int = DEFAULT_SEED,
+    lengths: bool = False,
+) -> ExportedModel:
+    """Write the identified robot as a model file for MuJoCo or Pinocchio.
+
+    Base parameters and total mass are the identified ones; what statics cannot see is as near to CAD as
+    physical consistency allows. Only the <inertial> elements of the robot's own file change.
+
+    Args:
+        found: an identification, a validation or a discovery, or the folder of a validation, a discovery or
+            measurements.
+        path: of a new file, .xml or .urdf.
+        robot: the nominal robot, whose masses are CAD's; TULip if None.
+        source: published MJCF or URDF of which the robot was made: its inertias are replaced instead.
+        samples: random robots that the measurements allow, written beside the model as NAME-samples.npz.
+        seed: of the samples.
+        lengths: put the link lengths that a discovery or a folder adopted into the file.
+
+    Returns:
+        mass, centre and inertia of every link before and after, how much of each is data, and how far the
+        robot is from the estimate.
+
+    Raises:
+        InputError: a folder without an estimate, another robot, a file that exists or has another ending, or
+            one whose settings overrule its inertias.
+    """
+    robot = robot or load_robot()
+    weighed, adopted = None, ()
+    if isinstance(found, str | Path):
+        found, measurements, adopted = identified_run(Path(found), robot)
+        weighed = measurements.weighed_mass
+    elif isinstance(found, Validation):
+        adopted = found.run.laboratory.known
+        weighed, found = found.run.measurements.weighed_mass, found.identification
+    elif isinstance(found, Discovered):
+        adopted = found.discovery.corrections
+        weighed, found = found.discovery.observed.measurements.weighed_mass, found.after or found.before
+    place = None if source is None else Path(source)
+    return _export_model(found, robot, Export(Path(path), place, samples, seed, adopted, lengths), weighed)

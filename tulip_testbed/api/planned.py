@@ -1,0 +1,161 @@
+"""Functions of a plan of postures: search, atlas, protocol, watch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from tulip_testbed.api.inputs import load_robot
+from tulip_testbed.experiments.atlases.effect_atlas import Atlas
+from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
+from tulip_testbed.experiments.atlases.planned_experiment import planned
+from tulip_testbed.experiments.laboratory import DEFAULT_SEED
+from tulip_testbed.experiments.planning_run import PlanSettings, optimal_plan
+from tulip_testbed.experiments.protocols.motion import SPEED
+from tulip_testbed.experiments.protocols.protocol_run import (
+    REPEATS,
+    LaboratoryProtocol,
+    ProtocolSettings,
+    protocol_of,
+)
+from tulip_testbed.experiments.usable_plan import check_plan
+from tulip_testbed.experiments.watching.watch_day import Arrival, WatchSettings, watch_day
+from tulip_testbed.identification.planning.interior_point import SOLVERS
+from tulip_testbed.identification.planning.search import HOPS
+from tulip_testbed.sim.arguments import checked
+from tulip_testbed.sim.files import check_new
+from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.measurements.contract import check_contract
+from tulip_testbed.sim.robot import Robot
+from tulip_testbed.sim.threads import one_blas_thread
+
+
+@checked
+@one_blas_thread
+def plan(
+    robot: Robot | None = None,
+    seed: int = DEFAULT_SEED,
+    objective: str = "condition",
+    placements: int = 10,
+    postures_per_placement: int = 5,
+    after: Measurements | None = None,
+    single_support: int = 0,
+    repeats: int = 0,
+    hops: int = HOPS,
+    solver: str = SOLVERS[0],
+    right: int = 0,
+    left: int = 0,
+) -> PosturePlan:
+    """Search for optimal postures (section IV): from a random feasible start, under every constraint.
+
+    Args:
+        robot: the nominal robot; TULip if None.
+        seed: of everything random.
+        objective: "condition", "d-optimal", "a-optimal", ...: what is made small.
+        placements, postures_per_placement: size of the plan.
+        after: what was measured before: the plan tells most next.
+        single_support: postures on the right foot alone, after the others.
+        repeats: postures that come twice.
+        hops: exchanges of a placement's postures; a minute for the default.
+        solver: of the last round, "slsqp" or "ipopt".
+        right, left: postures on the right and on the left foot alone, optimised together with the others.
+
+    Raises:
+        InputError: a setting out of range, or too few postures to identify the robot.
+    """
+    size = (placements, postures_per_placement, hops)
+    if after is not None:
+        check_contract(after)
+    wanted = PlanSettings(seed, objective, *size, single_support, repeats, solver, right, left)
+    return optimal_plan(robot or load_robot(), wanted, after)
+
+
+@checked
+@one_blas_thread
+def atlas(
+    plan: PosturePlan, robot: Robot | None = None, sensors: str = "wii", seed: int = DEFAULT_SEED
+) -> Atlas:
+    """Tell before any data which effects a plan would show, confuse or hide.
+
+    Args:
+        robot: the nominal robot; TULip if None.
+        sensors: "wii" or "force-plate".
+        seed: of the simulated noise.
+
+    Raises:
+        InputError: a plan that would not identify the robot, or that statics does not know.
+    """
+    robot = robot or load_robot()
+    check_plan(robot, plan)
+    return _atlas(planned(plan, sensors, robot, seed), np.random.default_rng(seed))
+
+
+@checked
+@one_blas_thread
+def protocol(
+    plan: PosturePlan,
+    folder: str | Path,
+    robot: Robot | None = None,
+    sensors: str | None = None,
+    speed: float = SPEED,
+    repeats: int = REPEATS,
+) -> LaboratoryProtocol:
+    """Write what a laboratory needs to carry a plan out: pages to print, trajectories, a measurement folder.
+
+    Args:
+        plan: postures to measure.
+        folder: a new one.
+        robot: the nominal robot; TULip if None.
+        sensors: preset whose data sheet starts the measurement folder; None: it is left open.
+        speed: largest speed of a joint between postures [rad/s].
+        repeats: postures that are measured twice if the plan repeats none; at most every fifth is.
+
+    Returns:
+        the plan in the order in which it is measured, with the motion to every posture.
+
+    Raises:
+        InputError: a plan that does not fit the robot, a setting out of range, or a folder that exists.
+    """
+    from tulip_testbed.pages.protocol_page import write_protocol
+
+    check_new(Path(folder))
+    made = protocol_of(robot or load_robot(), plan, ProtocolSettings(sensors, speed, repeats))
+    write_protocol(Path(folder), made)
+    return made
+
+
+@checked
+def watch(
+    folder: str | Path,
+    plan: PosturePlan,
+    robot: Robot | None = None,
+    state: str | Path | None = None,
+    targets: Mapping[str, float] | None = None,
+    follow: bool = True,
+    rows: Iterable[bytes] | None = None,
+) -> Iterator[Arrival]:
+    """Check a day's postures while they are measured, and tell when to stop.
+
+    Args:
+        folder: measurement folder whose manifest.json is written and whose postures.csv grows. Nothing is
+            written into it.
+        plan: postures that are being measured.
+        robot: the nominal robot; TULip if None.
+        state: file that keeps the state, so that a watch that ended goes on; None: it is not kept.
+        targets: standard errors at which to stop, by base parameter or "all" [m].
+        follow: wait for more rows until every posture is measured; otherwise judge those that are there.
+        rows: lines of a CSV after their header, in place of the folder's postures.csv.
+
+    Returns:
+        what came of every row, as soon as it is there; `verdict` says what it shows, which posture is next
+        and whether the day may end.
+
+    Raises:
+        InputError: another robot's folder or plan, sensors other than plates on four cells, a state of
+            another day; while rows arrive, a table whose header changes or that becomes shorter.
+    """
+    place = None if state is None else Path(state)
+    robot = robot or load_robot()
+    return watch_day(WatchSettings(Path(folder), plan, robot, place, targets, follow, rows))

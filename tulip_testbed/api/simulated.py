@@ -1,0 +1,116 @@
+"""Functions of a virtual laboratory: validate, Monte Carlo, campaign."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from tulip_testbed.experiments.campaigns.campaign_run import Campaign, campaign_settings
+from tulip_testbed.experiments.campaigns.campaign_run import campaign as _campaign
+from tulip_testbed.experiments.imperfections import default_estimator
+from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory
+from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo, Place, montecarlo
+from tulip_testbed.experiments.montecarlo.settings import Settings
+from tulip_testbed.experiments.validate import Validation
+from tulip_testbed.experiments.validate import validate as _validate
+from tulip_testbed.sim.arguments import checked
+from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.sim.threads import one_blas_thread, processes
+
+
+@checked
+@one_blas_thread
+def validate(
+    laboratory: Laboratory,
+    plan: PosturePlan,
+    seed: int = DEFAULT_SEED,
+    estimator: str | None = None,
+    engine: str = "dynamics",
+    workers: int | None = None,
+    ordinary: float | None = None,
+) -> Validation:
+    """Simulate a plan, identify the robot, compare with the truth and give a verdict.
+
+    Args:
+        plan: postures to measure, e.g. `plans.random`.
+        seed: of everything random.
+        estimator: see `identify`; None: "mixed-model", or "self-calibrating" in an ordinary laboratory.
+        engine: "dynamics", half a minute, or "statics", a second.
+        workers: processes; None: one a core. Results do not depend on it.
+        ordinary: scale of ordinary imperfections of all families that are drawn and hidden in the laboratory,
+            1: spreads of 0.1 to 1 tolerance; None: there are none.
+
+    Raises:
+        InputError: a plan that does not fit the robot or would not identify it.
+    """
+    return _validate(laboratory, plan, seed, estimator, engine, workers, ordinary=ordinary)
+
+
+@checked
+@one_blas_thread
+def monte_carlo(
+    laboratory: Laboratory,
+    plan: PosturePlan,
+    runs: int,
+    seed: int = DEFAULT_SEED,
+    estimator: str | None = None,
+    random_robots: float | None = None,
+    engine: str = "statics",
+    workers: int | None = None,
+    folder: str | Path | None = None,
+    scheduler: str | None = None,
+    ordinary: float | None = None,
+) -> MonteCarlo:
+    """Repeat an experiment with known truth and ask whether the estimator is right about its own errors.
+
+    Args:
+        runs: how many.
+        estimator: see `validate`.
+        random_robots: s.d. of the logarithm of each link's mass, and of its centre of mass in half edges of
+            its inertia box: a random true robot in every run; None: the nominal one.
+        engine: "statics", or "dynamics": about a minute a run.
+        workers: processes; None: one a core. Results do not depend on it.
+        folder: keeps the runs; the same call resumes what was stopped. None: a temporary one.
+        scheduler: address of a Dask scheduler, "tcp://HOST:PORT"; None: processes of this machine.
+        ordinary: see `validate`; every run draws a laboratory of its own.
+
+    Raises:
+        InputError: what cannot be run; a folder that holds another Monte Carlo.
+    """
+    chosen = default_estimator(estimator, ordinary, laboratory)
+    settings = Settings(runs, seed, chosen, random_robots, engine, ordinary)
+    with tempfile.TemporaryDirectory() as scratch:
+        kept = Path(scratch) / "runs" if folder is None else Path(folder)
+        return montecarlo(
+            laboratory, plan, settings, Place(kept, processes(workers), scheduler, folder is not None)
+        )
+
+
+@checked
+@one_blas_thread
+def campaign(
+    laboratory: Laboratory,
+    plan: PosturePlan,
+    seed: int = DEFAULT_SEED,
+    experiments: int = 3,
+    minutes: float | None = None,
+    engine: str = "statics",
+    ordinary: float | None = None,
+    folder: str | Path | None = None,
+) -> Campaign:
+    """Simulate, discover, propose and simulate until one explanation is left or the budget ends.
+
+    Args:
+        laboratory: with hidden effects. plan: of the first experiment; later ones choose their postures from
+            it.
+        seed: of everything random.
+        experiments: at most. minutes: of laboratory time at most (assumed times); None: no limit.
+        engine: "statics" or "dynamics".
+        ordinary: see `validate`.
+        folder: keeps the experiments; the same call goes on where one was stopped. None: a temporary one.
+
+    Raises:
+        InputError: what cannot be run; a folder that holds something else.
+    """
+    settings = campaign_settings(seed, engine, experiments, minutes, ordinary)
+    return _campaign(laboratory, plan, settings, None if folder is None else Path(folder))
