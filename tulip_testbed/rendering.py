@@ -90,7 +90,7 @@ def draw(
     from tulip_testbed.sim.dynamics.stand import Stand
     from tulip_testbed.sim.rig import preset_rig
 
-    rig = replace(preset_rig("ideal", robot), edit=_lit)
+    rig = replace(preset_rig("ideal", robot), edit=lit)
     images = np.empty((len(joint_angles), height, width, 3), dtype=np.uint8)
     places, where = np.unique(plate_poses.reshape(len(plate_poses), -1), axis=0, return_inverse=True)
     camera = mujoco.MjvCamera()
@@ -114,7 +114,7 @@ def draw(
     return images
 
 
-def _lit(spec: Any) -> None:
+def lit(spec: Any) -> None:
     """Light and a pale sky for a scene that brings none."""
     import mujoco
 
