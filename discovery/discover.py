@@ -37,7 +37,7 @@ from tulip_testbed.sim.robot import Robot
 NAMED, AMBIGUOUS, UNKNOWN, CALIBRATED, NONE = "named", "ambiguous", "unknown", "calibrated", "none"
 DESCRIBED = "described"
 ADOPTED = (NAMED, DESCRIBED)  # verdicts whose effects are added to the model
-REPORTED_PATTERNS = 5
+REPORTED_PATTERNS, RUNNERS_UP = 5, 5
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,16 @@ class Discovery:
     def corrections(self) -> tuple[EffectInstance, ...]:
         """Return what the new nominal laboratory has: effects, and imperfections that are not zero."""
         return self.adopted + tuple(one for one in self.calibrated if _clear(one))
+
+    def runners_up(self, k: int) -> list[Fitted]:
+        """Return the best explanations of gap `k` that are not as good as its best one, by predictions."""
+        left = {one.label for one in self.equivalents[k]}
+        others: dict[str, Fitted] = {}
+        for lists in (self.selection.alternatives, self.selection.runners_up):
+            for one in lists[k] if k < len(lists) else ():
+                if one.label not in left and one.log_bayes_factor > 0:
+                    others.setdefault(one.label, one)
+        return sorted(others.values(), key=lambda one: -one.log_bayes_factor)[:RUNNERS_UP]
 
 
 def _clear(one: EffectInstance) -> bool:

@@ -128,6 +128,7 @@ def select_laws(search: Search, selection: Selection, rng: np.random.Generator) 
         complete=True,
         fit=fit,
         alternatives=alternatives,
+        runners_up=(),
         p=min(p, selection.p),
         tests=tests,
     )
