@@ -24,13 +24,13 @@ LEGEND = (
 )
 
 
-def atlas_summary(found: Atlas) -> list[Table | str]:
+def atlas_summary(found: Atlas) -> tuple[str, Table, str]:
     """Return an atlas in short: one row a kind of effect and unit."""
-    return [
+    return (
         opening(found),
         kind_table(found, _one_placement(found)),
         f"{len(found.groups)} groups of effects cannot be distinguished. {closing(found)}",
-    ]
+    )
 
 
 def atlas_tables(found: Atlas) -> tuple[Table, ...]:

@@ -53,10 +53,9 @@ def atlas_command(
         from tulip_testbed.pages.atlas_page import PAGE, write_atlas  # plotly loads slowly
 
         write_atlas(out, found, said)
+        say(f"Atlas: {out / PAGE}")
     if as_json:
         print_json(said)
     else:
         show(*atlas_summary(found))
-    if out is not None:
-        say(f"Atlas: {out / PAGE}")
     return 0

@@ -40,8 +40,9 @@ def plotly_script() -> str:
 
 def figure(name: str, caption: str, text: str, drawn: go.Figure, height: int = 380) -> Figure:
     """Finish a figure: transparent, small margins, no text that a browser could take for the script's end."""
-    named = [line for line in drawn.data if line.name and line.showlegend is not False]
-    legend = drawn.layout.showlegend is not False and len(named) > 1
+    content = drawn.to_dict()
+    named = [line for line in content["data"] if line.get("name") and line.get("showlegend", True)]
+    legend = content["layout"].get("showlegend", True) and len(named) > 1
     drawn.update_xaxes(title_standoff=6, title_font_size=12, automargin=True)
     drawn.update_yaxes(title_standoff=6, title_font_size=12)
     drawn.update_layout(
