@@ -72,7 +72,7 @@ studies: setup  ## list the studies, each with the page that it is for and its t
 $(STUDIES): study-%: setup  ## make the tables of one study (`make studies` lists them)
 	$(BIN)/python -m studies $*
 
-study-plan: setup  ## docs/how-to/planning.md's Table I: six trials of optimal postures
+study-plan: setup  ## docs/studies/planning.md's Table I: six trials of optimal postures
 	$(BIN)/tulip plan --table1 --out runs/plan-$$(date +%Y%m%d-%H%M%S)
 
 teaching: setup  ## docs/pictures: film, signatures, clouds (one to three minutes; needs libosmesa6)

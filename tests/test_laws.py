@@ -6,6 +6,7 @@ import json
 import pickle
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -250,7 +251,7 @@ def test_catalogued_sentences_are_left_to_the_catalogue(robot, plan, nominal):
 
 
 def test_base_parameters_disagree_by_standard_errors():
-    def judged(*theta: float):
+    def judged(*theta: float) -> Any:
         return SimpleNamespace(
             calibration=SimpleNamespace(theta=np.array(theta), covariance=np.diag([4.0, 0.25]))
         )
@@ -298,7 +299,9 @@ def test_a_glance_is_close_to_a_judgement(robot, plan):
 @pytest.mark.slow
 def test_laws_that_disagree_about_the_base_parameters_are_told_and_not_adopted(robot, plan, monkeypatch):
     def disagreeing(*args):
-        return replace(select_laws(*args), disagreement=2 * AGREEING)
+        chosen = select_laws(*args)
+        assert chosen
+        return replace(chosen, disagreement=2 * AGREEING)
 
     monkeypatch.setattr("tulip_testbed.discovery.discover.select_laws", disagreeing)
     rig = injected(preset_rig("force-plate", robot), [EffectInstance.parse(HIDDEN, robot)])
