@@ -1,0 +1,68 @@
+"""The tutorials: every command runs and prints what the page shows.
+
+The blocks that a page marks with `<!-- slow -->` run in `make test-docs` only.
+"""
+
+import pytest
+
+from tests.documented import ROOT, WIDTH, matches, output, steps
+
+PAGES = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs" / "tutorials").glob("*.md"))
+
+
+def play(page: str, slow: bool, folder, monkeypatch) -> None:
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("COLUMNS", WIDTH)
+    names: dict = {}
+    for step in steps(page):
+        if step.slow and not slow:
+            continue
+        printed = output(step, names)
+        if step.shown is not None:
+            assert matches(step.shown, printed), f"{page}: {step.code}\n--- printed ---\n{printed}"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_quick_blocks_of_a_page_print_what_it_shows(page, tmp_path, monkeypatch):
+    play(page, False, tmp_path, monkeypatch)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", PAGES)
+def test_a_whole_page_prints_what_it_shows(page, tmp_path, monkeypatch):
+    play(page, True, tmp_path, monkeypatch)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_tutorial_shows_the_output_of_its_commands(page):
+    told = [step for step in steps(page) if step.shown is not None]
+    assert len(told) > 3
+
+
+@pytest.mark.parametrize(
+    ("shown", "same"),
+    [
+        ("a 1\nb 2\nc 3\n", True),
+        ("a 1\n...\n", True),
+        ("...\nb 2\n...\n", True),
+        ("a 1\nb ...\nc 3\n", True),
+        ("a 1\nb 2\nc 3\n...\n", True),
+        ("a 1\nc 3\n", False),
+        ("...\nb 2\n", False),
+        ("a 1\nb 2\nc 30\n", False),
+        ("a .\n...\n", False),
+    ],
+)
+def test_dots_stand_for_anything_and_for_nothing_else(shown, same):
+    assert matches(shown, "\na 1  \nb 2\nc 3\n\n") is same
+
+
+def test_a_changed_number_is_noticed(tmp_path, monkeypatch):
+    """The harness itself: the page is right, a page with another number is not."""
+    page = tmp_path / "page.md"
+    monkeypatch.setenv("COLUMNS", WIDTH)
+    page.write_text("```console\n$ tulip model --simplified\n...\n```\n")
+    first = next(iter(steps(str(page))))
+    line = next(text for text in output(first, {}).splitlines() if any(c.isdigit() for c in text))
+    assert matches(f"...\n{line}\n...\n", output(first, {}))
+    assert not matches(f"...\n{line}0\n...\n", output(first, {}))
