@@ -53,7 +53,7 @@ def steps(page: str) -> Iterator[Step]:
             yield Step(text, told if after == "text" else None, slow, python=True)
         elif language == "console":
             for part in re.split(r"^\$ ", text, flags=re.MULTILINE)[1:]:
-                command, shown = re.fullmatch(r"((?:.*\\\n)*.*)\n(.*)", part, re.DOTALL).groups()
+                command, shown = re.fullmatch(r"((?:.*\\\n)*.*)\n((?s:.*))", part).groups()
                 yield Step(command.replace("\\\n", " "), shown or None, slow, python=False)
 
 
