@@ -57,12 +57,46 @@ def test_dots_stand_for_anything_and_for_nothing_else(shown, same):
     assert matches(shown, "\na 1  \nb 2\nc 3\n\n") is same
 
 
-def test_a_changed_number_is_noticed(tmp_path, monkeypatch):
-    """The harness itself: the page is right, a page with another number is not."""
+PAGE = """
+```console
+$ echo a \\
+    b > file
+$ cat file
+a b
+```
+
+<!-- slow -->
+```console
+$ cat file
+no 1
+```
+
+```python
+two = 2
+```
+```python
+print(two)
+```
+```text
+2
+```
+"""
+
+
+def test_a_page_is_played_in_order_and_its_slow_blocks_are_left_out(tmp_path, monkeypatch):
     page = tmp_path / "page.md"
-    monkeypatch.setenv("COLUMNS", WIDTH)
-    page.write_text("```console\n$ tulip model --simplified\n...\n```\n")
-    first = next(iter(steps(str(page))))
-    line = next(text for text in output(first, {}).splitlines() if any(c.isdigit() for c in text))
-    assert matches(f"...\n{line}\n...\n", output(first, {}))
-    assert not matches(f"...\n{line}0\n...\n", output(first, {}))
+    page.write_text(PAGE)
+    assert [step.slow for step in steps(str(page))] == [False, False, True, False, False]
+    play(str(page), False, tmp_path, monkeypatch)
+    with pytest.raises(AssertionError, match=r"cat file\n--- printed ---\na b"):
+        play(str(page), True, tmp_path, monkeypatch)
+    page.write_text(PAGE.replace("\n2\n", "\n3\n"))
+    with pytest.raises(AssertionError, match=r"print\(two\)"):
+        play(str(page), False, tmp_path, monkeypatch)
+
+
+def test_a_command_that_fails_is_noticed(tmp_path, monkeypatch):
+    page = tmp_path / "page.md"
+    page.write_text("```console\n$ tulip check nowhere\n...\n```\n")
+    with pytest.raises(AssertionError, match="no such measurement folder"):
+        play(str(page), False, tmp_path, monkeypatch)
