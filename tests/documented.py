@@ -53,8 +53,10 @@ def steps(page: str) -> Iterator[Step]:
             yield Step(text, told if after == "text" else None, slow, python=True)
         elif language == "console":
             for part in re.split(r"^\$ ", text, flags=re.MULTILINE)[1:]:
-                command, shown = re.fullmatch(r"((?:.*\\\n)*.*)\n((?s:.*))", part).groups()
-                yield Step(command.replace("\\\n", " "), shown or None, slow, python=False)
+                command = re.match(r"(?:.*\\\n)*.*\n", part)
+                assert command, f"{page}: found {part!r}, expected a command and the end of its line"
+                shown = part[command.end() :]
+                yield Step(command[0].strip().replace("\\\n", " "), shown or None, slow, python=False)
 
 
 def output(step: Step, names: dict[str, Any]) -> str:

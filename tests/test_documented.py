@@ -88,7 +88,7 @@ def test_a_page_is_played_in_order_and_its_slow_blocks_are_left_out(tmp_path, mo
     page.write_text(PAGE)
     assert [step.slow for step in steps(str(page))] == [False, False, True, False, False]
     play(str(page), False, tmp_path, monkeypatch)
-    with pytest.raises(AssertionError, match=r"cat file\n--- printed ---\na b"):
+    with pytest.raises(AssertionError, match=r"cat file\n *--- printed ---\n *a b"):
         play(str(page), True, tmp_path, monkeypatch)
     page.write_text(PAGE.replace("\n2\n", "\n3\n"))
     with pytest.raises(AssertionError, match=r"print\(two\)"):
