@@ -8,7 +8,7 @@ ROBOTS := .venv-robots
 SHARED := --numprocesses auto --maxprocesses 4 --dist worksteal
 STUDIES := $(patsubst studies/study_%.py,study-%,$(wildcard studies/study_*.py))
 
-.PHONY: setup validate demo test test-all test-docs lint docs bench oracle test-robots studies $(STUDIES) study-plan pictures constraints clean
+.PHONY: setup validate demo test test-all test-docs lint docs bench oracle test-robots studies $(STUDIES) study-plan teaching pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -75,10 +75,13 @@ studies: setup  ## list the studies, each with the page that it is for and its t
 $(STUDIES): study-%: setup  ## make the tables of one study (`make studies` lists them)
 	$(BIN)/python -m studies $*
 
-study-plan: setup  ## docs/how-to/planning.md's Table I: six trials of optimal postures
+study-plan: setup  ## docs/studies/planning.md's Table I: six trials of optimal postures
 	$(BIN)/tulip plan --table1 --out runs/plan-$$(date +%Y%m%d-%H%M%S)
 
-pictures: setup  ## the README's pictures (needs libosmesa6, mesa-vulkan-drivers, chromium)
+teaching: setup  ## docs/pictures: film, signatures, clouds (one to three minutes; needs libosmesa6)
+	MUJOCO_GL=disable $(BIN)/python -m studies.teaching
+
+pictures: teaching  ## the README's pictures too (needs libosmesa6, mesa-vulkan-drivers, chromium)
 	MUJOCO_GL=disable $(BIN)/python -m studies.pictures
 
 constraints: setup  ## pin the dependencies anew

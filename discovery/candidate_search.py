@@ -70,6 +70,21 @@ class Search:
                 break
         return Judged(at_estimate(terms, found), found, self.evidence(found, terms))
 
+    def glanced(self, terms: Sequence[Fitted], start: SelfCalibration) -> float:
+        """Estimate the evidence that `judged` would find, by one linearisation about a start that is steady.
+
+        Returns:
+            minus infinity: it does not converge.
+        """
+        instances = [term.instance for term in terms]
+        try:
+            found = self_calibrate(
+                self.observed, self.tolerances, instances, start, start.linear.covariance, 1
+            )
+        except np.linalg.LinAlgError:
+            return -np.inf
+        return self.evidence(found, terms)
+
     def evidence(self, found: SelfCalibration, terms: Sequence[Fitted]) -> float:
         """Compute ln of the evidence for effects, whose positive sizes have half a normal as their prior."""
         out = found.solved.log_evidence - sum(log_choices(term.candidate, self.observed) for term in terms)

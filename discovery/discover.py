@@ -37,7 +37,10 @@ from tulip_testbed.sim.robot import Robot
 NAMED, AMBIGUOUS, UNKNOWN, CALIBRATED, NONE = "named", "ambiguous", "unknown", "calibrated", "none"
 DESCRIBED = "described"
 ADOPTED = (NAMED, DESCRIBED)  # verdicts whose effects are added to the model
-REPORTED_PATTERNS = 5
+REPORTED_PATTERNS, RUNNERS_UP = 5, 5
+# Standard errors, r.m.s., by which laws that do as well may differ in the base parameters. On five
+# development faults they differed by 0.4 at most or by 10.
+AGREEING = 1.0
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,16 @@ class Discovery:
     def corrections(self) -> tuple[EffectInstance, ...]:
         """Return what the new nominal laboratory has: effects, and imperfections that are not zero."""
         return self.adopted + tuple(one for one in self.calibrated if _clear(one))
+
+    def runners_up(self, k: int) -> list[Fitted]:
+        """Return the best explanations of gap `k` that are not as good as its best one, by predictions."""
+        left = {one.label for one in self.equivalents[k]}
+        others: dict[str, Fitted] = {}
+        for lists in (self.selection.alternatives, self.selection.runners_up):
+            for one in lists[k] if k < len(lists) else ():
+                if one.label not in left and one.log_bayes_factor > 0:
+                    others.setdefault(one.label, one)
+        return sorted(others.values(), key=lambda one: -one.log_bayes_factor)[:RUNNERS_UP]
 
 
 def _clear(one: EffectInstance) -> bool:
@@ -168,7 +181,16 @@ def _described(laws: LawSelection, through_laboratory: bool, hold_out: bool) -> 
     fitted = _fitted(selection, through_laboratory)
     validation = held_out(search, selection.calibration, fitted.fit.terms) if hold_out else None
     found = _concluded(search, selection, fitted, validation)
-    return found if found.verdict == DESCRIBED else None
+    if found.verdict != DESCRIBED:
+        return None
+    if laws.disagreement > AGREEING:
+        reason = (
+            "Laws that explain the readings equally well differ by "
+            f"{laws.disagreement:.0f} standard errors in the base parameters, so none is adopted: "
+            f"{', '.join(dict.fromkeys(one.label for k in found.effects for one in found.equivalents[k]))}."
+        )
+        found = replace(found, verdict=UNKNOWN, adopted=(), calibrated=(), reasons=(reason,))
+    return found
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from tulip_testbed.discovery.columns import CandidateColumns
 
 DETECTABLE = 0.5  # smallest singular value times prior s.d. that an experiment can show
 DRAWS = 400
+STACKED = 500  # candidates at a time whose gains are computed together
 
 
 def ranked(blocks: Iterable[CandidateColumns], residual: np.ndarray) -> list[Fitted]:
@@ -110,30 +111,15 @@ def effective_tests(
     The smallest of n independent p-values has the median 1 - 2^(-1/n). That of the candidates is simulated
     on noise alone and solved for n.
     """
-    every = (
-        (column, candidate)
-        for columns in blocks
-        for candidate, points in zip(columns.candidates, columns.projected, strict=True)
-        for column in points
-    )
     noise: np.ndarray | None = None
     # Largest gain in each draw, by degrees of freedom and number of sides of the test.
     largest: dict[tuple[int, int], np.ndarray] = {}
-    for column, candidate in every:
-        noise = rng.standard_normal((len(column), draws)) if noise is None else noise
-        gram, pull = column.T @ column, column.T @ noise
-        if not candidate.effect.sizes:
-            gain, sides = 2 * pull[0] - gram[0, 0], 1
-            gain = np.where(gain > 0, gain, -np.inf)
-        elif np.linalg.eigvalsh(candidate.prior[:, None] * gram * candidate.prior).max() > DETECTABLE**2:
-            free = np.linalg.pinv(gram, hermitian=True) @ pull
-            gain, sides = (pull * free).sum(axis=0), 2
-            if candidate.positive.any():
-                gain, sides = np.where((free[candidate.positive] > 0).all(axis=0), gain, -np.inf), 1
-        else:
-            continue
-        key = len(gram), sides
-        largest[key] = np.maximum(gain, largest.get(key, -np.inf))
+    for columns in blocks:
+        for alike in _alike(columns):
+            noise = rng.standard_normal((len(alike[0][1]), draws)) if noise is None else noise
+            gain, sides = _gains(alike, noise)
+            key = alike[0][1].shape[1], sides
+            largest[key] = np.maximum(gain, largest.get(key, -np.inf))
     least = np.ones(draws)
     for (dof, sides), gain in largest.items():
         p = np.where(gain > -np.inf, chdtrc(dof, gain) * sides / 2, 1.0)
@@ -142,6 +128,33 @@ def effective_tests(
     # nominal level of 0.5 % is in fact one of 0.6 to 0.8 %.
     low = float(np.quantile(least, 0.5))
     return float(np.log(0.5) / np.log1p(-low)) if low < 1 else 1.0
+
+
+def _alike(columns: CandidateColumns) -> Iterator[list[tuple[Candidate, np.ndarray]]]:
+    """Yield candidates with columns at single points of their grids, those with alike sizes together."""
+    out: dict[tuple[bool, bytes], list[tuple[Candidate, np.ndarray]]] = {}
+    for candidate, points in zip(columns.candidates, columns.projected, strict=True):
+        key = bool(candidate.effect.sizes), candidate.positive.tobytes()
+        out.setdefault(key, []).extend((candidate, column) for column in points)
+    for several in out.values():
+        yield from (several[k : k + STACKED] for k in range(0, len(several), STACKED))
+
+
+def _gains(alike: list[tuple[Candidate, np.ndarray]], noise: np.ndarray) -> tuple[np.ndarray, int]:
+    """Compute the largest gain in each draw of noise by candidates with alike sizes, (draws,), and sides."""
+    size, first = alike[0][1].shape[1], alike[0][0]
+    gram = np.array([column.T @ column for _, column in alike])
+    pull = np.concatenate([column for _, column in alike], axis=1).T @ noise
+    pull = pull.reshape(len(alike), size, -1)
+    if not first.effect.sizes:
+        gain = (2 * pull[:, 0] - gram[:, 0]).max(axis=0)
+        return np.where(gain > 0, gain, -np.inf), 1
+    prior = np.array([candidate.prior for candidate, _ in alike])
+    visible = np.linalg.eigvalsh(prior[:, :, None] * gram * prior[:, None, :]).max(axis=1)
+    free = np.linalg.pinv(gram, hermitian=True) @ pull
+    possible = (visible > DETECTABLE**2)[:, None] & (free[:, first.positive] > 0).all(axis=1)
+    gain = np.where(possible, (pull * free).sum(axis=1), -np.inf).max(axis=0)
+    return gain, 1 if first.positive.any() else 2
 
 
 def sidak(p: float, tests: float) -> float:

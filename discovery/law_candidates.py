@@ -16,7 +16,7 @@ import numpy as np
 from tulip_testbed.calibration.linear_model import LinearModel
 from tulip_testbed.discovery.candidates import Candidate, Fitted
 from tulip_testbed.discovery.columns import CandidateColumns, candidate_columns
-from tulip_testbed.discovery.evidence import effective_tests, marginal_fits
+from tulip_testbed.discovery.evidence import effective_tests, marginal_fits, ranked
 from tulip_testbed.effects.laws import LAW, Sentence, law_effect
 from tulip_testbed.effects.laws import grammar as g
 from tulip_testbed.effects.laws.grammar import sentences_in
@@ -81,15 +81,22 @@ def _of_all_readings(
 
 def ranked_laws(linear: LinearModel, laws: list[Candidate]) -> list[Fitted]:
     """Fit each law alone to the residual of a linear model; the best first."""
-    out: list[Fitted] = []
-    for columns in _columns(linear, laws):
-        out += marginal_fits(columns, linear.residual)
-    return sorted(out, key=lambda one: -one.log_bayes_factor)
+    return ranked(_columns(linear, laws), linear.residual)
 
 
-def law_tests(linear: LinearModel, laws: list[Candidate], rng: np.random.Generator) -> float:
-    """Estimate the effective number of independent tests among laws and the points of their grids."""
-    return effective_tests(_columns(linear, laws), rng, DRAWS)
+def ranked_and_counted(
+    linear: LinearModel, laws: list[Candidate], rng: np.random.Generator
+) -> tuple[list[Fitted], float]:
+    """Rank laws, and estimate the effective number of independent tests among them and their grids."""
+    fits: list[Fitted] = []
+
+    def fitted() -> Iterator[CandidateColumns]:
+        for columns in _columns(linear, laws):
+            fits.extend(marginal_fits(columns, linear.residual))
+            yield columns
+
+    tests = effective_tests(fitted(), rng, DRAWS)
+    return sorted(fits, key=lambda one: -one.log_bayes_factor), tests
 
 
 def _columns(linear: LinearModel, laws: list[Candidate]) -> Iterator[CandidateColumns]:

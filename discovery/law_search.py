@@ -8,7 +8,7 @@ what are judged by self-calibration, and then the shapes of the best pair.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,10 +28,11 @@ from tulip_testbed.discovery.joint_fit import joint_fit
 from tulip_testbed.discovery.law_candidates import (
     is_law,
     law_candidates,
-    law_tests,
+    ranked_and_counted,
     ranked_laws,
     with_best_points,
 )
+from tulip_testbed.discovery.law_judgements import LawSearch, as_good, disagreement, judged
 from tulip_testbed.discovery.selection import LEVEL, Selection, is_decisive
 from tulip_testbed.discovery.unusual_members import STANDS_OUT, with_unusual_members
 from tulip_testbed.effects.laws import LAW
@@ -47,33 +48,20 @@ NEAR, SHARE = 15.0, 0.6  # laws are judged above SHARE of the best ln Bayes fact
 
 
 @dataclass(frozen=True)
-class LawSearch:
-    """A search for laws.
-
-    Attributes:
-        tests: effective number of independent tests among the candidates of the catalogue and the laws.
-        known: what was judged before in addition to some terms, by their labels.
-    """
-
-    search: Search
-    laws: list[Candidate]
-    start: SelfCalibration
-    tests: float
-    known: dict[tuple[str, ...], list[Judged]] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class LawSelection:
     """Laws and effects that explain an experiment together.
 
     Attributes:
         search: with the laws that were found and their neighbours among its candidates.
         better: whether they do decisively better than the effects of the catalogue alone.
+        disagreement: r.m.s. difference of the base parameters to those of an explanation that does as well,
+            in standard errors, the largest.
     """
 
     search: Search
     selection: Selection
     better: bool
+    disagreement: float = 0.0
 
 
 def select_laws(search: Search, selection: Selection, rng: np.random.Generator) -> LawSelection | None:
@@ -90,11 +78,12 @@ def select_laws(search: Search, selection: Selection, rng: np.random.Generator) 
     start = first_calibration(search)
     laws = law_candidates(calibrated_data(search.observed, start).observed)
     linear = selection.null.linear
-    tests = selection.tests + law_tests(linear, laws, rng)
-    p = min((sidak(one.p, tests) for one in ranked_laws(linear, laws)), default=1.0)
+    alone, more = ranked_and_counted(linear, laws, rng)
+    tests = selection.tests + more
+    p = min((sidak(one.p, tests) for one in alone), default=1.0)
     if not selection.lacks_fit and p >= LEVEL:
         return None
-    every = LawSearch(search, laws, start, tests)
+    every = LawSearch(search, laws, alone, start, tests)
     found = _forward(every, selection)
     if found is None:
         return None
@@ -128,12 +117,13 @@ def select_laws(search: Search, selection: Selection, rng: np.random.Generator) 
         complete=True,
         fit=fit,
         alternatives=alternatives,
+        runners_up=(),
         p=min(p, selection.p),
         tests=tests,
     )
     listed = search.tried(at_estimate(selection.fit.terms, selection.calibration), every.start)
     better = listed is None or found.evidence > listed.evidence + DECISIVE
-    return LawSelection(wider, chosen, better)
+    return LawSelection(wider, chosen, better, disagreement(found, as_good(every, found)))
 
 
 def _forward(every: LawSearch, selection: Selection) -> Judged | None:
@@ -164,9 +154,8 @@ def _forward(every: LawSearch, selection: Selection) -> Judged | None:
         terms = at_estimate(found.terms, calibration)
     assert found is not None
     near = [*_near(every, calibration, terms), *search.best(calibration, terms)]
-    more = (search.tried((*terms, one), every.start) for one in near)
-    decisive = (one.possible and is_decisive(one, found.evidence, every.tests) for one in more if one)
-    return None if any(decisive) else found
+    more = judged(every, terms, [(one, False) for one in near])
+    return None if any(is_decisive(one, found.evidence, every.tests) for one in more) else found
 
 
 def _judged_in_addition(
@@ -185,10 +174,9 @@ def _judged_in_addition(
     near = [(one, False) for one in _near(every, calibration, terms)]
     near += [(one, False) for one in search.best(calibration, terms)]
     if selection is not None:
-        near += [(one, True) for one in _pairs(ranked_laws(selection.null.linear, every.laws))[: PAIRS // 2]]
+        near += [(one, True) for one in _pairs(every.alone)[: PAIRS // 2]]
         near += [(one, True) for one in search.shortest(selection.null)]
-    tried = [search.tried((*terms, one), every.start, afresh) for one, afresh in near]
-    out = [one for one in tried if one is not None and one.possible]
+    out = judged(every, terms, near)
     laws = [one for one in out if is_law(one.terms[-1].candidate)]
     best = max(laws, key=lambda one: (one.steady, one.evidence), default=None)
     every.known[key] = out if best is None else out + _other_shapes(every, terms, calibration, best)
@@ -251,8 +239,7 @@ def _other_shapes(
     alike = [one for one in alike if one.label != law.label]
     linear = next(iter(_models(every, calibration, terms)))
     near = [with_best_points(one) for one in ranked_laws(linear, alike)[:SHAPES] if one.detectable]
-    tried = [every.search.tried((*terms, one), every.start) for one in near]
-    return [one for one in tried if one is not None and one.possible]
+    return judged(every, terms, [(one, False) for one in near], best.evidence)
 
 
 def _preferred(tried: list[Judged]) -> Judged | None:
@@ -289,9 +276,9 @@ def _alternatives(every: LawSearch, found: Judged) -> tuple[tuple[Fitted, ...], 
         plain = every.search.tried(others, every.start)
         before = every.search.evidence(every.start, ()) if plain is None else plain.evidence
         calibration = every.start if plain is None else plain.calibration
-        judged = _judged_in_addition(every, others, calibration, None)
+        several = _judged_in_addition(every, others, calibration, None)
         best: dict[str, Fitted] = {_pair(term): replace(term, log_bayes_factor=found.evidence - before)}
-        for one in sorted(judged, key=lambda one: -one.evidence):
+        for one in sorted(several, key=lambda one: -one.evidence):
             if one.steady:
                 last = replace(one.terms[-1], log_bayes_factor=one.evidence - before)
                 if _pair(last) not in best or best[_pair(last)].log_bayes_factor < last.log_bayes_factor:

@@ -39,6 +39,8 @@ from tulip_testbed.identification.residual_noise import Noise, noise_of
 
 LEVEL = 0.005  # of the test of all effects, and of that of the four channels: 0.01 in all
 
+RANKED = 12  # candidates that are kept for each term, however far behind
+
 
 @dataclass(frozen=True)
 class LackOfFit:
@@ -63,6 +65,7 @@ class Selection:
         complete: whether no further candidate is decisive.
         fit: of the selected effects, with the ordinary imperfections as background. null: without either.
         alternatives: what else might explain each term, by predictions, the best first; itself among them.
+        runners_up: of each term, the best of all candidates by linear predictions, the best first.
         lack_of_fit: of each channel if everything were exact.
         p: probability of as strong an effect among noise alone, over all candidates.
         tests: effective number of independent tests among the candidates.
@@ -76,6 +79,7 @@ class Selection:
     fit: JointFit
     null: JointFit
     alternatives: tuple[tuple[Fitted, ...], ...]
+    runners_up: tuple[tuple[Fitted, ...], ...]
     lack_of_fit: tuple[LackOfFit, ...]
     p: float
     tests: float
@@ -133,6 +137,7 @@ def select(
         fit=null,
         null=null,
         alternatives=(),
+        runners_up=(),
         lack_of_fit=lack_of_fit(exact),
         p=min((sidak(one.p, tests) for one in first), default=1.0),
         tests=tests,
@@ -144,12 +149,14 @@ def select(
         calibration, terms, complete = _forward(search, null, calibration, tests, progress)
         calibration, terms = with_unusual_members(search, calibration, terms)
         fit = joint_fit(calibrated_data(observed, calibration), terms)
+        others = [_alternatives(search, fit, k) for k in range(len(terms))]
         selection = replace(
             selection,
             calibration=calibration,
             complete=complete,
             fit=fit,
-            alternatives=tuple(_alternatives(search, fit, k) for k in range(len(terms))),
+            alternatives=tuple(alternatives for alternatives, _ in others),
+            runners_up=tuple(ranked for _, ranked in others),
         )
     progress(1)
     return selection
@@ -286,10 +293,16 @@ def _backward(search: Search, found: Judged, start: SelfCalibration) -> Judged:
     return found
 
 
-def _alternatives(search: Search, found: JointFit, k: int) -> tuple[Fitted, ...]:
-    """List what else would explain what term k explains, with the other terms kept; the best first."""
+def _alternatives(search: Search, found: JointFit, k: int) -> tuple[tuple[Fitted, ...], tuple[Fitted, ...]]:
+    """List what else would explain what term k explains, with the other terms kept; the best first.
+
+    Returns:
+        those of the shortlist, and the best of all by linear predictions.
+    """
     others, term = found.without(k), found.terms[k]
-    out = shortlist(others, search.ranked(others))
+    ranked = search.ranked(others)
+    out = shortlist(others, ranked)
     if term.label not in [one.label for one in out]:
         out.append(replace(term, log_bayes_factor=fit_in_addition(others, term).log_bayes_factor))
-    return tuple(sorted(out, key=lambda one: -one.log_bayes_factor))
+    best = tuple(one for one in ranked[:RANKED] if one.detectable)
+    return tuple(sorted(out, key=lambda one: -one.log_bayes_factor)), best

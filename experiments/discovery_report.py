@@ -62,6 +62,15 @@ class Explanation(Document):
         return effect_label(self.name, self.target)
 
 
+class RunnerUp(Document):
+    """An effect that explains a gap less well, by its predictions alone."""
+
+    gap: int
+    name: str
+    target: str | None
+    log_bayes_factor: float
+
+
 class OtherLaw(Document):
     """Another law that does as well: what errs, as a function of what."""
 
@@ -187,6 +196,7 @@ class DiscoveryReport(Document):
     families: list[FamilySpread] = Field(default_factory=list)
     laws: list[LawReport] = Field(default_factory=list)
     candidates: list[Explanation]
+    runners_up: list[RunnerUp] = Field(default_factory=list)
     undetectable: list[Undetectable]
     weakly_detectable: list[WeaklyDetectable] = Field(default_factory=list)
     where: str
@@ -225,6 +235,7 @@ def discovery_report(result: Discovered, rig: str | None = None) -> DiscoveryRep
             if is_law(found.fit.terms[k].candidate)
         ],
         "candidates": [_explanation(found, k, one) for k in found.effects for one in found.equivalents[k]],
+        "runners_up": [_runner_up(k, one) for k in found.effects for one in found.runners_up(k)],
         "undetectable": [
             {
                 "name": u.candidate.effect.name,
@@ -282,6 +293,16 @@ def _explanation(found: Discovery, k: int, explanation: Fitted) -> dict[str, Any
     adopted = explanation.label == found.fit.terms[k].label
     instance = with_intervals(found.fit, k) if adopted else explanation.instance
     return {"gap": k + 1, **instance.document(), "log_bayes_factor": explanation.log_bayes_factor}
+
+
+def _runner_up(k: int, one: Fitted) -> dict[str, Any]:
+    target = one.candidate.target or None
+    return {
+        "gap": k + 1,
+        "name": one.candidate.effect.name,
+        "target": target,
+        "log_bayes_factor": one.log_bayes_factor,
+    }
 
 
 def _gap(found: Discovery) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from statistics import NormalDist
 from typing import Any
 
 from tulip_testbed.discovery.discover import NONE
@@ -15,7 +16,7 @@ from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.table import Cell, Table
 
-MOVED = 0.5  # standard errors from which on a parameter's change is marked
+BY_CHANCE = 0.05  # probability that noise alone marks any parameter as moved
 MOST_P = 0.05  # above it a pattern in the residuals gets no row
 HELD_OUT_MM = "heldout_rms_mm"
 CHANNEL_NAMES = {
@@ -119,11 +120,11 @@ def _size(effect: str, target: str, document: dict[str, Any]) -> str:
     return parameter.text(value, None if low is None or high is None else (low, high))
 
 
-def moved_table(rows: list[dict[str, Any]], least: float = 0.0) -> Table:
+def moved_table(rows: list[dict[str, Any]], all_of_them: bool = True) -> Table:
     """Return the base parameters before and after the correction of what was found.
 
     Args:
-        least: parameters that move by less are left out [standard errors].
+        all_of_them: whether those that hardly moved are listed too.
     """
     columns = (
         Column("no.", format="d"),
@@ -135,17 +136,36 @@ def moved_table(rows: list[dict[str, Any]], least: float = 0.0) -> Table:
         Column("change"),
     )
     names = ("number", "name", "before_mm", "after_mm", "standard_error_mm", "moved_in_standard_errors")
-    lines = []
+    lines, bound = [], least_move(len(rows))
     for k, row in enumerate(rows):
-        moved = abs(row["moved_in_standard_errors"])
-        if moved < least:
-            continue
-        mark = "moved" if moved > MOVED else ""
-        lines.append(
-            [*(Cell(row[name], f"parameters.{k}.{name}", mark) for name in names), Cell(mark, mark=mark)]
-        )
-    note = "After: identified from the corrected measurements; moved: by more than half a standard error."
-    return Table("Base parameters before and after the correction", columns, lines, note)
+        moved = abs(row["moved_in_standard_errors"]) > bound
+        if moved or all_of_them:
+            mark = "moved" if moved else ""
+            lines.append(
+                [*(Cell(row[name], f"parameters.{k}.{name}", mark) for name in names), Cell(mark, mark=mark)]
+            )
+    return Table("Base parameters before and after the correction", columns, lines, moved_words(rows))
+
+
+def least_move(count: int) -> float:
+    """Return the move [standard errors] that noise exceeds in any of `count` parameters once in 20 times.
+
+    Bonferroni's bound, which holds however the parameters are correlated.
+    """
+    return NormalDist().inv_cdf(1 - BY_CHANCE / (2 * max(count, 1)))
+
+
+def moved_words(rows: list[dict[str, Any]]) -> str:
+    """Say how many base parameters moved, and what counts as moved."""
+    bound = least_move(len(rows))
+    moves = {row["name"]: abs(row["moved_in_standard_errors"]) for row in rows}
+    count = sum(move > bound for move in moves.values())
+    largest = max(moves, key=lambda name: moves[name])
+    return (
+        f"{count or 'None'} of {len(rows)} parameters moved by more than {bound:.1f} standard errors, which "
+        f"noise exceeds in any of them once in 20 times, however they are correlated; the largest move is "
+        f"that of {largest}, {moves[largest]:.1f}. After: identified from the corrected measurements."
+    )
 
 
 def proposal_table(proposals: list[dict[str, Any]]) -> Table:
@@ -272,8 +292,9 @@ def discovery_summary(document: dict[str, Any], story: Sequence[str]) -> list[Ta
         parts.append(candidate_table(document["candidates"]))
     if document["families"]:
         parts.append(spread_table(document["families"]))
-    if (moved := moved_table(document["parameters"], MOVED)).rows:
-        parts.append(moved)
+    if rows := document["parameters"]:
+        moved = moved_table(rows, all_of_them=False)
+        parts.append(moved if moved.rows else moved_words(rows))
     if document["check"]:
         parts.append(dynamics_line(document["check"]))
     return parts

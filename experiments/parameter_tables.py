@@ -210,7 +210,7 @@ def nominal_link_table(rows: list[dict[str, Any]]) -> Table:
 
 
 def nominal_base_table(rows: list[dict[str, Any]], mass: float) -> Table:
-    """Return the base parameters and what they are made of, as `tulip model` has them in its JSON.
+    """Return the base parameters and what they are of, as `tulip model` has them in its JSON.
 
     Args:
         mass: total mass [kg].
@@ -219,11 +219,14 @@ def nominal_base_table(rows: list[dict[str, Any]], mass: float) -> Table:
         Column("no.", format="d"),
         Column("parameter"),
         _millimetres("value"),
-        Column("times the total mass, in standard parameters"),
+        Column("terms", format="d"),
+        Column("largest term"),
+        Column("sum of"),
     )
-    names = ("number", "name", "value", "standard")
+    names = ("number", "name", "value", "terms", "largest", "meaning")
     lines = [[row[name] for name in names] for row in rows]
-    return Table(f"Base parameters; the total mass is {mass:.3f} kg", columns, lines)
+    note = "A base parameter is the sum over the total mass; --json holds every term."
+    return Table(f"Base parameters; the total mass is {mass:.3f} kg", columns, lines, note)
 
 
 def weak_directions(estimate: Estimate, parameters: BaseParameters) -> str:

@@ -8,8 +8,15 @@ from tulip_testbed.experiments.document import flattened
 from tulip_testbed.sim.column import Column
 from tulip_testbed.sim.table import Cell, Table
 
+RUN = "Run"  # title of the values that no other table holds
 
-def settings_table(document: dict[str, Any]) -> Table:
-    """Return the values of a run.json."""
-    rows = [[name, Cell(value, f"run.{name}")] for name, value in flattened(document).items()]
-    return Table("Settings, versions, seed and hashes", (Column("key"), Column("value")), rows)
+
+def settings_tables(document: dict[str, Any]) -> list[Table]:
+    """Return the values of a run.json, a table for each of its parts."""
+    parts: dict[str, list[list[Any]]] = {RUN: []}
+    for name, value in flattened(document).items():
+        part, _, rest = name.partition(".")
+        title, shown = (part.capitalize(), rest) if rest else (RUN, name)
+        parts.setdefault(title, []).append([shown, Cell(value, f"run.{name}")])
+    columns = (Column("key"), Column("value"))
+    return [Table(title, columns, rows) for title, rows in parts.items() if rows]

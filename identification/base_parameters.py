@@ -140,17 +140,22 @@ class BaseParameters:
         """List the frames whose columns the index-th parameter combines, in MJCF order."""
         return sorted({int(c) // 3 for c in np.flatnonzero(np.abs(self.from_frames[index]) > 1e-9)})
 
+    def terms(self, index: int) -> list[tuple[float, str, str]]:
+        """List the standard parameters in the index-th parameter times M: weight [1 or m], quantity, link."""
+        return [
+            (float(weight), quantity, name)
+            for link, name in enumerate(self.tree.links)
+            for k, quantity in enumerate(("m", "mx", "my", "mz"))
+            if abs(weight := self.from_standard[index, 4 * link + k]) > 1e-12
+        ]
+
     def grouping(self, index: int) -> str:
         """Return M times the index-th parameter as a sum of standard parameters with lengths [m]."""
-        terms = []
-        for link, name in enumerate(self.tree.links):
-            for k, quantity in enumerate(("m", "mx", "my", "mz")):
-                weight = self.from_standard[index, 4 * link + k]
-                if abs(weight) > 1e-12:
-                    factor = "" if abs(abs(weight) - 1) < 1e-12 else f"{abs(weight):.6g} "
-                    terms.append(("-" if weight < 0 else "+", f"{factor}{quantity}[{name}]"))
-        text = " ".join(f"{sign} {term}" for sign, term in terms)
-        return text.removeprefix("+ ")
+        text = ""
+        for weight, quantity, name in self.terms(index):
+            factor = "" if abs(abs(weight) - 1) < 1e-12 else f"{abs(weight):.6g} "
+            text += f" {'-' if weight < 0 else '+'} {factor}{quantity}[{name}]"
+        return text.removeprefix(" ").removeprefix("+ ")
 
     def values(self, standard: np.ndarray) -> np.ndarray:
         """Compute the base parameters of a robot from its standard parameters, (p,) [m].

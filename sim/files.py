@@ -21,6 +21,7 @@ from tulip_testbed.sim.errors import InputError, shortened
 MOST_BYTES = 64 * 2**20  # of any file that is read
 NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EXDEV)
 MOST_NAME = 255  # bytes of a part of a path, on every usual file system
+TRIES = 100  # at a hidden name, which other processes may take for stale
 LONGEST_STEM = 200  # bytes of it that are found again in hidden names
 MEASURED = b'"tulip-measurements"'  # what the manifest of a measurement folder says of itself
 KINDS = {
@@ -274,12 +275,16 @@ def _stem(path: Path) -> str:
 
 
 def _make_locked(path: Path, make: Callable[[Path], int]) -> tuple[Path, int]:
+    tried = 0
     while True:
+        tried += 1
         working = path.with_name(f".{_stem(path)}.{uuid.uuid4().hex[:8]}.partial")
         try:
             lock = make(working)
         except FileNotFoundError:
-            if not path.parent.is_dir():
+            if (
+                tried == TRIES or not path.parent.is_dir()
+            ):  # /proc says of every new file that it is not there
                 raise
             continue  # another process removed it as stale before it was opened
         with suppress(OSError):  # some network file systems cannot lock; stale ones remain there

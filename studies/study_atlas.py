@@ -1,4 +1,4 @@
-"""Measure how small the angle between two effects may be for the right one to win (docs/how-to/atlas.md; minutes).
+"""Measure how small the angle between two effects may be for the right one to win (docs/studies/atlas.md; minutes).
 
 Residuals with noise and one effect at twice its detectable size are scored by the whole catalogue, on
 development seeds 0 to 99, in the linear model of the shipped plan.

@@ -1,4 +1,4 @@
-"""Does the proposed experiment settle what one experiment left ambiguous (docs/how-to/next-experiment.md)?
+"""Does the proposed experiment settle what one experiment left ambiguous (docs/studies/next-experiment.md)?
 
 Part `campaigns`: campaigns of at most three experiments in ordinary laboratories with random robots, in
 which one of the effects that a single experiment confuses is hidden. Part `gains`: the expected gain of

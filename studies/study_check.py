@@ -1,4 +1,4 @@
-"""Measure false alarms of `tulip check` and the planted faults that it finds (docs/reference/check.md; ten minutes).
+"""Measure false alarms of `tulip check` and the planted faults that it finds (docs/studies/check.md; ten minutes).
 
 The shipped plan is held once; sensors, plate records and scale are read anew for every draw. Ordinary
 laboratories are drawn and measured anew, in the static laboratory.

@@ -1,4 +1,4 @@
-"""Compare static equilibria with the full dynamics (docs/explanation/equilibrium.md; minutes)."""
+"""Compare static equilibria with the full dynamics (docs/studies/equilibrium.md; minutes)."""
 
 from __future__ import annotations
 

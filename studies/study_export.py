@@ -1,4 +1,4 @@
-"""Measure how exported models predict the centre of pressure of new postures (docs/how-to/export.md; 3 minutes).
+"""Measure how exported models predict the centre of pressure of new postures (docs/studies/export.md; 3 minutes).
 
 Random true robots stand on force plates, on the shipped plan, in statics. Each is identified and exported;
 MuJoCo loads the file and computes the centre of mass of 100 new random postures, as it does for the true

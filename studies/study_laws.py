@@ -1,4 +1,4 @@
-"""Laws for faults that nobody listed (docs/explanation/laws.md; half a minute a case).
+"""Laws for faults that nobody listed (docs/studies/laws.md; half a minute a case).
 
 Every laboratory has a random robot, and half of them ordinary imperfections. Outside faults are drawn at a
 multiple of the smallest size that such a laboratory shows. The right answers, what errs and as a function of

@@ -108,7 +108,9 @@ def carry_out(seed: int, plan: PosturePlan, kind: Kind) -> Loop:
         float(np.sqrt(((pressure(model, robot, new.joint_angles) - true) ** 2).sum(axis=1).mean()))
         for model in (robot.model, exported)
     )
-    square, freedom = _noisy(measured, _run(day.laboratory, new, seed + 1), made.robot.value, robot)
+    square, freedom = _noisy(
+        measured, _run(day.laboratory, new, seed + 1), made.robot.value, found.full.covariance, robot
+    )
     late = None if seen.noticed < 0 else seen.late
     return Loop(kind.label, late, seen.early, len(measured), cad, ours, square, freedom)
 
@@ -143,15 +145,18 @@ def _mended(day: Day, plan: PosturePlan, began: int) -> Measurements:
     return joined_rows(before, replace(left, placement=placement, time=left.time + later))
 
 
-def _noisy(measured: Measurements, new: Measurements, value: np.ndarray, robot: Robot) -> tuple[float, int]:
+def _noisy(
+    measured: Measurements, new: Measurements, value: np.ndarray, covariance: np.ndarray, robot: Robot
+) -> tuple[float, int]:
     """Return chi-square of the centre of pressure of new postures by the exported base parameters.
 
-    The covariance is that of the noise and of the estimate.
+    The covariance is that of the noise, and the one that `tulip identify` states for its estimate.
     """
-    nominal = nominal_robot(robot)
+    nominal, of = nominal_robot(robot), slice(len(value))
     found = self_calibrate(observe(measured, nominal), EXACT, rounds=1)
-    estimate = found.solved.estimate.copy()
-    estimate[: len(value)] = value
-    exact = replace(found, solved=replace(found.solved, estimate=estimate))
-    left = predicted(exact, observe(new, nominal)).of("A")
+    estimate, stated = found.solved.estimate.copy(), found.solved.covariance.copy()
+    estimate[of], stated[of], stated[:, of] = value, 0.0, 0.0
+    stated[of, of] = covariance
+    exported = replace(found, solved=replace(found.solved, estimate=estimate, covariance=stated))
+    left = predicted(exported, observe(new, nominal)).of("A")
     return left.chi_square, len(left.residual)

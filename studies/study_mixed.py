@@ -1,4 +1,4 @@
-"""Measure the shipped plan of mixed support: errors, standing, the choice (docs/how-to/planning.md; 25 minutes).
+"""Measure the shipped plan of mixed support: errors, standing, the choice (docs/studies/planning.md; 25 minutes).
 
 The part `errors` is a Monte Carlo in statics, `standing` holds the plan in the full dynamics, `pool` puts
 random postures on one foot in the place of the optimised ones, and `numbers` plans with other numbers.

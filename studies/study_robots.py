@@ -1,4 +1,4 @@
-"""Take published robots through every command (docs/how-to/your-robot.md; ten minutes a robot).
+"""Take published robots through every command (docs/studies/robots.md; ten minutes a robot).
 
 The robots' files are not part of this project. Those of `example-robot-data` come with the extra `robots`
 (`make test-robots` installs it); for the others TULIP_ROBOTS is a folder with clones named OWNER+NAME.

@@ -1,4 +1,4 @@
-"""Compare ten postures chosen after fifty random ones with ten random ones (docs/how-to/planning.md; minutes).
+"""Compare ten postures chosen after fifty random ones with ten random ones (docs/studies/planning.md; minutes).
 
 The table is of development seeds 0 to 19.
 """

@@ -1,4 +1,4 @@
-"""Follow the motions of protocols in the full dynamics (docs/how-to/protocol.md; 10 minutes).
+"""Follow the motions of protocols in the full dynamics (docs/studies/protocol.md; 10 minutes).
 
 The robot is put down in the first posture of a placement, held by clamps as by a hoist, and let go. From
 there on it stands on its own feet: its servos get the trajectories' angles, led by their derivative time as

@@ -1,4 +1,4 @@
-"""Measure how often the verdict fails a true laboratory and one with a false cell (docs/reference/verdict.md, minutes).
+"""Measure how often the verdict fails a true laboratory and one with a false cell (docs/studies/verdict.md, minutes).
 
 The shipped plan is held once; sensors, plate records and scale are drawn anew for every experiment.
 """

@@ -1,7 +1,7 @@
 """Count how soon `tulip watch` notices faults, its false alarms, and the coverage of days that stop early.
 
 The parts: `clean` days, `faults` that begin at posture 40, slow `drifts` (all by statics), `dynamics`, days
-and faults in the full dynamics, and `stopping` (docs/how-to/watch.md; an hour and a half on one core).
+and faults in the full dynamics, and `stopping` (docs/studies/watch.md; an hour and a half on one core).
 """
 
 from __future__ import annotations

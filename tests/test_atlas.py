@@ -14,6 +14,7 @@ from tulip_testbed.discovery.columns import candidate_columns
 from tulip_testbed.discovery.evidence import marginal_fits
 from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.experiments.atlases.atlas_tables import atlas_summary
 from tulip_testbed.experiments.atlases.bias import bias, weights
 from tulip_testbed.experiments.atlases.effect_atlas import atlas, document
 from tulip_testbed.experiments.atlases.isolability import ISOLABLE, angles, groups, order
@@ -216,7 +217,15 @@ def test_commands(small_plan, tmp_path, capsys):
     out = tmp_path / "atlas"
     assert main(["atlas", str(small_plan), "--out", str(out), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
-    assert {path.name for path in out.iterdir()} == {"atlas.json", "bias.csv", "separation.html"}
+    assert {path.name for path in out.iterdir()} == {
+        "atlas.html",
+        "atlas.json",
+        "bias.csv",
+        "separation.html",
+    }
+    page = (out / "atlas.html").read_text(encoding="utf-8")
+    assert all(f"<td>{entry['effect']}" in page for entry in said["effects"])
+    assert '<input id="search"' in page
     assert json.loads((out / "atlas.json").read_text()) == said
     assert "Infinity" not in (out / "atlas.json").read_text()
     assert "plotly" in (out / "separation.html").read_text(encoding="utf-8").lower()
@@ -239,3 +248,21 @@ def test_bad_input_is_refused(small_plan, tmp_path, capsys):
         printed = capsys.readouterr()
         assert printed.out == ""
         assert message in " ".join(printed.err.split())
+
+
+def test_the_screen_shows_every_kind_in_two_screens(found):
+    """Every detected and hidden size is counted once, and the ranges hold all targets."""
+    opening, kinds, closing = atlas_summary(found)
+    text = kinds.text(100)
+    assert len(text.splitlines()) < 60
+    assert max(map(len, text.splitlines())) <= 100
+    assert "Too narrow" not in text
+    row = next(row for row in kinds.rows if row[0] == "encoder-offset")
+    offsets = [r for r in found.rows if r.candidate.effect.name == "encoder-offset"]
+    assert row[2] == f"{len(offsets)} of {len(offsets)}"
+    least, most = row[4]
+    assert least == pytest.approx(np.degrees(min(r.detectable for r in offsets)))
+    assert most == pytest.approx(np.degrees(max(r.detectable for r in offsets)))
+    assert {r[0] for r in kinds.rows} == {r.candidate.effect.name for r in found.rows}
+    assert f"of {len(found.shown)} effects" in closing
+    assert opening.startswith(f"{len(found.planned.observed)} of ")

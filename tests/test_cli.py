@@ -16,6 +16,7 @@ import tulip_testbed as tt
 from tulip_testbed.cli import main as command_line
 from tulip_testbed.cli import options
 from tulip_testbed.cli.main import COMMANDS, command_of, main, usage
+from tulip_testbed.cli.terminal import PIPE_WIDTH
 from tulip_testbed.experiments import identify, laboratory
 from tulip_testbed.experiments.montecarlo import engine
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
@@ -355,7 +356,13 @@ def test_model_prints_links_with_their_brackets(capsys):
     assert main(["model"]) == 0
     out = capsys.readouterr().out
     assert "52 standard parameters -> 39 columns -> 27 -> 25 base parameters in double support" in out
-    assert "0.3197 m[left_lower_leg]" in out
+    assert "319.7 mm m[left_lower_leg]" in out
+    assert max(map(len, out.splitlines())) <= PIPE_WIDTH
+    assert len(out.splitlines()) < 60
+    assert main(["model", "--json"]) == 0
+    row = json.loads(capsys.readouterr().out)["base"][18]
+    assert row["standard"].count("[") == row["terms"] == 11
+    assert row["meaning"] == "z moment of right_upper_leg, 10 masses at 319.7 mm"
     assert main(["model", "--json", "--support", "right"]) == 0
     assert json.loads(capsys.readouterr().out)["counts"]["base"] == 26
 

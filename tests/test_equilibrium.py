@@ -32,7 +32,7 @@ from tulip_testbed.sim.statics.forces import rotation_matrix
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
-# Backlash is in docs/explanation/equilibrium.md: where a load turns within the play there is more than
+# Backlash is in docs/studies/equilibrium.md: where a load turns within the play there is more than
 # one equilibrium.
 LABORATORIES = [
     "as it is",

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+from pathlib import Path
 
 import pytest
 
@@ -186,3 +187,9 @@ def test_a_name_that_leaves_no_room_for_more_is_written(tmp_path):
         with new_folder(tmp_path / name) as folder:
             (folder / "one").write_text("1")
         assert os.listdir(tmp_path / name) == ["one"]
+
+
+def test_a_file_system_that_takes_no_files_is_refused():
+    """Linux says of every new file in /proc that it does not exist, as if another process had removed it."""
+    with pytest.raises(InputError, match="/proc/x: cannot write"):
+        write_text(Path("/proc/x"), "x")

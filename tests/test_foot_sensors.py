@@ -244,7 +244,7 @@ def test_statics_reads_what_the_dynamics_read(robot, plan, name):
 
 
 def test_with_dry_friction_forces_between_the_legs_scatter_alike(robot, mixed, dynamic):
-    """Horizontal forces cannot be predicted, only their scatter (docs/explanation/equilibrium.md)."""
+    """Horizontal forces cannot be predicted, only their scatter (docs/studies/equilibrium.md)."""
     held = [a for a in dynamic.truth.attempts if a.held is not None and a.placement < 4]
     solved_plan = solve_plan(foot_rig(robot), mixed)
     actual, drawn = excess_wrenches(solved_plan, held, np.random.default_rng(301))

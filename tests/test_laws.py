@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import pickle
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,11 +16,13 @@ from hypothesis import strategies as st
 import tulip_testbed as tt
 from tests.effect_changes import agreement, changes, measured, statically
 from tulip_testbed.cli.main import main
-from tulip_testbed.discovery.candidate_search import Search
+from tulip_testbed.discovery.candidate_search import Search, first_calibration
 from tulip_testbed.discovery.columns import candidate_columns
-from tulip_testbed.discovery.discover import discover
+from tulip_testbed.discovery.discover import AGREEING, discover
 from tulip_testbed.discovery.joint_fit import Data
 from tulip_testbed.discovery.law_candidates import _columns, law_candidates
+from tulip_testbed.discovery.law_judgements import disagreement
+from tulip_testbed.discovery.law_search import select_laws
 from tulip_testbed.discovery.refit import simulated, without_noise
 from tulip_testbed.effects.instance import EffectDocument, EffectInstance, injected, removed
 from tulip_testbed.effects.laws import law_effect, sentence_of, sentences
@@ -246,6 +250,19 @@ def test_catalogued_sentences_are_left_to_the_catalogue(robot, plan, nominal):
     assert sentence_of("encoder:right_knee/own-angle/linear").catalogued == "encoder-gain"
 
 
+def test_base_parameters_disagree_by_standard_errors():
+    def judged(*theta: float) -> Any:
+        return SimpleNamespace(
+            calibration=SimpleNamespace(theta=np.array(theta), covariance=np.diag([4.0, 0.25]))
+        )
+
+    found = judged(1.0, 1.0)
+    assert disagreement(found, []) == 0
+    # (6/2, 0) and (2/2, 3.5/0.5) standard errors
+    assert disagreement(found, [judged(7.0, 1.0)]) == pytest.approx(np.sqrt(9 / 2))
+    assert disagreement(found, [judged(7.0, 1.0), judged(3.0, -2.5)]) == pytest.approx(np.sqrt(50 / 2))
+
+
 def test_a_law_warns_of_postures_beyond_its_range(robot, nominal):
     m = made(nominal.parameters.tree.joints)
     law = EffectInstance.parse("law:encoder:right_knee/own-angle/linear=0.01,-0.05,0.3", robot)
@@ -266,6 +283,31 @@ def test_no_law_is_made_up(robot, plan, hidden, verdict):
     found = discover(data, robot)
     assert found.verdict == verdict
     assert [(one.effect.name, one.target) for one in found.adopted] == [one[:2] for one in hidden]
+
+
+@pytest.mark.slow
+def test_a_glance_is_close_to_a_judgement(robot, plan):
+    data = measured(robot, plan, "force-plate", ("encoder-gain", "right_knee", (0.02,)))
+    search = Search.of(observe(data, nominal_robot(robot)))
+    start = first_calibration(search)
+    near = search.best(start, ())[:3]
+    assert near
+    for one in near:
+        assert abs(search.glanced([one], start) - search.judged([one], start).evidence) < 3
+
+
+@pytest.mark.slow
+def test_laws_that_disagree_about_the_base_parameters_are_told_and_not_adopted(robot, plan, monkeypatch):
+    def disagreeing(*args):
+        chosen = select_laws(*args)
+        assert chosen
+        return replace(chosen, disagreement=2 * AGREEING)
+
+    monkeypatch.setattr("tulip_testbed.discovery.discover.select_laws", disagreeing)
+    rig = injected(preset_rig("force-plate", robot), [EffectInstance.parse(HIDDEN, robot)])
+    found = discover(statically(rig, plan), robot, hold_out=False)
+    assert (found.verdict, found.adopted, found.corrections) == ("unknown", (), ())
+    assert "law:encoder:right_knee/own-angle" in found.reasons[0]
 
 
 @pytest.fixture(scope="module")

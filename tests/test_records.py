@@ -22,7 +22,7 @@ from tulip_testbed.experiments.montecarlo.montecarlo_run import Place, montecarl
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.records import read_record, record_of
 from tulip_testbed.experiments.run_file import kind_of
-from tulip_testbed.experiments.settings_table import settings_table
+from tulip_testbed.experiments.settings_table import settings_tables
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.experiments.validation_record import (
     ValidationRecord,
@@ -80,7 +80,7 @@ def test_no_run_file_breaks_the_reader(name, run, calibration, robot, empty):  #
         (empty / "run.json").write_text(json.dumps(changed))
         with pytest.raises(InputError):
             read_record(empty, robot)
-        settings_table(changed)
+        settings_tables(changed)
         tried += 1
     assert tried > 100
 

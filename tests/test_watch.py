@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.watched import measured_day, model_of, one_row, play
-from tulip_testbed.experiments.watching.alarm import levels
+from tulip_testbed.experiments.watching.alarm import fault_of_changes, levels
 from tulip_testbed.experiments.watching.change_detection import EARLIER, RECENT, no_changes, with_row
 from tulip_testbed.experiments.watching.history import REACH
 from tulip_testbed.experiments.watching.recursive_estimate import (
+    ANEW,
     Belief,
     Innovation,
     first_belief,
@@ -20,8 +23,9 @@ from tulip_testbed.experiments.watching.recursive_estimate import (
 )
 from tulip_testbed.experiments.watching.row_checks import USUAL
 from tulip_testbed.experiments.watching.row_columns import row_columns
+from tulip_testbed.experiments.watching.set_up import planned_row
 from tulip_testbed.experiments.watching.watch_row import CHANGED, NOT_SETTLED, OK, REPEAT, UNPLANNED, UNUSABLE
-from tulip_testbed.experiments.watching.watch_state import GAPS, first_state
+from tulip_testbed.experiments.watching.watch_state import AGAIN, GAPS, OPEN, first_state
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, reading_noise
 from tulip_testbed.identification.regressor import regression
@@ -233,3 +237,42 @@ def test_the_first_state_knows_nothing(watched):
     state = first_state(watched)
     assert np.isinf(state.information.standard_errors()).all()
     assert state.changes.ratio.max() == 0
+
+
+def test_what_was_measured_since_a_change_began_is_forgotten(watched, before):
+    first = before.count - 3
+    slot = int(np.flatnonzero(before.changes.onset == first)[0])
+    pull = before.changes.pull.copy()
+    pull[slot] = 100 * np.sqrt(before.changes.information[slot])
+    seen = replace(before, changes=replace(before.changes, pull=pull))
+    state = fault_of_changes(watched, seen, levels(watched))
+    assert state.fault is not None
+    assert state.fault.onset == first
+    since, until = list(before.taken[-3:]), list(before.taken[:-3])
+    assert before.earlier.there[since].all()
+    assert not state.earlier.there[since].any()
+    assert state.earlier.there[until].all()
+    # The foot was put down anew since, so that its place is as unknown as at the beginning of a placement.
+    state = fault_of_changes(watched, replace(seen, stance=seen.stance + 1), levels(watched))
+    np.testing.assert_array_equal(state.belief.covariance[-ANEW:, -ANEW:], watched.covariance[-ANEW:, -ANEW:])
+
+
+def test_a_row_that_came_twice_counts_once(watched, day):
+    once, _ = play(watched, one_row(day, 0))
+    twice, (verdict,) = play(watched, one_row(day, 0), once)
+    assert verdict.verdict == UNUSABLE
+    assert "same time" in verdict.findings[0].seen
+    assert verdict.next == int(day.posture[1])
+    np.testing.assert_array_equal(twice.done, once.done)
+    assert twice.count == 1
+
+
+def test_a_posture_that_is_measured_again_is_not_taken_for_its_repeat_elsewhere(watched):
+    """Posture 5 opens placement 1 and is repeated in placement 7."""
+    plan = SimpleNamespace(placement=np.array([1, 1, 7]))
+    model: Any = SimpleNamespace(plan=plan, of_posture={5: [0, 2]})
+    state: Any = SimpleNamespace(done=np.array([AGAIN, OPEN, OPEN]))
+    assert planned_row(model, state, 5, 1) == 0
+    assert planned_row(model, state, 5, 7) == 2
+    assert planned_row(model, state, 5, 3) == 2  # in neither: the one that is open
+    assert planned_row(model, state, 6, 1) is None

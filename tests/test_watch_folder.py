@@ -17,7 +17,7 @@ import pytest
 import tulip_testbed as tt
 from tests.watched import growing_folder, measured_day, model_of, one_row, play
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.watching.arriving_rows import Place
+from tulip_testbed.experiments.watching.arriving_rows import MOST_AT_ONCE, Place, new_lines
 from tulip_testbed.experiments.watching.state_file import Kept, key_of, read_state, write_state
 from tulip_testbed.experiments.watching.watch_day import read_targets
 from tulip_testbed.experiments.watching.watch_row import OK, watch_row
@@ -255,3 +255,63 @@ def test_killed_and_started_again_it_goes_on(folder, day, tmp_path):
     # The row before the kill may be judged again, since its state was not written yet; none is left out.
     assert list(dict.fromkeys(told)) == day.posture.tolist()
     assert len(told) <= ROWS + 1
+
+
+def test_columns_that_change_their_order_are_noticed(folder, plan, robot):
+    """Read by the old header, knees would be exchanged."""
+    path, lines = folder
+    grow(path, lines[0])
+    header = (path / "postures.csv").read_text().splitlines()[0]
+    grow(path, header + "\n" + lines[1])
+    assert [one.verdict.verdict for one in judged(path, plan, robot)] == [OK, OK]
+    exchanged = header.replace("right_knee", "?").replace("left_knee", "right_knee").replace("?", "left_knee")
+    grow(path, exchanged + "\n" + lines[2])
+    with pytest.raises(InputError, match=r"line 5: found another header"):
+        judged(path, plan, robot)
+
+
+def test_a_stream_without_times_that_goes_on_is_refused(folder, plan, robot, tmp_path):
+    path, lines = folder
+    header = (path / "postures.csv").read_text()
+    at = [name.strip('"') for name in header.strip().split(",")].index("time")
+
+    def rows(count: int) -> list[bytes]:
+        cut = [one.rstrip("\n").split(",") for one in (header, *lines[:count])]
+        return [",".join(one[:at] + one[at + 1 :]).encode() + b"\n" for one in cut]
+
+    state = tmp_path / "day.state"
+    assert len(judged(path, plan, robot, state=state, rows=rows(2))) == 2
+    with pytest.raises(InputError, match="found no 'time'"):
+        judged(path, plan, robot, state=state, rows=rows(3))
+
+
+def test_a_state_that_somebody_changed_or_cannot_be_written(folder, plan, robot, tmp_path):
+    path, lines = folder
+    grow(path, lines[0])
+    state = tmp_path / "day.state"
+    judged(path, plan, robot, state=state)
+    content = bytearray(state.read_bytes())
+    content[len(content) // 2] ^= 1
+    state.write_bytes(content)
+    with pytest.raises(InputError, match="found no state of a watch"):
+        judged(path, plan, robot, state=state)
+    nowhere = iter(tt.watch(path, plan, robot, state=state / "x", follow=False))
+    with pytest.raises(InputError, match="cannot write"):
+        next(nowhere)
+
+
+def test_no_row_and_a_closed_standard_input(folder, capsys, monkeypatch):
+    path, _ = folder
+    watch = ["watch", str(path), "--plan", "mixed", "--json"]
+    assert main([*watch, "--once"]) == 0
+    assert capsys.readouterr() == ("", "No row has arrived.\n")
+    monkeypatch.setattr(sys, "stdin", None)
+    assert main([*watch, "--stdin"]) == 2
+    assert "standard input is closed" in capsys.readouterr().err
+
+
+def test_a_line_without_end_is_refused(tmp_path):
+    path = tmp_path / "postures.csv"
+    path.write_bytes(b"x" * (MOST_AT_ONCE + 1))
+    with pytest.raises(InputError, match="line 1: found more than"):
+        new_lines(path, Place())

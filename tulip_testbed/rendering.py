@@ -12,6 +12,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,8 @@ from tulip_testbed.sim.robot import Robot
 PLATFORMS = ("egl", "osmesa")
 MOST_WAIT = 600  # s
 SIDE, ABOVE = 145.0, -14.0  # deg, where the camera stands
+SHOWN_GROUP = 2  # geometry of higher groups is not drawn
+EDGE = 1.03  # of the least distance: nothing touches the edge
 FRAME, MIDDLE = 1.7, 0.5  # of the robot's height: the camera's distance, and what it looks at
 
 
@@ -90,11 +93,12 @@ def draw(
     from tulip_testbed.sim.dynamics.stand import Stand
     from tulip_testbed.sim.rig import preset_rig
 
-    rig = replace(preset_rig("ideal", robot), edit=_lit)
+    rig = replace(preset_rig("ideal", robot), edit=lit)
     images = np.empty((len(joint_angles), height, width, 3), dtype=np.uint8)
     places, where = np.unique(plate_poses.reshape(len(plate_poses), -1), axis=0, return_inverse=True)
     camera = mujoco.MjvCamera()
     camera.azimuth, camera.elevation = SIDE, ABOVE
+    near = 0.0
     for place, poses in enumerate(places.reshape(-1, 2, 3)):
         stand = Stand(rig, poses)
         stand.model.vis.global_.offwidth, stand.model.vis.global_.offheight = width, height
@@ -104,7 +108,15 @@ def draw(
         mujoco.mj_forward(stand.model, stand.data)
         top = float(stand.data.geom_xpos[:, 2].max())
         camera.lookat[:] = [0.0, plate_poses[:, :, 1].mean(), MIDDLE * top]
-        camera.distance = FRAME * top
+        if not place:  # raised arms may reach beyond it
+            corners = [
+                _corners(stand, robot, angles, stand.chain.base_pose(angles, foot))
+                for angles, foot in zip(joint_angles, feet, strict=True)
+            ]
+            near = least_distance(
+                np.concatenate(corners), camera.lookat, stand.model.vis.global_.fovy, width / height
+            )
+        camera.distance = max(FRAME * top, near)
         with mujoco.Renderer(stand.model, height, width) as renderer:
             for row in np.flatnonzero(where == place):
                 stand.reset(joint_angles[row], stand.chain.base_pose(joint_angles[row], feet[row]))
@@ -114,7 +126,38 @@ def draw(
     return images
 
 
-def _lit(spec: Any) -> None:
+def _corners(stand: Any, robot: Robot, angles: np.ndarray, base_pose: np.ndarray) -> np.ndarray:
+    """Return the corners of the boxes around the robot's geometry in a posture, (n, 3) [m]."""
+    import mujoco
+
+    stand.reset(angles, base_pose)
+    mujoco.mj_forward(stand.model, stand.data)
+    model, data = stand.model, stand.data
+    root = model.body_rootid[model.body(robot.model.body(1).name).id]
+    shown = np.flatnonzero((model.body_rootid[model.geom_bodyid] == root) & (model.geom_group <= SHOWN_GROUP))
+    signs = np.array(list(product((-1, 1), repeat=3)))
+    local = model.geom_aabb[shown, None, :3] + signs * model.geom_aabb[shown, None, 3:]
+    turned = np.einsum("gij,gcj->gci", data.geom_xmat[shown].reshape(-1, 3, 3), local)
+    return (data.geom_xpos[shown, None] + turned).reshape(-1, 3)
+
+
+def least_distance(points: np.ndarray, target: np.ndarray, fovy: float, ratio: float) -> float:
+    """Compute how far from its target the camera must stand to have all points in the picture [m].
+
+    Args:
+        points: (n, 3) [m]. target: what it looks at, (3,) [m].
+        fovy: angle from the picture's lower to its upper edge [deg]. ratio: width over height.
+    """
+    side, up = np.radians(SIDE), np.radians(ABOVE)
+    ahead = np.array([np.cos(up) * np.cos(side), np.cos(up) * np.sin(side), np.sin(up)])
+    right = np.array([np.sin(side), -np.cos(side), 0.0])
+    half = np.tan(np.radians(fovy) / 2)
+    seen = points - target
+    across, above = np.abs(seen @ right) / (ratio * half), np.abs(seen @ np.cross(right, ahead)) / half
+    return EDGE * float((np.maximum(across, above) - seen @ ahead).max())
+
+
+def lit(spec: Any) -> None:
     """Light and a pale sky for a scene that brings none."""
     import mujoco
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,6 @@ from tulip_testbed.experiments.atlases.effect_atlas import Atlas, Row
 from tulip_testbed.experiments.atlases.isolability import ISOLABLE
 from tulip_testbed.identification.residual_channels import CHANNELS
 from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.table import Table
 
 NO_BIAS = 0.005  # standard errors: shown as 0.00
@@ -24,27 +24,95 @@ LEGEND = (
 )
 
 
-def atlas_report(found: Atlas) -> list[Table | str]:
-    """Return the tables and sentences of an atlas."""
-    planned, rows = found.planned, _one_placement(found)
+def atlas_summary(found: Atlas) -> tuple[str, Table, str]:
+    """Return an atlas in short: one row a kind of effect and unit."""
+    return (
+        opening(found),
+        kind_table(found, _one_placement(found)),
+        f"{len(found.groups)} groups of effects cannot be distinguished. {closing(found)}",
+    )
+
+
+def atlas_tables(found: Atlas) -> tuple[Table, ...]:
+    """Return the effects that a plan detects, those that it cannot detect, and the look-alikes."""
+    rows = _one_placement(found)
     detected, hidden = ([row for row in rows if row.visible == wanted] for wanted in (True, False))
-    near = [found.nearest(k)[1] for k in range(len(found.shown))] if len(found.shown) > 1 else []
-    parts: list[Table | str] = [
-        f"{len(planned.observed)} of {len(planned.plan)} postures can be measured; the catalogue is "
-        f"equivalent to {found.tests:.0f} independent tests, each at the level {number(found.level, '.1e')}.",
-        effect_table(found, detected, "Effects that these postures detect"),
-    ]
+    tables = [effect_table(found, detected, "Effects that these postures detect")]
     if hidden:
-        title = "Effects that these postures cannot detect at plausible sizes"
-        parts.append(effect_table(found, hidden, title))
-    parts.append(LEGEND)
-    if found.groups:
-        parts.append(group_table(found))
+        tables.append(
+            effect_table(found, hidden, "Effects that these postures cannot detect at plausible sizes")
+        )
+    return (*tables, group_table(found)) if found.groups else tuple(tables)
+
+
+def opening(found: Atlas) -> str:
+    """Describe the plan and the tests."""
+    planned = found.planned
+    return (
+        f"{len(planned.observed)} of {len(planned.plan)} postures can be measured; the catalogue is "
+        f"equivalent to {found.tests:.0f} independent tests, each at the level {100 * found.level:.2g} %."
+    )
+
+
+def closing(found: Atlas) -> str:
+    """Say how many of the effects can be isolated."""
+    near = [found.nearest(k)[1] for k in range(len(found.shown))] if len(found.shown) > 1 else []
     isolable = sum(angle >= ISOLABLE for angle in near)
-    return [
-        *parts,
-        f"{isolable} of {len(found.shown)} effects that are detected can be isolated from all others.",
-    ]
+    return f"{isolable} of {len(found.shown)} effects that are detected can be isolated from all others."
+
+
+def kind_table(found: Atlas, rows: list[Row]) -> Table:
+    """Return one row a kind of effect and unit: the range over its targets."""
+    columns = (
+        Column("effect"),
+        Column("unit"),
+        Column("detected"),
+        Column("plausible", format=".2g"),
+        Column("found from", format=".2g"),
+        Column("angle", "deg", ".0f"),
+        Column("largest bias", "s.e.", ".2g"),
+    )
+    place = {id(candidate): k for k, candidate in enumerate(found.shown)}
+    kinds: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        unit = row.parameter.display[1] if row.parameter else ""
+        kinds.setdefault((row.candidate.effect.name, unit), []).append(row)
+    lines = []
+    for (name, unit), of in kinds.items():
+        sizes = [_size(row, row.detectable) for row in of if np.isfinite(row.detectable)]
+        at = [place[id(row.candidate)] for row in of if id(row.candidate) in place]
+        near = [np.degrees(found.nearest(k)[1]) for k in at] if len(found.shown) > 1 else []
+        biases = [float(np.abs(row.bias / found.planned.standard_errors).max()) for row in of]
+        known = [value for value in biases if np.isfinite(value)]
+        lines.append(
+            [
+                name,
+                unit,
+                f"{sum(row.visible for row in of)} of {len(of)}",
+                _range([_size(row, row.prior) for row in of]),
+                _range(sizes),
+                _range(near),
+                _shown_bias(max(known)) if known else None,
+            ]
+        )
+    note = (
+        "plausible: 1 s.d. of the prior. found from: the least size that is found with 90 % probability. "
+        "angle: to the most similar effect. largest bias: of a parameter if the effect is not modelled, at "
+        "its plausible size. Ranges are those over the targets."
+    )
+    return Table("Effects that these postures detect, by kind", columns, lines, note)
+
+
+def _shown_bias(bias: float) -> float:
+    return bias if bias >= NO_BIAS else 0.0
+
+
+def _range(values: list[Any]) -> Any:
+    """Return a value, or the least and the largest where they differ."""
+    if not values or isinstance(values[0], bool):
+        return values[0] if values else None
+    low, high = float(min(values)), float(max(values))
+    return low if math.isclose(low, high, rel_tol=0.05, abs_tol=1e-6) else (low, high)
 
 
 def effect_table(found: Atlas, rows: list[Row], title: str) -> Table:

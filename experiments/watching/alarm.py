@@ -14,6 +14,7 @@ from tulip_testbed.experiments.watching.change_detection import no_changes
 from tulip_testbed.experiments.watching.day_model import DayModel
 from tulip_testbed.experiments.watching.design_information import placement_begun
 from tulip_testbed.experiments.watching.recursive_estimate import ANEW, Innovation, begun
+from tulip_testbed.experiments.watching.repeats import first_of
 from tulip_testbed.experiments.watching.watch_state import AGAIN, Fault, WatchState
 from tulip_testbed.identification.distributions import chi2_isf
 from tulip_testbed.identification.preflight.finding import Finding
@@ -50,7 +51,8 @@ def levels(model: DayModel) -> Level:
 def fault_of_changes(model: DayModel, state: WatchState, level: Level) -> WatchState:
     """Return the state with the change that the evidence shows, if it shows one.
 
-    The estimate returns to what it was before the change began; the postures since are to be measured again.
+    The estimate returns to what it was before the change began; the postures since are to be measured again,
+    and what they showed is forgotten: no repeat is held against it.
     """
     ratio = state.changes.ratio
     slot, direction = np.unravel_index(ratio.argmax(), ratio.shape)
@@ -63,11 +65,14 @@ def fault_of_changes(model: DayModel, state: WatchState, level: Level) -> WatchS
     fault = Fault(int(direction), onset, int(model.plan.posture[rows[0]]), size)
     done = state.done.copy()
     done[list(rows)] = AGAIN
-    moved = before.placement != state.placement
+    moved, anew = before.placement != state.placement, before.stance != state.stance
+    there = state.earlier.there.copy()
+    there[[first_of(model, row) for row in rows]] = False
     return replace(
         state,
-        belief=begun(model, before.belief, ANEW) if moved else before.belief,
+        belief=begun(model, before.belief, ANEW) if anew else before.belief,
         information=placement_begun(before.information) if moved else before.information,
+        earlier=replace(state.earlier, there=there),
         done=done,
         fault=fault,
         odd=0,

@@ -95,6 +95,10 @@ def new_lines(path: Path, place: Place) -> list[Line]:
             content = file.read(MOST_AT_ONCE)
     except OSError as error:
         raise InputError(f"{path}: cannot read ({error.strerror})") from None
+    if len(content) == MOST_AT_ONCE and b"\n" not in content:
+        raise InputError(
+            f"{path}: line {place.lines + 1}: found more than {MOST_AT_ONCE} bytes, expected a row"
+        )
     return list(itertools.takewhile(lambda line: not is_prepared(line.text), _complete(content, place)))
 
 
@@ -110,10 +114,28 @@ def _complete(content: bytes, place: Place) -> Iterator[Line]:
 def _check_beginning(path: Path, beginning: bytes, place: Place) -> None:
     """Refuse a file whose header has changed during the day."""
     if place.header and place.header not in beginning:
-        now = beginning.split(b"\n")[0].rstrip(b"\r")
-        gone = [name for name in _names(place.header) if name not in _names(now)]
-        vanished = f"column {listed(map(repr, gone))} vanished during the day" if gone else "another header"
-        raise InputError(f"{path}: line 1: found that {vanished}, expected the header of the first row")
+        raise _another_header(path, 1, beginning.split(b"\n")[0].rstrip(b"\r"), place)
+
+
+def is_header(path: Path, line: Line, place: Place) -> bool:
+    """Return whether a line is the header: the first one, or the same once more.
+
+    Raises:
+        InputError: it is another header.
+    """
+    if place.header in (b"", line.text):
+        return True
+    if "posture" not in _names(line.text):
+        return False
+    if _names(line.text) != _names(place.header):
+        raise _another_header(path, line.number, line.text, place)
+    return True
+
+
+def _another_header(path: Path, number: int, now: bytes, place: Place) -> InputError:
+    gone = [name for name in _names(place.header) if name not in _names(now)]
+    found = f"that column {listed(map(repr, gone))} vanished during the day" if gone else "another header"
+    return InputError(f"{path}: line {number}: found {found}, expected the header of the first row")
 
 
 def _names(header: bytes) -> list[str]:

@@ -16,7 +16,7 @@ def remembered(state: WatchState, planned: int) -> WatchState:
     Args:
         planned: the plan's row.
     """
-    now = Before(state.count, state.placement, state.belief, state.information)
+    now = Before(state.count, state.placement, state.stance, state.belief, state.information)
     kept = tuple(one for one in state.history if _is_onset(one.count, state.count))
     return replace(state, history=(*kept, now), taken=(*state.taken, planned)[-REACH:])
 

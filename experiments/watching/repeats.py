@@ -19,7 +19,7 @@ def repeat_probability(model: DayModel, state: WatchState, columns: RowColumns, 
     Args:
         columns: of the row. planned: the plan's row.
     """
-    first, past = _first(model, planned), state.earlier
+    first, past = first_of(model, planned), state.earlier
     if not past.there[first]:
         return 1.0
     here = columns.about(state.belief.mean[: model.parameters])
@@ -43,7 +43,7 @@ def repeat_probability(model: DayModel, state: WatchState, columns: RowColumns, 
 
 def with_earlier(model: DayModel, state: WatchState, columns: RowColumns, planned: int) -> Earlier:
     """Return what postures showed, with this row as the last time of its own."""
-    at, past = _first(model, planned), state.earlier
+    at, past = first_of(model, planned), state.earlier
     here = columns.about(state.belief.mean[: model.parameters])
     changed = {
         "there": True,
@@ -60,6 +60,6 @@ def with_earlier(model: DayModel, state: WatchState, columns: RowColumns, planne
     return replace(past, **out)
 
 
-def _first(model: DayModel, planned: int) -> int:
+def first_of(model: DayModel, planned: int) -> int:
     """Return the first row of the plan with the same posture."""
     return model.of_posture[int(model.plan.posture[planned])][0]

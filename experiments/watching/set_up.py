@@ -20,13 +20,30 @@ LEAST_GAPS = 3  # from which a gap is compared with the usual one
 BREAK = 3600.0  # s: a longer time between two rows is a break, or a clock that jumped
 
 
-def planned_row(model: DayModel, state: WatchState, posture: int) -> int | None:
-    """Return the plan's row of a posture, one that is not measured if there is one; None: not in the plan."""
+def planned_row(model: DayModel, state: WatchState, posture: int, placement: int) -> int | None:
+    """Return the plan's row of a posture; None: not in the plan.
+
+    Of a posture that the plan repeats, that is one of the same placement if there is one, and of these one
+    that is not measured.
+    """
     rows = model.of_posture.get(posture)
     if rows is None:
         return None
+    rows = [row for row in rows if model.plan.placement[row] == placement] or rows
     by_need = sorted(rows, key=lambda row: (OPEN, AGAIN, MEASURED).index(state.done[row]))
     return by_need[0] if state.done[by_need[0]] != MEASURED else rows[-1]
+
+
+def twice(posture: int) -> Finding:
+    """Tell of a row that came twice: its noise is the same, so that it would count for more than it says."""
+    return Finding(
+        "order",
+        "fail",
+        f"posture {posture} at the same time as in the row before",
+        "a row for every measurement",
+        f"posture {posture}",
+        "Delete one of the two rows.",
+    )
 
 
 def order_findings(model: DayModel, state: WatchState, row: Measurements, planned: int) -> list[Finding]:

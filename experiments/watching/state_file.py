@@ -22,7 +22,7 @@ from tulip_testbed.experiments.watching.design_information import DesignInformat
 from tulip_testbed.experiments.watching.recursive_estimate import Belief
 from tulip_testbed.experiments.watching.watch_state import Before, Earlier, Fault, WatchState, first_state
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import check_outside, present, read_bytes, write_bytes
+from tulip_testbed.sim.files import check_new, check_outside, present, read_bytes, write_bytes
 from tulip_testbed.sim.measurements import PosturePlan
 
 # What numpy and zipfile raise of files that are none of theirs.
@@ -30,7 +30,8 @@ BROKEN = (
     *(ValueError, LookupError, TypeError, OSError, EOFError, RuntimeError, SyntaxError, MemoryError),
     *(OverflowError, zipfile.BadZipFile, tokenize.TokenError, zlib.error, struct.error),
 )
-FORMAT, VERSION = "tulip-watch", 1
+FORMAT, VERSION = "tulip-watch", 2
+HASH = 32  # bytes at the beginning of the file: the sha256 of all that follow
 PLAIN = (
     "gaps",
     "taken",
@@ -64,12 +65,15 @@ def key_of(plan: PosturePlan, manifest: bytes) -> str:
 
 
 def check_state_file(path: Path) -> None:
-    """Refuse a place inside a measurement folder, which belongs to the laboratory.
+    """Refuse, before the first row, a place inside a measurement folder or one that cannot be written.
 
     Raises:
         InputError: it lies there.
     """
-    check_outside(path.resolve())
+    if present(path):
+        check_outside(path.resolve())
+    else:
+        check_new(path)
 
 
 def write_state(path: Path, key: str, kept: Kept) -> None:
@@ -97,7 +101,7 @@ def write_state(path: Path, key: str, kept: Kept) -> None:
         "key": key,
         "state": {name: getattr(state, name) for name in PLAIN},
         "fault": None if state.fault is None else asdict(state.fault),
-        "history": [[one.count, one.placement] for one in state.history],
+        "history": [[one.count, one.placement, one.stance] for one in state.history],
         "place": {"lines": place.lines, "size": place.size},
     }
     arrays["header"] = np.frombuffer(place.header, np.uint8)
@@ -105,7 +109,8 @@ def write_state(path: Path, key: str, kept: Kept) -> None:
     arrays["head"] = np.frombuffer(json.dumps(head).encode(), np.uint8)
     sink = io.BytesIO()
     np.savez(sink, **arrays)  # pyrefly: ignore[bad-argument-type]
-    write_bytes(path, sink.getvalue())
+    content = sink.getvalue()
+    write_bytes(path, sha256(content).digest() + content)
 
 
 def _of_before(one: Before) -> tuple[np.ndarray, ...]:
@@ -125,7 +130,10 @@ def read_state(path: Path, key: str, model: DayModel) -> Kept | None:
     if not present(path):
         return None
     try:
-        with np.load(io.BytesIO(read_bytes(path)), allow_pickle=False) as file:
+        whole = read_bytes(path)
+        if sha256(content := whole[HASH:]).digest() != whole[:HASH]:
+            raise ValueError("its hash is not that of its content")
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         head = json.loads(arrays["head"].tobytes())
         if (head["format"], head["version"]) != (FORMAT, VERSION):
@@ -160,10 +168,11 @@ def _kept(arrays: dict[str, np.ndarray], head: dict[str, Any], empty: WatchState
         Before(
             count,
             placement,
+            stance,
             Belief(arrays["history.mean"][k], arrays["history.covariance"][k]),
             DesignInformation(*(arrays[f"history.{name}"][k] for name in OF_BEFORE[2:])),
         )
-        for k, (count, placement) in enumerate(head["history"])
+        for k, (count, placement, stance) in enumerate(head["history"])
     )
     plain = {name: head["state"][name] for name in PLAIN}
     plain |= {"gaps": tuple(plain["gaps"]), "taken": tuple(plain["taken"])}

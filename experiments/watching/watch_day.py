@@ -13,6 +13,7 @@ from tulip_testbed.experiments.watching.arriving_rows import (
     TABLE,
     Line,
     Place,
+    is_header,
     is_row,
     lines_of,
     new_lines,
@@ -68,7 +69,7 @@ class Arrival:
 
     Attributes:
         line: its number in the table. verdict: None if it could not be read.
-        problem: why it could not be read, otherwise "". plan: the day's plan.
+        problem: why it could not be read, otherwise "".
         state: after the row.
     """
 
@@ -143,10 +144,10 @@ def watch_day(settings: WatchSettings, pause: Callable[[float], None] = time.sle
     while True:
         lines = list(_taken(stream)) if stream is not None else new_lines(path, kept.place)
         for line in lines:
-            if not is_row(line.text) or (kept.place.header and line.text == kept.place.header):
+            if not is_row(line.text):
                 kept = Kept(kept.state, _passed(kept.place, line))
                 continue
-            if not kept.place.header:
+            if is_header(path, line, kept.place):
                 kept = Kept(kept.state, kept.place.after(line))
                 continue
             try:
@@ -155,7 +156,7 @@ def watch_day(settings: WatchSettings, pause: Callable[[float], None] = time.sle
                 yield Arrival(line.number, None, str(error), kept.state)
                 kept = Kept(kept.state, kept.place.after(line))
                 continue
-            if skipped and _known(kept.state, row):
+            if skipped and _known(kept.state, row, path):
                 continue
             skipped = 0
             state, verdict = judge(model, kept.state, row, targets)
@@ -184,8 +185,19 @@ def _passed(place: Place, line: Line) -> Place:
     return Place(line.number, line.end, place.header, line.text)
 
 
-def _known(state: WatchState, row: Measurements) -> bool:
-    """Return whether a row was judged before the watch was killed: a stream may bring it again."""
+def _known(state: WatchState, row: Measurements, path: Path) -> bool:
+    """Return whether a row was judged before the watch was killed: a stream may bring it again.
+
+    Raises:
+        InputError: neither rows nor state have a time, so that nobody can tell.
+    """
+    if state.row < 0:
+        return False
+    if not np.isfinite([row.time[0], state.time]).all():
+        raise InputError(
+            f"{path}: found no 'time' in the rows of a stream that goes on, expected one: without it, rows "
+            "that were judged before cannot be told from new ones; give another name of the state"
+        )
     return bool(row.time[0] <= state.time)
 
 
@@ -206,7 +218,10 @@ def _model(settings: WatchSettings, manifest: Manifest, where: Path) -> DayModel
             f"{where}: key 'robot': found the feet {listed(feet)}, expected {listed(robot.feet)}"
         )
     if manifest.plates is None:
-        raise InputError(f"{where}: key 'contacts': found other sensors, expected plates on four cells each")
+        raise InputError(
+            f"{where}: key 'contacts': found sensors of wrenches, expected plates on four cells each: a "
+            "watch reads no others yet"
+        )
     return day_model(settings.plan, robot, _first_planned(settings.plan, manifest))
 
 

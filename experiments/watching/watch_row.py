@@ -26,7 +26,7 @@ from tulip_testbed.experiments.watching.recursive_estimate import Innovation, in
 from tulip_testbed.experiments.watching.repeats import repeat_probability, with_earlier
 from tulip_testbed.experiments.watching.row_checks import USUAL, as_planned, plausible, settled, spreads_of
 from tulip_testbed.experiments.watching.row_columns import RowColumns, row_columns
-from tulip_testbed.experiments.watching.set_up import order_findings, planned_row, set_up
+from tulip_testbed.experiments.watching.set_up import order_findings, planned_row, set_up, twice
 from tulip_testbed.experiments.watching.watch_state import AGAIN, MEASURED, WatchState
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.preflight.finding import Finding
@@ -100,12 +100,15 @@ def watch_row(
     """
     level = levels(model)
     state = replace(state, seen=state.seen + 1)
-    posture, planned = int(row.posture[0]), planned_row(model, state, int(row.posture[0]))
+    posture = int(row.posture[0])
+    planned = planned_row(model, state, posture, int(row.placement[0]))
     if planned is None:
         found = Finding(
             "posture", "fail", f"posture {posture}", "a posture of the plan", "", "Look at its number."
         )
         return state, _verdict(model, state, targets, UNPLANNED, [found], posture)
+    if float(row.time[0]) == state.time and planned == state.row:
+        return state, _verdict(model, state, targets, UNUSABLE, [twice(posture)], posture)
     findings = order_findings(model, state, row, planned)
     bad, verdict = _unusable(model, state, row, planned, level)
     findings += bad

@@ -35,10 +35,15 @@ class Fault:
 
 @dataclass(frozen=True, eq=False)
 class Before:
-    """What was known before a row, to which a watch returns if a change began there."""
+    """What was known before a row, to which a watch returns if a change began there.
+
+    Attributes:
+        count: of the row. placement: its number. stance: its number.
+    """
 
     count: int
     placement: int
+    stance: int
     belief: Belief
     information: DesignInformation
 

@@ -16,7 +16,8 @@ def atlas_command(
     /,
     *,
     out: Annotated[
-        Path | None, tyro.conf.arg(metavar="FOLDER", help="write atlas.json, bias.csv and a heat map")
+        Path | None,
+        tyro.conf.arg(metavar="FOLDER", help="write a page, atlas.json, bias.csv, a heat map"),
     ] = None,
     preset: PlatePreset = "wii",
     seed: Seed = DEFAULT_SEED,
@@ -25,14 +26,15 @@ def atlas_command(
 ) -> int:
     """Predict which effects a plan can detect and distinguish.
 
-    No data are needed. The atlas also lists the bias that each effect causes if it is not modelled.
+    No data are needed. The screen shows one row for each kind of effect. The page atlas.html in the folder
+    shows every effect with the bias that it causes if it is not modelled; it has a search box.
 
     Example: tulip atlas --preset force-plate --out atlas
     """
     import numpy as np
 
     from tulip_testbed.cli.terminal import print_json, say, show, working_on
-    from tulip_testbed.experiments.atlases.atlas_tables import atlas_report
+    from tulip_testbed.experiments.atlases.atlas_tables import atlas_summary
     from tulip_testbed.experiments.atlases.effect_atlas import atlas, document
     from tulip_testbed.experiments.atlases.planned_experiment import planned
     from tulip_testbed.experiments.description import described_robot
@@ -48,13 +50,12 @@ def atlas_command(
         found = atlas(planned(made, preset, described, seed), np.random.default_rng(seed))
     said = {"preset": preset, "seed": seed, **document(found)}
     if out is not None:
-        from tulip_testbed.pages.atlas_page import write_atlas  # plotly loads slowly
+        from tulip_testbed.pages.atlas_page import PAGE, write_atlas  # plotly loads slowly
 
         write_atlas(out, found, said)
+        say(f"Atlas: {out / PAGE}")
     if as_json:
         print_json(said)
     else:
-        show(*atlas_report(found))
-    if out is not None:
-        say(f"Atlas: {out}")
+        show(*atlas_summary(found))
     return 0

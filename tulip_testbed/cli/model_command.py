@@ -17,12 +17,13 @@ def model_command(
 ) -> int:
     """Show a model's standard parameters and its base parameters.
 
-    Every base parameter is listed with the standard parameters that it groups. If the robot lacks something
-    for the laboratory, it is listed below.
+    Every base parameter is listed with its largest term and what it sums; --json holds the whole sums. If the
+    robot lacks something for the laboratory, it is listed below.
 
     Example: tulip model --support double
     """
     from tulip_testbed.cli.terminal import print_json, show
+    from tulip_testbed.experiments.base_parameter_words import base_parameter_words
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.parameter_tables import (
         nominal_base_table,
@@ -59,6 +60,7 @@ def model_command(
                 "value": float(value),
                 "columns": group,
                 "standard": parameters.grouping(k - 1),
+                **base_parameter_words(parameters, k - 1, standard),
             }
             for k, (name, value, group) in enumerate(
                 zip(parameters.names, values, parameters.groups, strict=True), 1

@@ -56,11 +56,14 @@ def watch_command(
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.watching.watch_day import read_targets
     from tulip_testbed.experiments.watching.watch_tables import LATEST, advice, error_table, line, watch_table
+    from tulip_testbed.sim.errors import InputError
     from tulip_testbed.sim.measurements import read_plan
     from tulip_testbed.sim.shipped import plan_folder
 
     targets, described = read_targets(target), described_robot(robot)
     planned = read_plan(plan_folder(plan), described)
+    if stdin and sys.stdin is None:
+        raise InputError("--stdin: standard input is closed, expected rows")
     rows = sys.stdin.buffer if stdin else None
     arrivals = api.watch(folder, planned, described, out, targets, follow=not once, rows=rows)
     latest, last = [], None
@@ -86,6 +89,8 @@ def watch_command(
             if update is not None:
                 told = "" if arrival.verdict is None else line(arrival.verdict)
                 update(watch_table(latest, targets), told)
+    if not latest:
+        say("No row has arrived.")
     if last is not None and not as_json:
         show(error_table(last, targets), " ".join(advice(last, targets)))
     return 0

@@ -1,4 +1,4 @@
-"""The folder of an atlas: its document, the biases as CSV, a heat map of the angles."""
+"""The folder of an atlas: its page, its document, the biases as CSV, a heat map of the angles."""
 
 from __future__ import annotations
 
@@ -8,13 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from tulip_testbed.effects.targets import PLACEMENTS
+from tulip_testbed.experiments.atlases.atlas_tables import LEGEND, atlas_tables, closing, opening
 from tulip_testbed.experiments.atlases.effect_atlas import Atlas
 from tulip_testbed.experiments.atlases.isolability import ISOLABLE, order
 from tulip_testbed.pages.heat_map_figures import heat_map
+from tulip_testbed.pages.page import Page, Section, html
 from tulip_testbed.sim.files import new_folder, write_text
 from tulip_testbed.sim.measurements.table_files import finite, write_json
+
+PAGE, SEPARATION = "atlas.html", "separation.html"
 
 
 def write_atlas(folder: Path, found: Atlas, document: dict[str, Any]) -> None:
@@ -29,7 +34,25 @@ def write_atlas(folder: Path, found: Atlas, document: dict[str, Any]) -> None:
     with new_folder(folder) as working:
         write_json(working / "atlas.json", finite(document))
         write_text(working / "bias.csv", biases(found))
-        write_text(working / "separation.html", separation(found, document["preset"]))
+        write_text(working / SEPARATION, separation(found, document["preset"]))
+        write_text(working / PAGE, html(atlas_page(found, document)))
+
+
+def atlas_page(found: Atlas, document: dict[str, Any]) -> Page:
+    """Make the page of all effects, with a box to search them."""
+    facts = (("sensors", document["preset"]), ("seed", str(document["seed"])))
+    sections = [Section(table.title, tables=(table,)) for table in atlas_tables(found)]
+    angles = Markup('<a href="{}">All angles between effects as a map</a>').format(SEPARATION)
+    robot = found.planned.nominal.robot
+    return Page(
+        f"{robot.name}: atlas",
+        "",
+        f"{opening(found)} {closing(found)}",
+        facts,
+        tuple(sections),
+        story=(LEGEND, angles),
+        searched=True,
+    )
 
 
 def biases(found: Atlas) -> str:

@@ -10,9 +10,8 @@ from tulip_testbed.experiments.campaigns.campaign_tables import (
     posterior,
     posterior_table,
 )
-from tulip_testbed.experiments.settings_table import settings_table
 from tulip_testbed.pages.campaign_figures import error_figure, posterior_figure
-from tulip_testbed.pages.page import Page, Section, title_of
+from tulip_testbed.pages.page import Page, Section, how_it_was_made, title_of
 from tulip_testbed.pages.words import VERDICTS
 
 KNOWN_WORDS = (
@@ -37,7 +36,7 @@ def campaign_page(run: CampaignRecord) -> Page:
             (posterior_figure(run),) if posterior(run) else (),
         ),
         Section("Base parameters", (ERROR_WORDS,), (parameter_error_table(run),), (error_figure(run),)),
-        Section("How it was made", tables=(settings_table(run.document.plain()),)),
+        how_it_was_made(run),
     ]
     facts = (
         ("experiments", str(len(run.steps))),

@@ -10,6 +10,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL
+from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.experiments.discovery_tables import behind
 from tulip_testbed.experiments.law_curves import LawCurve
 from tulip_testbed.experiments.residual_curves import Curve
@@ -17,6 +18,7 @@ from tulip_testbed.pages.figures import Figure, figure
 from tulip_testbed.sim.numbers import number
 
 BEFORE, AFTER = MEASURED, ESTIMATE
+RUNNER_UP = "#C4C9CF"
 WIDE = 1.96  # s.d. that 95 % of the noise stay within
 
 
@@ -35,7 +37,7 @@ def gap_figure(rows: Sequence[tuple[str, float, float, float]]) -> Figure:
     ticks = {"symbol": "line-ns-open", "size": 22, "color": NOMINAL, "line": {"width": 3}}
     floor = [row[3] for row in rows]
     drawn.add_scatter(x=floor, y=names, mode="markers", name="by chance up to", marker=ticks)
-    drawn.update_xaxes(type="log", title="residual over noise (r.m.s., held-out placements)")
+    drawn.update_xaxes(type="log", title="residual over noise, r.m.s.")
     drawn.update_yaxes(autorange="reversed", automargin=True)
     text = "; ".join(f"{name}: {before:.2f} before, {after:.2f} after" for name, before, after, _ in rows)
     caption = "Residuals on placements that took no part in the fit; 1 is the noise."
@@ -137,24 +139,46 @@ def plane_figure(side: str, x: np.ndarray, y: np.ndarray, sd: float, reach: floa
     return replace(figure(f"plane-{side}", caption, text, drawn, 340), small=True)
 
 
-def evidence_figure(candidates: list[dict[str, Any]], labels: list[str]) -> Figure:
-    """ln of the Bayes factor of every explanation that is left, as bars."""
+def evidence_figure(candidates: list[dict[str, Any]], runners_up: list[dict[str, Any]]) -> Figure:
+    """ln of the Bayes factor of every explanation that is left and of the runners-up, as bars.
+
+    Args:
+        candidates, runners_up: of a report as JSON.
+    """
     drawn = go.Figure()
-    factors = [candidate["log_bayes_factor"] for candidate in candidates]
-    names = [f"{label} " for label in labels]
+    short = behind(candidates)
+    best: dict[int, float] = {}
+    for one in candidates:
+        best[one["gap"]] = max(best.get(one["gap"], -np.inf), one["log_bayes_factor"])
+    rows = sorted(
+        [(one, AFTER if b == 0 else MARGIN) for one, b in zip(candidates, short, strict=True)]
+        + [(one, RUNNER_UP) for one in runners_up],
+        key=lambda row: (row[0]["gap"], -row[0]["log_bayes_factor"]),
+    )
+    several = len(best) > 1
+    names, factors, words = [], [], []
+    for one, _ in rows:
+        label, factor = effect_label(one["name"], one["target"]), one["log_bayes_factor"]
+        gone = best[one["gap"]] - factor
+        names.append(f"{label} (gap {one['gap']}) " if several else f"{label} ")
+        factors.append(factor)
+        words.append(f"{factor:.1f}" + (f", {gone:.1f} behind" if gone > 0 else ""))
     drawn.add_bar(
         x=factors,
         y=names,
         orientation="h",
-        marker={"color": [AFTER if b == 0 else MARGIN for b in behind(candidates)]},
-        text=[f"{factor:.1f}" for factor in factors],
+        marker={"color": [colour for _, colour in rows]},
+        text=words,
         textposition="auto",
+        cliponaxis=False,
     )
     drawn.update_xaxes(title="ln of the Bayes factor against no effect", rangemode="tozero")
     drawn.update_yaxes(autorange="reversed", automargin=True)
-    text = "; ".join(f"{label}: {factor:.1f}" for label, factor in zip(labels, factors, strict=True))
-    caption = "Evidence for every explanation within 3 of its gap's best (dark)."
-    return figure("evidence", caption, f"Evidence. {text}.", drawn, 150 + 34 * len(factors))
+    text = "; ".join(f"{name.strip()}: {said}" for name, said in zip(names, words, strict=True))
+    caption = "Evidence. Blue: the best of each gap (dark) and what is within 3 of it."
+    if runners_up:
+        caption += " Grey: the next best, by their predictions alone."
+    return figure("evidence", caption, f"Evidence. {text}.", drawn, 150 + 34 * len(rows))
 
 
 def _clear(colour: str) -> str:

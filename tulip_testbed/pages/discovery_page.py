@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
 from tulip_testbed.experiments.discovery_tables import (
     CHANNEL_NAMES,
@@ -27,10 +26,9 @@ from tulip_testbed.experiments.discovery_tables import (
 from tulip_testbed.experiments.law_curves import law_curves
 from tulip_testbed.experiments.residual_curves import Curve, residual_curves, time_order
 from tulip_testbed.experiments.rig_folder import DIFF
-from tulip_testbed.experiments.settings_table import settings_table
 from tulip_testbed.pages import discovery_figures as drawn
 from tulip_testbed.pages.figures import Figure
-from tulip_testbed.pages.page import Page, Section, title_of
+from tulip_testbed.pages.page import Page, Section, how_it_was_made, title_of
 from tulip_testbed.pages.words import EVIDENCE_WORDS, GAP_WORDS, ORDINARY_WORDS, VERDICTS
 
 
@@ -65,7 +63,7 @@ def discovery_page(run: DiscoveryRecord) -> Page:
     if DIFF in run.rig:
         words = "What the adopted rig changes; its folder serves --rig of simulate, identify and validate."
         sections.append(Section("The adopted rig", (words,), folded=(("Differences", run.rig[DIFF]),)))
-    sections.append(Section("How it was made", tables=(settings_table(run.document.plain()),)))
+    sections.append(how_it_was_made(run))
     measured = run.measurements
     facts = (
         ("measurements", run.document.configuration.measurements),
@@ -126,8 +124,8 @@ def _evidence(report: dict[str, Any]) -> tuple[Section, ...]:
     if not found:
         return ()
     words = (EVIDENCE_WORDS[report["verdict"] == "unknown"],)
-    labels = [effect_label(candidate["name"], candidate["target"]) for candidate in found]
-    return (Section("Evidence", words, (candidate_table(found),), (drawn.evidence_figure(found, labels),)),)
+    drawing = drawn.evidence_figure(found, report["runners_up"])
+    return (Section("Evidence", words, (candidate_table(found),), (drawing,)),)
 
 
 def _ordinary(report: dict[str, Any]) -> tuple[Section, ...]:

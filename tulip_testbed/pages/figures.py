@@ -40,12 +40,17 @@ def plotly_script() -> str:
 
 def figure(name: str, caption: str, text: str, drawn: go.Figure, height: int = 380) -> Figure:
     """Finish a figure: transparent, small margins, no text that a browser could take for the script's end."""
+    content = drawn.to_dict()
+    named = [line for line in content["data"] if line.get("name") and line.get("showlegend", True)]
+    legend = content["layout"].get("showlegend", True) and len(named) > 1
+    drawn.update_xaxes(title_standoff=6, title_font_size=12, automargin=True)
+    drawn.update_yaxes(title_standoff=6, title_font_size=12)
     drawn.update_layout(
         template="none",
         paper_bgcolor="rgba(0,0,0,0)",
         plot_bgcolor="rgba(0,0,0,0)",
         height=height,
-        margin={"l": 60, "r": 15, "t": 50, "b": 50},
+        margin={"l": 60, "r": 15, "t": 50 if legend else 14, "b": 56},
         legend={"orientation": "h", "y": 1, "yref": "container", "yanchor": "top", "x": 0},
         font={"size": 13},
     )
@@ -76,7 +81,7 @@ def residual_norms(
             hovertemplate="posture %{customdata[0]}, placement %{customdata[1]}: %{y:.2f} mm",
         )
         drawn.add_hline(y=means[model], line={"color": MODEL_COLOURS[model], "width": 1})
-    drawn.update_xaxes(title="row of the measurements, in the order of time")
+    drawn.update_xaxes(title="row of the measurements, by time")
     drawn.update_yaxes(title="norm of error, mm", rangemode="tozero")
     text = "Norm of the error of every posture. " + "; ".join(
         f"{model} model: mean {means[model]:.2f}, largest {values.max():.2f} mm"
@@ -129,11 +134,11 @@ def correlation_map(matrix: np.ndarray, pairs: list[tuple[list[int], str]]) -> F
             zmin=-1,
             zmax=1,
             colorscale=[[0, MEASURED], [0.5, "#F7F7F7"], [1, ESTIMATE]],  # apart for every kind of sight
-            colorbar={"thickness": 12},
+            colorbar={"thickness": 12, "len": 0.7, "tickvals": [-1, -0.5, 0, 0.5, 1]},
             hovertemplate="%{x}, %{y}: %{z:.4f}<extra></extra>",
         )
     )
-    for (a, b), joint in pairs:
+    for (a, b), _ in pairs:
         for x, y in ((a, b), (b, a)):
             drawn.add_shape(
                 type="rect",
@@ -143,24 +148,16 @@ def correlation_map(matrix: np.ndarray, pairs: list[tuple[list[int], str]]) -> F
                 y1=y + 0.5,
                 line={"color": "#000000", "width": 3},
             )
-        drawn.add_annotation(
-            x=b + 0.6,
-            y=a,
-            text=f"{a}, {b}: {matrix[a - 1, b - 1]:.4f}<br>{joint}",
-            showarrow=False,
-            xanchor="left",
-            font={"size": 11, "color": "#000000"},
-            bgcolor="rgba(255,255,255,0.8)",
-        )
-    drawn.update_xaxes(dtick=2, constrain="domain")
-    drawn.update_yaxes(dtick=2, autorange="reversed", scaleanchor="x", constrain="domain")
+    drawn.update_xaxes(tick0=0, dtick=5, constrain="domain")
+    drawn.update_yaxes(tick0=0, dtick=5, autorange="reversed", scaleanchor="x", constrain="domain")
     marked = "; ".join(f"{a} and {b}: {matrix[a - 1, b - 1]:.4f}" for (a, b), _ in pairs)
     caption = (
         "Correlations of the full model's parameters (eq. 15) by the regressor of the measured angles, "
         "whatever the estimator."
     )
     if pairs:
-        caption += " Framed: the pairs that only one joint distinguishes."
+        said = "; ".join(f"{a}, {b}: {matrix[a - 1, b - 1]:.4f} ({joint})" for (a, b), joint in pairs)
+        caption += f" Framed: the pairs that only one joint distinguishes, {said}."
     return figure("correlations", caption, f"Map of correlations. {marked}.", drawn, 520)
 
 

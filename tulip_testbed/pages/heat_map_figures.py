@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from html import escape
 
 import numpy as np
 import plotly.graph_objects as go
@@ -53,15 +54,19 @@ def heat_map(
     )
     font = {"size": 8}
     figure.update_layout(
-        title={"text": title, "font": {"size": 15}},
         width=side + 60,
         height=side,
-        margin={"l": MARGIN - 60, "b": MARGIN - 60, "t": 60, "r": 20},
+        margin={"l": MARGIN - 60, "b": MARGIN - 60, "t": 20, "r": 20},
         xaxis={"tickangle": -90, "tickfont": font, "dtick": 1, "showgrid": False},
         yaxis={"autorange": "reversed", "tickfont": font, "dtick": 1, "showgrid": False},
         plot_bgcolor="white",
     )
-    return figure.to_html(include_plotlyjs=True, full_html=True)
+    drawn = figure.to_html(include_plotlyjs=True, full_html=False)
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        f"<title>{escape(title)}</title></head>\n"
+        f"<body><main><h1 style='font: bold 18px sans-serif'>{escape(title)}</h1>{drawn}</main></body></html>"
+    )
 
 
 def _ticks(most: float, bound: float) -> list[float]:

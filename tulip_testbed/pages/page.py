@@ -26,7 +26,7 @@ from tulip_testbed.experiments.montecarlo.calibration_verdict import BIAS, COVER
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
 from tulip_testbed.experiments.parameter_tables import models, parameter_table, read_reported
 from tulip_testbed.experiments.records import Record
-from tulip_testbed.experiments.settings_table import settings_table
+from tulip_testbed.experiments.settings_table import settings_tables
 from tulip_testbed.experiments.validate import correlations_at
 from tulip_testbed.experiments.validation_record import ValidationRecord
 from tulip_testbed.identification.base_parameters import base_parameters, common_support, renumbered
@@ -68,7 +68,7 @@ class Section:
     """A part of the page; what it has not got is left out.
 
     Attributes:
-        folded: a heading and a text as it stands, which a click unfolds.
+        folded: a heading and a text as it stands, or a table, which a click unfolds.
     """
 
     title: str
@@ -76,7 +76,7 @@ class Section:
     tables: tuple[Table, ...] = ()
     figures: tuple[Figure, ...] = ()
     pictures: tuple[Picture, ...] = ()
-    folded: tuple[tuple[str, str], ...] = ()
+    folded: tuple[tuple[str, str | Table], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -84,9 +84,10 @@ class Page:
     """The whole page.
 
     Attributes:
-        verdict: "pass" or "fail", or a discovery's. sentence: what that means.
+        verdict: "pass" or "fail", or a discovery's; "": there is none. sentence: what that means.
         story: more sentences beside the verdict.
         missing: what could not be drawn, one sentence each.
+        searched: whether there is a box that searches the rows of the tables.
     """
 
     title: str
@@ -96,11 +97,18 @@ class Page:
     sections: tuple[Section, ...]
     missing: tuple[str, ...] = field(default=())
     story: tuple[str, ...] = field(default=())
+    searched: bool = False
 
 
 def html(page: Page) -> str:
     """The page as one file that asks the network for nothing."""
-    template = files("tulip_testbed.pages").joinpath(TEMPLATE).read_text(encoding="utf-8")
+    figures = [figure for section in page.sections for figure in section.figures]
+    return filled(TEMPLATE, page=page, figures=figures, plotly=Markup(drawn.plotly_script()), script=Markup)
+
+
+def filled(template: str, **content: Any) -> str:
+    """Fill in a template of this room; nothing in the content is taken for HTML, unless it is `Markup`."""
+    text = files("tulip_testbed.pages").joinpath(template).read_text(encoding="utf-8")
     environment = jinja2.Environment(
         autoescape=True,
         undefined=jinja2.StrictUndefined,
@@ -108,13 +116,7 @@ def html(page: Page) -> str:
         lstrip_blocks=True,
         finalize=shown_value,
     )
-    figures = [figure for section in page.sections for figure in section.figures]
-    return environment.from_string(template).render(
-        page=page,
-        figures=figures,
-        plotly=Markup(drawn.plotly_script()),
-        script=Markup,
-    )
+    return environment.from_string(text).render(**content)
 
 
 def shown_value(value: Any) -> Any:
@@ -168,7 +170,7 @@ def validation_page(run: ValidationRecord) -> Page:
             figures=_polygons(robot, measured, com),
             pictures=_pictures(robot, measured, _contact_poses(robot, measured), missing),
         ),
-        Section("How it was made", tables=(settings_table(run.document.plain()),)),
+        how_it_was_made(run),
     )
     mass = report.total_mass
     facts = (
@@ -205,7 +207,7 @@ def montecarlo_page(run: MonteCarloRecord) -> Page:
         Section("Errors", figures=figures[3:]),
         Section("Parameters", tables=(*tables, spread_table(content))),
         Section("Postures", pictures=_planned_pictures(run.robot, run.plan, chosen, missing)),
-        Section("How it was made", tables=(settings_table(run.document.plain()),)),
+        how_it_was_made(run),
     )
     facts = (
         ("sensors", run.document.configuration.preset),
@@ -218,6 +220,12 @@ def montecarlo_page(run: MonteCarloRecord) -> Page:
     return Page(
         title_of(run), report.verdict, words.montecarlo_sentence(report), facts, sections, tuple(missing)
     )
+
+
+def how_it_was_made(run: Record) -> Section:
+    """Return the section of a run's settings, folded: they are many."""
+    tables = settings_tables(run.document.plain())
+    return Section("How it was made", folded=tuple((f"{t.title} ({len(t.rows)} values)", t) for t in tables))
 
 
 def _ordinary_fact(scale: float | None) -> tuple[tuple[str, str], ...]:

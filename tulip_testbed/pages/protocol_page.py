@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import base64
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 
-import jinja2
 import numpy as np
 from markupsafe import Markup
 
@@ -19,7 +17,7 @@ from tulip_testbed.experiments.protocols.measurement_start import (
 from tulip_testbed.experiments.protocols.motion import FREE, Motion
 from tulip_testbed.experiments.protocols.motion_files import motion_csv, motion_name, motion_yaml
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol
-from tulip_testbed.pages.page import png, shown_value
+from tulip_testbed.pages.page import filled, png
 from tulip_testbed.pages.placement_drawing import Mark, drawing, marks, placement_of, scale_for
 from tulip_testbed.rendering import rendered
 from tulip_testbed.sim.errors import InputError
@@ -115,14 +113,6 @@ def protocol_page(protocol: LaboratoryProtocol) -> tuple[str, list[str]]:
     """Return the page as HTML that asks the network for nothing, and what could not be drawn."""
     missing: list[str] = []
     pictures = _pictures(protocol, missing)
-    environment = jinja2.Environment(
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=shown_value,
-    )
-    template = files("tulip_testbed.pages").joinpath(TEMPLATE).read_text(encoding="utf-8")
     plan, robot = protocol.plan, protocol.robot
     first = {number: int(np.flatnonzero(plan.placement == number)[0]) for number in protocol.placements}
     placed = {
@@ -145,7 +135,8 @@ def protocol_page(protocol: LaboratoryProtocol) -> tuple[str, list[str]]:
         sheets.append(Sheet(number, svg, tuple(marks(placement)), boards, foot, groups))
     empty = empty_measurements(robot, protocol.settings.sensors)
     contacts = empty.contacts
-    page = environment.from_string(template).render(
+    page = filled(
+        TEMPLATE,
         protocol=protocol,
         content=protocol.document(),
         joints=plan.joints,

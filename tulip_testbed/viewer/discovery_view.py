@@ -183,7 +183,7 @@ def _views(run: DiscoveryRecord, space: Sequence[rrb.View], reach: float) -> Dis
     plane: list[rrb.View] = [
         rrb.Spatial2DView(
             origin=f"plane/{side}",
-            name=f"{side.capitalize()}: CoP minus CoM, +-{reach:.2g} mm",
+            name=f"{side.capitalize()}: CoP minus CoM, ± {reach:.2g} mm",
             background=PALE,
             visual_bounds=bounds,
         )

@@ -8,7 +8,7 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from tulip_testbed.viewer.balance_series import circles, close_up, from_above
-from tulip_testbed.viewer.plots import TITLES, curves
+from tulip_testbed.viewer.plots import curves, title_of
 from tulip_testbed.viewer.robot_view import height_of
 from tulip_testbed.viewer.subject import Subject
 
@@ -32,7 +32,7 @@ def posture_views(subject: Subject) -> Views:
     if subject.cop is not None:
         ground.append(close_up_view(subject))
     curve_views: list[rrb.View] = [
-        rrb.TimeSeriesView(origin=f"plots/{name}", name=TITLES[name], plot_legend=rrb.Corner2D.RightTop)
+        rrb.TimeSeriesView(origin=f"plots/{name}", name=title_of(name), plot_legend=rrb.Corner2D.RightTop)
         for name in curves(subject)
     ]
     text: list[rrb.View] = [rrb.TextDocumentView(origin="text", name="Posture")]

@@ -29,7 +29,10 @@ def log_curves(
 
 
 def curves(subject: Subject) -> dict[str, dict[str, np.ndarray]]:
-    """What is plotted over the postures, by plot; the names of the plots are those of `TITLES`."""
+    """What is plotted over the postures, by plot; `title_of` tells a plot's title.
+
+    The joints of a robot with many are spread over several plots, so that every line has its own colour.
+    """
     plots: dict[str, dict[str, np.ndarray]] = {}
     if subject.cell_forces is not None:
         plots["cells"] = dict(zip(CELLS, subject.cell_forces.T, strict=True))
@@ -38,8 +41,8 @@ def curves(subject: Subject) -> dict[str, dict[str, np.ndarray]]:
     joints = subject.nominal.parameters.tree.joints
     if subject.command is not None:
         errors = 1e3 * (subject.joint_angles - subject.command)
-        plots["tracking"] = dict(zip(joints, errors.T, strict=True))
-    plots["joints"] = dict(zip(joints, np.rad2deg(subject.joint_angles).T, strict=True))
+        plots |= _spread("tracking", joints, errors)
+    plots |= _spread("joints", joints, np.rad2deg(subject.joint_angles))
     if subject.cop is not None:
         plots["cop"] = {"x": 1e3 * subject.cop[:, 0], "y": 1e3 * subject.cop[:, 1]}
     if subject.residual is not None:
@@ -47,6 +50,24 @@ def curves(subject: Subject) -> dict[str, dict[str, np.ndarray]]:
         plots["residual"] = {"x": x, "y": y, "norm": np.hypot(x, y)}
     plots["margin"] = {"d_e": 1e3 * subject.margin}
     return plots
+
+
+def _spread(name: str, joints: tuple[str, ...], values: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
+    """Return plots of (m, n_joints) with as many lines as there are colours at most, equally many in each."""
+    count = -(-len(joints) // len(PALETTE))
+    plots = {}
+    for columns in np.array_split(np.arange(len(joints)), count):
+        first, last = columns[0] + 1, columns[-1] + 1
+        plot = name if count == 1 else f"{name}/{first} to {last}"
+        plots[plot] = {joints[k]: values[:, k] for k in columns}
+    return plots
+
+
+def title_of(plot: str) -> str:
+    """Return the title of a plot, with the numbers of its joints where these are spread over several."""
+    name, _, numbers = plot.partition("/")
+    title, comma, unit = TITLES[name].rpartition(", ")
+    return f"{title} {numbers}{comma}{unit}" if numbers else TITLES[name]
 
 
 TITLES = {

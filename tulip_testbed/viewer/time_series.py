@@ -82,7 +82,7 @@ _ROWS = ("posture", "placement", "support", "time", "window", "samples", "plate_
 
 def _log_readings(recording: rr.RecordingStream, index: rr.TimeColumn, dense: Subject) -> None:
     for name, lines in curves(dense).items():
-        if name in ("cells", "tracking", "joints", "cop"):
+        if name.split("/")[0] in ("cells", "tracking", "joints", "cop"):
             log_curves(recording, f"plots/{name}", index, lines)
 
 
