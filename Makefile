@@ -8,7 +8,7 @@ ROBOTS := .venv-robots
 SHARED := --numprocesses auto --maxprocesses 4 --dist worksteal
 STUDIES := $(patsubst studies/study_%.py,study-%,$(wildcard studies/study_*.py))
 
-.PHONY: setup validate demo test test-all lint docs bench oracle test-robots studies $(STUDIES) study-plan teaching pictures constraints clean
+.PHONY: setup validate demo test test-all test-docs lint docs bench oracle test-robots studies $(STUDIES) study-plan teaching pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -33,6 +33,9 @@ test: setup  ## the tests (10 minutes or so on two cores)
 
 test-all: setup  ## the tests that take ten seconds and more too
 	$(BIN)/python -m pytest -q $(SHARED) -m 'slow or not slow'
+
+test-docs: setup  ## every command of the tutorials, compared with what the page shows (three minutes)
+	$(BIN)/python -m pytest -q tests/test_documented.py -m slow
 
 lint: setup
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/pyrefly check

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tests.documented import blocks
 from tulip_testbed.cli.main import COMMANDS
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.sim import robot as robot_module
@@ -66,13 +67,9 @@ def test_the_readme_shows_the_first_half():
     assert FIRST_HALF.strip() in (ROOT / "README.md").read_text()
 
 
-def blocks(page: str) -> list[str]:
-    return re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)
-
-
 def test_the_readme_begins_with_what_its_block_reads(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    first, second = blocks("README.md")
+    first, second = blocks("README.md", "python")
     names: dict = {}
     exec(first.replace("seed=3)", 'seed=3, engine="statics")') + second, names)
     assert len(names["fit"]) == 25
@@ -83,7 +80,7 @@ def test_the_readme_begins_with_what_its_block_reads(tmp_path, monkeypatch):
 )
 def test_the_python_of_a_page_runs(page, monkeypatch):
     monkeypatch.chdir(ROOT)
-    exec("".join(blocks(page)), {})
+    exec("".join(blocks(page, "python")), {})
 
 
 def test_the_block_in_statics_without_a_screen(notebook):
