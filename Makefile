@@ -35,7 +35,7 @@ test-all: setup  ## the tests that take ten seconds and more too
 	$(BIN)/python -m pytest -q $(SHARED) -m 'slow or not slow'
 
 lint: setup
-	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/pyrefly check
+	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/pyrefly check && $(BIN)/python -m tests.plain_english
 
 docs: setup  ## the documentation as a site: site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
