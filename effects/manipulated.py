@@ -38,13 +38,13 @@ def manipulated(rig: Rig, experiment: Experiment) -> Rig:
 def as_manipulated(instances: Sequence[EffectInstance], experiment: Experiment) -> tuple[EffectInstance, ...]:
     """Return effects as they act in a manipulated laboratory.
 
-    What was zeroed, tared or surveyed anew is right.
+    Instruments that were zeroed, tared or surveyed again are exact.
     """
     state, out = experiment.arrangement, []
     for one in instances:
         name = one.effect.name
         check_everywhere(one.target, str(one))
-        anew = (
+        again = (
             (name == "encoder-offset" and one.target in state.zeroed)
             or (name == "cell-tare" and state.tared)
             or (name in SURVEYED and state.moved)

@@ -35,7 +35,7 @@ def rendered(
     width: int,
     height: int,
 ) -> np.ndarray:
-    """Postures on their boards, (m, height, width, 3), 8 bits a channel.
+    """Render postures on their boards, (m, height, width, 3), 8 bits a channel.
 
     Args:
         joint_angles: (m, n_joints) [rad]. support: "double", "right" or "left", (m,).
@@ -84,7 +84,7 @@ def draw(
     width: int,
     height: int,
 ) -> np.ndarray:
-    """As `rendered`, in this process, whose MUJOCO_GL says how; `feet` carry the base frame."""
+    """Render as `rendered` does, in this process, whose MUJOCO_GL says how; `feet` carry the base frame."""
     import mujoco
 
     from tulip_testbed.sim.dynamics.stand import Stand
@@ -115,7 +115,7 @@ def draw(
 
 
 def _lit(spec: Any) -> None:
-    """Light and a pale sky for a scene that brings none."""
+    """Add light and a pale sky to a scene that brings none."""
     import mujoco
 
     if not spec.lights:
@@ -139,7 +139,7 @@ def _lit(spec: Any) -> None:
 
 
 def main() -> None:
-    """The child: a request on stdin, images on stdout."""
+    """Run the child process: a request on stdin, images on stdout."""
     from tulip_testbed.sim.robot import load_robot
 
     request = json.load(sys.stdin)

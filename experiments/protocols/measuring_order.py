@@ -88,7 +88,7 @@ def order_of_placement(
 ) -> np.ndarray:
     """Order the rows of one placement and support.
 
-    The ways are evaluated where the tour wants to go alone: elsewhere their least duration is enough. The
+    The ways are evaluated only where the tour may go: elsewhere their least duration is enough. The
     first of the repeated postures opens the placement and closes it.
 
     Args:
@@ -162,8 +162,8 @@ def order_of_placements(robot: Robot, plan: PosturePlan) -> list[int]:
 def drift_inflation(robot: Robot, plan: PosturePlan) -> float:
     """Return by how much the standard error of a linear drift grows since other things vary with time [-].
 
-    The drift is that of the centre of pressure in x or in y, whichever is told worse. The other things are
-    the base parameters and whatever is linear in the place of the feet.
+    The drift is that of the centre of pressure in x or in y, whichever is determined worse. The other things are
+    the base parameters and all else that is linear in the place of the feet.
     """
     return _inflation(_explained(robot, plan), preset_rig("ideal", robot), plan, np.arange(len(plan)))
 
