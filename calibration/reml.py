@@ -73,7 +73,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class _Noise:
-    """The terms that depend on ln sigma alone: V_0^-1, its products with [N G y], and the likelihood of V_0."""
+    """Terms that depend on ln sigma alone: V_0^-1, its products with [N G y], and the likelihood of V_0."""
 
     log_scale: np.ndarray
     weights: Weights

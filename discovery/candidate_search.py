@@ -1,4 +1,4 @@
-"""The inputs of a search for effects: candidates in order of promise, and the evidence for a choice of them."""
+"""The inputs of a search for effects: candidates in order of promise, and the evidence for a choice."""
 
 from __future__ import annotations
 
@@ -105,7 +105,8 @@ class Search:
     def best(self, calibration: SelfCalibration, terms: Sequence[Fitted]) -> list[Fitted]:
         """List the candidates that may explain most in addition to the terms, the best first.
 
-        They are searched for twice: with the spreads and the noise as estimated, which a missing effect may have
+        They are searched for twice: with the spreads and the noise as estimated, which a
+            missing effect may have
         widened, and with none larger than usual.
         """
         data = calibrated_data(self.observed, calibration)

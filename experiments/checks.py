@@ -130,7 +130,7 @@ def joint_check(name: str, estimate: Estimate, truth: np.ndarray) -> Check:
 
 
 def largest_z_check(name: str, estimate: Estimate, truth: np.ndarray) -> Check:
-    """Check the largest error in standard errors, by the t distribution of the parameter that is known worst."""
+    """Check the largest error in standard errors, by the t distribution of the parameter known worst."""
     z = np.abs(estimate.value - truth) / standard_errors(estimate.clustered_covariance)
     limit = float(t_ppf(1 - LEVEL / 2 / len(z), estimate.interval_dof.min()))
     return below(name, z.max(), limit, f"Bonferroni over {len(z)}, level {LEVEL}")

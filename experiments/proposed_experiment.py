@@ -103,7 +103,7 @@ class Proposals(Shown):
         if not self.experiments:
             raise InputError(
                 f"next: found the verdict {self.verdict}, expected {AMBIGUOUS}: no experiment is needed to "
-                "tell explanations apart"
+                "distinguish explanations"
             )
         return self.experiments[0]
 

@@ -173,7 +173,7 @@ def scene_xml(rig: Rig) -> str:
 def difference(
     nominal: Rig, changed: Rig, instances: Sequence[EffectInstance], scenes: dict[str, str]
 ) -> str:
-    """Return the changes by the effects, for a person: the findings, the instruments in words, the lines of MJCF."""
+    """Return the changes by the effects in words: findings, instruments, lines of MJCF."""
     lines = ["Effects", *(f"  {found.finding} ({found.effect.sentence})" for found in instances), ""]
     lines += ["Instruments and procedure", *_outside(nominal, changed, instances), "", "Scene (MJCF)"]
     for name, text in scenes.items():

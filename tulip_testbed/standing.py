@@ -12,7 +12,7 @@ from tulip_testbed.sim.measurements.data import base_foot
 def link_frames(
     nominal: Nominal, joint_angles: np.ndarray, support: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotations and origins of all frames in the base frame, (m, n_frames, 3, 3) and (m, n_frames, 3) [m].
+    """Return all frames in the base frame, (m, n_frames, 3, 3) and (m, n_frames, 3) [m].
 
     Args:
         joint_angles: (m, n_joints) [rad]. support: "double", "right" or "left", (m,).

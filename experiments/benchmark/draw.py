@@ -81,7 +81,7 @@ def _distinct(candidate: Candidate, point: int) -> bool:
 
 
 def draw_visible(board: Board, kind: str, multiple: float, rng: np.random.Generator) -> Hidden:
-    """Return an effect of a kind at a multiple of its minimum detectable size (as it is, where it has no size)."""
+    """Return an effect of a kind at a multiple of its minimum detectable size (unchanged without a size)."""
     possible = testable(board, kind, multiple)
     for _ in range(TRIES):
         candidate, points = possible[rng.integers(len(possible))]

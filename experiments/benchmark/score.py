@@ -74,7 +74,7 @@ def median(
 
 
 def right(o: Outcome) -> bool:
-    """Return whether the true name is first, with the true choice, or it is the clearest ordinary imperfection."""
+    """Test if the true name is first, with the true choice, or is the clearest ordinary imperfection."""
     return (o.said and o.names[:1] == list(o.hidden) and _held_by(o, 0)) or _clearest(o)
 
 
@@ -88,7 +88,7 @@ def _clearest(o: Outcome) -> bool:
 
 
 def in_set(o: Outcome) -> bool:
-    """Return whether the true effect is among the explanations of a gap, or the clearest ordinary imperfection."""
+    """Test if the true effect is among the explanations of a gap, or the clearest ordinary imperfection."""
     return (o.said and _held_by(o, 0)) or _clearest(o)
 
 

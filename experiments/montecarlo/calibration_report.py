@@ -65,7 +65,7 @@ class Distribution(Document):
 
 
 class ModelCalibration(Document):
-    """The summary of all runs for a model; a robot without a simplified model has no rows of it and nothing else."""
+    """The summary of all runs for a model; a robot without a simplified model has no rows of it."""
 
     parameters: list[CalibrationRow]
     beyond_95: Share | None = None

@@ -1,1 +1,1 @@
-"""The documents for carrying a plan out in a laboratory: order, motions, drawings and the start of its measurements."""
+"""Documents for carrying a plan out: order, motions, drawings and the start of its measurements."""

@@ -206,7 +206,8 @@ def _unstated(contacts: Sequence[Any]) -> list[str]:
         )
     if any(isinstance(one, WrenchEntry) and one.mount == "foot" and one.below is None for one in contacts):
         lines.append(
-            "no `below` is stated: the foot is assumed to have no mass below its sensor, as in a sole; an ankle's sensor "
+            "no `below` is stated: the foot is assumed to have no mass below its sensor, as in a sole; "
+            "an ankle's sensor "
             "does not weigh the foot, whose mass and centre it needs"
         )
     return lines

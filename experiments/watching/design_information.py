@@ -2,7 +2,8 @@
 
 The information is that of generalised least squares on the centre of pressure, with the errors of the plates'
 recorded poses common to a placement. It depends on where the robot stood and on the stated noise, not on
-what the residuals are: an experimenter who stops when it suffices does not choose the errors, and intervals keep their
+what the residuals are: an experimenter who stops when it suffices does not choose the errors, and
+intervals keep their
 coverage.
 """
 

@@ -19,7 +19,7 @@ AS_ANYBODY = ("setpriv", "--bounding-set=-dac_override,-dac_read_search") if os.
 
 
 def pairs() -> list[tuple[Command, Command]]:
-    """Return every command together with itself, and simulations that share the measurements or the truth alone."""
+    """Return every command together with itself, and simulations that share measurements or truth alone."""
     (simulate,) = (command for command in COMMANDS if len(command.results) > 1)
     return [
         *((command, command) for command in COMMANDS),
