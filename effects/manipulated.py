@@ -44,7 +44,7 @@ def as_manipulated(instances: Sequence[EffectInstance], experiment: Experiment) 
     for one in instances:
         name = one.effect.name
         check_everywhere(one.target, str(one))
-        again = (
+        anew = (
             (name == "encoder-offset" and one.target in state.zeroed)
             or (name == "cell-tare" and state.tared)
             or (name in SURVEYED and state.moved)

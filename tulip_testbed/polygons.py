@@ -9,7 +9,7 @@ from tulip_testbed.identification.feasibility import support_polygon
 
 
 def inset(polygon: np.ndarray, distance: float) -> np.ndarray | None:
-    """Return a convex polygon without the points nearer to its edges than `distance` [m]; None: nothing is left."""
+    """Return a convex polygon without the points within `distance` [m]; None: nothing is left."""
     edges = np.roll(polygon, -1, axis=0) - polygon
     outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
     offset = distance - (outward * polygon).sum(axis=1)

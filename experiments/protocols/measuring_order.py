@@ -124,7 +124,8 @@ def order_of_placements(robot: Robot, plan: PosturePlan) -> list[int]:
 
     They form a shortest closed tour: it goes out and comes back, so that the place of the feet does not grow
     with time. Of all beginnings of the tour and both directions, the one is taken in which a linear drift is
-    determined best from everything else. If that is not enough (`SEPARATED`), the tour is gone round twice or three
+    determined best from everything else. If that is not enough (`SEPARATED`), the tour
+    is gone round twice or three
     times, with every second or third placement each time. A placement that only repeats postures comes half a
     tour after, or before, the placement that it repeats.
     """
