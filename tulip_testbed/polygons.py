@@ -9,7 +9,7 @@ from tulip_testbed.identification.feasibility import support_polygon
 
 
 def inset(polygon: np.ndarray, distance: float) -> np.ndarray | None:
-    """Return a convex polygon without the points within `distance` [m]; None: nothing is left."""
+    """Return the convex polygon of points at least `distance` [m] inside its edges; None: there are none."""
     edges = np.roll(polygon, -1, axis=0) - polygon
     outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
     offset = distance - (outward * polygon).sum(axis=1)
