@@ -38,7 +38,7 @@ test-docs: setup  ## every command of the tutorials, compared with what the page
 	$(BIN)/python -m pytest -q tests/test_documented.py -m slow
 
 lint: setup
-	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/pyrefly check
+	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/pyrefly check && $(BIN)/python -m tests.plain_english
 
 docs: setup  ## the documentation as a site: site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet

@@ -1,4 +1,4 @@
-"""What a self-calibration found, and how well each number is known."""
+"""The result of a self-calibration: estimates and their uncertainties."""
 
 from __future__ import annotations
 

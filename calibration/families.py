@@ -253,7 +253,7 @@ def families_in(
 ) -> tuple[Family, ...]:
     """List the families of an experiment: those of `families_of`, and zeros of wrench sensors.
 
-    What is not known of a zero is stated or follows from feet in the air: it has no spread.
+    The unknown part of a zero is stated or follows from feet in the air: it has no spread.
     """
     contacts, found = observed.measurements.contacts, observed.contacts
     families = families_of(

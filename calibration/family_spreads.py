@@ -26,7 +26,7 @@ LEAST_CURVATURE = 0.25  # the s.d. of the logarithm of a scale is at most two
 
 @dataclass(frozen=True)
 class Spread:
-    """What ln tau adds: value, gradient and Hessian of the objective; R, S and u with phi = R u.
+    """The terms that ln tau adds: value, gradient and Hessian of the objective; R, S and u with phi = R u.
 
     `square` is what the members take from the residuals' sum of squares.
     """

@@ -222,8 +222,9 @@ def _excess(
 ) -> np.ndarray:
     """Compute what the noise of cells and plates adds to the information about the compliances, (c, c).
 
-    The columns of the compliances are taken at loads without the noise as far as the residuals show it. What
-    they do not show remains: without a correction it would pass for information.
+    The columns of the compliances are taken at loads without the noise as far as the residuals show
+    it. The part
+    that they do not show remains: without a correction it would pass for information.
 
     Args:
         slope: derivative of the residuals by the fields that yield, (m, 11, c).

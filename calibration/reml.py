@@ -11,7 +11,7 @@ scales sigma minimise
 S = (I + R'BR)^-1, it is that of V_0 plus 1/2 (-ln|S| - b' R S R' b), which holds at tau = 0 too. All scales
 are estimated by their logarithms. ln tau has the prior of a half-Cauchy tau (Gelman 2006): a family that no
 reading shows has its mode at tau = 1, and one that the readings do not want becomes small, but never zero.
-One member says next to nothing of the spread of its family: there ln tau is normal about zero, with a factor
+One member hardly determines the spread of its family: there ln tau is normal about zero, with a factor
 of two as s.d. ln sigma is normal about the data sheet. In the scales of the noise Newton's steps use the
 average information (Gilmour, Thompson and Cullis 1995), in the spreads the Hessian itself. The covariance of
 the estimates holds the uncertainty of the scales to first order (Kass and Steffey 1989). Where columns G hold
@@ -73,7 +73,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class _Noise:
-    """What depends on ln sigma alone: V_0^-1, its products with [N G y], and the likelihood of V_0."""
+    """Terms that depend on ln sigma alone: V_0^-1, its products with [N G y], and the likelihood of V_0."""
 
     log_scale: np.ndarray
     weights: Weights

@@ -1,4 +1,4 @@
-"""What ordinary imperfections of usual size do to readings that noise alone should change."""
+"""Changes that ordinary imperfections of usual size make to readings that noise alone should change."""
 
 from __future__ import annotations
 

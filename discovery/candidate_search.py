@@ -1,4 +1,4 @@
-"""What a search for effects needs: candidates in order of promise, and the evidence for a choice of them."""
+"""The inputs of a search for effects: candidates in order of promise, and the evidence for a choice."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ ORDINARY = 1.0  # tolerances: the largest spread of a family in the search
 
 @dataclass(frozen=True)
 class Search:
-    """What is searched, and for what.
+    """The data that are searched, and the candidates.
 
     Attributes:
         tolerances: of families, in place of those that fit the sensors [SI]; zero: exact.
@@ -56,7 +56,7 @@ class Search:
         return Search(observed, tolerances, candidates(observed, effects))
 
     def judged(self, terms: Sequence[Fitted], start: SelfCalibration, afresh: bool = False) -> Judged:
-        """Calibrate with some effects beside the families; comparable with others of the same start.
+        """Calibrate with some effects in addition to the families; comparable with others of the same start.
 
         Args:
             afresh: begin without the members of the start, which a missing effect may have distorted.
@@ -102,7 +102,7 @@ class Search:
             return None
 
     def calibrated(self, judged: Judged) -> SelfCalibration:
-        """Calibrate anew with the covariance of the residuals that belongs to the result."""
+        """Calibrate again with the covariance of the residuals that belongs to the result."""
         instances = [term.instance for term in judged.terms]
         try:
             return self_calibrate(
@@ -120,7 +120,8 @@ class Search:
     def best(self, calibration: SelfCalibration, terms: Sequence[Fitted]) -> list[Fitted]:
         """List the candidates that may explain most in addition to the terms, the best first.
 
-        They are sought twice: with the spreads and the noise as estimated, which a missing effect may have
+        They are searched for twice: with the spreads and the noise as estimated, which a
+            missing effect may have
         widened, and with none larger than usual.
         """
         data = calibrated_data(self.observed, calibration)

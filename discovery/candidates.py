@@ -25,7 +25,8 @@ class Candidate:
 
     Attributes:
         settings: values of all parameters with the sizes zero, one row for each point of the grid, (g, k).
-        price: ln of the number of hypotheses among which it was chosen before, beside the points of the grid.
+        price: ln of the number of hypotheses among which it was chosen before, in addition to
+            the points of the grid.
     """
 
     effect: Effect

@@ -195,7 +195,7 @@ def _described(laws: LawSelection, through_laboratory: bool, hold_out: bool) -> 
 
 @dataclass(frozen=True)
 class _Fitted:
-    """What was selected, fitted once more through the laboratory.
+    """The selected effects, fitted once more through the laboratory.
 
     Attributes:
         model_error, equivalents: see `Discovery`.

@@ -1,6 +1,6 @@
 """Simulate the adopted effects in the full dynamics and compare with the measurements and the predictions.
 
-The comparison with the predictions says nothing about misreadings, because prediction and injection cancel.
+The comparison with the predictions cannot detect misreadings, because prediction and injection cancel.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What an experiment to come would tell about explanations, beside everything that has been measured.
+"""The information of a future experiment about explanations, in addition to the measurements so far.
 
 The linear columns of base parameters, ordinary imperfections and explanations in the joint experiment give
 the information on all of them. Noise is independent from placement to placement, so that informations add.

@@ -71,7 +71,7 @@ def check_placements(measurements: Measurements) -> None:
 def held_out(search: Search, found: SelfCalibration, terms: Sequence[Fitted]) -> HeldOut:
     """Cross-validate over placements: everything is estimated from the other placements alone.
 
-    Families, noise, base parameters and sizes are estimated in every fold, and every effect is chosen anew:
+    Families, noise, base parameters and sizes are estimated in every fold, and every effect is chosen again:
     the best candidate in addition to the other effects takes its place.
 
     Args:

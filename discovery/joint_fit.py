@@ -131,7 +131,7 @@ class JointFit:
     def log_evidence(self) -> float:
         """Return ln of the evidence for all terms, up to a constant that all fits of one experiment share.
 
-        It follows from the residual that is left, because each fit estimates the noise covariance anew.
+        It follows from the residual that is left, because each fit estimates the noise covariance again.
         """
         out = -0.5 * (self.chi_square + self.linear.whitening.log_volume)
         out -= sum(log_choices(term.candidate, self.linear.observed) for term in self.terms)
@@ -148,7 +148,7 @@ class JointFit:
 
 
 def joint_fit(data: Data, terms: Sequence[Fitted], model_error: np.ndarray | None = None) -> JointFit:
-    """Fit terms and estimate all that depends on them anew: noise covariance, base parameters, smoothing.
+    """Fit terms and estimate all that depends on them again: noise covariance, base parameters, smoothing.
 
     Args:
         terms: at the sizes where the search starts.

@@ -1,7 +1,7 @@
 """All laws of the grammar as candidates, ranked by linear columns.
 
 A reading that errs as a function of a quantity changes the residuals by their sensitivity to the reading,
-times the function. So the sensitivities are whitened and projected once for each reading, one column a
+times the function. So the sensitivities are whitened and projected once for each reading, one column per
 posture, and the column of a law is their combination by its function.
 """
 

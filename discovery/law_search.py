@@ -166,7 +166,7 @@ def _judged_in_addition(
     Args:
         calibration: with the terms.
         selection: a large effect distorts the members so far that it hides among them; with the catalogue's
-            selection, laws are also sought as if everything were exact. None: they are not.
+            selection, laws are also searched for as if everything were exact. None: they are not.
     """
     search, key = every.search, tuple(sorted(term.label for term in terms))
     if key in every.known:
@@ -186,7 +186,7 @@ def _judged_in_addition(
 def _near(every: LawSearch, calibration: SelfCalibration, terms: tuple[Fitted, ...]) -> list[Fitted]:
     """List the most promising laws in addition to some terms, one of each pair.
 
-    They are sought with the spreads and the noise as estimated, and with none larger than usual.
+    They are searched for with the spreads and the noise as estimated, and with none larger than usual.
     """
     out: dict[str, Fitted] = {}
     for linear in _models(every, calibration, terms):

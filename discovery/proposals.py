@@ -25,8 +25,8 @@ class Proposal:
 
     Attributes:
         words: what to do.
-        separation: expected ln of the Bayes factor between the two explanations that are hardest to tell
-            apart, if the first of them is true.
+        separation: expected ln of the Bayes factor between the two explanations that are hardest to
+            distinguish, if the first of them is true.
         gain: ratio to the separation by the experiment as it is.
     """
 

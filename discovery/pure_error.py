@@ -1,4 +1,4 @@
-"""Pure error: what repeated postures say about the noise, whatever the model."""
+"""Pure error: the noise that repeated postures show, regardless of the model."""
 
 from __future__ import annotations
 

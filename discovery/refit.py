@@ -53,7 +53,7 @@ def without_noise(rig: Rig) -> Rig:
 
 
 def measured_plan(observed: Observation) -> PosturePlan:
-    """Return the measured postures as a plan, one a row, with the torques that their commands exert there.
+    """Return the measured postures as a plan, one per row, with the torques that their commands exert there.
 
     The swing foot of each stance stands where the angles of its first posture put it. A command cannot tell
     that, because it contains the plan's feed-forward.

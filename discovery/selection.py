@@ -2,7 +2,7 @@
 
 Forward selection with backward elimination. Candidates are ranked by linear columns; the best are judged by
 the evidence of a self-calibration in which the spreads of all families and the scales of the noise are
-estimated anew. A family whose spread grew because of one member thus competes with that member as an effect
+estimated again. A family whose spread grew because of one member thus competes with that member as an effect
 of its own.
 """
 
@@ -61,7 +61,7 @@ class Selection:
     """The effects that were selected.
 
     Attributes:
-        calibration: ordinary imperfections beside the selected effects. tolerances: as asked for.
+        calibration: ordinary imperfections in addition to the selected effects. tolerances: as asked for.
         complete: whether no further candidate is decisive.
         fit: of the selected effects, with the ordinary imperfections as background. null: without either.
         alternatives: what else might explain each term, by predictions, the best first; itself among them.
@@ -206,7 +206,7 @@ def _forward(
 def _at_best_times(
     search: Search, calibration: SelfCalibration, terms: tuple[Fitted, ...]
 ) -> tuple[SelfCalibration, tuple[Fitted, ...]]:
-    """Seek all times again beside everything that is known by now, until none moves.
+    """Search for all times again, given everything else that is known, until none moves.
 
     A time was chosen when other effects were still missing, which a wrong time imitates.
 
@@ -256,7 +256,7 @@ def _chance(found: SelfCalibration, gain: float, tests: float) -> float:
 
 
 def chosen_again(search: Search, terms: Sequence[Fitted]) -> tuple[tuple[Fitted, ...], SelfCalibration]:
-    """Choose every one of some effects anew, the others being kept, and fit them all.
+    """Choose every one of some effects again, the others being kept, and fit them all.
 
     Another effect takes its place if the evidence for it is decisively better.
 

@@ -51,7 +51,7 @@ def story(found: Discovery, next_experiment: list[Proposal]) -> list[str]:
             f"from {before_mm} to {after_mm} mm (noise {noise_mm} mm)."
         )
     if found.verdict in (*ADOPTED, AMBIGUOUS):
-        lines.append("Ordinary imperfections of all families are estimated beside it.")
+        lines.append("Ordinary imperfections of all families are estimated together with it.")
     if found.verdict == NAMED and len(found.adopted) > MANY:
         lines.append(
             f"{len(found.adopted)} effects at once are rare. A single fault that the catalogue lacks, such "

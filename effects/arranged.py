@@ -30,7 +30,7 @@ IN_SEQUENCE = ("creep",)  # by the order of the postures within one experiment
 
 
 class Kind(Protocol):
-    """What of an effect decides where it acts."""
+    """The part of an effect that decides where it acts."""
 
     @property
     def name(self) -> str: ...

@@ -166,7 +166,7 @@ class Effect:
         words: a finding as a sentence, with {target}, and {0}, {1}, ... for the values and their intervals.
         targets: what it can act on.
         instrument: on which contact sensors it acts: "cells", "plates" (on the ground, of any kind),
-            "wrenches"; "" if it acts whatever they are.
+            "wrenches"; "" if it acts with any of them.
         statics: whether the static laboratory can simulate it; otherwise only the full dynamics can.
         unit_on: target -> unit of the first parameter there, where targets differ in it; None: they do not.
     """

@@ -38,7 +38,7 @@ def manipulated(rig: Rig, experiment: Experiment) -> Rig:
 def as_manipulated(instances: Sequence[EffectInstance], experiment: Experiment) -> tuple[EffectInstance, ...]:
     """Return effects as they act in a manipulated laboratory.
 
-    What was zeroed, tared or surveyed anew is right.
+    Instruments that were zeroed, tared or surveyed again are exact.
     """
     state, out = experiment.arrangement, []
     for one in instances:

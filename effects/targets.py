@@ -1,4 +1,4 @@
-"""What an effect can act on: a joint, cell, plate, link, corner of a foot, placement, or the whole."""
+"""Targets of effects: a joint, cell, plate, link, corner of a foot, placement, or the whole."""
 
 from __future__ import annotations
 

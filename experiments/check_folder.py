@@ -34,7 +34,7 @@ UNREADABLE = "could not read"
 
 @dataclass(frozen=True, repr=False)
 class Preflight(Shown):
-    """What a preflight found, as its JSON document: verdict, counts and every check."""
+    """The result of a preflight as its JSON document: verdict, counts and every check."""
 
     document: dict[str, Any]
 

@@ -130,7 +130,7 @@ def joint_check(name: str, estimate: Estimate, truth: np.ndarray) -> Check:
 
 
 def largest_z_check(name: str, estimate: Estimate, truth: np.ndarray) -> Check:
-    """The largest error in standard errors, by the t distribution of the parameter that is known worst."""
+    """Check the largest error in standard errors, by the t distribution of the parameter known worst."""
     z = np.abs(estimate.value - truth) / standard_errors(estimate.clustered_covariance)
     limit = float(t_ppf(1 - LEVEL / 2 / len(z), estimate.interval_dof.min()))
     return below(name, z.max(), limit, f"Bonferroni over {len(z)}, level {LEVEL}")
@@ -149,7 +149,7 @@ def ideal_error_check(name: str, estimate: Estimate, truth: np.ndarray, pairs: l
 def correlation_checks(
     numbers: np.ndarray, actual: np.ndarray, planned: np.ndarray, pairs: list[list[int]]
 ) -> list[Check]:
-    """The nearly collinear pairs against what the plan's own regressor predicts.
+    """Compare the nearly collinear pairs with what the plan's own regressor predicts.
 
     A plan that by itself weakens the correlation is not held to the paper's limit.
 
@@ -181,7 +181,7 @@ def correlation_checks(
 def data_correlation_checks(
     numbers: np.ndarray, data: np.ndarray, planned: np.ndarray, pairs: list[list[int]]
 ) -> list[Check]:
-    """The nearly collinear pairs in an estimate that calibrates its laboratory.
+    """Check the nearly collinear pairs in an estimate that calibrates its laboratory.
 
     Members that only their prior knows have errors of their own, which hide the correlation.
 
@@ -203,7 +203,7 @@ def data_correlation_checks(
 
 
 def balance_check(worst: dict[str, float], weight: float, whole: bool) -> Check:
-    """The forces and moments that every hold leaves over, against a bound that no real hold comes near.
+    """Compare the forces and moments that every hold leaves over with a bound that no real hold comes near.
 
     Args:
         worst: see `validate.worst_balance`. weight: of the robot [N].

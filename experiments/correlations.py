@@ -48,12 +48,12 @@ class Pairs(Shown, Sequence[Pair]):
         return len(self.pairs)
 
     def table(self) -> Table:
-        """Return one row a pair."""
+        """Return one row per pair."""
         columns = (Column("parameter"), Column("and"), Column("correlation", format="+.4f"))
         return Table(f"Correlations above {self.level:g} in size (eq. 15)", columns, self.pairs)
 
     def to_frame(self) -> Any:
-        """Return a pandas DataFrame with one row a pair."""
+        """Return a pandas DataFrame with one row per pair."""
         return self.table().frame()
 
     def parts(self) -> list[Table | str]:

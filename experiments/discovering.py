@@ -28,7 +28,7 @@ from tulip_testbed.sim.threads import processes
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Discovered(Shown):
-    """What a discovery found, and what it changes.
+    """The result of a discovery, and the changes of the estimate.
 
     Attributes:
         robot: the nominal robot.
@@ -75,7 +75,7 @@ class Discovered(Shown):
         return [*words, weak] if self.verdict == NONE and weak.rows else words
 
     def to_frame(self) -> Any:
-        """Return a pandas DataFrame with one row a parameter, identified before and after."""
+        """Return a pandas DataFrame with one row per parameter, identified before and after."""
         before, after = self.before.to_frame(), (self.after or self.before).to_frame()
         kept = [name for name in before if name.startswith(("estimate", "s.e."))]
         return before[kept].join(after[kept], lsuffix=", before", rsuffix=", after")

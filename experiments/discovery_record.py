@@ -46,7 +46,7 @@ PARTS = (
 
 
 class DiscoveryConfiguration(Document):
-    """What was looked at; measurements: their folder."""
+    """The inputs of a discovery; measurements: their folder."""
 
     measurements: str
     robot: str

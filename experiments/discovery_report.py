@@ -129,7 +129,7 @@ class Ratio(Document):
 
 
 class NextExperiment(Document):
-    """What would separate ambiguous explanations."""
+    """Return the experiments that would separate ambiguous explanations."""
 
     do: str
     separation_gain: float

@@ -175,7 +175,7 @@ def proposal_table(proposals: list[dict[str, Any]]) -> Table:
         [Cell(p[name], f"next_experiment.{k}.{name}") for name in ("do", "separation_gain")]
         for k, p in enumerate(proposals)
     ]
-    return Table("What would distinguish the explanations", columns, rows)
+    return Table("Experiments that would distinguish the explanations", columns, rows)
 
 
 def pattern_table(patterns: list[dict[str, Any]]) -> Table:
@@ -208,7 +208,7 @@ def repeat_table(repeats: dict[str, Any]) -> Table:
 
 
 def undetectable_table(entries: list[dict[str, Any]]) -> Table:
-    """Return the effects that these postures cannot detect, one a row."""
+    """Return the effects that these postures cannot detect, one per row."""
     columns = (
         Column("effect"),
         Column("targets"),
@@ -234,7 +234,7 @@ def undetectable_table(entries: list[dict[str, Any]]) -> Table:
 
 
 def weak_table(entries: list[dict[str, Any]]) -> Table:
-    """Return the effects that show only if larger than plausible, one kind a row.
+    """Return the effects that show only if larger than plausible, one kind per row.
 
     Args:
         entries: of `WeaklyDetectable`, as a report has them.

@@ -1,4 +1,4 @@
-"""A manifest and a row to copy, for whoever writes a measurement folder by hand."""
+"""A manifest and a row to copy, for users who write a measurement folder by hand."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ GRAVITY = 9.81  # m/s2
 
 
 def example_manifest(robot: Robot) -> dict[str, Any]:
-    """A manifest for this robot on the plates of its scene; what only a laboratory knows is null."""
+    """Return a manifest for this robot on the plates of its scene; what only a laboratory knows is null."""
     scene, joints = load_scene(robot), nominal_robot(robot).parameters.tree.joints
     plates = {}
     for plate in PLATES:
@@ -50,7 +50,7 @@ def example_manifest(robot: Robot) -> dict[str, Any]:
 
 
 def example_row(robot: Robot) -> dict[str, float]:
-    """The columns that a posture needs, for the robot with all joints at zero."""
+    """Return the columns that a posture needs, for the robot with all joints at zero."""
     nominal = nominal_robot(robot)
     joints = nominal.parameters.tree.joints
     angles = np.zeros((1, len(joints)))

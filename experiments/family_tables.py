@@ -69,7 +69,7 @@ def _near_zero(found: SelfCalibration) -> str:
 
 
 def _small(found: SelfCalibration) -> str:
-    """Name the families whose members are small, though none of them is told from zero."""
+    """Name the families whose members are small, though none of them differs significantly from zero."""
     names = [one.family.name for one in found.families if one.spread95[1] < 1 and not one.determined.any()]
     return f"Small by what the data say of the family as a whole: {', '.join(names)}." if names else ""
 

@@ -146,7 +146,7 @@ class Identification(Shown, Mapping[str, IdentifiedParameter]):
         return parameter_table(model, document, self.parameters, at_rest=self.at_rest)
 
     def to_frame(self, model: str = "full") -> Any:
-        """Return a pandas DataFrame with one row a parameter of a model and its name as the index."""
+        """Return a pandas DataFrame with one row per parameter of a model and its name as the index."""
         return self.table(model).frame().set_index("parameter")
 
     def parts(self) -> list[Table | str]:

@@ -59,7 +59,7 @@ class Laboratory:
             other plates "plate-ft" or "plate-cop", sensors in the ankles "foot-ft" or "foot-ideal", or in
             the soles "sole-ft" or "sole-3axis".
         known: effects that the laboratory is known to have; estimates are corrected for them. Texts are read.
-        hidden: effects that nobody is told, likewise.
+        hidden: effects that no estimator knows, likewise.
         nominal: the laboratory without effects; None: the robot's, with the preset's sensors.
         experiment: session and manipulations, see `manipulated`; None: an ordinary set-up in no session.
     """
@@ -163,7 +163,7 @@ class Laboratory:
             seed: of everything random.
             engine: "dynamics": hold every posture in the full dynamics, half a minute; "statics": solve its
                 equilibrium, a second.
-            workers: processes; None: one a core. Results do not depend on it.
+            workers: processes; None: one per core. Results do not depend on it.
             progress: called with the number of tries each time a placement is done.
 
         Raises:
@@ -213,7 +213,7 @@ class Run:
 
     Attributes:
         laboratory, plan, seed, engine: how it was made.
-        measurements: the data contract; it holds nothing of the truth.
+        measurements: the data contract; without the truth.
         truth: what only the simulation knows.
     """
 

@@ -34,7 +34,7 @@ class LawCurve:
     Attributes:
         title: what errs and with what. x_unit, unit: of the quantity and of the error.
         x, curve: of the law, (n,).
-        at, error, sd: quantity, error of the reading as the residuals show it, and its s.d., one a posture
+        at, error, sd: quantity, error of the reading as the residuals show it, and its s.d., one per posture
             and reading, (k,).
     """
 

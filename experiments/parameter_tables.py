@@ -1,4 +1,4 @@
-"""Tables of parameters: estimates beside the truth and the paper, links, what a model is made of."""
+"""Tables of parameters: estimates with the truth and the paper, links, parts of a model."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ PAPER_COLUMNS = tuple(
 
 @dataclass(frozen=True)
 class Reported:
-    """What the paper reports of a robot.
+    """The values that the paper reports of a robot.
 
     Attributes:
         parameters: Table II, values [mm, %] by column of `PAPER_COLUMNS` and number of the parameter.
@@ -98,7 +98,7 @@ def parameter_table(
     paper: Reported | None = None,
     at_rest: bool = True,
 ) -> Table:
-    """Return a model's parameters, beside the truth and the paper's Table II where these are known.
+    """Return a model's parameters, with the truth and the paper's Table II where these are known.
 
     Args:
         model: "full" or "simplified". document: a `ModelReport` as plain JSON.
@@ -130,7 +130,7 @@ def parameter_table(
     if paper and beside:
         columns += _paper_columns(model, rows, paper)
     columns.append((Column("links", extra=True), [united_links(parameters, row["number"]) for row in rows]))
-    title = f"{model.capitalize()} model{', beside Table II' if beside else ''}"
+    title = f"{model.capitalize()} model{', compared with Table II' if beside else ''}"
     note = f"{residual_line(document, model, paper)} {placements_line(document)}"
     if not at_rest:
         note = f"{NOT_AT_REST} {note}"
@@ -195,7 +195,9 @@ def robot_finding_table(rows: list[dict[str, str]]) -> Table:
     """Return what a robot lacks for the laboratory, as `tulip model` has it in its JSON."""
     columns = (Column("about"), Column("found"), Column("what goes wrong"), Column("what is done"))
     names = ("name", "found", "consequence", "assumed")
-    return Table("What this robot lacks for the laboratory", columns, [[r[n] for n in names] for r in rows])
+    return Table(
+        "Items that this robot lacks for the laboratory", columns, [[r[n] for n in names] for r in rows]
+    )
 
 
 def nominal_link_table(rows: list[dict[str, Any]]) -> Table:

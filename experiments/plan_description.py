@@ -1,4 +1,4 @@
-"""What a plan promises, from its file alone: condition number, standard errors, correlations, margins."""
+"""Predictions from a plan's file alone: condition number, standard errors, correlations, margins."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ LARGE_SHARE = 1000.0  # % of a nominal value: it is near zero
 def described_plan(
     robot: Robot, plan: PosturePlan, preset: str, taken: PosturePlan | None = None
 ) -> dict[str, Any]:
-    """What `tulip plan` and `tulip postures` say of a plan, as JSON.
+    """Return the description of a plan by `tulip plan` and `tulip postures` as JSON.
 
     Args:
         preset: of the sensors, "wii" or "force-plate"; the standard errors are those of generalised least
@@ -81,7 +81,7 @@ def described_plan(
 def regressor_by_mujoco(
     robot: Robot, joint_angles: np.ndarray, parameters: BaseParameters, support: np.ndarray
 ) -> np.ndarray:
-    """The base regressor by MuJoCo's kinematics, which planning does not use, (m, 2, p) [-].
+    """Compute the base regressor by MuJoCo's kinematics, which planning does not use, (m, 2, p) [-].
 
     The CoM is W(q) phi / M with the standard parameters phi, W = [p_l, R_l] a link, and H theta with
     theta = B phi / M; so W = H B, and H = W B^+. Places are from the stance foot's sole point, in the axes of
@@ -105,7 +105,7 @@ def regressor_by_mujoco(
 
 
 def planned_readings(rig: Rig, plan: PosturePlan, com: np.ndarray) -> Measurements:
-    """What the plates would read by the nominal model, free of noise.
+    """Compute the readings of the plates by the nominal model, without noise.
 
     Args:
         com: nominal centre of mass in the plan view, (m, 2) [m].
@@ -156,7 +156,7 @@ def reading_noise_of(
 
 
 def margins_of(robot: Robot, plan: PosturePlan) -> dict[str, dict[str, Any]] | None:
-    """What is left of every constraint of `tulip plan` at the posture that has least.
+    """Return the least margin of every constraint of `tulip plan` over the postures.
 
     None where the robot has other than six joints a leg. Negative where a plan was not made to keep it, as
     a random one's.
@@ -234,7 +234,7 @@ def margin_table(margins: dict[str, dict[str, Any]]) -> Table:
 
 
 def trial_table(trials: list[dict[str, Any]]) -> Table:
-    """Return the condition numbers of several trials beside those of the paper's Table I."""
+    """Return the condition numbers of several trials with those of the paper's Table I."""
     columns = (
         Column("trial", format="d"),
         Column("seed", format="d"),

@@ -39,7 +39,7 @@ class _StateFile(Document):
 
 
 def state_file(out: Path) -> Path:
-    """Return where an interrupted run leaves its state, beside its plan."""
+    """Return where an interrupted run leaves its state, next to its plan."""
     return out.with_name(f".{out.name}.state.json")
 
 

@@ -57,7 +57,7 @@ class Job:
 def trial_job(
     problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int, solver: str = SOLVERS[0]
 ) -> Job:
-    """A whole plan from a random start.
+    """Search for a whole plan from a random start.
 
     Args:
         size: placements, postures on each, hops.
@@ -83,7 +83,7 @@ def mixed_job(
     seed: int,
     solver: str = SOLVERS[0],
 ) -> Job:
-    """A plan on both feet and on one from a random start; arguments as `trial_job`.
+    """Search for a plan on both feet and on one from a random start; arguments as `trial_job`.
 
     Args:
         counts: number of postures on the "right" and on the "left" foot.
@@ -107,7 +107,7 @@ def mixed_job(
 def next_job(
     problem: Problem, goal: Objective, size: tuple[int, int, int], seed: int, measured: Measurements
 ) -> Job:
-    """The placements that tell most after what was measured."""
+    """Search for the placements that tell most after what was measured."""
     placements, per, hops = size
     taken = measured_information(problem, measured)
 

@@ -43,7 +43,7 @@ SIGMA_MM = 4.16  # the paper's residual per axis (eq. 14)
 
 @dataclass(frozen=True)
 class PlanSettings:
-    """What a plan is to be.
+    """The settings of a plan.
 
     Attributes:
         seed: of everything random.
@@ -51,7 +51,7 @@ class PlanSettings:
         placements, postures_per_placement: its size.
         hops: exchanges of a placement's postures.
         single_support: postures on the right foot alone, after the others.
-        repeats: postures that come twice: half at once, half placed anew.
+        repeats: postures that come twice: half in the same placement, half in another one.
         solver: of the last round, one of `SOLVERS`.
         right, left: postures on the right and on the left foot alone, optimised together with the others.
     """
@@ -180,7 +180,7 @@ def optimal_plan(robot: Robot, settings: PlanSettings, measured: Measurements | 
 
 
 def carry_out(job: Job, kept: Path, show: Show) -> tuple[PosturePlan, bool]:
-    """A job, taken up where it was interrupted; its plan and whether it came to its end.
+    """Continue a job where it was interrupted; return its plan and whether it is complete.
 
     Args:
         kept: the file of the state, written after every round.
@@ -241,7 +241,7 @@ def keep_plan(out: Path, plan: PosturePlan) -> None:
 
 
 def measured_for(robot: Robot, folder: Path, joints: tuple[str, ...]) -> Measurements:
-    """What was measured with this robot before.
+    """Return the earlier measurements with this robot.
 
     Raises:
         InputError: no such folder, or of another robot.

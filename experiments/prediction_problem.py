@@ -1,4 +1,4 @@
-"""What a prediction has to explain: residuals of the CAD model, and what changes them."""
+"""The data that a prediction has to explain: residuals of the CAD model, and what changes them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SMALLEST = 1e-6  # m: changes and s.d. that count as none
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What the models have to explain.
+    """The data that the models have to explain.
 
     Attributes:
         matrix: H, (m, 2, p). residual: of CAD, (m, 2) [m].

@@ -27,7 +27,7 @@ def advice_table(checks: list[dict[str, Any]]) -> Table:
         for c in checks
         if c["result"] in ("warn", "fail")
     ]
-    return Table("What to do about it", columns, rows)
+    return Table("Advice", columns, rows)
 
 
 def complaint_lines(document: dict[str, Any]) -> list[str]:

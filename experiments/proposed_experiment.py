@@ -40,7 +40,7 @@ FACTORS = np.array([1e3, 1e3, 1.0, 1.0, 1.0])
 
 
 class Prediction(Document):
-    """What an explanation predicts for the mean residuals of an experiment."""
+    """The mean residuals of an experiment that an explanation predicts."""
 
     explanation: str
     cop_x_mm: float
@@ -103,7 +103,7 @@ class Proposals(Shown):
         if not self.experiments:
             raise InputError(
                 f"next: found the verdict {self.verdict}, expected {AMBIGUOUS}: no experiment is needed to "
-                "tell explanations apart"
+                "distinguish explanations"
             )
         return self.experiments[0]
 
@@ -276,7 +276,7 @@ def steps(document: ExperimentFile, best: NextExperiment) -> str:
 ADVICE = {
     "plates exchanged": "put each plate where the other one was, facing the same way.",
     "plate turned": "turn it about the vertical through its middle, cables and all.",
-    "plates moved": "survey the plates' places anew.",
+    "plates moved": "survey the plates' places again.",
     "cells re-tared": "unload the plates and tare all cells.",
     "cable removed": "take off every cable and hoist that touches the robot.",
     "robot turned": "turn the robot about the vertical, so that it faces the other way on the same plates.",

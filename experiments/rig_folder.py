@@ -60,7 +60,7 @@ class RigManifest(Document):
 def rig_files(robot: Robot, instances: Sequence[EffectInstance], preset: str | None = None) -> dict[str, str]:
     """Make the files of a rig folder, as text by name.
 
-    rig.json beside the MJCF of the nominal scene and of the changed one (on plates as they lie under
+    rig.json next to the MJCF of the nominal scene and of the changed one (on plates as they lie under
     straight legs), and the differences in words.
 
     Args:
@@ -173,7 +173,7 @@ def scene_xml(rig: Rig) -> str:
 def difference(
     nominal: Rig, changed: Rig, instances: Sequence[EffectInstance], scenes: dict[str, str]
 ) -> str:
-    """What the effects change, for a person: the findings, the instruments in words, the lines of MJCF."""
+    """Return the changes by the effects in words: findings, instruments, lines of MJCF."""
     lines = ["Effects", *(f"  {found.finding} ({found.effect.sentence})" for found in instances), ""]
     lines += ["Instruments and procedure", *_outside(nominal, changed, instances), "", "Scene (MJCF)"]
     for name, text in scenes.items():
@@ -186,7 +186,7 @@ def difference(
 
 
 def _outside(nominal: Rig, changed: Rig, instances: Sequence[EffectInstance]) -> list[str]:
-    """What MJCF does not hold."""
+    """Return the effects that MJCF cannot hold."""
     lines = [
         f"  Readings are changed: {found.effect.sentence} {_numbers(found)}"
         for found in instances

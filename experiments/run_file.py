@@ -25,7 +25,7 @@ RunKind = Literal["validation", "discovery", "Monte Carlo", "campaign"]
 
 
 class Head(Document):
-    """What every run.json begins with."""
+    """Return the first entries of every run.json."""
 
     format: str
     version: int
@@ -85,7 +85,7 @@ def configuration_of(
 
 
 def write_run_file(folder: Path, document: RunFile[Made]) -> RunFile[Made]:
-    """Write run.json beside all other files of a folder; returns it with their hashes."""
+    """Write run.json next to all other files of a folder; returns it with their hashes."""
     document = document.model_copy(update={"outputs": hashes_in(folder)})
     document.write(folder / RUN_FILE)
     return document

@@ -43,7 +43,7 @@ def ordinary_line(scale: float, several: bool = False) -> str:
         several: whether every run drew its own.
     """
     low, high = (number(scale * spread, "g") for spread in SPREADS)
-    whose = "laboratories, drawn anew in every run" if several else "laboratory"
+    whose = "laboratories, drawn again in every run" if several else "laboratory"
     return f"Ordinary {whose}: imperfections of all families, with spreads of {low} to {high} tolerances."
 
 

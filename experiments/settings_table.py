@@ -1,4 +1,4 @@
-"""Everything that was set for a run, one value a row."""
+"""Everything that was set for a run, one value per row."""
 
 from __future__ import annotations
 

@@ -47,12 +47,12 @@ NEGLIGIBLE = 1e-6  # m: a parameter that the simplified model may drop without b
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Validation(Shown):
-    """A run held against its truth; prints its checks and the verdict.
+    """A run compared with its truth; prints its checks and the verdict.
 
     Attributes:
         run: the experiment. identification: the estimates from its measurements.
         truth: base parameters of the robot that stood there, (p,) [m].
-        checks: what was judged. wall_s: what it took [s].
+        checks: what was judged. wall_s: wall time [s].
         ordinary: scale of the imperfections that were drawn for the laboratory; None: there were none.
     """
 
@@ -69,11 +69,11 @@ class Validation(Shown):
         return verdict(list(self.checks))
 
     def table(self) -> Table:
-        """Return the checks, one a row."""
+        """Return the checks, one per row."""
         return check_table([dataclasses.asdict(check) for check in self.checks])
 
     def to_frame(self) -> Any:
-        """Return a pandas DataFrame with one row a parameter of the full model, beside its truth.
+        """Return a pandas DataFrame with one row per parameter of the full model, with its truth.
 
         The checks are plain records: `pandas.DataFrame(validation.checks)`.
         """
@@ -204,7 +204,7 @@ def planned_correlations(run: Run, parameters: BaseParameters) -> np.ndarray:
 
 
 def correlations_at(parameters: BaseParameters, joint_angles: np.ndarray, support: np.ndarray) -> np.ndarray:
-    """Compute eq. 15 by the regressor of these angles, whatever the estimator, (p, p)."""
+    """Compute eq. 15 by the regressor of these angles, for any estimator, (p, p)."""
     matrix = stacked_regressor(parameters, joint_angles, support)
     return correlations(solve_least_squares(matrix, np.zeros(len(matrix)))[1])
 

@@ -32,7 +32,7 @@ LEAST = 0.01  # of CAD's pseudo-inertia that every link of the nearest robot kee
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What a robot is to have.
+    """The properties that a robot must have.
 
     Attributes:
         from_standard: see `BaseParameters`, (p, 4 n_links).

@@ -1,4 +1,4 @@
-"""The centre of pressure of an experiment and how errors of its sensors move it, whatever the sensors are."""
+"""The centre of pressure of an experiment and how errors of its sensors move it, for any kind of sensor."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tulip_testbed.sim.measurements import Measurements
 
 @dataclass(frozen=True)
 class ContactPressure:
-    """What a regression needs to know of the contacts.
+    """The data about the contacts that a regression needs.
 
     Attributes:
         center: centre of pressure in the base frame, (m, 2) [m].

@@ -1,4 +1,4 @@
-"""Readings of the contact sensors as forces and levers, whatever the sensors are.
+"""Readings of the contact sensors as forces and levers, for any kind of sensor.
 
 Every reading, of a cell or of a channel of a wrench sensor, adds to the vertical force on its foot and to
 force times place: `bears` and `levers` say how much a unit of it adds. A cell bears its force at its place.

@@ -1,4 +1,4 @@
-"""Link masses that static measurements can determine, whatever the postures and the sensors."""
+"""Link masses that static measurements can determine, for any postures and sensors."""
 
 from __future__ import annotations
 

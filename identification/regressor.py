@@ -29,7 +29,7 @@ ENCODER_SD = 5e-4  # rad, assumed without a data sheet
 
 @dataclass(frozen=True)
 class Regression:
-    """Linear regression y = H theta with two rows a posture (x, then y).
+    """Linear regression y = H theta with two rows per posture (x, then y).
 
     Attributes:
         matrix: H, (2m, p) [-].
@@ -121,7 +121,7 @@ def _blur(slope: np.ndarray, sd: float) -> np.ndarray:
 
 
 def _fitted(matrix: np.ndarray, output: np.ndarray) -> np.ndarray:
-    """Project the output on the span of the matrix, whatever its rank."""
+    """Project the output on the span of the matrix, of any rank."""
     return matrix @ np.linalg.lstsq(matrix, output, rcond=None)[0]
 
 

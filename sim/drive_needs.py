@@ -1,4 +1,4 @@
-"""What a drive needs so that a servo can hold it: rotor inertia, and friction that holds.
+"""The properties a drive needs so that a servo can hold it: rotor inertia, and friction that holds.
 
 The laboratory supplies in its own scene what a robot's file lacks; the file stays as it is.
 """

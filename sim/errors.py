@@ -34,7 +34,7 @@ class InputWarning(UserWarning):
 
 
 class IncompleteError(InputError):
-    """A measurement folder that lacks something; whoever reads it says how to see all of it."""
+    """A measurement folder that lacks something; the caller that catches it says how to see all of it."""
 
 
 class UnknownNameError(InputError, KeyError):

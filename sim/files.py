@@ -227,7 +227,7 @@ def _name_new(file: Path, path: Path) -> None:
 def scratch_folder(name: str) -> Iterator[Path]:
     """Yield a folder among the system's temporary files that nobody else may read, removed at the end.
 
-    What a killed process left is removed by the next one that asks for the same name.
+    A killed process's partial output is removed by the next one that asks for the same name.
 
     Raises:
         InputError: it cannot be made.

@@ -1,4 +1,4 @@
-"""What the laboratory sets in a scene whatever the robot's file says: solver, options, defaults, contacts."""
+"""Settings of a scene that replace those of the robot's file: solver, options, defaults, contacts."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def set_solver(spec: mujoco.MjSpec) -> None:
 def make_plain(spec: mujoco.MjSpec) -> None:
     """Make a robot's file a scene of the laboratory: its options, sizes, defaults and contacts.
 
-    Gravity stays the robot's; so does whatever its elements took from its defaults.
+    Gravity stays the robot's; so do all values that its elements took from its defaults.
     """
     plain = mujoco.MjSpec()
     _copy(OPTIONS, plain.option, spec.option)

@@ -28,7 +28,7 @@ STYLES = {
 
 @dataclass(frozen=True)
 class Cell:
-    """A value with what a renderer needs beside it.
+    """A value with the other data that a renderer needs.
 
     Attributes:
         value: see `Column.text`.
@@ -46,7 +46,7 @@ class Table:
     """Rows of values under headings.
 
     Attributes:
-        rows: values or `Cell`s, one a column.
+        rows: values or `Cell`s, one per column.
         note: what a reader needs below it.
     """
 

@@ -51,7 +51,7 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def processes(workers: int | None) -> int:
-    """Return how many processes to use, one a core if nothing else is asked for.
+    """Return how many processes to use, one per core if nothing else is asked for.
 
     Raises:
         InputError: fewer than one.

@@ -1,4 +1,4 @@
-"""What is right to say of the outside faults, what errs and as a function of what, and what was said."""
+"""The right descriptions of the outside faults, and the descriptions that were given."""
 
 from __future__ import annotations
 

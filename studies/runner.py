@@ -102,7 +102,7 @@ def run(name: str, arguments: list[str]) -> None:
     """Run one study, print its lines as they come, and write them to `--out` at the end.
 
     Raises:
-        InputError: a part that the study does not have, or whatever the study refuses.
+        InputError: a part that the study does not have, or another setting that the study refuses.
     """
     module = importlib.import_module(f"studies.study_{name}")
     prog = f"python -m studies {name}"

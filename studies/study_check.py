@@ -1,7 +1,7 @@
 """Measure false alarms of `tulip check` and the planted faults that it finds (docs/studies/check.md; ten minutes).
 
-The shipped plan is held once; sensors, plate records and scale are read anew for every draw. Ordinary
-laboratories are drawn and measured anew, in the static laboratory.
+The shipped plan is held once; sensors, plate records and scale are read again for every draw. Ordinary
+laboratories are drawn and measured again, in the static laboratory.
 """
 
 from __future__ import annotations

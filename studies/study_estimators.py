@@ -1,7 +1,7 @@
 """Compare the errors that each estimator reports with its real ones (docs/studies/estimators.md; minutes).
 
 The shipped plan is held once in the full dynamics. Every run draws the sensors' averages and the recorded
-plate poses anew; the held postures stay. The default estimator has 1,000 runs, the others a quarter of that.
+plate poses again; the held postures stay. The default estimator has 1,000 runs, the others a quarter of that.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def averaged(
 
 
 def redrawn(rig: Rig, experiment: Outcome, rng: np.random.Generator) -> Measurements:
-    """Read the held postures anew, a hundred times faster than sample by sample."""
+    """Read the held postures again, a hundred times faster than sample by sample."""
     m, s = experiment.measurements, rig.sensors
     samples = round(rig.protocol.window * s.sample_rate)
     angles = np.array([held.joint_angles for held in experiment.truth.held])

@@ -33,7 +33,7 @@ SIZES = {50: 200, 150: 200, 500: 100, 1500: 50, POOL: 24}
 
 @dataclass(frozen=True)
 class Work:
-    """What all parts need."""
+    """The inputs of all parts."""
 
     settings: Settings
     robot: Robot

@@ -109,7 +109,7 @@ def killed_server(
 
 
 def obstacles(places: Places) -> Iterator[str]:
-    """Let commands write beside each other, and where they cannot."""
+    """Let commands write at the same time, and where they cannot."""
     yield "\n" + header("disturbance", "cases", "as it has to be", "FAILED")
     faults = []
     for first, second in pairs():

@@ -119,7 +119,7 @@ class Case:
 
     @property
     def wrong(self) -> bool:
-        """Whether a cause is told alone, and it is wrong."""
+        """Return whether a single cause is reported, and it is wrong."""
         return self.verdict in ADOPTED and not self.in_set
 
 
@@ -279,7 +279,7 @@ def _least(
 ) -> float:
     """Return the least size that a test of one size would find with 90 % probability in this laboratory.
 
-    What the fault changes is simulated without noise: a scene that is edited draws other random numbers.
+    The change by the fault is simulated without noise: a scene that is edited draws other random numbers.
     """
     robot = plain.robot
     observed = observe(measured, nominal_robot(robot))
@@ -337,7 +337,7 @@ def _bias(
 ) -> tuple[float, float] | None:
     """Return the bias of the base parameters by the fault without and with what was adopted, without noise.
 
-    What ordinary imperfections do to them is the same in both and taken off.
+    The effect of ordinary imperfections is the same in both and is subtracted.
     """
 
     def estimate(rig: Rig, adopted: Sequence[EffectInstance] = ()) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Close the loop: plan, protocol, a day with a fault, watch, identify, export, new postures (docs/studies/loop.md).
 
 Random true robots are measured in the full dynamics on force plates, in the order of the protocol. A fault
-begins at the 40th row. Once `tulip watch` notices it, the laboratory mends it and measures again, in a set-up
+begins at the 40th row. Once `tulip watch` notices it, the laboratory repairs it and measures again, in a set-up
 of its own, every posture since the one that the watch names. The estimate is exported. MuJoCo loads the file
 and computes the centre of pressure of 100 new random postures (a minute and a half for a robot).
 """
@@ -44,7 +44,7 @@ PAUSE = 600.0  # s, until the laboratory has mended the fault
 
 @dataclass(frozen=True)
 class Loop:
-    """What came of one robot.
+    """The result of one robot.
 
     Attributes:
         late: postures between the detectable fault and the watch's notice; None: not noticed.
@@ -134,7 +134,7 @@ def _run(laboratory: Laboratory, plan: PosturePlan, stream: int) -> Measurements
 
 
 def _mended(day: Day, plan: PosturePlan, began: int) -> Measurements:
-    """Return the rows before the fault, and the others measured again, the robot set down anew."""
+    """Return the rows before the fault, and the others measured again, the robot set down again."""
     before = day.rows.take(np.arange(began))
     again = _run(day.laboratory, plan, day.stream + 1)
     done = set(zip(before.posture.tolist(), before.placement.tolist(), strict=True))

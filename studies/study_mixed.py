@@ -150,7 +150,7 @@ COLUMNS = (
 
 
 def study_pool(settings: Settings) -> Iterator[str]:
-    """Yield the criterion with random postures on one foot, chosen or not, beside the optimised ones."""
+    """Yield the criterion with random postures on one foot, chosen or not, in addition to the optimised ones."""
     plan, counts = shipped(), PLANNED.on_one_foot
     problem = planning_problem(robot(), nominal_plates(robot())[0], support=common_support(plan.support))
     goal = objective_by_name(problem, PLANNED.objective, 1e-3 * SIGMA_MM)

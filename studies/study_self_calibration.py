@@ -44,7 +44,7 @@ TINY = 1e-12  # an interval that begins at zero holds zero
 
 @dataclass(frozen=True)
 class Score:
-    """What an estimate of one laboratory was worth.
+    """The accuracy of an estimate of one laboratory.
 
     Attributes:
         determined, prior_only: whether each interval of a member holds the truth.

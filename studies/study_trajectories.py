@@ -31,7 +31,7 @@ from tulip_testbed.sim.robot import Robot, load_robot
 
 HUMANOID = "humanoid"
 SET_DOWN = "set down"
-WORDS = {FREE: "on its own feet", HOIST: "in the hoist", SET_DOWN: "set down anew"}
+WORDS = {FREE: "on its own feet", HOIST: "in the hoist", SET_DOWN: "set down again"}
 PARTS = ("optimal", "random", "mixed", HUMANOID)
 SETTINGS = Settings(seed=1, only=PARTS)
 PLACEMENTS, POSTURES = 20, 5  # of the humanoid's random plan
@@ -43,7 +43,7 @@ LOOK = 5  # servo periods between two looks
 
 @dataclass(frozen=True)
 class Followed:
-    """What happened on one motion.
+    """The events of one motion.
 
     Attributes:
         kind: as the protocol states it.

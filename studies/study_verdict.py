@@ -1,6 +1,6 @@
 """Measure how often the verdict fails a true laboratory and one with a false cell (docs/studies/verdict.md, minutes).
 
-The shipped plan is held once; sensors, plate records and scale are drawn anew for every experiment.
+The shipped plan is held once; sensors, plate records and scale are drawn again for every experiment.
 """
 
 from __future__ import annotations

@@ -100,7 +100,7 @@ class Day:
 
 @dataclass(frozen=True)
 class FaultyDay:
-    """What came of a day with a fault.
+    """The result of a day with a fault.
 
     Attributes:
         multiple: of the MDE. size: in plausible sizes. began: row. detectable, noticed: rows; -1: never.

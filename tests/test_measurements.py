@@ -72,7 +72,7 @@ def test_twins_with_other_numbers_are_refused_even_if_both_hashes_are_right(fold
     content["tables"][path.name] = sha256(path)
     (folder / "manifest.json").write_text(json.dumps(content))
     with pytest.raises(
-        InputError, match=r"postures\.csv: beside postures\.parquet: column 'q\.right_knee', row 1: found"
+        InputError, match=r"postures\.csv: next to postures\.parquet: column 'q\.right_knee', row 1: found"
     ):
         read_measurements(folder)
 

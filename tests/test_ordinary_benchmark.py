@@ -156,6 +156,6 @@ def test_scores_of_outcomes_made_by_hand():
     assert found["scattering plates: false alarms"] == (0.0, 1)
     assert found["wrong and confident, all arms"] == (pytest.approx(3 / 14), 14)
     titles = [table.title for table in tables(outcomes, ORDINARY)]
-    assert titles == ["Figures, static laboratory", "Verdicts, static laboratory", "What went wrong"]
-    (misses,) = [table for table in tables(outcomes, ORDINARY) if table.title == "What went wrong"]
+    assert titles == ["Figures, static laboratory", "Verdicts, static laboratory", "Wrong results"]
+    (misses,) = [table for table in tables(outcomes, ORDINARY) if table.title == "Wrong results"]
     assert len(misses.rows) == 5

@@ -273,7 +273,7 @@ def test_the_command_shows_them(own, capsys):
     findings = json.loads(capsys.readouterr().out)["findings"]
     assert [finding["name"] for finding in findings] == ["armature", "friction"]
     assert main(["model", "--robot", str(robot.path)]) == 0
-    assert "What this robot lacks for the laboratory" in capsys.readouterr().out
+    assert "Items that this robot lacks for the laboratory" in capsys.readouterr().out
     assert main(["model", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["findings"] == []
 

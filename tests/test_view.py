@@ -111,7 +111,7 @@ def test_rerun_draws_every_view_of_a_run(run, robot, tmp_path, monkeypatch):
     window.save(tmp_path / "run.rrd", "run", lambda recording: postures.log_postures(recording, subject))
     found = look(tmp_path / "run.rrd", {"posture": 40}, tmp_path / "run.png")
     assert {"Robot on its plates", "Masses of the links", "Posture", "Cells, N", "Residual, mm"} <= set(found)
-    assert len(found) == 11
+    assert len(found) == 13
     assert not any(found.values()), found
     not_blank(tmp_path / "run.png")
 

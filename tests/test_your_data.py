@@ -86,7 +86,7 @@ def test_a_hash_is_checked_where_it_is_given(folder):
 def test_two_tables_without_hashes_are_refused(folder, tmp_path):
     write_measurements(tmp_path / "whole", read_measurements(folder))
     edit_manifest(tmp_path / "whole", lambda m: m.pop("tables"))
-    with pytest.raises(InputError, match=r"found beside postures\.csv and without a sha256"):
+    with pytest.raises(InputError, match=r"found together with postures\.csv and without a sha256"):
         read_measurements(tmp_path / "whole")
 
 

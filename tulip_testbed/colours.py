@@ -10,6 +10,6 @@ SKELETON = "#555555"
 
 
 def rgb(colour: str) -> tuple[int, int, int]:
-    """#RRGGBB as numbers from 0 to 255."""
+    """Convert #RRGGBB to numbers from 0 to 255."""
     red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
     return red, green, blue

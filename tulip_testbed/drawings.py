@@ -53,7 +53,7 @@ def write_pictures(folder: Path, robot: Robot, plan: PosturePlan) -> InputError 
 
 
 def support_polygons(robot: Robot, plan: PosturePlan) -> str:
-    """An SVG with one panel a placement, observed from above, forward up.
+    """Draw an SVG with one panel per placement, observed from above, forward up.
 
     Boards, soles, the polygon of the soles that carry the robot, inside it the line that d_s leaves, and
     every posture's nominal centre of mass with the shortest way to the polygon's edge, d_e.
@@ -106,7 +106,7 @@ def support_polygons(robot: Robot, plan: PosturePlan) -> str:
 
 
 def contact_sheet(robot: Robot, plan: PosturePlan) -> bytes:
-    """A PNG of every different posture of a plan, rendered by MuJoCo, with its number.
+    """Draw a PNG of every different posture of a plan, rendered by MuJoCo, with its number.
 
     Raises:
         InputError: see `rendered`.
@@ -161,7 +161,7 @@ def _rectangle(pose: np.ndarray, half: np.ndarray, low: np.ndarray, high: np.nda
 
 
 def _mass(point: np.ndarray, polygon: np.ndarray, number: int, low: np.ndarray, high: np.ndarray) -> str:
-    """The centre of mass, its number, and the shortest way to the edge."""
+    """Draw the centre of mass, its number, and the shortest way to the edge."""
     (x, y), (u, v) = _pixels(np.array([point, nearest_on(point, polygon)]), low, high)
     away = np.array([x - u, y - v]) / max(np.hypot(x - u, y - v), 1e-9)
     tx, ty = x + 9 * away[0], y + 9 * away[1] + 3

@@ -9,7 +9,7 @@ from tulip_testbed.identification.feasibility import support_polygon
 
 
 def inset(polygon: np.ndarray, distance: float) -> np.ndarray | None:
-    """A convex polygon without what lies nearer to its edges than `distance` [m]; None: nothing is left."""
+    """Return the convex polygon of points at least `distance` [m] inside its edges; None: there are none."""
     edges = np.roll(polygon, -1, axis=0) - polygon
     outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
     offset = distance - (outward * polygon).sum(axis=1)
@@ -25,7 +25,7 @@ def inset(polygon: np.ndarray, distance: float) -> np.ndarray | None:
 
 
 def nearest_on(point: np.ndarray, polygon: np.ndarray) -> np.ndarray:
-    """The point of a polygon's edges that is nearest, (2,) [m]."""
+    """Return the point of a polygon's edges that is nearest, (2,) [m]."""
     edges = np.roll(polygon, -1, axis=0) - polygon
     along = ((point - polygon) * edges).sum(axis=1) / (edges**2).sum(axis=1)
     feet = polygon + np.clip(along, 0, 1)[:, None] * edges

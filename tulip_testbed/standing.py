@@ -12,7 +12,7 @@ from tulip_testbed.sim.measurements.data import base_foot
 def link_frames(
     nominal: Nominal, joint_angles: np.ndarray, support: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rotations and origins of all frames in the base frame, (m, n_frames, 3, 3) and (m, n_frames, 3) [m].
+    """Return all frames in the base frame, (m, n_frames, 3, 3) and (m, n_frames, 3) [m].
 
     Args:
         joint_angles: (m, n_joints) [rad]. support: "double", "right" or "left", (m,).
@@ -28,7 +28,7 @@ def link_frames(
 
 
 def soles_in_base(nominal: Nominal, joint_angles: np.ndarray, support: np.ndarray) -> np.ndarray:
-    """Corners of the right and the left sole from above, in the base frame, (m, 2, 4, 2) [m]."""
+    """Return the corners of the right and the left sole from above, in the base frame, (m, 2, 4, 2) [m]."""
     rotations, positions = link_frames(nominal, joint_angles, support)
     soles = []
     bases = (nominal.parameters.base, nominal.swing_frame)

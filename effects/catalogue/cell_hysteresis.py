@@ -1,7 +1,7 @@
 """The load cells lag behind their load: hysteresis or creep.
 
 reading = load + fraction (previous load - load). The previous load is that of the preceding row in the order
-of time, even if a posture was tried in between and dropped. Where the robot was set down anew (another
+of time, even if a posture was tried in between and dropped. Where the robot was set down again (another
 placement or support) the plates were empty before, so the previous load is 0.
 """
 

@@ -4,7 +4,7 @@ reading = load + creep, and the creep follows size times the load with one time 
 several exponentials (Bartel and Yaniv 1997 fitted 65 cells). OIML R 60 limits what a reading changes within
 30 minutes of loading: the time constants are tens of minutes. The size is one of cheap cells, assumed. The
 creep is zero at the first posture. Between two readings the cell bears the mean of their loads. That holds
-for the breaks too in which the robot is set down anew: they are short against the time constant, so the
+for the breaks too in which the robot is set down again: they are short against the time constant, so the
 recovery of an empty cell is left out.
 """
 

@@ -1,7 +1,7 @@
 """A joint's reading lags: it keeps a part of the posture before, as behind a sluggish filter.
 
 reading = angle + part (previous angle - angle). The previous angle is that of the preceding row in the
-order of time, even if a posture was tried in between and dropped. Where the robot was set down anew
+order of time, even if a posture was tried in between and dropped. Where the robot was set down again
 (another placement or support) it was carried for minutes in between, so the reading begins afresh, without
 lag.
 """

@@ -1,6 +1,6 @@
 """A plate's board rocks on its diagonal: its foot at one cell is too short by a gap.
 
-A rigid board stands on three feet: the two beside the short one, and of the short one and its opposite that
+A rigid board stands on three feet: the two next to the short one, and of the short one and its opposite that
 on the side of the diagonal where the load lies. With the load at the short foot it tips about the diagonal
 by the gap over the foot's distance from the diagonal; otherwise it is level. The robot's foot tilts with
 the board, and the cell that hangs in the air bears nothing. The size, a few tenths of a millimetre as of

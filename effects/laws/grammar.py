@@ -80,7 +80,7 @@ CATALOGUED = {
 
 @dataclass(frozen=True)
 class Sentence:
-    """What errs, as a function of what, in which shape.
+    """A law: the reading that errs, the quantity it depends on, and the shape.
 
     Attributes:
         what: such as `encoder:right_knee`. of: such as `own-angle` or `angle:left_knee`.
@@ -138,7 +138,7 @@ def shapes_of(kind: str, quantity: str) -> tuple[str, ...]:
 
 
 def sentence_of(text: str, where: str = "law") -> Sentence:
-    """Read `WHAT/OF/SHAPE`, of whatever robot.
+    """Read `WHAT/OF/SHAPE`, without checking names against a robot.
 
     Raises:
         InputError: a sentence that makes no sense, with those that do.

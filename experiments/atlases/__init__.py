@@ -1,1 +1,1 @@
-"""What a plan would detect, confuse or hide, before any data."""
+"""Predict the effects that a plan can detect, cannot distinguish or would hide."""

@@ -1,4 +1,4 @@
-"""What an effect does to the identified parameters while nobody models it.
+"""The bias of the identified parameters by an effect that is not modelled.
 
 To first order an estimate by generalised least squares moves by (H'V^-1 H)^-1 H'V^-1 d, d being what the
 effect adds to the residuals of the centre of pressure. An effect that changes the robot itself (a payload, a
@@ -43,7 +43,7 @@ class Weights:
 
 
 def weights(planned: Planned) -> Weights:
-    """The default estimator's, with the noise that the data sheets state."""
+    """Return the covariance of the default estimator, with the noise that the data sheets state."""
     linear = linear_model(planned.observed, planned.noise, "A")
     regressor = planned.nominal.parameters.regressor(linear.smoothed.joint_angles)
     rows = np.zeros((len(planned.observed), SIZE, regressor.shape[2]))

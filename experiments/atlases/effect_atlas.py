@@ -100,7 +100,7 @@ class Atlas:
         return Table("Effects", tuple(map(Column, kept)), rows).frame()
 
     def nearest(self, number: int) -> tuple[int, float]:
-        """The other candidate that looks most like one, and the angle to it [rad]."""
+        """Return the other candidate that looks most like one, and the angle to it [rad]."""
         angle = np.where(np.arange(len(self.angle)) == number, np.inf, self.angle[number])
         return int(angle.argmin()), float(angle.min())
 

@@ -87,7 +87,7 @@ def planned(plan: PosturePlan, preset: str, robot: Robot, seed: int) -> Planned:
 
 
 def usable(plan: PosturePlan, postures: np.ndarray) -> PosturePlan:
-    """The rows of a plan that have these numbers."""
+    """Return the rows of a plan that have these numbers."""
     return plan.take(np.isin(plan.posture, postures))
 
 
@@ -97,12 +97,12 @@ def streams(seed: int, count: int) -> list[np.random.SeedSequence]:
 
 
 def noisy(solved_plan: SolvedPlan, of: Sequence[np.random.SeedSequence]) -> list[Measurements]:
-    """What some runs show, every posture that has an equilibrium."""
+    """Return the measurements of some runs, with every posture that has an equilibrium."""
     return [run.measurements for run in run_statics(solved_plan, of, all_solved=True)]
 
 
 def estimates(runs: Sequence[Measurements], nominal: Nominal) -> np.ndarray:
-    """Base parameters of every run by the default estimator, (runs, p) [m]."""
+    """Return the base parameters of every run by the default estimator, (runs, p) [m]."""
     return np.array(
         [
             estimate_by(regression(nominal.parameters, run, nominal.robot, "plan"), DEFAULT).value

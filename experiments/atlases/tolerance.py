@@ -115,7 +115,7 @@ def tolerance(planned: Planned, progress: Callable[[int], None] = lambda count: 
 
 
 def erring(planned: Planned, source: Source) -> list[Measurements]:
-    """The first runs again with one unit of an error: the same random numbers."""
+    """Repeat the first runs with one unit of an error: the same random numbers."""
     candidate = source.candidate
     rig = candidate.effect.inject(planned.rig, candidate.target, candidate.values(source.sizes))
     # What instruments make of readings moves nothing.

@@ -75,4 +75,6 @@ def tolerance_table(found: Tolerance) -> Table:
             ]
         )
         told.add(effect)
-    return Table(f"What keeps the bias of every parameter below {ALLOWED} standard errors", columns, rows)
+    return Table(
+        f"Tolerances that keep the bias of every parameter below {ALLOWED} standard errors", columns, rows
+    )

@@ -83,7 +83,7 @@ def power_table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def confusion(outcomes: Sequence[Outcome]) -> Counter[tuple[str, float, str, str]]:
-    """Counts by true kind, multiple, verdict and kind named first ("" for none)."""
+    """Return counts by true kind, multiple, verdict and kind named first ("" for none)."""
     return Counter(
         (
             o.kinds[0],
@@ -153,7 +153,7 @@ def _counted(counter: Counter[str]) -> str:
 
 
 def csv_text(rows: Sequence[Sequence[object]]) -> str:
-    """The same for programs."""
+    """Return the same table for programs."""
     out = io.StringIO()
     csv.writer(out, lineterminator="\n").writerows(rows)
     return out.getvalue()
@@ -190,7 +190,7 @@ def report_text(outcomes: Sequence[Outcome], world: str = arms.EXACT) -> str:
 
 
 def files(outcomes: Sequence[Outcome], heading: str, world: str = arms.EXACT) -> dict[str, str]:
-    """Names and contents of what is written beside the cases."""
+    """Return the names and contents of the files next to the cases."""
     power = power_table([o for o in outcomes if not o.dynamics])
     counted = sorted(confusion([o for o in outcomes if not o.dynamics]).items())
     cases = [

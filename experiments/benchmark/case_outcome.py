@@ -1,4 +1,4 @@
-"""What came of one case: what was hidden, what was found."""
+"""The outcome of one case: the hidden effects and the effects that were found."""
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ def _trial(case: Case, rng: np.random.Generator, board: Board) -> Trial:
 
 
 def _outside(case: Case, rng: np.random.Generator, board: Board) -> Trial:
-    """A fault whose signal is so many times as long as one effect of one size must be to be found."""
+    """Return a fault whose signal is so many times as long as one effect of one size must be to be found."""
     (fault,) = [o for o in OUTSIDE if o.name == case.kinds[0]]
     number, sign = int(rng.integers(1000)), float(rng.choice([-1.0, 1.0]))
     signal = board.signal(lambda rig: fault.inject(rig, number, fault.amplitude))
@@ -208,7 +208,7 @@ def _truth(rig: Rig, board: Board) -> np.ndarray:
 
 
 def _without_noise(rig: Rig, board: Board) -> Measurements:
-    """Readings without noise, with the data sheets of the sensors that have it."""
+    """Return readings without noise, with the data sheets of the sensors that have it."""
     measured = run_statics(
         _prepared(without_noise(rig), board.quiet), [np.random.SeedSequence(0)], all_solved=True
     )[0].measurements

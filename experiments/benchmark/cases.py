@@ -1,4 +1,4 @@
-"""Which cases the benchmark holds: arms, kinds, sizes. What they are exactly is drawn case by case."""
+"""Which cases the benchmark holds: arms, kinds, sizes. The details are drawn case by case."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ONLY_DYNAMICS = ("lifted-corner", "unsettled")
 
 @dataclass(frozen=True)
 class Settings:
-    """All that the results depend on beside the plan.
+    """All settings except the plan that the results depend on.
 
     Attributes:
         size: of every arm, 1 the full one.
@@ -64,7 +64,7 @@ class Case:
     Attributes:
         kinds: of the hidden effects. multiple: of their minimum detectable size.
         dynamics: whether it is held in the full dynamics.
-        imperfect: whether ordinary imperfections of all families are beside it.
+        imperfect: whether ordinary imperfections of all families are added.
     """
 
     arm: str

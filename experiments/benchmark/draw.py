@@ -1,4 +1,4 @@
-"""What is hidden in a case: target, sign and direction by chance, size by what could just be found."""
+"""Draw the effects hidden in a case: target, sign and direction by chance, size near the detection limit."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def _distinct(candidate: Candidate, point: int) -> bool:
 
 
 def draw_visible(board: Board, kind: str, multiple: float, rng: np.random.Generator) -> Hidden:
-    """An effect of a kind at a multiple of its minimum detectable size (as it is, where it has no size)."""
+    """Return an effect of a kind at a multiple of its minimum detectable size (unchanged without a size)."""
     possible = testable(board, kind, multiple)
     for _ in range(TRIES):
         candidate, points = possible[rng.integers(len(possible))]
@@ -109,7 +109,7 @@ def _can_be_built(rig: Rig, hidden: Hidden) -> bool:
 
 
 def draw_absorbed(board: Board, kind: str, rng: np.random.Generator) -> Hidden:
-    """An effect that leaves no residual, its sizes from their priors."""
+    """Return an effect that leaves no residual, its sizes from their priors."""
     possible = absorbed(board, kind)
     candidate = possible[rng.integers(len(possible))]
     point = int(rng.integers(len(candidate.settings)))

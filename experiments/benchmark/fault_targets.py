@@ -1,4 +1,4 @@
-"""What held-out faults act on, chosen by a number, and how their right descriptions are written."""
+"""Targets of held-out faults, chosen by a number, and the form of their right descriptions."""
 
 from __future__ import annotations
 

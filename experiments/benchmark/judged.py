@@ -1,4 +1,4 @@
-"""What a discovery said, as it is written down and held against the truth."""
+"""The result of a discovery, as it is recorded and compared with the truth."""
 
 from __future__ import annotations
 

@@ -18,7 +18,8 @@ NULLS = 0.2  # of the cases in the full dynamics
 def ordinary_cases(settings: Settings, robot: Robot, plan: PosturePlan) -> list[Case]:
     """Return all cases, in an order in which every arm is spread evenly.
 
-    The arms: `nothing` is hidden beside ordinary imperfections; one effect with sizes from its `prior`; one
+    The arms: `nothing` is hidden in addition to ordinary imperfections; one effect with sizes from
+        its `prior`; one
     that is `clear`, large enough to be found in that laboratory and no ordinary size of its family; `twice`,
     two of the same kind; one `outside` the catalogue; nothing, but plates that `scatter` more or less than
     the data sheet says.

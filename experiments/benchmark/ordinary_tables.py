@@ -1,4 +1,4 @@
-"""What discovery in an ordinary world comes to: shares with exact intervals, and what went wrong."""
+"""Results of discovery in an ordinary world: shares with exact intervals, and wrong results."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def miss_table(outcomes: Sequence[Outcome]) -> Table:
             values = (*o.values, *[()] * (len(o.hidden) - len(o.values)))
             hidden = " + ".join(map(_with_values, o.hidden, values)) or "nothing"
             rows.append([o.run, hidden, o.verdict, " + ".join(o.names)])
-    return Table("What went wrong", columns, rows)
+    return Table("Wrong results", columns, rows)
 
 
 def _with_values(label: str, values: Sequence[float]) -> str:

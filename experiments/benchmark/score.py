@@ -1,4 +1,4 @@
-"""What the outcomes say: shares with exact intervals, each beside what it must reach."""
+"""Scores of the outcomes: shares with exact intervals, each with its target."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Figure:
 
 
 def rate(name: str, hits: Iterable[bool], least: float | None = None, most: float | None = None) -> Figure:
-    """A share with the interval of Clopper and Pearson (1934)."""
+    """Return a share with the interval of Clopper and Pearson (1934)."""
     each = [bool(hit) for hit in hits]
     if not each:
         return Figure(name, np.nan, np.nan, np.nan, 0, least, most)
@@ -62,7 +62,7 @@ def rate(name: str, hits: Iterable[bool], least: float | None = None, most: floa
 def median(
     name: str, values: Iterable[float], least: float | None = None, most: float | None = None
 ) -> Figure:
-    """A median with the interval between order statistics (binomial, exact)."""
+    """Return a median with the interval between order statistics (binomial, exact)."""
     ordered = np.sort(np.array(list(values), float))
     n = len(ordered)
     if not n:
@@ -74,7 +74,7 @@ def median(
 
 
 def right(o: Outcome) -> bool:
-    """The true name stands first, with the true choice, or it is the clearest ordinary imperfection."""
+    """Test if the true name is first, with the true choice, or is the clearest ordinary imperfection."""
     return (o.said and o.names[:1] == list(o.hidden) and _held_by(o, 0)) or _clearest(o)
 
 
@@ -88,7 +88,7 @@ def _clearest(o: Outcome) -> bool:
 
 
 def in_set(o: Outcome) -> bool:
-    """The true effect is among the explanations of a gap, or the clearest ordinary imperfection."""
+    """Test if the true effect is among the explanations of a gap, or the clearest ordinary imperfection."""
     return (o.said and _held_by(o, 0)) or _clearest(o)
 
 
@@ -109,23 +109,23 @@ def _held_by(o: Outcome, k: int) -> bool:
 
 
 def _choice(label: str, values: Sequence[float]) -> set[float]:
-    """What was chosen of several things: two corners, say."""
+    """Return the choice among several things, such as two corners."""
     parameters = catalogue()[split_label(label)[0]].parameters
     return {value for parameter, value in zip(parameters, values, strict=True) if parameter.choices}
 
 
 def twin_said(o: Outcome) -> bool:
-    """What was left out is explained by what can look like it, and by nothing else."""
+    """Return whether the omitted effect is explained by its look-alikes alone."""
     return o.said and set(o.names) <= set(o.twins[0])
 
 
 def unknown_or_twin(o: Outcome) -> bool:
-    """The right answers where the true effect is not in the catalogue."""
+    """Return the right answers where the true effect is not in the catalogue."""
     return open_said(o) or twin_said(o)
 
 
 def open_said(o: Outcome) -> bool:
-    """No cause of the catalogue is told: at most a law, whose cause is a guess."""
+    """No cause of the catalogue is reported: at most a law, whose cause is a guess."""
     return o.verdict in ("unknown", "described")
 
 
@@ -205,7 +205,7 @@ def figures(outcomes: Sequence[Outcome]) -> list[Figure]:
         rate("triples: all found first, nothing else", map(exactly, triples)),
         rate("triples: each in a set", map(each_in_set, triples)),
         rate("absorbed: no gap seen, and listed as unseen", (not o.flagged and o.unseen for o in absorbed)),
-        rate("absorbed: a parameter that it would bias is told", (o.biased > 0 for o in absorbed)),
+        rate("absorbed: a parameter that it would bias is reported", (o.biased > 0 for o in absorbed)),
         rate("cases without data", (bool(o.failed) for o in outcomes)),
     ]
 

@@ -1,4 +1,4 @@
-"""What can be known before any data: how large an effect must be, and what looks like it.
+"""Predictions before any data: how large an effect must be, and what looks like it.
 
 Everything here is of the nominal laboratory and the plan.
 """
@@ -71,7 +71,7 @@ class Board:
         return tuple(label for label, angle in near.items() if angle < ISOLABLE)
 
     def remainder(self, signal: np.ndarray, own: Sequence[str] = ()) -> float:
-        """What the closest other candidate leaves of a signal, as a multiple of what is found."""
+        """Return the residual of the closest other candidate as a multiple of the detection limit."""
         nearest = min(self._others(signal, own).values())
         return float(np.linalg.norm(signal) * np.sin(nearest) / np.sqrt(noncentrality(1, self.level)))
 
@@ -80,7 +80,7 @@ class Board:
         return {k: angle for k, angle in near if k not in own and split_label(k)[0] not in own}
 
     def signal(self, change: Callable[[Rig], Rig]) -> np.ndarray:
-        """What a change of the laboratory shows, whitened and projected, (r + 1,)."""
+        """Return the change of the readings by one of the laboratory, whitened and projected, (r + 1,)."""
         observed, theta = self.linear.observed, self.linear.theta
         rig, plan = exact_rig(observed), measured_plan(observed)
         with_it, without = (observe(simulated(one, plan), observed.nominal) for one in (change(rig), rig))

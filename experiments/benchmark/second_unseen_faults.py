@@ -1,6 +1,6 @@
 """A second dozen of held-out faults, thought up without a look at the program that describes what errs.
 
-Neither the catalogue nor `OUTSIDE` nor `UNSEEN` holds one of them. Beside each stands what a right
+Neither the catalogue nor `OUTSIDE` nor `UNSEEN` holds one of them. Each is listed with what a right
 description says of it. Each acts on one target, chosen by a number, in proportion to one amplitude.
 """
 

@@ -1,6 +1,6 @@
 """Faults held out from the program that describes what errs and as a function of what, opened once.
 
-Nobody who worked on that program has chosen them. Beside each stands what a right description says of it.
+Nobody who worked on that program has chosen them. Each is listed with what a right description says of it.
 Each acts on one target, chosen by a number, in proportion to one amplitude.
 """
 

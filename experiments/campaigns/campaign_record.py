@@ -38,7 +38,7 @@ MEASUREMENTS, PLAN, DISCOVERY = "measurements", "plan", "discovery"
 
 
 class CampaignSettings(Document):
-    """What was asked for: budget in experiments and minutes of laboratory time, None: no limit."""
+    """The settings of a campaign: budget in experiments and minutes of laboratory time, None: no limit."""
 
     seed: Seed
     engine: str

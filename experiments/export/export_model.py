@@ -57,13 +57,13 @@ SAMPLES, MOST_SAMPLES = 200, 100_000
 
 @dataclass(frozen=True)
 class Export:
-    """What is written.
+    """The files to be written.
 
     Attributes:
         path: of the model, .xml or .urdf.
         source: the published file of which `tulip robot` made the robot: its inertias are replaced instead
             of those of the prepared robot; None: the robot's own MJCF.
-        samples: number of random robots, written beside the model; 0: none.
+        samples: number of random robots, written next to the model; 0: none.
         seed: of the samples.
         adopted: effects that the laboratory is known to have. lengths: put its link lengths into the file.
     """
@@ -208,7 +208,7 @@ def _content(
         content = written_urdf(robot, model, found.pseudo)
         read = _published(content, export, replace(robot, model=model))
         notes = (
-            "The URDF is written anew from the robot's MJCF: links, hinges, limits and inertias, without "
+            "The URDF is generated from the robot's MJCF: links, hinges, limits and inertias, without "
             "shapes and motors.",
         )
     else:
@@ -325,5 +325,5 @@ def _missing_files(source: Path, path: Path) -> tuple[str, ...]:
         return ()
     return (
         f"The model names {len(missing)} files that are not found from its new place "
-        f"({shortened(listed(missing), 200)}): put it beside {source}, or copy them.",
+        f"({shortened(listed(missing), 200)}): move it to the folder of {source}, or copy them.",
     )

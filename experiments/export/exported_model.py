@@ -83,7 +83,7 @@ class ExportedModel(Shown):
             rows.append([row["link"], *cells, *(value for axis in of_center for value in axis)])
         note = (
             "From data: 100 %: base parameters and total mass determine the number; 0 %: it is what CAD "
-            "makes likely. Inertias follow mass and centre; statics sees nothing of them."
+            "makes likely. Inertias follow mass and centre; statics cannot determine them."
         )
         return Table("Masses and centres of mass of the links", tuple(columns), rows, note)
 

@@ -69,7 +69,7 @@ def robot_samples(
 ) -> RobotSamples:
     """Draw consistent robots.
 
-    Base parameters and total mass are normal with the estimate's covariance. What they leave open is drawn
+    Base parameters and total mass are normal with the estimate's covariance. The other parameters are drawn
     about CAD with the spread of `draw_robot`, and the lengths of the inertia boxes with it too; the sample is
     the consistent robot with the drawn base parameters that is nearest to the drawn CAD. Draws that no
     consistent robot has are drawn again; after `TRIES` the nearest one is taken.

@@ -65,7 +65,7 @@ class Distribution(Document):
 
 
 class ModelCalibration(Document):
-    """What all runs say of a model; a robot without a simplified model has no rows of it and nothing else."""
+    """The summary of all runs for a model; a robot without a simplified model has no rows of it."""
 
     parameters: list[CalibrationRow]
     beyond_95: Share | None = None
@@ -166,7 +166,7 @@ def report(
 
 
 def parameter_rows(found: Calibration, count: int, names: tuple[str, ...]) -> list[dict[str, Any]]:
-    """One object a parameter; intervals of `CONFIDENCE`."""
+    """Return one object per parameter; intervals of `CONFIDENCE`."""
     if count == 0:
         return [_row(number, names) for number in found.numbers.tolist()]
     ratio = standard_error_ratio(found, count, CONFIDENCE)

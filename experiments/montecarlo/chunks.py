@@ -55,7 +55,7 @@ class Chunks:
         return len(runs)
 
     def read(self, names: list[str]) -> Iterator[Columns]:
-        """Some columns, chunk by chunk in order.
+        """Yield some columns, chunk by chunk in order.
 
         Raises:
             InputError: a file is missing or damaged.
@@ -64,7 +64,7 @@ class Chunks:
             yield self.read_one(index, names)
 
     def read_one(self, index: int, names: list[str]) -> Columns:
-        """Some columns of one chunk.
+        """Return some columns of one chunk.
 
         Raises:
             InputError: the file is missing or damaged.
@@ -76,7 +76,7 @@ class Chunks:
         if not columns or not np.array_equal(columns["run"], runs):
             raise InputError(
                 f"{path}: not the chunk of runs {runs[0]} to {runs[-1]}; remove it, and the same command "
-                "makes it anew"
+                "makes it again"
             )
         return columns
 

@@ -82,7 +82,7 @@ def _client(address: str) -> Any:
 
 
 def compute(work: Work, chunks: Iterable[Sequence[int]]) -> Generator[Any]:
-    """The work's results in the order in which they come.
+    """Yield the work's results in the order in which they come.
 
     Raises:
         InputError: a worker died.

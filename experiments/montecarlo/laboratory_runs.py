@@ -29,7 +29,7 @@ Source = Callable[[Sequence[np.random.SeedSequence]], list[Outcome | str]]
 
 
 def stream_of(seed: int, run: int) -> np.random.SeedSequence:
-    """The random stream of one run: by its number, so neither order nor company matters."""
+    """Return the random stream of one run: by its number, so neither order nor company matters."""
     return np.random.SeedSequence(seed, spawn_key=(run,))
 
 
@@ -73,7 +73,7 @@ def source_of(
 def _robots(
     model: mujoco.MjModel, spread: float | None, streams: list[np.random.SeedSequence]
 ) -> list[np.ndarray]:
-    """Standard parameters of every run's robot."""
+    """Return the standard parameters of every run's robot."""
     if spread is None:
         return [standard_parameters(model)] * len(streams)
     return [draw_robot(model, spread, np.random.default_rng(stream)) for stream in streams]

@@ -1,4 +1,4 @@
-"""What an estimator says, as a Monte Carlo puts it to the test."""
+"""Estimates and stated errors of an estimator, as a Monte Carlo tests them."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ def moments(chunks: Iterable[np.ndarray], size: int) -> Moments:
 
 
 def histogram(chunks: Iterable[np.ndarray], found: Moments) -> np.ndarray:
-    """Counts of rows in `BINS` equal bins between the extremes of each quantity, (k, BINS)."""
+    """Return counts of rows in `BINS` equal bins between the extremes of each quantity, (k, BINS)."""
     counts = np.zeros((len(found.mean), BINS), dtype=np.int64)
     width = np.where(found.most > found.least, found.most - found.least, 1.0)
     columns = np.arange(len(found.mean))

@@ -118,7 +118,7 @@ def raise_runs(folder: Path, document: RunsFile[MonteCarloSettings]) -> None:
     """Ask for more runs in a folder that holds fewer of the same kind; leave every other folder alone.
 
     A run depends on its number and the seed alone, so those that are there stay. A last file that was not
-    full is made anew.
+    full is made again.
 
     Raises:
         InputError: another process is at work in the folder, or it cannot be written.

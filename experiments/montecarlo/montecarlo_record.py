@@ -58,7 +58,7 @@ def montecarlo_record(result: MonteCarlo) -> MonteCarloRecord:
 
 
 def read_montecarlo(folder: Path, robot: Robot) -> MonteCarloRecord:
-    """Read a Monte Carlo; its report is made anew from its runs.
+    """Read a Monte Carlo; its report is made again from its runs.
 
     Raises:
         InputError: another kind or version of run, another robot's, one without its plan, an unfinished one.

@@ -98,7 +98,7 @@ class MonteCarlo(Shown):
         return calibration_table("full", self.report.plain()["parameters"])
 
     def to_frame(self) -> Any:
-        """Return a pandas DataFrame with one row a parameter of the full model and its name as the index."""
+        """Return a pandas DataFrame with one row per parameter of the full model, indexed by name."""
         return self.table().frame().set_index("parameter")
 
     def parts(self) -> list[Table | str]:

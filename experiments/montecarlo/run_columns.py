@@ -78,7 +78,7 @@ def check_identified(path: Path, columns: Columns) -> None:
 
 
 def layout_of(robot: Robot, parameters: BaseParameters) -> Layout:
-    """The columns for a robot; a robot without a simplified model has the full one alone."""
+    """Return the columns for a robot; a robot without a simplified model has the full one alone."""
     models = {"full": tuple(range(1, len(parameters.names) + 1))}
     if "simplified" in robot.settings:
         models["simplified"] = tuple(simplified_numbers(robot, parameters))
@@ -89,7 +89,7 @@ def layout_of(robot: Robot, parameters: BaseParameters) -> Layout:
 
 @dataclass(frozen=True)
 class Job:
-    """What every run does; it travels to the workers.
+    """The work of every run, as it is sent to the workers.
 
     Attributes:
         parameters: with the lengths of the robot that stands there.
@@ -136,7 +136,7 @@ class Job:
 
 
 def numbers_of(layout: Layout, fits: Fits, truth: np.ndarray, true_mass: float) -> dict[str, float]:
-    """The columns of `Layout` of one run.
+    """Return the columns of `Layout` of one run.
 
     Args:
         truth: of all base parameters, (p,) [m].

@@ -1,4 +1,4 @@
-"""What a Monte Carlo is told to do, checked before the work begins."""
+"""The settings of a Monte Carlo, checked before the work begins."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class MonteCarloSettings(Document):
 
 @dataclass(frozen=True)
 class Settings:
-    """Everything beside laboratory and plan that the results depend on.
+    """Everything except laboratory and plan that the results depend on.
 
     Attributes:
         spread: of random true robots (`sim.random_robots`); None: the nominal robot.

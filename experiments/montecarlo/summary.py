@@ -54,7 +54,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class Summary:
-    """What all runs say together.
+    """The summary of all runs.
 
     Attributes:
         runs: how many were asked for; count: how many could be identified.

@@ -1,4 +1,4 @@
-"""What is known of the measurements before the first row: the start of their folder, and rows to fill in."""
+"""The start of a measurement folder: what is known before the first row, and rows to fill in."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ def order_of_placement(
 ) -> np.ndarray:
     """Order the rows of one placement and support.
 
-    The ways are evaluated where the tour wants to go alone: elsewhere their least duration is enough. The
+    The ways are evaluated only where the tour may go: elsewhere their least duration is enough. The
     first of the repeated postures opens the placement and closes it.
 
     Args:
@@ -124,7 +124,8 @@ def order_of_placements(robot: Robot, plan: PosturePlan) -> list[int]:
 
     They form a shortest closed tour: it goes out and comes back, so that the place of the feet does not grow
     with time. Of all beginnings of the tour and both directions, the one is taken in which a linear drift is
-    told best from everything else. If that is not enough (`SEPARATED`), the tour is gone round twice or three
+    determined best from everything else. If that is not enough (`SEPARATED`), the tour
+    is gone round twice or three
     times, with every second or third placement each time. A placement that only repeats postures comes half a
     tour after, or before, the placement that it repeats.
     """
@@ -162,8 +163,9 @@ def order_of_placements(robot: Robot, plan: PosturePlan) -> list[int]:
 def drift_inflation(robot: Robot, plan: PosturePlan) -> float:
     """Return by how much the standard error of a linear drift grows since other things vary with time [-].
 
-    The drift is that of the centre of pressure in x or in y, whichever is told worse. The other things are
-    the base parameters and whatever is linear in the place of the feet.
+    The drift is that of the centre of pressure in x or in y, whichever is determined worse. The
+    other things are
+    the base parameters and all else that is linear in the place of the feet.
     """
     return _inflation(_explained(robot, plan), preset_rig("ideal", robot), plan, np.arange(len(plan)))
 

@@ -1,4 +1,4 @@
-"""What a motion between two postures has to keep, and how much room it leaves."""
+"""The limits of a motion between two postures, and its margins to them."""
 
 from __future__ import annotations
 

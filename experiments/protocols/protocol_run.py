@@ -40,7 +40,7 @@ HOISTED = 10.0  # s more than the motion itself, to take the load off the robot:
 
 @dataclass(frozen=True)
 class ProtocolSettings:
-    """What the user of a laboratory may choose.
+    """The settings that the user of a laboratory may choose.
 
     Attributes:
         sensors: preset whose data sheet starts the measurement folder; None: unknown.
@@ -60,7 +60,7 @@ class LaboratoryProtocol(Shown):
     Attributes:
         given: the plan in its own order, with repeats.
         plan: its rows in order, with repeats.
-        motions: to every row from the one before, (m,); None: the robot is set down anew, held by a hoist.
+        motions: to every row from the one before, (m,); None: the robot is set down again, held by a hoist.
         boards: poses of right and left board in the base frame of every row, (m, 2, 3) [m, m, rad].
         notes: what a person should know of postures, sentences.
     """
@@ -117,7 +117,7 @@ class LaboratoryProtocol(Shown):
             ["motions on the robot's own feet", str(kinds["free"])],
             ["of them by a stance between the feet", str(kinds["via_stance"])],
             ["motions in the hoist, feet in place", str(kinds["hoist"])],
-            ["times that the robot is set down anew", str(kinds["set_down"])],
+            ["times that the robot is set down again", str(kinds["set_down"])],
             [
                 "assumed length",
                 f"{content['hours']:.1f} h, {content['motion_minutes']:.0f} min of it motions",
@@ -219,7 +219,7 @@ def _joined(
     """Return the plan's rows in order and the motions between them.
 
     Where the robot has to be lifted off its feet within a placement, a new placement begins: its boards are
-    recorded anew.
+    recorded again.
     """
     placement, motions = plan.placement[rows], []
     following, numbers = int(plan.placement.max()) + 1, list(placement)

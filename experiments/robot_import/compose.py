@@ -1,4 +1,4 @@
-"""Build the robot anew as the laboratory wants it, as MJCF with no other files."""
+"""Build the robot as the laboratory needs it, as MJCF with no other files."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ class Foot:
 
 @dataclass(frozen=True)
 class Stance:
-    """What a robot stands on, and where its front is.
+    """The feet on which a robot stands, and its forward direction.
 
     Attributes:
         feet: right and left.

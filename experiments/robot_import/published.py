@@ -196,7 +196,7 @@ def _reference(model: mujoco.MjModel, assumed: list[str]) -> dict[str, float]:
     wanted = next((name for name in STANDING if name in keys), None)
     qpos = model.qpos0 if wanted is None else model.key(wanted).qpos
     if wanted is not None:
-        assumed.append(f"keyframe '{wanted}' is where a standing posture is sought first")
+        assumed.append(f"keyframe '{wanted}' is the start of the search for a standing posture")
     found = {}
     for j in range(model.njnt):
         joint = model.joint(j)

@@ -32,7 +32,7 @@ LEAST_CHAIN = 12  # hinges between the feet
 
 @dataclass(frozen=True)
 class ImportedRobot:
-    """What was made of a published robot.
+    """The result of importing a published robot.
 
     Attributes:
         name: of the robot.
@@ -165,7 +165,7 @@ def _chain(skeleton: Skeleton, stance: Stance) -> list[str]:
 
 
 def _check_chain(skeleton: Skeleton, stance: Stance) -> None:
-    """Refuse legs that cannot put a foot where a plan wants it."""
+    """Refuse legs that cannot put a foot where a plan needs it."""
     first, second = (set(skeleton.path(foot.link)) for foot in stance.feet)
     for own, other, foot in ((first, second, stance.feet[0]), (second, first, stance.feet[1])):
         hinges = [h.name for k in sorted(own - other) for h in skeleton.links[k].hinges]

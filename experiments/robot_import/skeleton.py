@@ -157,7 +157,7 @@ class Source:
         driven: hinges that something drives, and all hinges of a model that drives none.
         torque: limits of the drives by joint [Nm].
         reference: joint angles at which what is not driven is fixed, and where a standing posture is
-            sought first, by joint [rad].
+            tried first, by joint [rad].
         collides: of the geoms, (ngeom,) bool.
         assumed, problems: sentences on what was read.
     """

@@ -139,7 +139,7 @@ def _with_hulls(root: ET.Element, path: Path) -> tuple[dict[str, bytes], list[st
 
 
 def find_mesh(name: str, urdf: Path) -> Path | None:
-    """Find a mesh beside a URDF or in a folder above it, as `package://` paths mean it."""
+    """Find a mesh next to a URDF or in a folder above it, as `package://` paths mean it."""
     parts = Path(SCHEME.sub("", name).lstrip("/")).parts
     if ".." in parts:
         beside = urdf.parent / Path(*parts)

@@ -39,7 +39,7 @@ ENDS = ("rad_s", "deg_s", "rad", "deg", "mm", "ms", "kg", "kN", "Nm", "N", "s", 
 
 
 class Named(NamedTuple):
-    """What the name of a column says.
+    """The meaning of a column's name.
 
     Attributes:
         role: "value", "spread", "command" or "motor".

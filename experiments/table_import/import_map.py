@@ -1,4 +1,4 @@
-"""What a user states of a table that is imported: a TOML file, or entries NAME=COLUMN:UNIT:SIGN."""
+"""The user's statements about an imported table: a TOML file, or entries NAME=COLUMN:UNIT:SIGN."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ BOTH = "double"
 
 @dataclass(frozen=True)
 class SignCheck:
-    """What the robot says of a table's signs.
+    """The signs of a table that the robot confirms.
 
     Attributes:
         confirmed: by column of the contract, what confirms its sign.
@@ -96,7 +96,7 @@ def _turned(values: np.ndarray, k: int) -> np.ndarray:
 
 
 def _by_range(m: Measurements, nominal: Nominal) -> Iterator[Finding]:
-    """A joint with a one-sided range shows its sign."""
+    """Check the sign of a joint with a one-sided range."""
     for k, joint in enumerate(m.joints):
         low, high = nominal.parameters.tree.joint_range[k]
         values = m.joint_angles[:, k]
@@ -115,7 +115,7 @@ def _by_range(m: Measurements, nominal: Nominal) -> Iterator[Finding]:
 
 
 def _by_weight(m: Measurements, nominal: Nominal) -> Iterator[Finding]:
-    """The vertical forces carry the robot."""
+    """Check that the vertical forces carry the robot."""
     if m.contacts is None:
         names, total = [f"cell.{plate}" for plate in PLATES], m.cell_forces.sum(axis=1)
     else:
@@ -132,7 +132,7 @@ def _by_weight(m: Measurements, nominal: Nominal) -> Iterator[Finding]:
 
 
 def _by_center(m: Measurements, nominal: Nominal) -> Iterator[Finding]:
-    """The centre of pressure lies below the nominal centre of mass only with the moments' right signs."""
+    """Check the moments' signs: the centre of pressure must lie below the nominal centre of mass."""
     if m.contacts is None:
         return
     base = _apart(m, nominal)

@@ -38,7 +38,7 @@ LIFTED = 0.05  # of the weight, below which a foot may be in the air
 
 @dataclass(frozen=True, repr=False)
 class ImportedTable(Shown):
-    """What was made of a table.
+    """The result of importing a table.
 
     Attributes:
         mapped: by column of the contract: {"column", "unit", "sign", "by", "checked"}.
@@ -78,7 +78,7 @@ class ImportedTable(Shown):
 
 @dataclass
 class _Work:
-    """What is known while a table is imported."""
+    """The state of an import."""
 
     table: Read
     robot: Robot
@@ -206,7 +206,8 @@ def _unstated(contacts: Sequence[Any]) -> list[str]:
         )
     if any(isinstance(one, WrenchEntry) and one.mount == "foot" and one.below is None for one in contacts):
         lines.append(
-            "no `below` is stated: nothing of the foot is below its sensor, as in a sole; an ankle's sensor "
+            "no `below` is stated: the foot is assumed to have no mass below its sensor, as in a sole; "
+            "an ankle's sensor "
             "does not weigh the foot, whose mass and centre it needs"
         )
     return lines
@@ -254,7 +255,7 @@ def _add_placement(work: _Work, found: Proposal) -> None:
 def _write(work: _Work, found: Proposal, manifest: dict[str, Any], folder: Path) -> SignCheck:
     """Write the folder, read it as everybody will, and hold it against the robot.
 
-    What cannot be read is a problem, and nothing is left.
+    An entry that cannot be read is a problem, and nothing is left.
     """
     with_mapping = {name: entry.model_dump(exclude_none=True) for name, entry in found.mapping.items()}
     try:

@@ -1,4 +1,4 @@
-"""What is known before a day of measurements: the robot, its tolerances, and the faults that may begin.
+"""The knowledge before a day of measurements: the robot, its tolerances, and the faults that may begin.
 
 The residuals of a posture are linear in the state x = (base parameters less CAD's, error of the weight,
 deviates of the ordinary imperfections, errors of the placement's recorded plates, swing foot's place in the

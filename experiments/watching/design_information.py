@@ -1,8 +1,9 @@
-"""What the postures so far tell about the base parameters, by the data sheets alone.
+"""The information of the postures so far about the base parameters, by the data sheets alone.
 
 The information is that of generalised least squares on the centre of pressure, with the errors of the plates'
 recorded poses common to a placement. It depends on where the robot stood and on the stated noise, not on
-what the residuals are: whoever stops when it suffices does not choose the errors, and intervals keep their
+what the residuals are: an experimenter who stops when it suffices does not choose the errors, and
+intervals keep their
 coverage.
 """
 

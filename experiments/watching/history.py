@@ -1,4 +1,4 @@
-"""What was known before the rows at which a change may have begun, so that a watch can return there."""
+"""States before the rows at which a change may have begun, so that a watch can return there."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ class Belief:
 
 @dataclass(frozen=True, eq=False)
 class Innovation:
-    """What a posture shows beyond what was predicted.
+    """The difference between a posture's residuals and their prediction.
 
     Attributes:
         value: residuals less their prediction, (11,). covariance: of the prediction, (11, 11).
@@ -53,7 +53,7 @@ def first_belief(model: DayModel) -> Belief:
 
 
 def begun(model: DayModel, belief: Belief, numbers: int) -> Belief:
-    """Return the belief in a new placement (`PLATES + STANCE` numbers begin anew) or stance (`STANCE`)."""
+    """Return the belief in a new placement (`PLATES + STANCE` numbers begin again) or stance (`STANCE`)."""
     mean, covariance = belief.mean.copy(), belief.covariance.copy()
     mean[-numbers:] = 0.0
     covariance[-numbers:] = covariance[:, -numbers:] = 0.0

@@ -57,7 +57,7 @@ def order_findings(model: DayModel, state: WatchState, row: Measurements, planne
                 f"placement {placement}",
                 f"placement {expected}, as in the plan",
                 where,
-                "Correct the number if the plates were not laid anew.",
+                "Correct the number if the plates were not laid again.",
             )
         )
     later = float(row.time[0]) - state.time
@@ -78,7 +78,7 @@ def order_findings(model: DayModel, state: WatchState, row: Measurements, planne
             f"the time jumps {way} by {number(abs(later), '.0f')} s",
             f"times that increase, by less than {BREAK:.0f} s",
             where,
-            "After a break look for what changed, else correct the clock. The foot counts as put down anew.",
+            "After a break look for what changed, else correct the clock. The foot counts as put down again.",
         )
     )
     return found
@@ -105,7 +105,7 @@ def set_up(model: DayModel, state: WatchState, row: Measurements, planned: int) 
 
 
 def _put_down(state: WatchState, gap: float, planned: int) -> bool:
-    """Return whether the robot may have been put down anew within a placement, see `Observation.stance`."""
+    """Return whether the robot may have been put down again within a placement, see `Observation.stance`."""
     if not np.isfinite(gap):
         return planned != state.row + 1
     usual = float(np.median(state.gaps)) if len(state.gaps) >= LEAST_GAPS else np.inf

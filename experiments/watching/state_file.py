@@ -50,7 +50,7 @@ OF_BEFORE = ("mean", "covariance", "settled", "own", "across", "within")
 
 @dataclass(frozen=True)
 class Kept:
-    """What a watch keeps between two runs."""
+    """The state of a watch between two runs."""
 
     state: WatchState
     place: Place

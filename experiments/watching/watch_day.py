@@ -44,7 +44,7 @@ EVERY = "all"
 
 @dataclass(frozen=True, eq=False)
 class WatchSettings:
-    """What is watched.
+    """The subject of a watch.
 
     Attributes:
         folder: measurement folder; nothing is written into it.
@@ -65,7 +65,7 @@ class WatchSettings:
 
 @dataclass(frozen=True, eq=False)
 class Arrival:
-    """What came of a line.
+    """The result of a line.
 
     Attributes:
         line: its number in the table. verdict: None if it could not be read.
@@ -120,7 +120,7 @@ def targets_of(model: DayModel, given: Mapping[str, float] | None) -> np.ndarray
 def watch_day(settings: WatchSettings, pause: Callable[[float], None] = time.sleep) -> Iterator[Arrival]:
     """Yield what comes of every row as it arrives, until every posture of the plan is measured.
 
-    The state is written after a row was yielded: whoever is killed between both sees that row again.
+    The state is written after a row was yielded: a process that is killed between both yields that row again.
 
     Args:
         pause: called with the time to wait between two looks at the file [s].

@@ -41,7 +41,7 @@ VERDICTS = (OK, NOT_SETTLED, REPEAT, CHANGED, UNUSABLE, UNPLANNED)
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """What a watch says of a posture.
+    """The judgement of a watch on a posture.
 
     Attributes:
         posture: its number. verdict: one of `VERDICTS`.

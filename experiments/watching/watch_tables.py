@@ -1,4 +1,4 @@
-"""What a watch shows of the last postures, and of the standard errors."""
+"""Tables of the last postures and of the standard errors in a watch."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def advice(verdict: Verdict, targets: Mapping[str, float] | None) -> list[str]:
 
 
 def error_table(verdict: Verdict, targets: Mapping[str, float] | None) -> Table:
-    """Return the standard errors beside their targets."""
+    """Return the standard errors with their targets."""
     columns = (
         Column("no.", format="d"),
         Column("parameter"),

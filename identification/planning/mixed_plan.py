@@ -1,6 +1,6 @@
 """Optimise postures on both feet, on the right foot and on the left foot together.
 
-The information of a plan is the sum over its rows, whatever they stand on. So the rows of one kind are
+The information of a plan is the sum over its rows, on one foot or on two. So the rows of one kind are
 improved given the information of the others, in turn, until that gains no more. All rows count alike.
 
 Every posture on one foot is put down by itself, on a placement of its own. Optimal ones use what torque the

@@ -1,4 +1,4 @@
-"""What ordinary imperfections do to readings, and whether readings lie beyond them and the noise.
+"""Changes of readings by ordinary imperfections, and whether readings lie beyond them and the noise.
 
 The whitened deviations are e = K phi + noise of s.d. 1, with phi ~ N(0, 1): K is the change by one tolerance
 of each imperfection. Three tests have V = I + K K' in common: what no imperfection of any size changes, the
@@ -118,7 +118,7 @@ def beyond(
 
 
 def singly(score: np.ndarray, information: np.ndarray, names: Sequence[str], parts: list[float]) -> Beyond:
-    """Test the change that each imperfection makes, beside other tests; V is the null.
+    """Test the change that each imperfection makes, together with other tests; V is the null.
 
     Args:
         score: K' V^-1 e, (k,). information: the diagonal of K' V^-1 K, (k,). names: (k,).

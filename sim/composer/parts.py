@@ -41,7 +41,8 @@ class SceneParts:
     Attributes:
         arena: MJCF of everything that belongs to no part.
         parts: the parts by name.
-        between: section and element of whatever connects parts to each other or to the world, such as
+        between: section and element of every element that connects parts to each other or to
+            the world, such as
             contact pairs.
     """
 

@@ -50,7 +50,7 @@ def checked_table(
         elif len(found) > 1:
             twin = next(other.name for other in found if other != path)
             raise InputError(
-                f"{path}: found beside {twin} and without a sha256 in the manifest's 'tables', "
+                f"{path}: found together with {twin} and without a sha256 in the manifest's 'tables', "
                 "expected one of the two tables or both hashes"
             )
     table = Table(found[0], contents[0], most_rows)
@@ -63,12 +63,12 @@ def _check_twin(table: Table, path: Path, content: bytes) -> None:
     """Refuse two tables of which it is unclear which is right.
 
     Args:
-        path, content: of the CSV file beside a Parquet file.
+        path, content: of the CSV file next to a Parquet file.
     """
     if content == table.as_csv():  # parsing takes a second for 10,000 rows
         return
     twin = Table(path, content, table.most_rows)
-    of_both = f"{path}: beside {table.path.name}"
+    of_both = f"{path}: next to {table.path.name}"
     if len(twin) != len(table):
         raise InputError(f"{of_both}: found {len(twin)} rows, expected its {len(table)}")
     for name, kind in table.types.items():

@@ -284,7 +284,7 @@ def _check_sensors(m: Measurements, where: str) -> None:
 
 
 def _check_repeats(m: Measurements, where: str) -> None:
-    """Refuse one number for different postures of several placements, as if each counted anew."""
+    """Refuse one number for different postures of several placements, as if each counted again."""
     _, first, number = np.unique(m.posture, return_index=True, return_inverse=True)
     off = np.abs(m.joint_angles - m.joint_angles[first[number]])
     elsewhere = m.placement != m.placement[first[number]]

@@ -90,7 +90,7 @@ OF_ROWS = (  # fields of `Measurements` with a value for every row
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """Measurements, one row per held posture; they contain nothing of a simulation's truth.
+    """Measurements, one row per held posture; they do not contain a simulation's truth.
 
     Attributes:
         joints: joint names.

@@ -70,7 +70,7 @@ def joined(measured: Sequence[Measurements], sources: Sequence[str] = ()) -> Mea
 
 
 def as_joined(measurements: Measurements) -> Measurements:
-    """Return measurements whose known masses are told from the robot, as `joined` does it."""
+    """Return measurements whose known masses are distinguished from the robot, as `joined` does it."""
     waiting = measurements.experiments and measurements.experiment is None
     return joined([measurements]) if waiting else measurements
 

@@ -1,4 +1,4 @@
-"""What an experiment's laboratory differs by from its ordinary set-up: turned plates, a known mass, ...
+"""Differences of an experiment's laboratory from its ordinary set-up: turned plates, a known mass, ...
 
 Manipulations are texts of a small grammar in the order in which they were carried out. They describe the
 state of the laboratory, not a change since the experiment before.
@@ -48,8 +48,8 @@ class Arrangement:
             which it stands now, seen from the robot.
         robot_turned: whether the robot faces the other way, so that the room is turned as it sees it.
         cable: whether a cable or hoist may pull at the torso.
-        moved: whether the plates' places were surveyed anew. tared: whether the cells were tared anew.
-        zeroed: joints whose encoders were zeroed anew.
+        moved: whether the plates' places were surveyed again. tared: whether the cells were tared again.
+        zeroed: joints whose encoders were zeroed again.
         masses: known masses on the robot.
     """
 

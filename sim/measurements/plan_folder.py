@@ -223,7 +223,7 @@ def check_repeats(path: Path | str, plan: PosturePlan) -> None:
         row = int(other.argmax())
         raise InputError(
             f"{path}: column 'posture', row {row + 1}: found number {plan.posture[row]} again, but not the "
-            f"angles, support, swing foot and torques of row {same[row] + 1}; expected one number a posture"
+            f"angles, support, swing foot and torques of row {same[row] + 1}; expected one number per posture"
         )
 
 

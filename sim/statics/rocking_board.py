@@ -1,4 +1,4 @@
-"""A board with one short foot: it stands on three feet and rocks about the diagonal beside the short one."""
+"""A board with one short foot: it stands on three feet and rocks about the diagonal next to the short one."""
 
 from __future__ import annotations
 

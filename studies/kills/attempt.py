@@ -106,7 +106,7 @@ def start(
 
 
 def marked(mark: str) -> list[int]:
-    """Return the numbers of the processes with a mark, whoever is their parent now."""
+    """Return the numbers of the processes with a mark, regardless of their present parent."""
     wanted, found = f"{MARK}={mark}".encode(), []
     for path in Path("/proc").glob("[0-9]*"):
         try:

@@ -19,7 +19,7 @@ AS_ANYBODY = ("setpriv", "--bounding-set=-dac_override,-dac_read_search") if os.
 
 
 def pairs() -> list[tuple[Command, Command]]:
-    """Return every command beside itself, and simulations that share the measurements or the truth alone."""
+    """Return every command together with itself, and simulations that share measurements or truth alone."""
     (simulate,) = (command for command in COMMANDS if len(command.results) > 1)
     return [
         *((command, command) for command in COMMANDS),
@@ -102,7 +102,7 @@ def _contents(wanted: Reference) -> list[bytes]:
 
 
 def _refused(command: Command, place: Path, wanted: Reference, started: Started) -> str:
-    """What is wrong with a command that could not write, and with what it left."""
+    """Return the faults of a command that could not write, and of the files it left."""
     fault = _gone(started) or _message(command, started)
     what = left(command, place, wanted)
     if not fault and what not in ("nothing", "begun"):

@@ -1,4 +1,4 @@
-"""What a command left: whole, begun, nothing, or broken."""
+"""The state of a command's output: whole, begun, nothing, or broken."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ENDS = {".html": b"</html>", ".rrd": b"RRF2FOOT"}  # near the end of a whole fil
 
 @dataclass(frozen=True)
 class Reference:
-    """What two undisturbed runs of a command wrote.
+    """The files that two undisturbed runs of a command wrote.
 
     Attributes:
         files: every file's content; None where the two differ, by a time or a random name.

@@ -116,7 +116,7 @@ def to_check(measurements: Several) -> list[tuple[Measurements, str | None]]:
 
 
 def measurements_of(measured: Several, likely: bool = True) -> Measurements:
-    """Return measurements, or those of runs and folders, held against the contract once and joined."""
+    """Return measurements, or those of runs and folders, checked against the contract once and joined."""
     each, found = each_of(measured), []
     for one in each:
         if isinstance(one, str | Path):

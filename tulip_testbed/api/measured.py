@@ -119,7 +119,7 @@ def discover(
         robot: the nominal robot; TULip if None.
         seed: of the bootstrap that calibrates the level.
         check: simulate adopted physics in the full dynamics, which may take two minutes.
-        workers: processes of that simulation; None: one a core. Results do not depend on it.
+        workers: processes of that simulation; None: one per core. Results do not depend on it.
         tolerances: what is usual for the ordinary imperfections of this laboratory, as in `identify`.
 
     Returns:
@@ -223,7 +223,7 @@ def export_model(
         path: of a new file, .xml or .urdf.
         robot: the nominal robot, whose masses are CAD's; TULip if None.
         source: published MJCF or URDF of which the robot was made: its inertias are replaced instead.
-        samples: random robots that the measurements allow, written beside the model as NAME-samples.npz.
+        samples: random robots that the measurements allow, written next to the model as NAME-samples.npz.
         seed: of the samples.
         lengths: put the link lengths that a discovery or a folder adopted into the file.
 

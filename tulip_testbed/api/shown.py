@@ -61,7 +61,7 @@ def report(shown: Reported, path: str | Path, robot: Robot | None = None) -> Non
     """Write a run as one HTML page that needs no network: verdict, tables, figures, settings.
 
     Args:
-        shown: a run, which is identified and held against its truth; a validation, a discovery, a Monte
+        shown: a run, which is identified and compared with its truth; a validation, a discovery, a Monte
             Carlo, or the folder of any.
         path: of the page, a new file (.html).
         robot: that the folder's run was made with; TULip if None.

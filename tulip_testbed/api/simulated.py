@@ -36,7 +36,7 @@ def validate(
         seed: of everything random.
         estimator: see `identify`; None: "mixed-model", or "self-calibrating" in an ordinary laboratory.
         engine: "dynamics", half a minute, or "statics", a second.
-        workers: processes; None: one a core. Results do not depend on it.
+        workers: processes; None: one per core. Results do not depend on it.
         ordinary: scale of ordinary imperfections of all families that are drawn and hidden in the laboratory,
             1: spreads of 0.1 to 1 tolerance; None: there are none.
 
@@ -69,7 +69,7 @@ def monte_carlo(
         random_robots: s.d. of the logarithm of each link's mass, and of its centre of mass in half edges of
             its inertia box: a random true robot in every run; None: the nominal one.
         engine: "statics", or "dynamics": about a minute a run.
-        workers: processes; None: one a core. Results do not depend on it.
+        workers: processes; None: one per core. Results do not depend on it.
         folder: keeps the runs; the same call resumes what was stopped. None: a temporary one.
         scheduler: address of a Dask scheduler, "tcp://HOST:PORT"; None: processes of this machine.
         ordinary: see `validate`; every run draws a laboratory of its own.

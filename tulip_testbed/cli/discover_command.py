@@ -35,9 +35,10 @@ def discover_command(
 ) -> int:
     """Find physical effects that the model lacks.
 
-    Tells where the model disagrees with the measurements and which effect explains it. The verdict is
+    The command reports where the model disagrees with the measurements and which effect explains
+    it. The verdict is
     `none`, `calibrated` (ordinary imperfections explain it), `named`, `described` (by a law composed of what
-    errs, as a function of what, in which shape), `ambiguous` or `unknown`. What was found is added to the
+    errs, as a function of what, in which shape), `ambiguous` or `unknown`. The effects found are added to the
     model: the rig in the run folder can be given to `tulip simulate --rig` and `tulip identify --rig`.
 
     Example: tulip discover data/first --out runs/found

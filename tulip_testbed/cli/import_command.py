@@ -31,8 +31,9 @@ def import_command(
     """Make a measurement folder of your own table.
 
     The table keeps its names, units and signs; the manifest maps them to the contract's. Columns are found by
-    their names, units in brackets. What is not written has to be stated. Signs are +1 unless stated, and are
-    held against the robot where closed legs, weight and centre of pressure can tell them.
+    their names, units in brackets. Units that no column name gives have to be stated. Signs are +1
+    unless stated, and are
+    checked against the robot where closed legs, weight and centre of pressure determine them.
     Exit code 0: written, though perhaps with problems to look at; 1: something necessary is missing.
 
     Example: tulip import standing.csv --robot my/robot/robot.toml --map contacts.toml --out data/standing

@@ -1,4 +1,4 @@
-"""The command line: one function a command; bad input ends in one line and exit code 2.
+"""The command line: one function per command; bad input ends in one line and exit code 2.
 
 Only the module of the command that is asked for is loaded, and the simulator only when the command runs: help
 is quick.

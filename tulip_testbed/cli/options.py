@@ -1,6 +1,6 @@
 """Options that several commands share.
 
-What the library defines is repeated here, so that help does not load it; a test compares both.
+Definitions of the library are repeated here, so that help does not load it; a test compares both.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ ENGINES = ("loky", "dask")
 
 
 def _scale(texts: list[str]) -> float:
-    """Read what stands behind `--ordinary`."""
+    """Read the value of `--ordinary`."""
     if len(texts) > 1:
         raise ValueError(f"found {len(texts)} numbers, expected one at most")
     return float(texts[0]) if texts else 1.0

@@ -36,7 +36,10 @@ def plan_command(
         int, tyro.conf.arg(metavar="N", help="postures on the left foot, optimised together with the others")
     ] = 0,
     repeats: Annotated[
-        int, tyro.conf.arg(metavar="N", help="postures that come twice: half at once, half placed anew")
+        int,
+        tyro.conf.arg(
+            metavar="N", help="postures that come twice: half in the same placement, half in another one"
+        ),
     ] = 0,
     solver: Annotated[str, tyro.conf.arg(help="of the last round: slsqp, or ipopt (slow)")] = SOLVERS[0],
     preset: NoisyPreset = "wii",

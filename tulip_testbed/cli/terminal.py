@@ -1,4 +1,4 @@
-"""What the commands print: results go to stdout, everything else to stderr."""
+"""Output of the commands: results go to stdout, everything else to stderr."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def show_verdict(verdict: str, more: str = "") -> None:
 
 
 def show_whole(lines: Iterable[str]) -> None:
-    """Print lines that a person may copy: whole, whatever the width."""
+    """Print lines that a person may copy: whole, at any width."""
     screen = _console()
     for line in lines:
         screen.print(Text(printable(line)), soft_wrap=True)
@@ -102,7 +102,7 @@ def live_table() -> Iterator[Callable[[Table, str], None]]:
     """Show a table on stdout that changes in its place; a pipe or a file gets a line of text each time.
 
     Yields:
-        What is called with the table and with the line, which may be empty.
+        A function to be called with the table and with the line, which may be empty.
     """
     if not sys.stdout.isatty():
         yield lambda table, line: show_whole([line] if line else [])
@@ -140,7 +140,7 @@ def progress(label: str, total: int, done: int = 0) -> Iterator[Callable[[int], 
         done: steps that were done before.
 
     Yields:
-        What is called with the number of steps that are done now.
+        A function to be called with the number of steps that are done now.
     """
     with _bar(label, RateColumn(), TimeElapsedColumn(), TimeRemainingColumn()) as bar:
         task = bar.add_task(label, total=total, completed=done)
@@ -152,7 +152,7 @@ def best_so_far(label: str, total: int, done: int = 0) -> Iterator[Callable[[int
     """Show a bar with the best value so far on stderr.
 
     Yields:
-        What is called with the number of rounds that are done and the value.
+        A function to be called with the number of rounds that are done and the value.
     """
     with _bar(label, TextColumn("{task.fields[value]}"), TimeElapsedColumn()) as bar:
         task = bar.add_task(label, total=total, completed=done, value="")

@@ -40,7 +40,7 @@ def watch_command(
     """Check postures while they are measured, and tell when to stop.
 
     FOLDER is a measurement folder whose manifest.json is written and whose postures.csv grows; nothing is
-    written into it. Each row is held against the postures before it, the robot's CAD model, the repeats and
+    written into it. Each row is compared with the postures before it, the robot's CAD model, the repeats and
     the data sheets' noise. The command ends when every posture is measured, or by Ctrl-C. PLAN is a plan
     folder or the name of a shipped plan.
 
