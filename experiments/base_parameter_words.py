@@ -1,4 +1,4 @@
-"""What a base parameter is physically: first moments of links, and masses at lengths."""
+"""Describe base parameters in words: first moments of links, and masses at lengths."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def fault_of_changes(model: DayModel, state: WatchState, level: Level) -> WatchS
     """Return the state with the change that the evidence shows, if it shows one.
 
     The estimate returns to what it was before the change began; the postures since are to be measured again,
-    and what they showed is forgotten: no repeat is held against it.
+    and what they showed is forgotten: no repeat is compared with it.
     """
     ratio = state.changes.ratio
     slot, direction = np.unravel_index(ratio.argmax(), ratio.shape)

@@ -1,4 +1,4 @@
-"""What a watch remembers between two rows: its size depends on the plan, not on how many rows there were."""
+"""The state that a watch remembers between two rows: its size depends on the plan, not on how many rows there were."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Fault:
 
 @dataclass(frozen=True, eq=False)
 class Before:
-    """What was known before a row, to which a watch returns if a change began there.
+    """The state before a row, to which a watch returns if a change began there.
 
     Attributes:
         count: of the row. placement: its number. stance: its number.
@@ -50,7 +50,7 @@ class Before:
 
 @dataclass(frozen=True, eq=False)
 class Earlier:
-    """What a posture showed when it was measured last, by the plan's rows.
+    """The result of a posture when it was measured last, by the plan's rows.
 
     Attributes:
         there: whether it was measured, (m,) bool. residual: (m, 11). state: derivative by the state,

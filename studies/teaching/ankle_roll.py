@@ -37,7 +37,7 @@ def least_cosine() -> tuple[float, float]:
 
 
 def ankle_roll(found: Ensemble, path: Path) -> Path:
-    """Draw the joint ellipse of the pair beside a sketch of the leg that explains it.
+    """Draw the joint ellipse of the pair next to a sketch of the leg that explains it.
 
     Args:
         found: all parameters.

@@ -28,7 +28,7 @@ THICK, MARK, HEIGHT = 0.011, 0.026, 0.003  # m
 
 @dataclass(frozen=True, eq=False)
 class Scenes:
-    """What is to be seen in each of k images; everything in the base frame.
+    """Content of each of k images; everything in the base frame.
 
     Attributes:
         angles: joint angles, (k, n_joints) [rad].
