@@ -1,4 +1,4 @@
-"""The state that a watch remembers between two rows: its size depends on the plan, not on how many rows there were."""
+"""The state that a watch remembers between two rows; its size depends on the plan, not on the number of rows."""
 
 from __future__ import annotations
 
