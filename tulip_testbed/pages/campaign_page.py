@@ -1,4 +1,4 @@
-"""A campaign's page: what was known after each experiment, and how far the parameters were from the truth."""
+"""The page of a campaign: the explanations and the errors of the parameters after each experiment."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def campaign_page(run: CampaignRecord) -> Page:
     last, story = run.steps[-1], campaign_story(run)
     sections = [
         Section(
-            "What was known after each experiment",
+            "Explanations after each experiment",
             (KNOWN_WORDS,),
             (experiment_table(run), posterior_table(run)),
             (posterior_figure(run),) if posterior(run) else (),

@@ -23,10 +23,10 @@ WIDE = 1.96  # s.d. that 95 % of the noise stay within
 
 
 def gap_figure(rows: Sequence[tuple[str, float, float, float]]) -> Figure:
-    """The gap by channel before and after, over the noise.
+    """Draw the gap by channel before and after, relative to the noise.
 
     Args:
-        rows: channel, before, after, and what it may be by chance.
+        rows: channel, before, after, and the bound by chance alone.
     """
     drawn = go.Figure()
     names = [name for name, *_ in rows]
@@ -45,10 +45,10 @@ def gap_figure(rows: Sequence[tuple[str, float, float, float]]) -> Figure:
 
 
 def curve_figure(k: int, curve: Curve, posture: np.ndarray, changed: bool) -> Figure:
-    """One residual over the experiment, before and after, with the noise as a band.
+    """Draw one residual over the experiment, before and after, with the noise as a band.
 
     Args:
-        posture: numbers in the order of time, (m,). changed: whether anything was taken off.
+        posture: numbers in the order of time, (m,). changed: whether an effect was removed.
     """
     drawn = go.Figure()
     there = np.isfinite(curve.sd)
@@ -82,7 +82,7 @@ def curve_figure(k: int, curve: Curve, posture: np.ndarray, changed: bool) -> Fi
 
 
 def law_figure(k: int, law: LawCurve) -> Figure:
-    """The curve of a law, with the error that the residuals of every posture show."""
+    """Draw the curve of a law, with the error that the residuals of every posture show."""
     drawn = go.Figure()
     bars = {
         "type": "data",
@@ -115,7 +115,7 @@ def law_figure(k: int, law: LawCurve) -> Figure:
 
 
 def plane_figure(side: str, x: np.ndarray, y: np.ndarray, sd: float, reach: float) -> Figure:
-    """CoP minus estimated CoM of all postures from above.
+    """Draw the CoP minus the estimated CoM of all postures from above.
 
     Args:
         x, y: (m,) [mm]. sd: of the noise [mm]. reach: of the picture [mm], the same before and after.
@@ -140,7 +140,7 @@ def plane_figure(side: str, x: np.ndarray, y: np.ndarray, sd: float, reach: floa
 
 
 def evidence_figure(candidates: list[dict[str, Any]], runners_up: list[dict[str, Any]]) -> Figure:
-    """ln of the Bayes factor of every explanation that is left and of the runners-up, as bars.
+    """Draw ln of the Bayes factor of every remaining explanation and of the runners-up, as bars.
 
     Args:
         candidates, runners_up: of a report as JSON.

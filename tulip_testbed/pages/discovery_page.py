@@ -1,4 +1,4 @@
-"""A discovery's page: what was found, before and after, and what it rests on."""
+"""The page of a discovery: the findings, the residuals before and after, and the evidence."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def discovery_page(run: DiscoveryRecord) -> Page:
             "Residuals over the experiment",
             (
                 "Vermilion: as measured. Blue: with the found effects removed. Band: 95 % of the noise. The "
-                "swing foot's x, y and yaw are shown about their mean in a stance: angles do not tell more.",
+                "swing foot's x, y and yaw are shown about their mean in a stance: angles give no more.",
             ),
             figures=_curves(run, curves, changed),
         ),
@@ -61,7 +61,7 @@ def discovery_page(run: DiscoveryRecord) -> Page:
         *_check(content["check"]),
     ]
     if DIFF in run.rig:
-        words = "What the adopted rig changes; its folder serves --rig of simulate, identify and validate."
+        words = "Changes by the adopted rig. Use its folder with --rig of simulate, identify and validate."
         sections.append(Section("The adopted rig", (words,), folded=(("Differences", run.rig[DIFF]),)))
     sections.append(how_it_was_made(run))
     measured = run.measurements
@@ -88,7 +88,7 @@ def _gap_figures(gap: dict[str, Any]) -> tuple[Figure, ...]:
 
 
 def _planes(curves: list[Curve], changed: bool) -> tuple[Figure, ...]:
-    """The centre of pressure before and after side by side, at one scale."""
+    """Draw the centre of pressure before and after side by side, at one scale."""
     x, y = curves[:2]
     sides = {"before": (x.before, y.before)} | ({"after": (x.after, y.after)} if changed else {})
     reach = 1.1 * max(float(np.abs(values).max()) for side in sides.values() for values in side)
@@ -106,7 +106,7 @@ def _curves(run: DiscoveryRecord, curves: list[Curve], changed: bool) -> tuple[F
 
 
 def _laws(run: DiscoveryRecord) -> tuple[Section, ...]:
-    """The laws that were adopted, each with its curve."""
+    """Return the section of the adopted laws, each with its curve."""
     if not run.report.laws:
         return ()
     words = [law.sentence for law in run.report.laws]
@@ -129,7 +129,7 @@ def _evidence(report: dict[str, Any]) -> tuple[Section, ...]:
 
 
 def _ordinary(report: dict[str, Any]) -> tuple[Section, ...]:
-    """The families of ordinary imperfections and the members that were added to the model."""
+    """Return the section of the families of ordinary imperfections and of the members added to the model."""
     tables = [spread_table(report["families"]), calibrated_table(report["calibrated"])]
     shown = tuple(table for table in tables if table.rows)
     return (Section("Ordinary imperfections", (ORDINARY_WORDS,), shown),) if shown else ()
@@ -146,7 +146,7 @@ def _next(report: dict[str, Any]) -> tuple[Section, ...]:
 
 
 def _doubts(report: dict[str, Any]) -> tuple[Section, ...]:
-    """What is left, what repeats say of the noise, what these postures cannot show."""
+    """Return the section of remaining patterns, repeats and effects that the postures cannot detect."""
     tables = [
         pattern_table(report["left"]),
         repeat_table(report["repeats"]),
@@ -156,7 +156,7 @@ def _doubts(report: dict[str, Any]) -> tuple[Section, ...]:
     words = tuple(f"Noise not as stated: {text}." for text in report["noise"]["not_as_stated"])
     if not tables[0].rows:
         words += (f"The remaining residuals have no pattern (p above {MOST_P} for all that were tried).",)
-    return (Section("What to doubt", words, tuple(table for table in tables if table.rows)),)
+    return (Section("Limits of the finding", words, tuple(table for table in tables if table.rows)),)
 
 
 def _check(check: dict[str, Any] | None) -> tuple[Section, ...]:

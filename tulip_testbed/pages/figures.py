@@ -1,4 +1,7 @@
-"""The page's figures; the only importer of plotly. Texts and lines take the page's colours in the browser."""
+"""The figures of a page; no other module imports plotly.
+
+The browser gives texts and lines the page's colours.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +24,9 @@ class Figure:
     """A figure of the page.
 
     Attributes:
-        name: its id in the page. caption: below it. text: for who cannot see it.
-        json: plotly's, ready to stand inside of a script element.
-        small: several may stand beside each other.
+        name: its id in the page. caption: below it. text: the description for a screen reader.
+        json: plotly's, safe inside a script element.
+        small: several may be placed next to each other.
     """
 
     name: str
@@ -34,12 +37,12 @@ class Figure:
 
 
 def plotly_script() -> str:
-    """The library, to stand in the page."""
+    """Return plotly's JavaScript library, to be included in the page."""
     return get_plotlyjs()
 
 
 def figure(name: str, caption: str, text: str, drawn: go.Figure, height: int = 380) -> Figure:
-    """Finish a figure: transparent, small margins, no text that a browser could take for the script's end."""
+    """Finish a figure: transparent, small margins, no text that a browser could read as the script's end."""
     content = drawn.to_dict()
     named = [line for line in content["data"] if line.get("name") and line.get("showlegend", True)]
     legend = content["layout"].get("showlegend", True) and len(named) > 1
@@ -62,7 +65,7 @@ def figure(name: str, caption: str, text: str, drawn: go.Figure, height: int = 3
 def residual_norms(
     posture: np.ndarray, placement: np.ndarray, norms: dict[str, np.ndarray], means: dict[str, float]
 ) -> Figure:
-    """Fig. 4: norm of error of every row, full and simplified.
+    """Draw the norm of error of every row for the full and the simplified model (the paper's Fig. 4).
 
     Args:
         posture, placement: numbers, (m,). norms: by model, (m,) [mm]. means: by model, of the report [mm].
@@ -92,7 +95,7 @@ def residual_norms(
 
 
 def errors_over_se(z: dict[str, tuple[list[int], np.ndarray]]) -> Figure:
-    """Error of every parameter over its stated standard error.
+    """Draw the error of every parameter over its stated standard error.
 
     Args:
         z: numbers and (p,) by model.
@@ -120,7 +123,7 @@ def errors_over_se(z: dict[str, tuple[list[int], np.ndarray]]) -> Figure:
 
 
 def correlation_map(matrix: np.ndarray, pairs: list[tuple[list[int], str]]) -> Figure:
-    """Eq. 15 as a map, with marked pairs.
+    """Draw the correlations (eq. 15) as a map, with marked pairs.
 
     Args:
         matrix: (p, p). pairs: numbers of two parameters and the joint that distinguishes them.
@@ -153,7 +156,7 @@ def correlation_map(matrix: np.ndarray, pairs: list[tuple[list[int], str]]) -> F
     marked = "; ".join(f"{a} and {b}: {matrix[a - 1, b - 1]:.4f}" for (a, b), _ in pairs)
     caption = (
         "Correlations of the full model's parameters (eq. 15) by the regressor of the measured angles, "
-        "whatever the estimator."
+        "independent of the estimator."
     )
     if pairs:
         said = "; ".join(f"{a}, {b}: {matrix[a - 1, b - 1]:.4f} ({joint})" for (a, b), joint in pairs)
@@ -164,7 +167,7 @@ def correlation_map(matrix: np.ndarray, pairs: list[tuple[list[int], str]]) -> F
 def support_polygon_figure(
     placement: int, plates: np.ndarray, polygon: np.ndarray, points: dict[str, np.ndarray], board: np.ndarray
 ) -> Figure:
-    """Fig. 2: what carries the robot, from above.
+    """Draw the plates, the support polygon and the centres of pressure from above (the paper's Fig. 2).
 
     Args:
         plates: poses, (2, 3) [m, m, rad]. polygon: (k, 2) [m]. points: by name, (n, 2) [m].
@@ -199,7 +202,7 @@ def with_intervals(
     target: float,
     bounds: tuple[float, float],
 ) -> Figure:
-    """A quantity of every parameter with its interval, against a target and bounds.
+    """Draw a quantity of every parameter with its interval, a target and bounds.
 
     Args:
         rows: number, value, interval by model.
@@ -236,7 +239,7 @@ def with_intervals(
 
 
 def error_boxes(model: str, numbers: Sequence[int], errors_mm: np.ndarray) -> Figure:
-    """Errors of all runs by parameter, (runs, p) [mm]: median, quartiles, whiskers and what lies beyond."""
+    """Draw the errors of all runs, (runs, p) [mm], as a box plot for each parameter."""
     drawn = go.Figure()
     for k, number in enumerate(numbers):
         drawn.add_box(

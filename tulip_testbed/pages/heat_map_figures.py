@@ -1,4 +1,4 @@
-"""A matrix as one HTML page that needs nothing else."""
+"""A matrix as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def heat_map(
     most: float,
     bound: float,
 ) -> str:
-    """HTML of a square matrix; dark is small, and what lies below `bound` has a colour of its own.
+    """Return a square matrix as an HTML heat map; dark is small, values below `bound` have another colour.
 
     Args:
         values: (n, n), 0 to `most`.

@@ -1,4 +1,4 @@
-"""From a run folder to the page."""
+"""Make the HTML page of a run."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ COLOURS = 128  # of a picture, which then takes a third of the space
 
 @dataclass(frozen=True)
 class Picture:
-    """A drawn posture as a data address, with its words."""
+    """A drawn posture as a data address, with its description."""
 
     address: str
     caption: str
@@ -65,10 +65,10 @@ class Picture:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page; what it has not got is left out.
+    """A section of the page; empty parts are left out.
 
     Attributes:
-        folded: a heading and a text as it stands, or a table, which a click unfolds.
+        folded: a heading and a preformatted text or a table, which a click unfolds.
     """
 
     title: str
@@ -84,9 +84,9 @@ class Page:
     """The whole page.
 
     Attributes:
-        verdict: "pass" or "fail", or a discovery's; "": there is none. sentence: what that means.
-        story: more sentences beside the verdict.
-        missing: what could not be drawn, one sentence each.
+        verdict: "pass" or "fail", or a discovery's; "": there is none. sentence: its meaning.
+        story: further sentences about the verdict.
+        missing: one sentence for each picture that could not be drawn.
         searched: whether there is a box that searches the rows of the tables.
     """
 
@@ -101,13 +101,13 @@ class Page:
 
 
 def html(page: Page) -> str:
-    """The page as one file that asks the network for nothing."""
+    """Return the page as one HTML file that loads nothing from the network."""
     figures = [figure for section in page.sections for figure in section.figures]
     return filled(TEMPLATE, page=page, figures=figures, plotly=Markup(drawn.plotly_script()), script=Markup)
 
 
 def filled(template: str, **content: Any) -> str:
-    """Fill in a template of this room; nothing in the content is taken for HTML, unless it is `Markup`."""
+    """Fill in a template of this package; the content is escaped, unless it is `Markup`."""
     text = files("tulip_testbed.pages").joinpath(template).read_text(encoding="utf-8")
     environment = jinja2.Environment(
         autoescape=True,
@@ -155,7 +155,7 @@ def validation_page(run: ValidationRecord) -> Page:
         if content[model]["correlations"]
     )
     sections = (
-        Section("What was checked", tables=(check_table(content["checks"]),)),
+        Section("Checks", tables=(check_table(content["checks"]),)),
         Section("Parameters", words.parameter_words(content), tuple(tables), (drawn.errors_over_se(z),)),
         Section(
             "Residuals",
@@ -202,7 +202,7 @@ def montecarlo_page(run: MonteCarloRecord) -> Page:
     size = len(run.plan)
     chosen = np.unique(np.linspace(0, size - 1, PICTURES).astype(int))
     sections = (
-        Section("What was checked", tables=(calibration_check_table(content["checks"]),)),
+        Section("Checks", tables=(calibration_check_table(content["checks"]),)),
         Section("Calibration and coverage", words.calibration_words(content), (), figures[:3]),
         Section("Errors", figures=figures[3:]),
         Section("Parameters", tables=(*tables, spread_table(content))),
@@ -223,7 +223,7 @@ def montecarlo_page(run: MonteCarloRecord) -> Page:
 
 
 def how_it_was_made(run: Record) -> Section:
-    """Return the section of a run's settings, folded: they are many."""
+    """Return the folded section of a run's settings."""
     tables = settings_tables(run.document.plain())
     return Section("How it was made", folded=tuple((f"{t.title} ({len(t.rows)} values)", t) for t in tables))
 
@@ -296,7 +296,7 @@ def _contact_poses(robot: Robot, measured: Measurements) -> np.ndarray:
 def _pictures(
     robot: Robot, postures: Measurements | PosturePlan, plates: np.ndarray, missing: list[str]
 ) -> tuple[Picture, ...]:
-    """Postures spread over the experiment; what keeps them from being drawn goes to `missing`."""
+    """Draw postures spread over the experiment; a reason not to draw them is added to `missing`."""
     rows = np.unique(np.linspace(0, len(postures) - 1, PICTURES).astype(int))
     try:
         drawings = rendered(robot, postures.joint_angles[rows], postures.support[rows], plates[rows], *SIZE)

@@ -25,7 +25,7 @@ class Mark:
     """A point to be measured on boards or floor.
 
     Attributes:
-        label: as in the drawing. name: what it is.
+        label: as in the drawing. name: its description.
         x, y: in the base frame [mm].
     """
 
@@ -55,7 +55,7 @@ class Placement:
 
 
 def placement_of(robot: Robot, boards: np.ndarray, feet: np.ndarray, support: np.ndarray) -> Placement:
-    """Return what a placement's drawing shows.
+    """Return the boards and soles of a placement.
 
     Args:
         boards, feet: poses of right and left in the base frame, (2, 3) [m, m, rad].
@@ -160,7 +160,7 @@ def _cross(x: float, y: float, reach: float, colour: str) -> str:
 
 
 def _label(mark: Mark, at: Callable[[np.ndarray], tuple[float, float]], placement: Placement) -> str:
-    """Return a mark's label: inside a board's corner, outside of a sole's, beside an ankle."""
+    """Return a mark's label: inside a board's corner, outside of a sole's, next to an ankle."""
     x, y = at(1e-3 * np.array([mark.x, mark.y]))
     if mark.label in "RL":
         return f'<text x="{x + 1.6:.3f}" y="{y + 3.6:.3f}" font-size="2.8" fill="{SOLE}">{mark.label}</text>'

@@ -37,9 +37,9 @@ BEFORE = (
     "Both boards and the floor below them are level.",
     "Sensors and drives have warmed up for half an hour.",
     "Nothing loads the sensors: they are tared, and their readings are written down on the last page.",
-    "A known mass stood on each board at each corner; the sensors read it.",
+    "A known mass was placed on each board at each corner; the sensors read it.",
     "The encoders' zeros are checked at their marks.",
-    "The robot is weighed, with everything that it wears; mass and standard deviation are in manifest.json.",
+    "The robot is weighed, with everything attached to it; mass and standard deviation are in manifest.json.",
     "No cable or rope pulls at the robot: they hang slack in every posture.",
     "The hoist can carry the robot, and somebody holds the emergency stop.",
     "One trajectory was run in the air, slowly.",
@@ -56,7 +56,7 @@ AFTER = (
 
 @dataclass(frozen=True)
 class Row:
-    """A posture as the page shows it; angles in degrees, in the order of the joints."""
+    """A posture on the page; angles in degrees, in the order of the joints."""
 
     number: int
     picture: str
@@ -68,7 +68,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A placement as the page shows it, its rows in groups that stand beside each other."""
+    """A placement on the page, its rows in groups that are placed next to each other."""
 
     number: int
     svg: Markup
@@ -82,7 +82,7 @@ def write_protocol(folder: Path, protocol: LaboratoryProtocol) -> list[str]:
     """Write a protocol as a new folder, which appears whole or not at all.
 
     Returns:
-        what could not be drawn, sentences.
+        one sentence for each picture that could not be drawn.
 
     Raises:
         InputError: the folder exists or cannot be written.
@@ -105,12 +105,12 @@ def write_protocol(folder: Path, protocol: LaboratoryProtocol) -> list[str]:
 
 
 def contents(folder: Path) -> list[str]:
-    """List what a protocol's folder holds."""
+    """List the files of a protocol's folder."""
     return [str(folder / name) for name in (PAGE, PLAN, TRAJECTORIES, MEASUREMENTS, ROWS)]
 
 
 def protocol_page(protocol: LaboratoryProtocol) -> tuple[str, list[str]]:
-    """Return the page as HTML that asks the network for nothing, and what could not be drawn."""
+    """Return the page as HTML that loads nothing from the network, and the pictures that are missing."""
     missing: list[str] = []
     pictures = _pictures(protocol, missing)
     plan, robot = protocol.plan, protocol.robot
@@ -166,9 +166,9 @@ def _row(protocol: LaboratoryProtocol, k: int, pictures: dict[int, str]) -> Row:
 
 
 def _arrival(number: int, motion: Motion | None) -> str:
-    """Tell how the robot comes to a posture."""
+    """Describe how the robot reaches a posture."""
     if motion is None:
-        return "Set down anew from the hoist, in this posture."
+        return "Set down again from the hoist, in this posture."
     hung = "" if motion.kind == FREE else " In the hoist, feet in place; then let it stand."
     by = " By a stance between the feet." if motion.via_stance else ""
     return f"Trajectory {number:03d}, {motion.duration:.1f} s.{by}{hung}"

@@ -28,7 +28,7 @@ def write_page(path: Path, run: Record) -> Page:
     """Write the page of a run as one HTML file, which appears whole.
 
     Returns:
-        the page; it tells what could not be drawn.
+        the page; its `missing` lists the pictures that could not be drawn.
 
     Raises:
         InputError: the file exists, cannot be written or has another ending.

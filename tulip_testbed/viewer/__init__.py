@@ -1,3 +1,3 @@
-"""Rerun views of plans, measurements and runs; the only importers of rerun."""
+"""Rerun views of plans, measurements and runs; no other package imports rerun."""
 
 ENDING = ".rrd"

@@ -22,14 +22,14 @@ def magnification(subject: Subject) -> int:
 
 
 def factor_for(residual: np.ndarray) -> int:
-    """1, 2 or 5 times a power of ten that makes residuals (m, 2) [m] long enough to be observed."""
+    """Return 1, 2 or 5 times a power of ten that makes residuals (m, 2) [m] long enough to be visible."""
     median = float(np.median(np.linalg.norm(residual, axis=1)))
     steps = np.array([step * 10**power for power in range(7) for step in (1, 2, 5)])
     return int(steps[np.argmin(np.abs(np.log(steps * max(median, 1e-9) / MAGNIFIED_TO)))])
 
 
 def log_balance(recording: rr.RecordingStream, index: rr.TimeColumn, subject: Subject) -> None:
-    """Everything on the ground, under /world/balance [m] and from above under /above [mm]."""
+    """Log everything on the ground, under /world/balance [m] and from above under /above [mm]."""
     boards = [[_board(subject, row, plate) for plate in range(2)] for row in range(len(subject))]
     _strips_above(recording, "above/plates", index, boards, (158, 184, 204), 2.0)
     soles = soles_in_base(subject.nominal, subject.joint_angles, subject.support)
@@ -59,7 +59,7 @@ def log_balance(recording: rr.RecordingStream, index: rr.TimeColumn, subject: Su
 
 
 def log_close_up(recording: rr.RecordingStream, index: rr.TimeColumn, subject: Subject) -> None:
-    """CoP and CoM against the estimate (else the nominal model), under /close_up [mm]."""
+    """Log CoP and CoM relative to the estimate (else the nominal model), under /close_up [mm]."""
     if subject.cop is None:
         return
     reference, points, reach = close_up(subject)
@@ -91,7 +91,7 @@ def log_close_up(recording: rr.RecordingStream, index: rr.TimeColumn, subject: S
 
 
 def close_up(subject: Subject) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
-    """The point in the middle, (m, 2) [m], the points around it, and how far the picture reaches [mm]."""
+    """Return the point in the middle, (m, 2) [m], the points around it, and the reach of the picture [mm]."""
     assert subject.cop is not None
     points = {f"CoM, {name}": value for name, value in subject.com.items()}
     if "estimate" in subject.com:  # centimetres away, it would set the scale
@@ -103,13 +103,13 @@ def close_up(subject: Subject) -> tuple[np.ndarray, dict[str, np.ndarray], float
 
 
 def circles(reach: float) -> list[float]:
-    """Radii of the scale's two circles: round numbers below the reach [mm]."""
+    """Return the radii of the scale's two circles: round numbers below the reach [mm]."""
     steps = [step * 10.0**power for power in range(-7, 5) for step in (1, 2, 5)]
     return [step for step in steps if step < reach][-2:]
 
 
 def from_above(points: np.ndarray) -> np.ndarray:
-    """Base frame to a picture with x up and y to the left, (..., 2) [m] -> [mm]."""
+    """Map the base frame to a picture with x up and y to the left, (..., 2) [m] -> [mm]."""
     return -1e3 * points[..., ::-1]
 
 
@@ -130,7 +130,7 @@ def _strips(
     strips: list[list[np.ndarray]],
     colour: str,
 ) -> None:
-    """Lines on the ground, some for every row, in space and from above."""
+    """Log lines on the ground, some for every row, in space and from above."""
     path = f"world/balance/{name}"
     flat = [np.column_stack([s, np.full(len(s), ABOVE_GROUND)]) for row in strips for s in row]
     recording.log(path, rr.LineStrips3D.from_fields(colors=rgb(colour), radii=0.003), static=True)
@@ -161,7 +161,7 @@ def _points(
     colour: str,
     label: str,
 ) -> None:
-    """A point on the ground for every row, in space and from above."""
+    """Log a point on the ground for every row, in space and from above."""
     space, above = f"world/balance/{name}", f"above/{name}"
     style = {"colors": rgb(colour), "labels": label, "show_labels": False}
     recording.log(space, rr.Points3D.from_fields(radii=0.008, **style), static=True)

@@ -32,7 +32,7 @@ BAR, STEP = 100.0, 14.0  # pixels: the longest bar, from bar to bar
 
 @dataclass(frozen=True)
 class DiscoveryViews:
-    """What there is to see, before it is laid out: `space` and `plane` hold before, then after."""
+    """The views before they are arranged: `space` and `plane` hold before, then after."""
 
     space: Sequence[rrb.View]
     plane: list[rrb.View]
@@ -84,14 +84,14 @@ def log_discovery(recording: rr.RecordingStream, run: DiscoveryRecord) -> None:
 
 
 def sides(run: DiscoveryRecord) -> tuple[str, ...]:
-    """What there is: nothing found, nothing after."""
+    """Return the sides that exist; "after" exists only if an explanation was found."""
     return ("before", "after") if run.report.candidates else ("before",)
 
 
 def _log_residual(
     recording: rr.RecordingStream, side: str, index: rr.TimeColumn, cop: np.ndarray, drawn: np.ndarray
 ) -> None:
-    """CoP minus estimated CoM as a line from the CoP, on the ground."""
+    """Log the CoP minus the estimated CoM as a line from the CoP, on the ground."""
     lines = np.stack([cop, cop + drawn], axis=1)
     flat = np.concatenate([lines, np.full((*lines.shape[:2], 1), 3 * ABOVE_GROUND)], axis=2)
     style = rr.LineStrips3D.from_fields(colors=rgb(COLOURS[side]), radii=0.005)
@@ -102,7 +102,7 @@ def _log_residual(
 def _log_plane(
     recording: rr.RecordingStream, side: str, index: rr.TimeColumn, residual: np.ndarray, curves: list[Curve]
 ) -> None:
-    """Residuals of all postures from above, this posture's large, a circle that holds 95 % of the noise."""
+    """Log residuals of all postures from above, this posture's large, and a circle of 95 % of the noise."""
     path, colour = f"plane/{side}", rgb(COLOURS[side])
     points = from_above(residual)
     small = rr.Points2D(points, colors=colour, radii=rr.Radius.ui_points(2))
@@ -118,7 +118,7 @@ def _log_plane(
 
 
 def _log_channels(recording: rr.RecordingStream, curves: list[Curve], of: tuple[str, ...]) -> None:
-    """Every channel's residuals over their noise, as points; lines at -2 and 2."""
+    """Log every channel's residuals over their noise as points, with lines at -2 and 2."""
     for k, curve in enumerate(curves):
         there = np.isfinite(curve.sd)
         index = rr.TimeColumn("posture", sequence=np.flatnonzero(there) + 1)
@@ -138,7 +138,7 @@ def _log_channels(recording: rr.RecordingStream, curves: list[Curve], of: tuple[
 
 
 def _log_evidence(recording: rr.RecordingStream, found: list[dict[str, Any]]) -> None:
-    """Log ln of the Bayes factor of every explanation that is left, as bars."""
+    """Log ln of the Bayes factor of every remaining explanation, as bars."""
     most = max((one["log_bayes_factor"] for one in found), default=1.0)
     for k, (one, short) in enumerate(zip(found, behind(found), strict=True)):
         factor = one["log_bayes_factor"]
@@ -211,7 +211,7 @@ def _views(run: DiscoveryRecord, space: Sequence[rrb.View], reach: float) -> Dis
 
 
 def laid_out(views: DiscoveryViews) -> rrb.Blueprint:
-    """Before and after side by side, the channels below each other, the story beside them."""
+    """Arrange before and after side by side, the channels below each other, and the story on the right."""
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(rrb.Horizontal(*views.space), rrb.Horizontal(*views.plane), row_shares=[1.3, 1]),

@@ -1,4 +1,4 @@
-"""Blueprints: which views stand where."""
+"""Blueprints: the arrangement of the views."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TULIP_HEIGHT = 1.25  # m
 
 @dataclass(frozen=True)
 class Views:
-    """What there is to see, before it is laid out."""
+    """The views before they are arranged."""
 
     space: list[rrb.View]
     ground: list[rrb.View]
@@ -27,7 +27,7 @@ class Views:
 
 
 def posture_views(subject: Subject) -> Views:
-    """The views of postures."""
+    """Return the views of postures."""
     ground: list[rrb.View] = [above_view(subject.plates, subject.board.size)]
     if subject.cop is not None:
         ground.append(close_up_view(subject))
@@ -40,7 +40,7 @@ def posture_views(subject: Subject) -> Views:
 
 
 def laid_out(views: Views) -> rrb.Blueprint:
-    """The robot large, curves below it, the ground and the numbers beside it."""
+    """Arrange the robot large, the curves below it, the ground and the numbers on the right."""
     beside = [*views.ground, *views.text]
     shares = [1.1, *[0.8] * (len(views.ground) - 1), 1.6]
     return rrb.Blueprint(
@@ -68,7 +68,7 @@ def space_views(subject: Subject) -> list[rrb.Spatial3DView]:
 
 
 def space_view(subject: Subject, name: str, contents: list[str]) -> rrb.Spatial3DView:
-    """A part of the world, observed from before the robot's right."""
+    """Return the view of a part of the world, observed from the robot's front right."""
     height = height_of(subject)
     eye = rrb.EyeControls3D(
         position=tuple(height / TULIP_HEIGHT * np.array(EYE)),
@@ -86,7 +86,7 @@ def space_view(subject: Subject, name: str, contents: list[str]) -> rrb.Spatial3
 
 
 def above_view(plates: np.ndarray, size: np.ndarray) -> rrb.Spatial2DView:
-    """The ground from above, x up and y to the left, all placements in the picture."""
+    """Return the view of the ground from above, x up and y to the left, with all placements."""
     reach = np.linalg.norm(size) / 2
     corners = np.vstack([plates[..., :2].reshape(-1, 2) - reach, plates[..., :2].reshape(-1, 2) + reach])
     low, high = from_above(corners).min(axis=0), from_above(corners).max(axis=0)
@@ -99,7 +99,7 @@ def above_view(plates: np.ndarray, size: np.ndarray) -> rrb.Spatial2DView:
 
 
 def close_up_view(subject: Subject) -> rrb.Spatial2DView:
-    """CoP and CoM around the reference."""
+    """Return the view of CoP and CoM around the reference."""
     _, _, reach = close_up(subject)
     name = "estimated" if "estimate" in subject.com else "nominal"
     scale = " and ".join(f"{radius:g}" for radius in circles(reach))

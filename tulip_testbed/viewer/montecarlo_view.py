@@ -1,4 +1,4 @@
-"""A Monte Carlo: where the CoP of each posture fell, and how the errors of each parameter are spread."""
+"""A Monte Carlo: the measured CoP of each posture, and the distribution of each parameter's errors."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def log_montecarlo(recording: rr.RecordingStream, run: MonteCarloRecord) -> None
 
 
 def cop_clouds(run: MonteCarloRecord) -> tuple[dict[int, np.ndarray], str]:
-    """CoP of every posture over the first runs, made anew from their seeds, and a sentence about them.
+    """Simulate the first runs again from their seeds; return every posture's CoP and a sentence about them.
 
     The folder holds estimates, not measurements; the same seed gives the same measurements again.
 
@@ -105,7 +105,7 @@ def _log_clouds(recording: rr.RecordingStream, subject: Subject, clouds: dict[in
 
 
 def _ellipse(cloud: np.ndarray) -> np.ndarray:
-    """Two s.d. of a cloud about its mean, (73, 2) [m]; a point where there are too few."""
+    """Return two s.d. of a cloud about its mean, (73, 2) [m]; a single point if the cloud is too small."""
     if len(cloud) < 3:
         return np.zeros((2, 2))
     values, vectors = np.linalg.eigh(np.cov(cloud.T))
@@ -115,7 +115,7 @@ def _ellipse(cloud: np.ndarray) -> np.ndarray:
 
 
 def _log_errors(recording: rr.RecordingStream, run: MonteCarloRecord) -> None:
-    """All runs' errors as columns of points, and a histogram on the `parameter` line."""
+    """Log all runs' errors as columns of points, and a histogram on the `parameter` line."""
     for model, errors in run.errors_mm.items():
         rows = run.report.models[model].parameters
         numbers = [row.number for row in rows]
@@ -164,7 +164,7 @@ def _text(run: MonteCarloRecord, note: str) -> str:
 
 
 def montecarlo_views(run: MonteCarloRecord, subject: Subject, clouds: bool) -> Views:
-    """The views of a Monte Carlo.
+    """Arrange the views of a Monte Carlo.
 
     Args:
         clouds: whether there are CoP clouds.

@@ -1,4 +1,4 @@
-"""Both plates where they lie, and what their cells carry."""
+"""Both plates at their recorded poses, and the loads on their cells."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ METRES_PER_WEIGHT = 1.0  # an arrow of this length carries the robot's whole wei
 
 
 def log_plates(recording: rr.RecordingStream, path: str, index: rr.TimeColumn, subject: Subject) -> None:
-    """Boards and cells by their recorded poses; the boards' top is z = 0."""
+    """Log boards and cells at their recorded poses; the boards' top is z = 0."""
     for k, plate in enumerate(PLATES):
         poses, height = subject.plates[:, k], float(subject.top_height[k])
         half = [*(subject.board.size / 2), THICKNESS * (height or subject.board.top_height) / 2]
@@ -42,7 +42,7 @@ def log_plates(recording: rr.RecordingStream, path: str, index: rr.TimeColumn, s
 def log_subject_loads(
     recording: rr.RecordingStream, path: str, index: rr.TimeColumn, subject: Subject
 ) -> None:
-    """The load on every cell, or on each foot where there are none; nothing of a plan."""
+    """Log the load on every cell, or on each foot if there are no cells; a plan has no loads."""
     if subject.measurements is not None and subject.cell_forces is not None:
         positions = cell_positions(subject.measurements)
         log_loads(recording, path, index, positions, subject.cell_forces, subject.weight)
@@ -58,7 +58,7 @@ def log_loads(
     forces: np.ndarray,
     weight: float,
 ) -> None:
-    """The load on every cell: an arrow down onto the board above it; a negative reading points up.
+    """Log the load on every cell as an arrow down onto the board; a negative reading points up.
 
     Args:
         positions: of the cells, or of the load on each foot, in the base frame, (m, k, 2) [m].

@@ -20,7 +20,7 @@ LEGEND = {
 def log_curves(
     recording: rr.RecordingStream, path: str, index: rr.TimeColumn, curves: dict[str, np.ndarray]
 ) -> None:
-    """Named curves of one plot, (m,) each."""
+    """Log the named curves of one plot, (m,) each."""
     for k, (name, values) in enumerate(curves.items()):
         entity = f"{path}/{name}"
         colour = rgb(PALETTE[k % len(PALETTE)])
@@ -29,7 +29,7 @@ def log_curves(
 
 
 def curves(subject: Subject) -> dict[str, dict[str, np.ndarray]]:
-    """What is plotted over the postures, by plot; `title_of` tells a plot's title.
+    """Return the curves over the postures, by plot; `title_of` gives a plot's title.
 
     The joints of a robot with many are spread over several plots, so that every line has its own colour.
     """
@@ -82,14 +82,14 @@ TITLES = {
 
 
 def log_text(recording: rr.RecordingStream, path: str, index: rr.TimeColumn, subject: Subject) -> None:
-    """A page of numbers for every row."""
+    """Log a page of numbers for every row."""
     texts = [posture_text(subject, row) for row in range(len(subject))]
     recording.log(path, rr.TextDocument.from_fields(media_type=rr.MediaType.MARKDOWN), static=True)
     recording.send_columns(path, [index], rr.TextDocument.columns(text=texts))
 
 
 def posture_text(subject: Subject, row: int) -> str:
-    """A posture's numbers as Markdown."""
+    """Return a posture's numbers as Markdown."""
     lines = [
         f"## Posture {subject.posture[row]}, placement {subject.placement[row]}",
         f"Row {row + 1} of {len(subject)}, support {subject.support[row]}. {subject.verdict}",

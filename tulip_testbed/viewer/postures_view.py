@@ -17,7 +17,7 @@ from tulip_testbed.viewer.time_series import log_series
 
 
 def log_postures(recording: rr.RecordingStream, subject: Subject) -> None:
-    """Everything, and the blueprint."""
+    """Log all data of the postures and the blueprint."""
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     model = subject.nominal.robot.visual_model
     log_geometry(recording, "world/robot", model)

@@ -1,4 +1,4 @@
-"""The view of anything that has one: a run, a plan, measurements, or a folder of them."""
+"""The view of a run, a plan, measurements, or a folder of them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from tulip_testbed.viewer.window import Log
 
 @dataclass(frozen=True)
 class View:
-    """What a window shows, see `window`.
+    """The content of a window, see `window`.
 
     Attributes:
         log: called with a recording.
@@ -55,7 +55,7 @@ def record_view(run: Record) -> View:
 
 
 def plan_view(plan: PosturePlan, robot: Robot, title: str = "plan") -> View:
-    """Make the view of a plan: the robot where it is to stand, by its nominal model."""
+    """Make the view of a plan: the nominal robot in the planned postures."""
     return View(title, partial(log_postures, subject=planned(plan, robot)))
 
 
@@ -74,7 +74,7 @@ def folder_view(folder: Path, robot: Robot) -> View:
     """Make the view of a folder of a run, a plan (or the name of a shipped one) or measurements.
 
     Raises:
-        InputError: another folder, another robot's, or a file that is not what was written.
+        InputError: another folder, another robot's, or a file that was changed.
     """
     folder = plan_folder(folder)
     kind = kind_of(folder)

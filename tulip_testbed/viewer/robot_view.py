@@ -18,9 +18,9 @@ GEOM = mujoco.mjtGeom
 
 
 def log_geometry(recording: rr.RecordingStream, path: str, model: mujoco.MjModel) -> None:
-    """Every link's geoms, in the link's frame, once for all times.
+    """Log every link's geoms, in the link's frame, once for all times.
 
-    A link whose geoms all stand in groups that are not shown is drawn with those.
+    A link whose geoms are all in hidden groups is drawn with those.
     """
     for body in range(1, model.nbody):
         of_body = np.flatnonzero(model.geom_bodyid == body)
@@ -31,7 +31,7 @@ def log_geometry(recording: rr.RecordingStream, path: str, model: mujoco.MjModel
 
 
 def undrawn(model: mujoco.MjModel) -> list[str]:
-    """Links with a mass that no geom shows."""
+    """Return the links that have a mass but no drawn geom."""
     return [
         model.body(body).name
         for body in range(1, model.nbody)
@@ -41,7 +41,7 @@ def undrawn(model: mujoco.MjModel) -> list[str]:
 
 
 def log_motion(recording: rr.RecordingStream, path: str, index: rr.TimeColumn, subject: Subject) -> None:
-    """Every link's pose in the base frame at every time."""
+    """Log every link's pose in the base frame at every time."""
     rotations, positions = link_frames(subject.nominal, subject.joint_angles, subject.support)
     tree = subject.nominal.parameters.tree
     for link, frame in zip(tree.links, tree.frame_of_link, strict=True):
@@ -58,7 +58,7 @@ def log_skeleton(
     joint_angles: np.ndarray,
     colour: str,
 ) -> None:
-    """Lines from joint to joint at every time, at the measured or the commanded angles."""
+    """Log lines from joint to joint at every time, at the measured or the commanded angles."""
     _, positions = link_frames(subject.nominal, joint_angles, subject.support)
     edges = subject.nominal.parameters.tree.edges
     ends = np.array([[edge.parent, edge.child] for edge in edges])
@@ -75,7 +75,7 @@ def log_masses(
     subject: Subject,
     masses: dict[str, np.ndarray],
 ) -> None:
-    """Each link's centre of mass as a ball whose volume is its mass.
+    """Log each link's centre of mass as a ball whose volume is proportional to its mass.
 
     Args:
         masses: standard parameters (eq. 5), (n_links, 4) [kg, kg m], by where they come from.
@@ -102,7 +102,7 @@ def log_masses(
 
 
 def height_of(subject: Subject) -> float:
-    """Of the robot's highest geom over the ground, the median of all postures [m]."""
+    """Return the height of the robot's highest geom over the ground, the median of all postures [m]."""
     model, tree = subject.nominal.robot.model, subject.nominal.parameters.tree
     rotations, positions = link_frames(subject.nominal, subject.joint_angles, subject.support)
     frame = np.array(tree.frame_of_link)[model.geom_bodyid - 1]
@@ -112,7 +112,7 @@ def height_of(subject: Subject) -> float:
 
 
 def _shape(model: mujoco.MjModel, geom: int) -> rr.AsComponents | None:
-    """A geom as rerun draws it; None for what a robot's link is not made of (planes, height fields)."""
+    """Return a geom for rerun; None for types that a robot's link does not have (planes, height fields)."""
     kind, size = GEOM(int(model.geom_type[geom])), model.geom_size[geom]
     position, (w, x, y, z) = model.geom_pos[geom], model.geom_quat[geom]
     material = int(model.geom_matid[geom])

@@ -1,4 +1,4 @@
-"""What a view shows of postures, as plain arrays."""
+"""The data of postures that a view shows, as plain arrays."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from tulip_testbed.standing import soles_in_base
 
 @dataclass(frozen=True)
 class Subject:
-    """Postures with all that is known of them, one row each.
+    """Postures with all known data about them, one row each.
 
     Attributes:
-        notes: what the reader has to know, one sentence each.
-        plates: recorded poses, (m, 2, 3) [m, m, rad]. board: what a plate looks like.
+        notes: sentences for the reader.
+        plates: recorded poses, (m, 2, 3) [m, m, rad]. board: the shape of a plate.
         cells: in their plate's frame, (2, 4, 2) [m]. top_height: of the plates, (2,) [m].
         com: projections of the centre of mass by where they come from ("truth", "estimate", "nominal
             model"), (m, 2) [m] each.
@@ -91,7 +91,7 @@ class Subject:
 
 
 def planned(plan: PosturePlan, robot: Robot) -> Subject:
-    """Show a plan: the robot where it is to stand, by its nominal model."""
+    """Return the subject of a plan: the nominal robot in the planned postures."""
     nominal = nominal_robot(robot, "mixed")
     rig = preset_rig("ideal", robot)
     com = nominal.center_of_mass(plan.joint_angles, plan.support)
@@ -121,7 +121,7 @@ def measured(
     series: Series | None = None,
     source: str = "measurements",
 ) -> Subject:
-    """Show what was measured, with the estimate if one can be made.
+    """Return the subject of measurements, with the estimate if the data allow one.
 
     Args:
         series: raw readings of the same postures, if there are any. source: for messages.
@@ -143,7 +143,7 @@ def measured(
 
 
 def validated(run: ValidationRecord) -> Subject:
-    """Show a validation: measurements, the estimate that the run's report holds, and the truth."""
+    """Return the subject of a validation: measurements, the estimate of the run's report, and the truth."""
     measurements, report = run.measurements, run.report
     subject = of_measurements(measurements, run.robot)
     value = np.array([row.estimate for row in report.full.parameters])
@@ -166,7 +166,7 @@ def validated(run: ValidationRecord) -> Subject:
 
 
 def of_measurements(measurements: Measurements, robot: Robot, source: str = "measurements") -> Subject:
-    """Show what was measured, without an estimate.
+    """Return the subject of measurements without an estimate.
 
     Raises:
         InputError: measurements of other joints.
@@ -203,7 +203,7 @@ def of_measurements(measurements: Measurements, robot: Robot, source: str = "mea
 
 
 def support_polygons(nominal: Nominal, joint_angles: np.ndarray, support: np.ndarray) -> list[np.ndarray]:
-    """Convex hulls of the soles that carry the robot, counter-clockwise, (k, 2) [m] each.
+    """Return the convex hulls of the soles that carry the robot, counter-clockwise, (k, 2) [m] each.
 
     Args:
         support: "double", "right" or "left", (m,).

@@ -19,9 +19,9 @@ MOST_POSES, MOST_READINGS = 2_000, 20_000
 
 
 def log_series(recording: rr.RecordingStream, subject: Subject) -> None:
-    """Curves of at most `MOST_READINGS` samples, the robot at `MOST_POSES` of them.
+    """Log curves of at most `MOST_READINGS` samples, and the robot at `MOST_POSES` of them.
 
-    Ground and numbers stay those of the window's averages, from its start on.
+    Ground and numbers are those of the window's averages, from its start on.
     """
     for most, log in ((MOST_READINGS, _log_readings), (MOST_POSES, _log_robot)):
         dense, t = sampled(subject, most)
@@ -35,7 +35,7 @@ def log_series(recording: rr.RecordingStream, subject: Subject) -> None:
 
 
 def sampled(subject: Subject, most: int) -> tuple[Subject, np.ndarray]:
-    """The series as a subject with one row per sample, in the order of time, and their times (n,) [s].
+    """Return the series as a subject with one row per sample in the order of time, and the times (n,) [s].
 
     A sample belongs to the row of its posture that began last before it.
     """

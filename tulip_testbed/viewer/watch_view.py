@@ -1,4 +1,4 @@
-"""A day while it is measured: the robot in the last posture, misfit by channel, standard errors, verdicts."""
+"""The live view of `watch`: the robot in the last posture, misfit by channel, standard errors, verdicts."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def served_watch(
         announce: called with the address.
 
     Yields:
-        What is called with the verdict of each posture.
+        The function to call with the verdict of each posture.
     """
     nominal = nominal_robot(robot, common_support(plan.support))
     with window.serve_live("watch", announce) as recording:
@@ -44,7 +44,7 @@ def served_watch(
 
 
 def begin(recording: rr.RecordingStream, nominal: Nominal) -> None:
-    """Log what does not change, and the blueprint."""
+    """Log the data that do not change, and the blueprint."""
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     log_geometry(recording, "world/robot", nominal.robot.visual_model)
     recording.send_blueprint(

@@ -48,7 +48,7 @@ FAULTS = {
 
 
 def save(path: Path, title: str, log: Log) -> int:
-    """Write a recording, which appears whole; returns its size [bytes].
+    """Write a recording to a file, which appears whole, and return its size [bytes].
 
     Raises:
         InputError: the path exists, cannot be written or has another ending.
@@ -61,7 +61,7 @@ def save(path: Path, title: str, log: Log) -> int:
 
 
 def check_display() -> None:
-    """Say that there is no screen before anything is computed.
+    """Refuse a missing screen before anything is computed.
 
     Raises:
         InputError: there is none.
@@ -88,7 +88,7 @@ def show(title: str, log: Log) -> None:
 
 
 def open_window(title: str, log: Log) -> None:
-    """Open rerun's own viewer and come back; the window stays until it is closed or this process ends.
+    """Open rerun's own viewer and return; the window stays until it is closed or this process ends.
 
     Raises:
         InputError: there is no screen.
@@ -182,7 +182,7 @@ def _record(folder: Path, title: str, log: Log) -> Path:
 def _viewer(
     folder: Path, recording: Path | None, *options: str
 ) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
-    """The viewer with a recording open, and the file of what it says; it ends with the block."""
+    """Run the viewer with a recording open; yield it and its log file, and end it with the block."""
     said, shown = folder / "viewer.log", [] if recording is None else [str(recording)]
     with said.open("wb") as log:
         viewer = subprocess.Popen(
