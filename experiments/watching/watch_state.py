@@ -1,4 +1,4 @@
-"""The state that a watch remembers between two rows; its size depends on the plan, not on the number of rows."""
+"""The state of a watch between two rows; its size depends on the plan, not on the number of rows."""
 
 from __future__ import annotations
 
