@@ -89,4 +89,4 @@ def files() -> list[Path]:
 
 
 if __name__ == "__main__":
-    sys.exit("\n".join(findings(files())))
+    sys.exit("\n".join(findings(files())) or None)
