@@ -38,7 +38,7 @@ from tulip_testbed.sim.measurements.manipulations import (
     needs_cells,
     written_mass,
 )
-from tulip_testbed.sim.robot import PLATES, Robot
+from tulip_testbed.sim.robot import PLATES, Robot, joint_names, joint_ranges
 
 # Assumed minutes of laboratory time: of a posture, of a placement, and of each manipulation.
 POSTURE, PLACEMENT = 1.0, 2.0
@@ -169,10 +169,20 @@ def pool_of(now: Observation, plan: PosturePlan | None) -> Pool:
     if plan is None:
         first = np.flatnonzero(m.of_experiment == 0)
         kept = first[np.unique(m.posture[first], return_index=True)[1]]
-        plan = measured_plan(now.take(np.sort(kept)))
+        plan = within_limits(measured_plan(now.take(np.sort(kept))), now.nominal.robot)
     readings = simulated(exact_rig(now), plan)
     plan = plan.take(np.isin(plan.posture, readings.posture))
     return Pool(plan, readings)
+
+
+def within_limits(plan: PosturePlan, robot: Robot) -> PosturePlan:
+    """Return a plan with every angle inside its joint's range.
+
+    Measured angles may leave it by the encoders' errors, and a plan that does is refused.
+    """
+    names, ranges = joint_names(robot.model), joint_ranges(robot.model)
+    low, high = ranges[[names.index(joint) for joint in plan.joints]].T
+    return replace(plan, joint_angles=plan.joint_angles.clip(low, high))
 
 
 def session_of(m: Measurements) -> str:

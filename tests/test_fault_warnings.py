@@ -35,7 +35,7 @@ def test_whatever_fails_the_preflight_is_said(precise, robot, name):
 
 
 def test_discover_says_it_too(precise, robot, monkeypatch):
-    monkeypatch.setattr("tulip_testbed.api.discover_effects", lambda *a, **k: None)
+    monkeypatch.setattr("tulip_testbed.api.measured.discover_effects", lambda *a, **k: None)
     with pytest.warns(InputWarning, match="found faults in 'weight balance'"):
         tt.discover(FAULTS[FAULT](precise, np.random.default_rng(0)), robot)
 

@@ -17,7 +17,8 @@ from tulip_testbed.experiments.table_import.import_map import ImportMap, read_ma
 from tulip_testbed.sim.measurements import read_measurements
 from tulip_testbed.sim.measurements.contacts import VERTICAL
 
-EXAMPLE = Path(__file__).parent.parent / "docs" / "how-to" / "your-data"
+ROOT = Path(__file__).parent.parent
+EXAMPLE = ROOT / "docs" / "how-to" / "your-data"
 PLATES = """
 [plates.right]
 top_height = 0.05
@@ -244,7 +245,7 @@ def test_the_documented_statements_can_be_read():
     document["contacts"] = [with_unknowns(document["contacts"][0] | {"name": n}) for n in ("right", "left")]
     found = ImportMap.model_validate(document)
     assert found.columns["q.right_knee"].sign == -1
-    whole = read_map([str(EXAMPLE.parent.parent / "examples" / "icub_stand.toml")])
+    whole = read_map([str(ROOT / "examples" / "icub_stand.toml")])
     assert whole.contacts is not None
     assert len(whole.constant_joints) == 6
     for name in ("RKnee [deg]", "right_knee_angle (rad)", "knee.r_deg"):

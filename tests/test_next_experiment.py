@@ -18,7 +18,7 @@ from tulip_testbed.discovery.experiment_information import (
     probabilities,
     separations,
 )
-from tulip_testbed.discovery.next_experiment import Doubt, minutes_of, next_experiments
+from tulip_testbed.discovery.next_experiment import Doubt, minutes_of, next_experiments, within_limits
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.campaigns.campaign_record import read_campaign
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -94,6 +94,17 @@ def test_an_expectation_against_one_by_hand():
     by_hand = float(entropy(share.T).mean())
     assert expected == pytest.approx(by_hand, abs=0.04)
     assert expected < 0.7 * float(entropy(probabilities([0.0, 0.0])))
+
+
+def test_a_measured_angle_beyond_its_range_is_planned_at_the_limit(robot, small):
+    low, high = robot.model.joint("left_hip_roll").range
+    k = small.joints.index("left_hip_roll")
+    angles = small.joint_angles.copy()
+    angles[0, k], angles[1, k] = high + 0.0006, low - 0.0006
+    planned = within_limits(dataclasses.replace(small, joint_angles=angles), robot).joint_angles
+    assert (planned[0, k], planned[1, k]) == (high, low)
+    angles[[0, 1], k] = planned[[0, 1], k]
+    np.testing.assert_array_equal(planned, angles)
 
 
 def test_minutes_are_those_that_are_stated():

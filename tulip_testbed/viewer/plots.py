@@ -58,7 +58,7 @@ def _spread(name: str, joints: tuple[str, ...], values: np.ndarray) -> dict[str,
     plots = {}
     for columns in np.array_split(np.arange(len(joints)), count):
         first, last = columns[0] + 1, columns[-1] + 1
-        plot = name if count == 1 else f"{name}/{first} to {last}"
+        plot = name if count == 1 else f"{name}/{first}-{last}"
         plots[plot] = {joints[k]: values[:, k] for k in columns}
     return plots
 
