@@ -240,10 +240,11 @@ def test_wrong_statements_are_named(table, stated, tmp_path, text, entries, mess
 
 def test_the_documented_statements_can_be_read():
     guide = (EXAMPLE.parent / "your-data.md").read_text()
-    (block,) = re.findall(r"```toml\n(.*?)```", guide, flags=re.DOTALL)
-    document = tomllib.loads(block)
-    document["contacts"] = [with_unknowns(document["contacts"][0] | {"name": n}) for n in ("right", "left")]
-    found = ImportMap.model_validate(document)
+    statement, plates = map(tomllib.loads, re.findall(r"```toml\n(.*?)```", guide, flags=re.DOTALL))
+    (foot,) = statement.pop("contacts")
+    assert ImportMap.model_validate(statement | plates).plates is not None
+    contacts = [with_unknowns(foot | {"name": name}) for name in ("right", "left")]
+    found = ImportMap.model_validate(statement | {"contacts": contacts})
     assert found.columns["q.right_knee"].sign == -1
     whole = read_map([str(ROOT / "examples" / "icub_stand.toml")])
     assert whole.contacts is not None
