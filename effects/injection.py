@@ -11,8 +11,8 @@ import numpy as np
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.procedure import new_set_up
 from tulip_testbed.sim.rig import Rig, stages
-from tulip_testbed.sim.robot import compile_spec
 from tulip_testbed.sim.scene import laboratory_scene
+from tulip_testbed.sim.specs import compile_spec
 
 STARTS = tuple(k / 10 for k in range(1, 10))  # fractions of the experiment's time that a search tries
 

@@ -24,8 +24,9 @@ from tulip_testbed.sim.measurements.plan_folder import check_model
 from tulip_testbed.sim.measurements.table_files import json_text, software
 from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import Robot, compile_spec, sha256
+from tulip_testbed.sim.robot import Robot, sha256
 from tulip_testbed.sim.scene import boards_under, laboratory_scene
+from tulip_testbed.sim.specs import compile_spec
 
 RIG_FILE = "rig.json"
 RIG = "rig"  # the rig folder within a discovery's

@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.identification.kinematics import Tree, tree_of
-from tulip_testbed.sim.robot import CORNERS, Robot, check_unchanged, compile_spec, sole_point, without_meshes
+from tulip_testbed.sim.robot import CORNERS, Robot, check_unchanged, sole_point
+from tulip_testbed.sim.specs import compile_spec, without_meshes
 
 GROUND = "ground"
 SLAB = (10.0, 10.0, 0.5)  # half edges of the ground [m]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 import tomllib
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -22,6 +21,7 @@ from tulip_testbed.sim.mjcf_files import mjcf_files
 from tulip_testbed.sim.model_check import check_before_compiling, check_model
 from tulip_testbed.sim.sandbox import try_to_compile
 from tulip_testbed.sim.shipped import PLATE, TULIP
+from tulip_testbed.sim.specs import compile_spec, read_spec, without_meshes
 
 KEYS = (
     *("name", "model", "scene", "plate", "stance_foot", "swing_foot"),
@@ -29,8 +29,6 @@ KEYS = (
     *("drives", "compliance"),
 )
 MOST_TOML = 2**20  # bytes
-# Exceptions of MuJoCo's compiler.
-BROKEN = (ValueError, RuntimeError, mujoco.FatalError, mujoco.UnexpectedError)
 DESCRIBED = ("scene_file", "plate_file", "stance_foot", "swing_foot", "settings")  # fields not compiled
 PUBLISHED = (".urdf", ".xml")  # endings of models as people publish them
 CORNERS = ("front_left", "front_right", "rear_right", "rear_left")
@@ -103,7 +101,7 @@ class Robot:
     @cached_property
     def visual_model(self) -> mujoco.MjModel:
         """Return the model of the robot alone with all its geometry."""
-        whole = _read_spec(self.model_file)
+        whole = read_spec(self.model_file)
         return self.model if not whole.meshes else compile_spec(whole, str(self.model_file))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Robot:
@@ -157,7 +155,7 @@ def _load(
     with suppress(InputError):  # a broken scene is refused by what stands on it
         files[scene_file or plate_file] = _files(scene_file or plate_file, folder)
     compile_safely(model_file, files)
-    spec = _read_spec(model_file)
+    spec = read_spec(model_file)
     check_before_compiling(spec, str(model_file))
     spec = spec if meshes else without_meshes(spec, str(model_file))
     model = compile_spec(spec.copy(), str(model_file))
@@ -223,7 +221,7 @@ def load_spec(path: Path, folder: Path | None = None) -> mujoco.MjSpec:
     """
     path = Path(path)
     try_to_compile(path, {path: _files(path, folder or path.parent)})
-    return _read_spec(path)
+    return read_spec(path)
 
 
 def check_unchanged(robot: Robot, path: Path) -> None:
@@ -257,64 +255,6 @@ def _joint_hash(files: list[tuple[str, str]]) -> str:
     if len(files) == 1:
         return files[0][1]
     return hashlib.sha256("".join(f"{name} {found}\n" for name, found in sorted(files)).encode()).hexdigest()
-
-
-def _read_spec(path: Path) -> mujoco.MjSpec:
-    """Parse an MJCF; a free joint without a name takes that of its body."""
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except BROKEN as error:
-        raise InputError(f"{path}: broken MJCF: {shortened(error, 300)}") from None
-    names = {joint.name for joint in spec.joints}
-    for joint in spec.joints:
-        if joint.type == mujoco.mjtJoint.mjJNT_FREE and not joint.name:
-            body = joint.parent.name
-            joint.name = body if body not in names else f"{body}_free"
-    return spec
-
-
-def without_meshes(spec: mujoco.MjSpec, where: str) -> mujoco.MjSpec:
-    """Remove meshes without contacts, and make the inertias inferred from them explicit.
-
-    A published humanoid takes a hundred times as long to compile with its meshes as without.
-
-    Raises:
-        InputError: the spec does not compile.
-    """
-    touching = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
-    unused = [
-        geom
-        for geom in spec.geoms
-        if geom.type == mujoco.mjtGeom.mjGEOM_MESH
-        and not (geom.contype or geom.conaffinity or geom.name in touching)
-    ]
-    if not unused:
-        return spec
-    inferred = [body for body in spec.bodies[1:] if not body.explicitinertial]
-    if inferred:
-        model = compile_spec(spec.copy(), where)
-        for body in inferred:
-            k = model.body(body.name).id
-            body.mass, body.ipos = model.body_mass[k], model.body_ipos[k]
-            body.iquat, body.inertia = model.body_iquat[k], model.body_inertia[k]
-            body.fullinertia, body.explicitinertial = np.full(6, np.nan), True
-    for geom in unused:
-        spec.delete(geom)
-    still = {geom.meshname for geom in spec.geoms}
-    for mesh in list(spec.meshes):
-        if mesh.name not in still:
-            spec.delete(mesh)
-    return spec
-
-
-def compile_spec(spec: mujoco.MjSpec, where: str) -> mujoco.MjModel:
-    """Compile a spec; the compiler's complaint becomes the message of an `InputError`."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # `check_model` refuses these cases by name
-            return spec.compile()
-    except BROKEN as error:
-        raise InputError(f"{where}: broken MJCF: {shortened(error, 300)}") from None
 
 
 def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:

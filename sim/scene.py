@@ -15,18 +15,10 @@ from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.measurements.data import PlateGeometry, lay_boards
 from tulip_testbed.sim.plates import place_plates, plate_geometry
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import (
-    CORNERS,
-    PLATES,
-    Robot,
-    check_unchanged,
-    compile_spec,
-    load_spec,
-    sole_corners,
-    without_meshes,
-)
+from tulip_testbed.sim.robot import CORNERS, PLATES, Robot, check_unchanged, load_spec, sole_corners
 from tulip_testbed.sim.scene_options import make_plain, set_solver
 from tulip_testbed.sim.sensors import ANKLE
+from tulip_testbed.sim.specs import compile_spec, without_meshes
 from tulip_testbed.sim.wrench_sensors import add_foot_sensors
 
 PLATE_GAP = 0.01  # m, between the boards' long edges until `place_plates` moves them

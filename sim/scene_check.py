@@ -13,9 +13,10 @@ from tulip_testbed.sim.model_check import check_before_compiling, check_options
 from tulip_testbed.sim.model_features import check_features
 from tulip_testbed.sim.plates import cell_names, plate_geometry
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import CORNERS, PLATES, compile_spec, joint_names
+from tulip_testbed.sim.robot import CORNERS, PLATES, joint_names
 from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.scene_options import check_pairs
+from tulip_testbed.sim.specs import compile_spec
 
 
 def check_scene(rig: Rig) -> None:

@@ -21,7 +21,8 @@ from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
 from tulip_testbed.experiments.usable_plan import random_plan
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.sim.random_robots import edit_of
-from tulip_testbed.sim.robot import Robot, compile_spec, joint_names, load_robot
+from tulip_testbed.sim.robot import Robot, joint_names, load_robot
+from tulip_testbed.sim.specs import compile_spec
 
 SETTINGS = Settings(seed=9500)
 ROBOTS, SPREAD, PLACEMENTS, POSTURES = 10, 0.2, 20, 5

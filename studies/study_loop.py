@@ -33,7 +33,8 @@ from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import Robot, compile_spec, load_robot
+from tulip_testbed.sim.robot import Robot, load_robot
+from tulip_testbed.sim.specs import compile_spec
 
 SETTINGS = Settings(seed=13000, workers=1)
 ROBOTS, SPREAD, PRESET = 10, 0.2, "force-plate"

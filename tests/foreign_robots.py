@@ -26,7 +26,8 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.robot import CORNERS, compile_spec, load_spec
+from tulip_testbed.sim.robot import CORNERS, load_spec
+from tulip_testbed.sim.specs import compile_spec
 
 CORNER_RADIUS = 0.002  # m
 # Per Nm of torque limit, as TULip's drives: rotor inertia, damping, dry friction.

@@ -12,8 +12,8 @@ from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.random_robots import draw_robot, edit_of, half_edges
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import compile_spec
 from tulip_testbed.sim.scene import laboratory_scene
+from tulip_testbed.sim.specs import compile_spec
 
 SPREAD = 0.2
 

@@ -17,8 +17,9 @@ from tulip_testbed.experiments.benchmark.unseen_faults import ANSWERS as FIRST_A
 from tulip_testbed.experiments.benchmark.unseen_faults import UNSEEN
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import preset_rig, stages
-from tulip_testbed.sim.robot import CELLS, PLATES, compile_spec, joint_names
+from tulip_testbed.sim.robot import CELLS, PLATES, joint_names
 from tulip_testbed.sim.scene import laboratory_scene
+from tulip_testbed.sim.specs import compile_spec
 
 HELD_OUT = UNSEEN + SECOND
 ANSWERS = {**FIRST_ANSWERS, **SECOND_ANSWERS}

@@ -15,7 +15,7 @@ from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.targets import LINKS
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import compile_spec
+from tulip_testbed.sim.specs import compile_spec
 
 
 def add_mass(spec: mujoco.MjSpec, link: str, mass: float, place: np.ndarray) -> None:

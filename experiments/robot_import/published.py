@@ -15,8 +15,8 @@ from tulip_testbed.sim.control import joint_torques
 from tulip_testbed.sim.errors import InputError, listed, shortened
 from tulip_testbed.sim.files import present, read_bytes
 from tulip_testbed.sim.mjcf_files import mjcf_files
-from tulip_testbed.sim.robot import compile_spec
 from tulip_testbed.sim.sandbox import try_to_compile
+from tulip_testbed.sim.specs import compile_spec
 
 STANDING = ("stand", "home", "standing", "stand_bent_knees", "knees_bent", "default")  # names of keyframes
 EARTH = (0.0, 0.0, -9.81)  # m/s2

@@ -23,7 +23,8 @@ from tulip_testbed.identification.link_clearances import clearances_at, link_pai
 from tulip_testbed.sim.column import printable
 from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.files import new_folder, write_bytes, write_text
-from tulip_testbed.sim.robot import Robot, compile_spec, load_robot
+from tulip_testbed.sim.robot import Robot, load_robot
+from tulip_testbed.sim.specs import compile_spec
 
 LIGHT = 0.005  # of the robot's mass: a joint that moves less is fixed
 NEAR = 0.1  # m: links farther apart are not looked at

@@ -17,8 +17,9 @@ from tulip_testbed.sim.errors import InputError, shortened
 from tulip_testbed.sim.path import ClosedChain, tipped
 from tulip_testbed.sim.plates import cell_names, tare
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import PLATES, Robot, compile_spec, joint_names, joint_ranges, load_spec
+from tulip_testbed.sim.robot import PLATES, Robot, joint_names, joint_ranges, load_spec
 from tulip_testbed.sim.sensors import cell_gains
+from tulip_testbed.sim.specs import compile_spec
 
 TURN = 2 * np.pi
 

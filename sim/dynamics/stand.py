@@ -11,9 +11,10 @@ from tulip_testbed.sim.dynamics.stiction import Stiction
 from tulip_testbed.sim.path import ClosedChain, tipped
 from tulip_testbed.sim.plates import cell_addresses, cell_names, short_feet, tare
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, compile_spec, joint_names, sole_point
+from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, joint_names, sole_point
 from tulip_testbed.sim.scene import laboratory_scene, nominal_plates
 from tulip_testbed.sim.sensors import ANKLE, PLATE
+from tulip_testbed.sim.specs import compile_spec
 from tulip_testbed.sim.wrench_sensors import foot_addresses, frame_of, in_frame, mountings
 
 HOIST_DAMPING = (200.0, 2.0)  # N s/m, N m s

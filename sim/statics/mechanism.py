@@ -13,15 +13,9 @@ from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.model_features import check_features
 from tulip_testbed.sim.plates import plate_geometry, short_feet
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import (
-    CORNERS,
-    PLATES,
-    compile_spec,
-    joint_names,
-    sole_corners,
-    sole_point,
-)
+from tulip_testbed.sim.robot import CORNERS, PLATES, joint_names, sole_corners, sole_point
 from tulip_testbed.sim.scene import laboratory_scene
+from tulip_testbed.sim.specs import compile_spec
 from tulip_testbed.sim.statics.rocking_board import RockingBoard, rocking_board
 from tulip_testbed.sim.statics.soft_constraints import Stops, board_compliance, contact_compliance, stops_of
 
