@@ -25,10 +25,12 @@ from tulip_testbed.experiments.run_file import (
     check_parameters,
     check_robot,
     check_rows,
+    run_kind,
     write_run_file,
 )
 from tulip_testbed.identification.base_parameters import base_parameters, common_support
 from tulip_testbed.identification.residual_channels import residuals
+from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.files import new_folder, read_bytes, read_text, write_text
 from tulip_testbed.sim.machine import machine
 from tulip_testbed.sim.measurements import Measurements
@@ -141,6 +143,8 @@ def read_discovery(folder: Path, robot: Robot) -> DiscoveryRecord:
         InputError: another kind or version of run, another robot's, or a file that is not what was written.
     """
     folder = Path(folder)
+    if (kind := run_kind(folder)) != "discovery":
+        raise InputError(f"{folder}: found the run folder of a {kind}, expected that of a discovery")
     document = RunFile[DiscoveryConfiguration].read(folder / RUN_FILE)
     check_robot(folder, document.inputs, robot)
     check_outputs(folder, document.outputs, NEEDED)

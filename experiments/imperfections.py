@@ -24,7 +24,9 @@ def default_estimator(estimator: str | None, ordinary: float | None, laboratory:
         ordinary: scale of the imperfections; None: the laboratory has none.
     """
     exact = ordinary is None and laboratory.rig.sensors.wrench is None
-    return estimator or (DEFAULT if exact else SELF_CALIBRATING)
+    if estimator is not None:
+        return estimator
+    return DEFAULT if exact else SELF_CALIBRATING
 
 
 def check_ordinary(laboratory: Laboratory, ordinary: float | None) -> None:

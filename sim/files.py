@@ -154,7 +154,7 @@ def check_new(path: Path, ending: str = "") -> None:
         check_outside(real)
     parent = next(folder for folder in real.parents if present(folder))
     try:
-        probe = tempfile.mkdtemp(dir=parent, prefix=f".{_stem(path)}.", suffix=".partial")
+        probe = tempfile.mkdtemp(dir=parent, prefix=f".{hidden_stem(path)}.", suffix=".partial")
         with suppress(FileNotFoundError):  # another writer of the name took it for stale
             os.rmdir(probe)
     except OSError as error:
@@ -268,7 +268,7 @@ def _partial(path: Path, make: Callable[[Path], int]) -> Iterator[Path]:
         raise InputError(f"{path}: cannot write ({error_text(error)})") from None
 
 
-def _stem(path: Path) -> str:
+def hidden_stem(path: Path) -> str:
     """Return what hidden names of a result begin with; a name of almost 255 bytes leaves no room for more."""
     name = os.fsencode(path.name)
     return path.name if len(name) <= LONGEST_STEM else hashlib.sha256(name).hexdigest()
@@ -278,7 +278,7 @@ def _make_locked(path: Path, make: Callable[[Path], int]) -> tuple[Path, int]:
     tried = 0
     while True:
         tried += 1
-        working = path.with_name(f".{_stem(path)}.{uuid.uuid4().hex[:8]}.partial")
+        working = path.with_name(f".{hidden_stem(path)}.{uuid.uuid4().hex[:8]}.partial")
         try:
             lock = make(working)
         except FileNotFoundError:
@@ -295,7 +295,7 @@ def _make_locked(path: Path, make: Callable[[Path], int]) -> tuple[Path, int]:
 
 
 def _remove_stale(path: Path) -> None:
-    for stale in path.parent.glob(f".{glob.escape(_stem(path))}.????????.partial"):
+    for stale in path.parent.glob(f".{glob.escape(hidden_stem(path))}.????????.partial"):
         with suppress(OSError):
             lock = os.open(stale, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
             try:

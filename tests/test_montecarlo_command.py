@@ -113,8 +113,9 @@ def test_bad_options_are_refused_before_the_work(tmp_path, capsys):
     out = tmp_path / "run"
     asked = ("montecarlo", "--out", out, "--runs")
     assert "--runs: found 0, expected 1 or more" in refused(capsys, *asked, 0)
-    message = refused(capsys, *asked, 5, "--estimator", "magic")
-    assert "unknown estimator 'magic'; valid: mixed-model, least-squares" in message
+    for name in ("magic", ""):
+        message = refused(capsys, *asked, 5, "--estimator", name)
+        assert f"unknown estimator '{name}'; valid: mixed-model, least-squares" in message
     assert "unknown engine 'ray'; valid: loky, dask" in refused(capsys, *asked, 5, "--engine", "ray")
     assert "engine dask: found no address" in refused(capsys, *asked, 5, "--engine", "dask")
     assert "expected one with engine dask only" in refused(

@@ -329,6 +329,14 @@ EDITED_DISCOVERY = [
 ]
 
 
+def test_another_run_is_no_discovery(run, plan, robot, tmp_path):  # noqa: F811
+    with pytest.raises(InputError, match="run folder of a validation, expected that of a discovery"):
+        read_discovery(run, robot)
+    write_plan(tmp_path / "plan", plan)
+    with pytest.raises(InputError, match="found a plan folder, expected a run folder"):
+        read_discovery(tmp_path / "plan", robot)
+
+
 @pytest.mark.parametrize(("path", "value", "message"), EDITED_DISCOVERY)
 def test_an_edited_discovery_is_refused_by_key(discovered, robot, tmp_path, path, value, message):
     folder = tmp_path / "found"

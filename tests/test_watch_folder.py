@@ -315,3 +315,28 @@ def test_a_line_without_end_is_refused(tmp_path):
     path.write_bytes(b"x" * (MOST_AT_ONCE + 1))
     with pytest.raises(InputError, match="line 1: found more than"):
         new_lines(path, Place())
+
+
+def test_a_second_watch_of_one_state_is_refused(folder, plan, robot, tmp_path):
+    path, lines = folder
+    grow(path, "".join(lines[:2]))
+    state = tmp_path / "state"
+    first = tt.watch(path, plan, robot, state=state, follow=False)
+    assert next(first).verdict.posture == 1
+    with pytest.raises(InputError, match="state: another process is at work in it"):
+        judged(path, plan, robot, state=state)
+    assert len(list(first)) == 1
+    assert judged(path, plan, robot, state=state) == []
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["lab", "state"]
+
+
+@pytest.mark.parametrize("stream", [False, True])
+def test_lines_that_end_with_a_carriage_return_alone_are_refused(folder, plan, robot, stream):
+    path, lines = folder
+    table = path / "postures.csv"
+    content = (table.read_text() + lines[0]).replace("\n", "\r").encode()
+    table.write_bytes(content)
+    with pytest.raises(InputError, match=r"line 1: found a carriage return \(CR\) within the line"):
+        judged(path, plan, robot, rows=[content] if stream else None)
+    table.write_bytes(content.replace(b"\r", b"\r\n"))
+    assert len(judged(path, plan, robot)) == 1

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -26,6 +24,7 @@ from tulip_testbed.experiments.run_file import (
     check_robot,
     write_run_file,
 )
+from tulip_testbed.sim.alone import alone_in
 from tulip_testbed.sim.errors import InputError, shortened
 from tulip_testbed.sim.files import check_new, new_folder, present
 from tulip_testbed.sim.machine import machine
@@ -162,17 +161,8 @@ def open_campaign(
         with new_folder(folder) as working:
             write_plan(working / PLAN_FOLDER, plan)
             document.write(working / CAMPAIGN_FILE)
-    lock = os.open(folder / CAMPAIGN_FILE, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(f"{folder}: another process is at work in it") from None
-        except OSError:  # some network file systems cannot lock
-            pass
+    with alone_in(folder, CAMPAIGN_FILE):
         yield _done(folder)
-    finally:
-        os.close(lock)
 
 
 def _check_same(folder: Path, document: RunFile[CampaignConfiguration]) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
@@ -27,6 +25,7 @@ from tulip_testbed.experiments.run_file import (
     check_configuration,
     configuration_of,
 )
+from tulip_testbed.sim.alone import alone_in
 from tulip_testbed.sim.errors import InputError, shortened
 from tulip_testbed.sim.files import check_new, new_folder, present
 from tulip_testbed.sim.machine import machine
@@ -134,7 +133,7 @@ def raise_runs(folder: Path, document: RunsFile[MonteCarloSettings]) -> None:
     same = raised.model_copy(update={"machine": document.machine}).plain() == document.plain()
     if settings.runs >= asked.runs or not same:
         return
-    with _alone(folder):
+    with alone_in(folder, RUN_FILE):
         if left := settings.runs % settings.chunk:
             chunks = Chunks(folder / CHUNK_FOLDER, settings.runs, settings.chunk)
             chunks.path((settings.runs - left) // settings.chunk).unlink(missing_ok=True)
@@ -153,26 +152,5 @@ def open_folder(folder: Path, document: RunsFile[Any], plan: PosturePlan) -> Ite
             (working / CHUNK_FOLDER).mkdir()
             write_plan(working / PLAN_FOLDER, plan)
             document.write(working / RUN_FILE)
-    with _alone(folder):
+    with alone_in(folder, RUN_FILE):
         yield folder / CHUNK_FOLDER
-
-
-@contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Keep other processes out of a folder.
-
-    Raises:
-        InputError: another process is at work in it.
-    """
-    lock = os.open(folder / RUN_FILE, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        try:
-            # Freed by the system however the process ends.
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(f"{folder}: another process is at work in it") from None
-        except OSError:  # some network file systems cannot lock
-            pass
-        yield
-    finally:
-        os.close(lock)

@@ -70,7 +70,8 @@ def new_lines(path: Path, place: Place) -> list[Line]:
     A row that is prepared, its readings still empty, waits for them, and so do those after it.
 
     Raises:
-        InputError: the file became shorter, or its header or the last line that was read is another one.
+        InputError: the file became shorter, its header or the last line that was read is another one, or
+            its lines end with CR alone.
     """
     if not present(path):
         if place.size:
@@ -99,16 +100,26 @@ def new_lines(path: Path, place: Place) -> list[Line]:
         raise InputError(
             f"{path}: line {place.lines + 1}: found more than {MOST_AT_ONCE} bytes, expected a row"
         )
-    return list(itertools.takewhile(lambda line: not is_prepared(line.text), _complete(content, place)))
+    return list(itertools.takewhile(lambda line: not is_prepared(line.text), _complete(path, content, place)))
 
 
-def _complete(content: bytes, place: Place) -> Iterator[Line]:
+def _complete(path: Path, content: bytes, place: Place) -> Iterator[Line]:
     number, end = place.lines, place.size
-    for whole in content.splitlines(keepends=True):
-        if not whole.endswith(b"\n"):
-            return
-        number, end = number + 1, end + len(whole)
-        yield Line(whole.rstrip(b"\r\n"), number, end)
+    *whole_lines, _ = content.split(b"\n")
+    if not whole_lines:
+        _check_line_end(path, number + 1, content)
+    for text in whole_lines:
+        _check_line_end(path, number + 1, text)
+        number, end = number + 1, end + len(text) + 1
+        yield Line(text.rstrip(b"\r"), number, end)
+
+
+def _check_line_end(path: Path, number: int, text: bytes) -> None:
+    if b"\r" in text.rstrip(b"\r"):
+        raise InputError(
+            f"{path}: line {number}: found a carriage return (CR) within the line, expected lines that end "
+            "with LF or CR LF"
+        )
 
 
 def _check_beginning(path: Path, beginning: bytes, place: Place) -> None:
@@ -143,10 +154,15 @@ def _names(header: bytes) -> list[str]:
     return [name.strip().strip('"') for name in text.replace(";", ",").split(",")]
 
 
-def lines_of(stream: Iterable[bytes], place: Place) -> Iterator[Line]:
-    """Yield the lines of a stream; its end also ends a line."""
+def lines_of(stream: Iterable[bytes], place: Place, path: Path) -> Iterator[Line]:
+    """Yield the lines of a stream; its end also ends a line.
+
+    Raises:
+        InputError: names `path` and the line that holds a carriage return alone.
+    """
     number, end = place.lines, place.size
     for whole in stream:
+        _check_line_end(path, number + 1, whole.rstrip(b"\n"))
         number, end = number + 1, end + len(whole)
         yield Line(whole.rstrip(b"\r\n"), number, end)
 

@@ -29,6 +29,7 @@ from tulip_testbed.experiments.watching.state_file import (
 )
 from tulip_testbed.experiments.watching.watch_row import Verdict, watch_row
 from tulip_testbed.experiments.watching.watch_state import WatchState, first_state
+from tulip_testbed.sim.alone import alone_on
 from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
 from tulip_testbed.sim.files import read_bytes
 from tulip_testbed.sim.measurements import Measurements, PosturePlan, SensorSheet
@@ -121,24 +122,33 @@ def watch_day(settings: WatchSettings, pause: Callable[[float], None] = time.sle
     """Yield what comes of every row as it arrives, until every posture of the plan is measured.
 
     The state is written after a row was yielded: a process that is killed between both yields that row again.
+    A hidden file beside the state, .NAME.lock, keeps a second watch of the same state out.
 
     Args:
         pause: called with the time to wait between two looks at the file [s].
 
     Raises:
         InputError: a folder, plan or state that cannot be used; a table whose header changes or that becomes
-            shorter.
+            shorter; another watch keeps the same state.
     """
+    if settings.state is None:
+        yield from _watched(settings, pause)
+        return
+    check_state_file(settings.state)
+    with alone_on(settings.state):
+        yield from _watched(settings, pause)
+
+
+def _watched(settings: WatchSettings, pause: Callable[[float], None]) -> Iterator[Arrival]:
     s, where = settings, Path(settings.folder) / "manifest.json"
     manifest = read_manifest(s.folder)
     model = _model(s, manifest, where)
     targets = targets_of(model, s.targets)
     key, kept = key_of(s.plan, read_bytes(where)), Kept(first_state(model), Place())
     if s.state is not None:
-        check_state_file(s.state)
         kept = read_state(s.state, key, model) or kept
     path = Path(s.folder) / TABLE if s.rows is None else Path("standard input")
-    stream = None if s.rows is None else lines_of(s.rows, Place())
+    stream = None if s.rows is None else lines_of(s.rows, Place(), path)
     skipped = kept.place.lines if stream is not None else 0
     judge = one_blas_thread(watch_row)
     while True:

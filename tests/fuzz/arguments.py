@@ -30,6 +30,9 @@ VALIDATE = ("validate", PLAN, "--workers", "1", "--json", "--out", MADE)
 DISCOVER = ("discover", DATA, "--no-check", "--workers", "1", "--json", "--out", MADE)
 REPORT = ("report", RUN, "--json", "--out", f"{MADE}.html")
 COMPARE, CHECK, MODEL = ("compare", RUN, RUN, "--json"), ("check", DATA, "--json"), ("model", "--json")
+EXPORT = ("export", RUN, "--json", "--out", f"{MADE}.xml")
+PROTOCOL = ("protocol", PLAN, "--json", "--out", MADE)
+WATCH, NEXT = ("watch", DATA, "--plan", PLAN, "--once", "--json"), ("next", RUN, "--json", "--out", MADE)
 EFFECTS, TOLERANCE, ATLAS = ("effects", "--json"), ("tolerance", PLAN, "--json"), ("atlas", PLAN, "--json")
 BENCHMARK = ("benchmark", "discover", "--out", MADE)
 
@@ -59,6 +62,14 @@ EFFECT_TEXTS = (
     ),
     *("cell-tare:right.nose=1", ":=", "=", ":", "cell-tare:=1", "swapped-cells:right=a,b", "tilt=1e300,1"),
 )
+TARGET_TEXTS = (
+    "",
+    "all",
+    "all=",
+    "=1",
+    "nose=1",
+    *(f"all={x}" for x in ("0", "-1", "nan", "inf", "x", "1e400")),
+)
 TOLERANCE_TEXTS = (
     "tilt",
     "tilt=",
@@ -71,16 +82,16 @@ TOLERANCE_TEXTS = (
     "tilt=1=2",
 )
 DESCRIBE, VIEW = ("postures", PLAN, "--json"), ("view", RUN, "--save", f"{MADE}.rrd")
-OF_A_ROBOT = (IDENTIFY, SIMULATE, MONTECARLO, MODEL, COMPARE, REPORT, CHECK, RANDOM)
+OF_A_ROBOT = (IDENTIFY, SIMULATE, MONTECARLO, MODEL, COMPARE, REPORT, CHECK, RANDOM, EXPORT, PROTOCOL, WATCH)
 NAMED = (
     *((line, "--robot") for line in OF_A_ROBOT),
     *((line, "--rig") for line in (IDENTIFY, SIMULATE, MONTECARLO, VALIDATE)),
     *((line, "--after") for line in (SEARCH, DESCRIBE)),
 )
 READ = (
-    *((line, DATA) for line in (IDENTIFY, CHECK, DISCOVER)),
-    *((line, PLAN) for line in (SIMULATE, MONTECARLO, VALIDATE, TOLERANCE, ATLAS, DESCRIBE)),
-    *((line, RUN) for line in (COMPARE, REPORT, VIEW)),
+    *((line, DATA) for line in (IDENTIFY, CHECK, DISCOVER, WATCH)),
+    *((line, PLAN) for line in (SIMULATE, MONTECARLO, VALIDATE, TOLERANCE, ATLAS, DESCRIBE, PROTOCOL, WATCH)),
+    *((line, RUN) for line in (COMPARE, REPORT, VIEW, EXPORT, NEXT)),
     *(((*line, option, "HERE"), "HERE") for line, option in NAMED),
 )
 NO_INPUTS = (
@@ -109,7 +120,9 @@ NO_INPUTS = (
     ),
 )
 WRITTEN = (
-    *((line, MADE) for line in (SIMULATE, MONTECARLO, RANDOM, SEARCH, VALIDATE, DISCOVER)),
+    *((line, MADE) for line in (SIMULATE, MONTECARLO, RANDOM, SEARCH, VALIDATE, DISCOVER, PROTOCOL)),
+    (EXPORT, f"{MADE}.xml"),
+    ((*WATCH, "--out", "HERE"), "HERE"),
     *(((*SIMULATE, "--truth", "HERE"), "HERE"), ((*ATLAS, "--out", "HERE"), "HERE")),
     *((REPORT, f"{MADE}.html"), (("view", RUN, "--save", f"{MADE}.rrd"), f"{MADE}.rrd")),
     (("postures", PLAN, "--json", "--draw", "HERE"), "HERE"),
@@ -155,6 +168,11 @@ CONFLICTS: Lines = (
     ("report", RUN, "--out", "MADE/x.txt"),
     ("simulate", DATA, "--out", MADE),
     ("check", PLAN),
+    *(("watch", DATA), ("watch", DATA, "--plan", DATA, "--once"), ("watch", PLAN, "--plan", PLAN, "--once")),
+    (*WATCH, "--out", f"{DATA}/state"),
+    *(("protocol", PLAN), ("protocol", DATA, "--out", MADE), ("protocol", RUN, "--out", MADE)),
+    *(("export", RUN), ("export", PLAN, "--out", f"{MADE}.xml"), ("export", RUN, "--out", f"{MADE}.txt")),
+    *(("next", DATA), ("next", PLAN), ("next", RUN)),
 )
 UNKNOWN = (
     "--nose",
@@ -226,6 +244,10 @@ ALL = (
     CHECK,
     MODEL,
     EFFECTS,
+    EXPORT,
+    PROTOCOL,
+    WATCH,
+    NEXT,
 )
 ARGUMENT_KINDS: dict[str, Change] = {
     "seeds": line(
@@ -246,6 +268,8 @@ ARGUMENT_KINDS: dict[str, Change] = {
     "no tolerances": line(
         REFUSED, with_value([(IDENTIFY, "--tolerance"), (DISCOVER, "--tolerance")], TOLERANCE_TEXTS)
     ),
+    "no targets": line(REFUSED, with_value([(WATCH, "--target")], TARGET_TEXTS)),
+    "no samples": line(REFUSED, with_value([(EXPORT, "--samples")], NO_WHOLE)),
     "no inputs": line(REFUSED, instead(READ, NO_INPUTS)),
     "no outputs": line(REFUSED, instead(WRITTEN, NO_OUTPUTS)),
     "conflicts": line(REFUSED, CONFLICTS),

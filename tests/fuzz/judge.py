@@ -156,6 +156,8 @@ class Judge:
             refused = runs[-1].code > (given[len(runs) - 1][:1] in [[name] for name in JUDGING])
             if target == "measurements" and not self.brief:
                 check_preflight(self.tulip(["check", str(folder), "--json"], here, nobody), runs[-1])
+                watch = ["watch", str(folder), "--plan", str(self.intact("plan")), "--once", "--json"]
+                check_watch(self.tulip(watch, here, nobody))
             check_left(home, there | {folder / CHUNK})
             if refused:
                 return check_refusal(runs[-1], expected, home, target)
@@ -193,6 +195,16 @@ def check_preflight(checked: Run, identified: Run) -> None:
     assert checked.err.count("\n") <= (checked.code == 2), checked
     assert not checked.out or isinstance(json.loads(checked.out), dict)
     assert identified.code or checked.code < 2, f"it cannot read what identify can: {checked}"
+
+
+def check_watch(watched: Run) -> None:
+    """Check that a watch judges rows or says what is wrong; it may read more than others do."""
+    assert watched.code in (0, 2), watched
+    for text in watched.out.splitlines():
+        assert {"posture", "verdict", "next", "stop"} <= set(json.loads(text)), text
+    if watched.code == 2:
+        refusals = [text for text in watched.err.splitlines() if text.startswith("tulip: ")]
+        assert refusals, watched.err
 
 
 def check_refusal(run: Run, expected: Expected, home: Path, target: str) -> str:

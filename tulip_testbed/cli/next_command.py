@@ -17,7 +17,10 @@ def next_command(
     *,
     out: Annotated[Path | None, tyro.conf.arg(help="plan folder to write, of the best experiment")] = None,
     plan: Annotated[
-        Path | None, tyro.conf.arg(help="plan folder to choose from; the measured postures if left out")
+        Path | None,
+        tyro.conf.arg(
+            help="plan folder to choose from, or a shipped plan's name; the measured postures if left out"
+        ),
     ] = None,
     seed: Annotated[int, tyro.conf.arg(help="seed of the draws of the expectation")] = 0,
     robot: RobotFile = TULIP,
@@ -39,13 +42,14 @@ def next_command(
     from tulip_testbed.sim.errors import at_least
     from tulip_testbed.sim.files import check_new
     from tulip_testbed.sim.measurements import read_plan
+    from tulip_testbed.sim.shipped import plan_folder
 
     at_least("seed", seed, 0)
     if out is not None:
         check_new(out)
     described = described_robot(robot)
     record = read_discovery(run, described)
-    chosen = None if plan is None else read_plan(plan, described)
+    chosen = None if plan is None else read_plan(plan_folder(plan), described)
     with working_on("weighing experiments"):
         found = next_of(record, described, chosen, seed)
     if out is not None:
