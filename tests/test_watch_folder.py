@@ -322,7 +322,7 @@ def test_a_second_watch_of_one_state_is_refused(folder, plan, robot, tmp_path):
     grow(path, "".join(lines[:2]))
     state = tmp_path / "state"
     first = tt.watch(path, plan, robot, state=state, follow=False)
-    assert next(first).verdict.posture == 1
+    assert next(first).line == 2
     with pytest.raises(InputError, match="state: another process is at work in it"):
         judged(path, plan, robot, state=state)
     assert len(list(first)) == 1
