@@ -12,6 +12,7 @@ from tulip_testbed.identification.distributions import f_ppf, t_ppf
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.statistics import standard_errors
 from tulip_testbed.sim.column import Column
+from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.table import Cell, Table
 
 LEVEL = 0.01  # of every statistical check
@@ -27,8 +28,9 @@ BALANCES = {
     "weight": ("cells against weight", "N"),
     "moments": ("plates' moments against the feet's wrench", "Nm"),
     "torques": ("torques against statics", "Nm or N"),
-    "centre": ("CoP against CoM", "m"),
+    "centre": ("CoP against CoM", "mm"),
 }
+MILLIMETRES = {"centre": 1e3}
 
 # Residual sigma per axis (eq. 14) without noise: middle and half-width [mm]. With noise it depends on the
 # robot's weight and size, so its description gives it, for 30 placements. The fewer the placements, the
@@ -213,7 +215,8 @@ def balance_check(worst: dict[str, float], weight: float, whole: bool) -> Check:
     bounds = {"torques": force} | ({"weight": force, "moments": force, "centre": IMBALANCE} if whole else {})
     name = max(bounds, key=lambda key: worst[key] / bounds[key])
     what, unit = BALANCES[name]
-    source = f"{what} {worst[name]:.2g} {unit}, bound {bounds[name]:.2g} {unit}"
+    found, bound = (number(MILLIMETRES.get(name, 1.0) * one[name], ".2g") for one in (worst, bounds))
+    source = f"{what} {found} {unit}, bound {bound} {unit}"
     return below("imbalance over its bound", worst[name] / bounds[name], 1.0, source)
 
 

@@ -34,26 +34,26 @@ def alone_in(folder: Path, file: str) -> Iterator[None]:
 def alone_on(path: Path) -> Iterator[None]:
     """Keep other processes from a file that is replaced as a whole.
 
-    The hidden file .NAME.lock beside it is locked; a killed process leaves it, but not the lock.
+    The hidden file .NAME.lock in its folder is locked; a killed process leaves it, but not the lock.
 
     Raises:
         InputError: another process is at work on it, or nothing can be written there.
     """
-    beside = path.with_name(f".{hidden_stem(path)}.lock")
+    lock_file = path.with_name(f".{hidden_stem(path)}.lock")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        lock = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
+        lock = os.open(lock_file, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
     except OSError as error:
         raise InputError(f"{path}: cannot write ({error_text(error)})") from None
     try:
         _lock(lock, path)
-        if not (beside.exists() and os.path.samestat(os.fstat(lock), beside.stat())):
+        if not (lock_file.exists() and os.path.samestat(os.fstat(lock), lock_file.stat())):
             raise _at_work(path)  # the other one removed it just before it was locked
         try:
             yield
         finally:
             with suppress(OSError):
-                beside.unlink()
+                lock_file.unlink()
     finally:
         os.close(lock)
 

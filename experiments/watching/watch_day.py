@@ -122,7 +122,7 @@ def watch_day(settings: WatchSettings, pause: Callable[[float], None] = time.sle
     """Yield what comes of every row as it arrives, until every posture of the plan is measured.
 
     The state is written after a row was yielded: a process that is killed between both yields that row again.
-    A hidden file beside the state, .NAME.lock, keeps a second watch of the same state out.
+    A hidden file in the folder of the state, .NAME.lock, keeps a second watch of the same state out.
 
     Args:
         pause: called with the time to wait between two looks at the file [s].

@@ -19,6 +19,7 @@ from tulip_testbed.sim.numbers import number
 
 BEFORE, AFTER = MEASURED, ESTIMATE
 RUNNER_UP = "#C4C9CF"
+TICKS = [0.2, 0.5, *(digit * 10**k for k in range(5) for digit in (1, 2, 5))]  # of a logarithmic axis
 WIDE = 1.96  # s.d. that 95 % of the noise stay within
 
 
@@ -37,7 +38,7 @@ def gap_figure(rows: Sequence[tuple[str, float, float, float]]) -> Figure:
     ticks = {"symbol": "line-ns-open", "size": 22, "color": NOMINAL, "line": {"width": 3}}
     floor = [row[3] for row in rows]
     drawn.add_scatter(x=floor, y=names, mode="markers", name="by chance up to", marker=ticks)
-    drawn.update_xaxes(type="log", title="residual over noise, r.m.s.")
+    drawn.update_xaxes(type="log", title="residual over noise, r.m.s.", tickvals=TICKS, ticktext=TICKS)
     drawn.update_yaxes(autorange="reversed", automargin=True)
     text = "; ".join(f"{name}: {before:.2f} before, {after:.2f} after" for name, before, after, _ in rows)
     caption = "Residuals on placements that took no part in the fit; 1 is the noise."
