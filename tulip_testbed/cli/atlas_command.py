@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from tulip_testbed.cli.options import DEFAULT_SEED, Json, Plan, PlatePreset, RobotFile, Seed
+from tulip_testbed.cli.options import DEFAULT_SEED, Json, Plan, PlateSensors, RobotFile, Seed
 from tulip_testbed.sim.shipped import TULIP
 
 
@@ -19,7 +19,7 @@ def atlas_command(
         Path | None,
         tyro.conf.arg(metavar="FOLDER", help="write a page, atlas.json, bias.csv, a heat map"),
     ] = None,
-    preset: PlatePreset = "wii",
+    preset: PlateSensors = "wii",
     seed: Seed = DEFAULT_SEED,
     robot: RobotFile = TULIP,
     as_json: Json = False,

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
-from tulip_testbed.cli.options import CORES, Address, EngineName, Json, Noisy, Seed, Workers
+from tulip_testbed.cli.options import CORES, Address, EngineName, Json, NoisySensors, RunFolder, Seed, Workers
 
 Size = Annotated[
     float,
@@ -27,8 +26,8 @@ def benchmark_command(
     what: What,
     /,
     *,
-    out: Path,
-    preset: Noisy = "force-plate",
+    out: RunFolder,
+    preset: NoisySensors = "force-plate",
     seed: Seed = 0,
     size: Size = 0.2,
     world: World = "exact",
@@ -41,8 +40,8 @@ def benchmark_command(
 
     Seeds 0 to 99 are for development; others are for tests that nothing was fitted to.
     The same command resumes a run that was stopped, and reports again on a finished one. After Ctrl-C it
-    reports on the cases so far, which is fair because they are in random order. In the exact world there are
-    at least about 120.
+    reports on the cases so far, which is fair because they are in random order. However small the scale, the
+    exact world has some 120 cases.
     Exit code 0: done; 2: could not run; 130: interrupted.
 
     Example: tulip benchmark discover --out runs/benchmark --preset force-plate --seed 1000 --size 0.2

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from tulip_testbed.cli.options import DEFAULT_SEED, Json, Ordinary, Plan, Preset, RigFolder, RobotFile, Seed
+from tulip_testbed.cli.options import (
+    DEFAULT_SEED,
+    Json,
+    Ordinary,
+    Plan,
+    RigFolder,
+    RobotFile,
+    RunFolder,
+    Seed,
+    Sensors,
+)
 from tulip_testbed.cli.simulate_command import Effects
 from tulip_testbed.sim.shipped import TULIP
 
@@ -16,10 +25,10 @@ def campaign_command(
     plan: Plan = None,
     /,
     *,
-    out: Path,
-    preset: Preset = "wii",
+    out: RunFolder,
+    preset: Sensors = "wii",
     seed: Seed = DEFAULT_SEED,
-    experiments: Annotated[int, tyro.conf.arg(help="experiments at most")] = 3,
+    experiments: Annotated[int, tyro.conf.arg(help="largest number of experiments")] = 3,
     minutes: Annotated[
         float | None, tyro.conf.arg(help="minutes of laboratory time at most (assumed times)")
     ] = None,
@@ -34,8 +43,9 @@ def campaign_command(
 ) -> int:
     """Simulate experiments until one explanation is left.
 
-    Begins with the plan in a virtual laboratory with hidden effects. While several explanations are left,
-    the experiment that settles most a minute is carried out. The same command goes on where it was stopped.
+    The command begins with the plan in a virtual laboratory with hidden effects. While several explanations
+    are left, it carries out the experiment that settles most per minute. The same command goes on where it
+    was stopped.
     `tulip report` writes the campaign's page, `tulip view` shows it.
 
     Example: tulip campaign --preset force-plate --effect tether=5,0 --out runs/campaign

@@ -12,7 +12,7 @@ from tulip_testbed.sim.shipped import TULIP
 
 
 def check_command(
-    folder: Annotated[Path, tyro.conf.Positional],
+    folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER", help="measurement folder")],
     /,
     *,
     rig: RigFolder = None,

@@ -12,7 +12,9 @@ from tulip_testbed.sim.shipped import TULIP
 
 
 def export_command(
-    run: Annotated[Path, tyro.conf.Positional],
+    run: Annotated[
+        Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN", help="run folder or measurement folder")
+    ],
     /,
     *,
     out: Annotated[Path, tyro.conf.arg(metavar="MODEL.xml|MODEL.urdf", help="new model file")],

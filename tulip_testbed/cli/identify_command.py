@@ -15,8 +15,7 @@ TolerancesOf = Annotated[
     tyro.conf.UseAppendAction,
     tyro.conf.arg(
         metavar="FAMILY=VALUE",
-        help="what is usual for a family of ordinary imperfections of this laboratory (SI units; 0: exact); "
-        "repeatable",
+        help="what is usual for a family of ordinary imperfections of this laboratory (SI units; 0: exact)",
     ),
 ]
 

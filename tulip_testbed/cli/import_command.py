@@ -12,7 +12,7 @@ from tulip_testbed.sim.shipped import TULIP
 
 
 def import_command(
-    table: Annotated[Path, tyro.conf.Positional],
+    table: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="TABLE", help="CSV or Parquet file")],
     /,
     *,
     out: Annotated[Path, tyro.conf.arg(metavar="DIR", help="new measurement folder")],
@@ -23,7 +23,7 @@ def import_command(
         tyro.conf.arg(
             name="map",
             metavar="FILE.toml | NAME=COLUMN:UNIT:SIGN",
-            help="what the table does not say: contacts, columns, units, signs, constant joints; repeatable",
+            help="what the table does not say: contacts, columns, units, signs, constant joints",
         ),
     ] = (),
     as_json: Json = False,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -16,10 +15,11 @@ from tulip_testbed.cli.options import (
     Json,
     Ordinary,
     Plan,
-    Preset,
     RigFolder,
     RobotFile,
+    RunFolder,
     Seed,
+    Sensors,
     Workers,
 )
 from tulip_testbed.sim.shipped import TULIP
@@ -39,9 +39,9 @@ def montecarlo_command(
     plan: Plan = None,
     /,
     *,
-    out: Path,
+    out: RunFolder,
     runs: int,
-    preset: Preset = "wii",
+    preset: Sensors = "wii",
     estimator: EstimatorChoice = None,
     ordinary: Ordinary = None,
     rig: RigFolder = None,

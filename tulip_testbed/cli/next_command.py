@@ -12,7 +12,9 @@ from tulip_testbed.sim.shipped import TULIP
 
 
 def next_command(
-    run: Annotated[Path, tyro.conf.Positional],
+    run: Annotated[
+        Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN", help="run folder of a discovery")
+    ],
     /,
     *,
     out: Annotated[Path | None, tyro.conf.arg(help="plan folder to write, of the best experiment")] = None,
@@ -29,7 +31,7 @@ def next_command(
     """Rank the experiments that would settle an ambiguous discovery.
 
     RUN is the run folder of `tulip discover`. Experiments are manipulations of the laboratory and a choice
-    of postures; they are ranked by the doubt that they are expected to settle a minute. With --out the best
+    of postures; they are ranked by the doubt that each is expected to settle per minute. With --out the best
     is written as a plan folder with its manipulations as numbered steps (steps.md), which
     `tulip simulate --experiment` carries out.
 

@@ -53,13 +53,17 @@ Noisy = Literal["wii", "force-plate"]
 NoisyPreset = Annotated[
     Noisy, tyro.conf.arg(help="sensors whose noise the standard errors are predicted for")
 ]
+Sensors = Annotated[Preset, tyro.conf.arg(help="sensors of the laboratory")]
+PlateSensors = Annotated[PlatePreset, tyro.conf.arg(help="sensors of the laboratory")]
+NoisySensors = Annotated[Noisy, tyro.conf.arg(help="sensors of the laboratory")]
+RunFolder = Annotated[Path, tyro.conf.arg(help="run folder to write")]
 FOLDERS = tyro.conf.arg(metavar="FOLDER [FOLDER ...]", help="measurement folders: experiments with one robot")
 Plan = Annotated[
     Path | None,
     tyro.conf.Positional,
     tyro.conf.arg(
         metavar="[PLAN]",
-        help=f"plan folder, or one of the shipped plans, TULip's: {', '.join(PLAN_NAMES)}; "
+        help=f"plan folder, or the name of a plan shipped for TULip ({', '.join(PLAN_NAMES)}); "
         f"{PLAN_NAMES[0]} if left out",
     ),
 ]
@@ -99,7 +103,7 @@ EngineName = Annotated[
     str, tyro.conf.arg(metavar="{" + ",".join(ENGINES) + "}", help="where the work is done")
 ]
 Address = Annotated[
-    str | None, tyro.conf.arg(metavar="tcp://HOST:PORT", help="of the scheduler, with --engine dask")
+    str | None, tyro.conf.arg(metavar="tcp://HOST:PORT", help="address of the scheduler, with --engine dask")
 ]
 
 CORES = os.cpu_count() or 1

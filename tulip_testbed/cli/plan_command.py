@@ -17,7 +17,7 @@ def plan_command(
     seed: Seed = DEFAULT_SEED,
     objective: Annotated[str, tyro.conf.arg(help="condition, d-optimal, a-optimal, ...")] = "condition",
     placements: Annotated[int, tyro.conf.arg(help="foot placements")] = 10,
-    postures_per_placement: Annotated[int, tyro.conf.arg(help="postures on each")] = 5,
+    postures_per_placement: Annotated[int, tyro.conf.arg(help="postures on each placement")] = 5,
     hops: Annotated[int, tyro.conf.arg(help="exchanges of a placement's postures")] = HOPS,
     table1: Annotated[
         bool, tyro.conf.arg(help="the paper's six trials (seeds 101 to 106); joins the best three")
@@ -41,7 +41,9 @@ def plan_command(
             metavar="N", help="postures that come twice: half in the same placement, half in another one"
         ),
     ] = 0,
-    solver: Annotated[str, tyro.conf.arg(help="of the last round: slsqp, or ipopt (slow)")] = SOLVERS[0],
+    solver: Annotated[str, tyro.conf.arg(help="solver of the last round: slsqp, or ipopt (slow)")] = SOLVERS[
+        0
+    ],
     preset: NoisyPreset = "wii",
     robot: RobotFile = TULIP,
     as_json: Json = False,

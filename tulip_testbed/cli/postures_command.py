@@ -17,9 +17,15 @@ def postures_command(
     *,
     random: Annotated[bool, tyro.conf.arg(help="draw a new plan")] = False,
     out: Annotated[Path | None, tyro.conf.arg(metavar="PLAN", help="the new plan folder")] = None,
-    placements: Annotated[int | None, tyro.conf.arg(metavar="INT", help="foot placements; 10")] = None,
-    per_placement: Annotated[int | None, tyro.conf.arg(metavar="INT", help="postures on each; 5")] = None,
-    seed: Annotated[int | None, tyro.conf.arg(metavar="INT", help=f"of the draws; {DEFAULT_SEED}")] = None,
+    placements: Annotated[
+        int | None, tyro.conf.arg(metavar="INT", help="foot placements; 10 if left out")
+    ] = None,
+    per_placement: Annotated[
+        int | None, tyro.conf.arg(metavar="INT", help="postures on each placement; 5 if left out")
+    ] = None,
+    seed: Annotated[
+        int | None, tyro.conf.arg(metavar="INT", help=f"seed of the draws; {DEFAULT_SEED} if left out")
+    ] = None,
     after: Annotated[
         Path | None, tyro.conf.arg(metavar="MEASUREMENTS", help="describe the plan together with these")
     ] = None,

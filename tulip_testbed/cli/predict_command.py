@@ -19,7 +19,7 @@ Part = Annotated[
 
 
 def predict_command(
-    folder: Annotated[Path, tyro.conf.Positional],
+    folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER", help="measurement folder")],
     /,
     *,
     robot: RobotFile = TULIP,

@@ -12,7 +12,7 @@ from tulip_testbed.sim.shipped import TULIP
 
 
 def report_command(
-    folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(help="run folder")],
+    folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN", help="run folder")],
     /,
     *,
     out: Annotated[Path, tyro.conf.arg(metavar="FILE.html", help="the page, a new file")],

@@ -11,7 +11,7 @@ from tulip_testbed.cli.options import Json
 
 
 def robot_command(
-    file: Annotated[Path, tyro.conf.Positional],
+    file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE", help="MJCF or URDF")],
     /,
     *,
     out: Annotated[

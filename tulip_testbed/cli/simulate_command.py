@@ -13,10 +13,10 @@ from tulip_testbed.cli.options import (
     Json,
     Ordinary,
     Plan,
-    Preset,
     RigFolder,
     RobotFile,
     Seed,
+    Sensors,
     Workers,
 )
 from tulip_testbed.sim.shipped import TULIP
@@ -27,7 +27,7 @@ Effects = Annotated[
     tyro.conf.arg(
         name="effect",
         metavar="NAME[:TARGET]=VALUE[,VALUE]",
-        help="add a physical effect (SI units; see `tulip effects`), or a secret one by `random`; repeatable",
+        help="add a physical effect (SI units; see `tulip effects`), or `random` for one that is not told",
     ),
 ]
 Statics = Annotated[
@@ -46,10 +46,10 @@ def simulate_command(
     plan: Plan = None,
     /,
     *,
-    out: Path,
-    preset: Preset = "wii",
+    out: Annotated[Path, tyro.conf.arg(help="new measurement folder")],
+    preset: Sensors = "wii",
     seed: Seed = DEFAULT_SEED,
-    truth: Path | None = None,
+    truth: Annotated[Path | None, tyro.conf.arg(help="new file for the truth")] = None,
     effect: Effects = (),
     ordinary: Ordinary = None,
     rig: RigFolder = None,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tulip_testbed.cli.options import DEFAULT_SEED, Json, Plan, PlatePreset, RobotFile, Seed
+from tulip_testbed.cli.options import DEFAULT_SEED, Json, Plan, PlateSensors, RobotFile, Seed
 from tulip_testbed.sim.shipped import TULIP
 
 
@@ -10,7 +10,7 @@ def tolerance_command(
     plan: Plan = None,
     /,
     *,
-    preset: PlatePreset = "wii",
+    preset: PlateSensors = "wii",
     seed: Seed = DEFAULT_SEED,
     robot: RobotFile = TULIP,
     as_json: Json = False,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from tulip_testbed.cli.options import (
     CORES,
     DEFAULT_SEED,
@@ -11,10 +9,11 @@ from tulip_testbed.cli.options import (
     Json,
     Ordinary,
     Plan,
-    Preset,
     RigFolder,
     RobotFile,
+    RunFolder,
     Seed,
+    Sensors,
     Workers,
 )
 from tulip_testbed.sim.shipped import TULIP
@@ -24,8 +23,8 @@ def validate_command(
     plan: Plan = None,
     /,
     *,
-    out: Path,
-    preset: Preset = "wii",
+    out: RunFolder,
+    preset: Sensors = "wii",
     seed: Seed = DEFAULT_SEED,
     workers: Workers = CORES,
     estimator: EstimatorChoice = None,

@@ -18,7 +18,9 @@ Serve = Annotated[bool, tyro.conf.arg(help="serve it to a browser of this machin
 
 def view_command(
     folder: Annotated[
-        Path, tyro.conf.Positional, tyro.conf.arg(help="folder of a run, a plan or measurements")
+        Path,
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="FOLDER", help="folder of a run, a plan or measurements"),
     ],
     /,
     *,

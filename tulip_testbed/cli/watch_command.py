@@ -12,7 +12,9 @@ from tulip_testbed.sim.shipped import TULIP
 
 
 def watch_command(
-    folder: Annotated[Path, tyro.conf.Positional],
+    folder: Annotated[
+        Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER", help="measurement folder that grows")
+    ],
     /,
     *,
     plan: Annotated[Path, tyro.conf.arg(help="plan folder that is being measured, or a shipped plan's name")],
