@@ -22,7 +22,7 @@ def verdicts(robot, plan):
 def test_every_posture_is_logged(verdicts, plan, nominal, tmp_path):
     path, recording = tmp_path / "day.rrd", rr.RecordingStream("tulip")
     recording.save(path)
-    watch_view.begin(recording, nominal)
+    watch_view.begin(recording, plan, nominal)
     sizes = []
     for row, verdict in enumerate(verdicts, 1):
         watch_view.log_verdict(recording, plan, nominal, verdict, row)

@@ -120,10 +120,11 @@ class CampaignRecord:
     @property
     def ended(self) -> str:
         """Return why the campaign ended."""
-        last = self.steps[-1]
+        last, count = self.steps[-1], len(self.steps)
+        several = "one experiment" if count == 1 else f"{count} experiments"
         if last.verdict != "ambiguous":
-            return f"After {len(self.steps)} experiments the verdict is {last.verdict}."
-        return f"The budget ended after {len(self.steps)} experiments; several explanations are left."
+            return f"After {several} the verdict is {last.verdict}."
+        return f"The budget ended after {several}; several explanations are left."
 
 
 def campaign_file(

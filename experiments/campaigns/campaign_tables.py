@@ -15,13 +15,18 @@ def campaign_story(record: CampaignRecord) -> list[str]:
     """Tell a campaign in sentences."""
     lines = [_told(step) for step in record.steps]
     first, last = record.steps[0], record.steps[-1]
+    minutes = f"{sum(step.minutes for step in record.steps):.0f} minutes of laboratory time (assumed)"
+    before = ("", "") if first is last else (f"{first.error_mm:.2f} to ", f"{_relative(first)} to ")
+    verb = "is" if first is last else "went from"
     lines.append(
-        f"{record.ended} The r.m.s. error of the base parameters went from {first.error_mm:.2f} to "
-        f"{last.error_mm:.2f} mm, {first.error_over_standard_error:.2f} to "
-        f"{last.error_over_standard_error:.2f} times their standard errors, in "
-        f"{sum(step.minutes for step in record.steps):.0f} minutes of laboratory time (assumed)."
+        f"{record.ended} The r.m.s. error of the base parameters {verb} {before[0]}{last.error_mm:.2f} mm, "
+        f"{before[1]}{_relative(last)} times their standard errors, in {minutes}."
     )
     return lines
+
+
+def _relative(step: Step) -> str:
+    return f"{step.error_over_standard_error:.2f}"
 
 
 def _told(step: Step) -> str:

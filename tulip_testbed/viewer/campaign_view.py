@@ -39,7 +39,11 @@ def log_campaign(recording: rr.RecordingStream, run: CampaignRecord) -> None:
         space=[*space_views(subject)],
         ground=[above_view(subject.plates, subject.board.size)],
         curves=[
-            rrb.TimeSeriesView(origin=f"plots/{name}", name=title, plot_legend=rrb.Corner2D.RightTop)
+            rrb.TimeSeriesView(
+                origin=f"plots/{name}",
+                name=f"{title} (time line: experiment)",
+                plot_legend=rrb.Corner2D.RightTop,
+            )
             for name, title in PLOTS.items()
         ],
         text=[rrb.TextDocumentView(origin="text", name="Campaign")],

@@ -10,6 +10,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from scipy.spatial.transform import Rotation
 
+from tulip_testbed.experiments.discovery_tables import CHANNEL_NAMES
 from tulip_testbed.experiments.watching.watch_row import OK, Verdict
 from tulip_testbed.experiments.watching.watch_tables import line
 from tulip_testbed.identification.base_parameters import common_support
@@ -19,9 +20,12 @@ from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.standing import link_frames
 from tulip_testbed.viewer import window
+from tulip_testbed.viewer.layout import space_view
 from tulip_testbed.viewer.robot_view import log_geometry
+from tulip_testbed.viewer.subject import planned
 
 TIMELINE = "row"
+SHOWN = 1000.0  # mm: larger standard errors, of the first postures, would flatten the curve of all others
 
 
 @contextmanager
@@ -38,19 +42,22 @@ def served_watch(
     """
     nominal = nominal_robot(robot, common_support(plan.support))
     with window.serve_live("watch", announce) as recording:
-        begin(recording, nominal)
+        begin(recording, plan, nominal)
         rows = iter(range(1, 10**9))
         yield lambda verdict: log_verdict(recording, plan, nominal, verdict, next(rows))
 
 
-def begin(recording: rr.RecordingStream, nominal: Nominal) -> None:
+def begin(recording: rr.RecordingStream, plan: PosturePlan, nominal: Nominal) -> None:
     """Log the data that do not change, and the blueprint."""
     recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     log_geometry(recording, "world/robot", nominal.robot.visual_model)
+    for channel in CHANNELS:
+        line_name = rr.SeriesLines(names=CHANNEL_NAMES[channel])
+        recording.log(f"misfit/{channel}", line_name, static=True)
     recording.send_blueprint(
         rrb.Blueprint(
             rrb.Horizontal(
-                rrb.Spatial3DView(origin="world", name="Robot"),
+                space_view(planned(plan, nominal.robot), "Robot in the last posture", ["$origin/**"]),
                 rrb.Vertical(
                     rrb.TimeSeriesView(origin="misfit", name="Misfit, standard deviations"),
                     rrb.TimeSeriesView(origin="errors", name="Standard errors, mm"),
@@ -58,6 +65,8 @@ def begin(recording: rr.RecordingStream, nominal: Nominal) -> None:
                 ),
             ),
             rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
+            rrb.BlueprintPanel(state="collapsed"),
+            rrb.SelectionPanel(state="collapsed"),
         )
     )
 
@@ -75,15 +84,15 @@ def log_verdict(
         if np.isfinite(verdict.misfit[channel]):
             recording.log(f"misfit/{channel}", rr.Scalars(verdict.misfit[channel]))
     errors = 1e3 * np.array(list(verdict.standard_errors.values()))
-    if np.isfinite(errors).all():
+    if (errors < SHOWN).all():
         recording.log("errors/largest", rr.Scalars(float(errors.max())))
         recording.log("errors/median", rr.Scalars(float(np.median(errors))))
     level = rr.TextLogLevel.INFO if verdict.verdict == OK else rr.TextLogLevel.WARN
     recording.log("verdicts", rr.TextLog(line(verdict), level=level))
-    planned = np.flatnonzero(plan.posture == verdict.posture)[:1]
-    if not len(planned):
+    there = np.flatnonzero(plan.posture == verdict.posture)[:1]
+    if not len(there):
         return
-    rotations, positions = link_frames(nominal, plan.joint_angles[planned], plan.support[planned])
+    rotations, positions = link_frames(nominal, plan.joint_angles[there], plan.support[there])
     tree = nominal.parameters.tree
     for link, frame in zip(tree.links, tree.frame_of_link, strict=True):
         quaternion = rr.Quaternion(xyzw=Rotation.from_matrix(rotations[0, frame]).as_quat())
