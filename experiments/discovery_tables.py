@@ -148,7 +148,7 @@ def moved_table(rows: list[dict[str, Any]], all_of_them: bool = True) -> Table:
 
 
 def least_move(count: int) -> float:
-    """Return the move [standard errors] that noise exceeds in any of `count` parameters once in 20 times.
+    """Return the move [standard errors] that noise exceeds in any of `count` parameters at most once in 20.
 
     Bonferroni's bound, which holds however the parameters are correlated.
     """
@@ -163,7 +163,7 @@ def moved_words(rows: list[dict[str, Any]]) -> str:
     largest = max(moves, key=lambda name: moves[name])
     return (
         f"{count or 'None'} of {len(rows)} parameters moved by more than {bound:.1f} standard errors, which "
-        f"noise exceeds in any of them once in 20 times, however they are correlated; the largest move is "
+        f"noise exceeds in any of them at most once in 20 times; the largest move is "
         f"that of {largest}, {moves[largest]:.1f}. After: identified from the corrected measurements."
     )
 
