@@ -48,7 +48,7 @@ def campaign_command(
     was stopped.
     `tulip report` writes the campaign's page, `tulip view` shows it.
 
-    Example: tulip campaign --preset force-plate --effect tether=5,0 --out runs/campaign
+    Example: tulip campaign --preset force-plate --effect cell-tare:right.front_left=0.8 --out runs/campaign
     """
     from tulip_testbed.cli.laboratory_options import laboratory_and_plan
     from tulip_testbed.cli.terminal import print_json, say, show, show_verdict
