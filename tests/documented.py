@@ -16,6 +16,7 @@ from tulip_testbed.cli.main import main
 
 ROOT = Path(__file__).parent.parent
 BLOCK = re.compile(r"(<!-- slow -->\n)?^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+FENCED = re.compile(r"^```(\w*)(.*?)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 # A page shows what a terminal of this width prints.
 WIDTH = "100"
 
@@ -35,6 +36,15 @@ class Step:
     shown: str | None
     slow: bool
     python: bool
+
+
+def command_lines(page: str) -> Iterator[str]:
+    """Yield the `tulip` commands in all blocks of a page, without comments."""
+    for _, _, text in FENCED.findall((ROOT / page).read_text()):
+        for line in text.replace("\\\n", " ").splitlines():
+            command = re.match(r"(?:\$ |.*\| )?(tulip [a-z].*?)(?:\s+#.*)?$", line)
+            if command:
+                yield command[1]
 
 
 def blocks(page: str, language: str) -> list[str]:

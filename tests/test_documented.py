@@ -1,16 +1,23 @@
-"""The tutorials: every command runs and prints what the page shows.
+"""The docs: every command can be parsed; those of the tutorials run and print what the page shows.
 
 The blocks that a page marks with `<!-- slow -->` run in `make test-docs` only.
 """
 
+import shlex
+
 import pytest
 
-from tests.documented import ROOT, WIDTH, matches, output, steps
+from tests.documented import ROOT, WIDTH, command_lines, matches, output, steps
+from tulip_testbed.cli.main import command_of, read_arguments
 
-PAGES = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs" / "tutorials").glob("*.md"))
+TUTORIALS = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs" / "tutorials").glob("*.md"))
+PAGES = [*TUTORIALS, "docs/how-to/next-experiment.md", "docs/how-to/your-data.md"]
+EVERY = ["README.md", *sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs").rglob("*.md"))]
 
 
 def play(page: str, slow: bool, folder, monkeypatch) -> None:
+    if not (folder / "docs").exists():
+        (folder / "docs").symlink_to(ROOT / "docs")
     monkeypatch.chdir(folder)
     monkeypatch.setenv("COLUMNS", WIDTH)
     names: dict = {}
@@ -33,7 +40,20 @@ def test_a_whole_page_prints_what_it_shows(page, tmp_path, monkeypatch):
     play(page, True, tmp_path, monkeypatch)
 
 
-@pytest.mark.parametrize("page", PAGES)
+def test_every_command_of_every_page_can_be_parsed():
+    lines = [(page, line) for page in EVERY for line in command_lines(page)]
+    assert len(lines) > 80
+    for page, line in lines:
+        _, name, *arguments = shlex.split(line)
+        if arguments == ["--help"]:
+            continue
+        try:
+            read_arguments(name, command_of(name), arguments)
+        except SystemExit:
+            pytest.fail(f"{page}: {line}")
+
+
+@pytest.mark.parametrize("page", TUTORIALS)
 def test_a_tutorial_shows_the_output_of_its_commands(page):
     told = [step for step in steps(page) if step.shown is not None]
     assert len(told) > 3

@@ -130,26 +130,38 @@ def command_of(name: str | None) -> Command:
 
 def _carry_out(name: str, command: Command, arguments: list[str], loaded: Callable[[], object]) -> int:
     """Parse a command's arguments, load the libraries and call it with one thread for linear algebra."""
+    positional, options = read_arguments(name, command, arguments)
+    import tulip_testbed.api  # noqa: F401  all at once, while an interruption still ends quietly
+    from tulip_testbed.sim.files import check_path
+    from tulip_testbed.sim.threads import one_blas_thread
+
+    for path in _paths([*positional, *options.values()]):
+        check_path(path)
+    loaded()
+    with _warnings_in_our_words():
+        return one_blas_thread(command)(*positional, **options)
+
+
+def read_arguments(
+    name: str, command: Command, arguments: list[str]
+) -> tuple[tuple[object, ...], dict[str, object]]:
+    """Parse the arguments of a command, without its name, and do not carry it out.
+
+    Returns:
+        what its function is called with.
+
+    Raises:
+        SystemExit: the arguments are wrong, or ask for help.
+    """
     import tyro
 
     @functools.wraps(command)
-    def parsed(*positional: object, **options: object) -> Callable[[], int]:
-        return functools.partial(limited, *positional, **options)
-
-    def limited(*positional: object, **options: object) -> int:
-        import tulip_testbed.api  # noqa: F401  all at once, while an interruption still ends quietly
-        from tulip_testbed.sim.files import check_path
-        from tulip_testbed.sim.threads import one_blas_thread
-
-        for path in _paths([*positional, *options.values()]):
-            check_path(path)
-        loaded()
-        with _warnings_in_our_words():
-            return one_blas_thread(command)(*positional, **options)
+    def given(*positional: object, **options: object) -> tuple[tuple[object, ...], dict[str, object]]:
+        return positional, options
 
     with _refusals_printable(arguments):
-        work: Any = tyro.cli(parsed, prog=f"tulip {name}", args=arguments)
-    return work()
+        found: Any = tyro.cli(given, prog=f"tulip {name}", args=arguments)
+    return found
 
 
 @contextmanager
