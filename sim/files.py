@@ -15,6 +15,7 @@ import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 from tulip_testbed.sim.errors import InputError, shortened
 
@@ -57,6 +58,20 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     Raises:
         InputError: the file cannot be read, is no regular file, or is larger than `most`.
     """
+    with opened(path) as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise InputError(f"{path}: found more than {most} bytes, expected at most {most}")
+    return content
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[BinaryIO]:
+    """Open a regular file to read it; nothing waits for the writer of a pipe.
+
+    Raises:
+        InputError: the file is missing, no regular file, or cannot be read.
+    """
     try:
         # Without O_NONBLOCK, opening a named pipe waits for a writer.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -65,16 +80,13 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
             if not stat.S_ISREG(mode):
                 raise InputError(f"{path}: found {KINDS.get(stat.S_IFMT(mode), 'no file')}, expected a file")
             with open(descriptor, "rb", closefd=False) as file:
-                content = file.read(most + 1)
+                yield file
         finally:
             os.close(descriptor)
     except InputError:
         raise
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         raise InputError(f"{path}: cannot read ({error_text(error)})") from None
-    if len(content) > most:
-        raise InputError(f"{path}: found more than {most} bytes, expected at most {most}")
-    return content
 
 
 def read_text(path: Path, most: int = MOST_BYTES) -> str:

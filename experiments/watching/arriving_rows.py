@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tulip_testbed.sim.errors import InputError, listed, shortened
-from tulip_testbed.sim.files import present
+from tulip_testbed.sim.files import opened, present
 from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.measurements.manifest import Manifest
 from tulip_testbed.sim.measurements.measurement_folder import measurements_in
@@ -77,25 +77,22 @@ def new_lines(path: Path, place: Place) -> list[Line]:
         if place.size:
             raise InputError(f"{path}: found no file any more, expected the one that was read so far")
         return []
-    try:
-        with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            if size < place.size:
-                raise InputError(
-                    f"{path}: found {size} bytes, expected at least the {place.size} that were read: rows "
-                    "may only be added at the end"
-                )
-            _check_beginning(path, file.read(min(place.size, MOST_LINE)), place)
-            file.seek(max(place.size - len(place.last) - 2, 0))
-            before = file.read(place.size - file.tell())
-            if place.last and place.last not in before:
-                raise InputError(
-                    f"{path}: line {place.lines}: found other values than were read before; rows may only be "
-                    "added at the end"
-                )
-            content = file.read(MOST_AT_ONCE)
-    except OSError as error:
-        raise InputError(f"{path}: cannot read ({error.strerror})") from None
+    with opened(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        if size < place.size:
+            raise InputError(
+                f"{path}: found {size} bytes, expected at least the {place.size} that were read: rows "
+                "may only be added at the end"
+            )
+        _check_beginning(path, file.read(min(place.size, MOST_LINE)), place)
+        file.seek(max(place.size - len(place.last) - 2, 0))
+        before = file.read(place.size - file.tell())
+        if place.last and place.last not in before:
+            raise InputError(
+                f"{path}: line {place.lines}: found other values than were read before; rows may only be "
+                "added at the end"
+            )
+        content = file.read(MOST_AT_ONCE)
     if len(content) == MOST_AT_ONCE and b"\n" not in content:
         raise InputError(
             f"{path}: line {place.lines + 1}: found more than {MOST_AT_ONCE} bytes, expected a row"

@@ -54,6 +54,7 @@ def limit() -> None:
     warnings.simplefilter("error")
     for late in (
         "typeguard",
+        "tulip_testbed.api",
         "tulip_testbed.cli.terminal",
     ):  # when a case may run as one who cannot read them
         import_module(late)
