@@ -75,18 +75,22 @@ def opened(path: Path) -> Iterator[BinaryIO]:
     try:
         # Without O_NONBLOCK, opening a named pipe waits for a writer.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        try:
-            mode = os.fstat(descriptor).st_mode
-            if not stat.S_ISREG(mode):
-                raise InputError(f"{path}: found {KINDS.get(stat.S_IFMT(mode), 'no file')}, expected a file")
-            with open(descriptor, "rb", closefd=False) as file:
-                yield file
-        finally:
-            os.close(descriptor)
-    except InputError:
-        raise
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
-        raise InputError(f"{path}: cannot read ({error_text(error)})") from None
+        raise _unreadable(path, error) from None
+    try:
+        mode = os.fstat(descriptor).st_mode
+        if not stat.S_ISREG(mode):
+            raise InputError(f"{path}: found {KINDS.get(stat.S_IFMT(mode), 'no file')}, expected a file")
+        with open(descriptor, "rb", closefd=False) as file:
+            yield file
+    except OSError as error:
+        raise _unreadable(path, error) from None
+    finally:
+        os.close(descriptor)
+
+
+def _unreadable(path: Path, error: OSError | ValueError) -> InputError:
+    return InputError(f"{path}: cannot read ({error_text(error)})")
 
 
 def read_text(path: Path, most: int = MOST_BYTES) -> str:

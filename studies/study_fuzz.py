@@ -50,7 +50,7 @@ def cases(place: str, target: str, kind: str, examples: int, stream: str) -> Cou
     """Count the outcomes of one kind of change."""
     try:
         messages = drawn(partial(judge_of(get_ident(), place).message, target, kind), examples, stream)
-    except Exception:
+    except Exception:  # whatever a case raises is a failure to count; the other kinds go on
         print(f"\n{target}: {kind}", file=sys.stderr)
         traceback.print_exc()
         return Counter({"FAILED": 1})
