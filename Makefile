@@ -47,7 +47,7 @@ bench: setup  ## ratios of times, in one run
 	$(BIN)/python -m pytest -q -s tests/benchmarks -o addopts= --benchmark-only
 
 # One BLAS thread: Pinocchio, FIGAROH and the benchmarks call linear algebra without the library's own limit
-# (sim/threads.py); with more, products of small matrices wait for each other on a busy machine.
+# (base/threads.py); with more, products of small matrices wait for each other on a busy machine.
 oracle: export OPENBLAS_NUM_THREADS = 1
 oracle: $(ORACLE)/.done  ## ask Pinocchio and FIGAROH anew (2 GB), compare, time against FIGAROH
 	$(ORACLE)/bin/python -W ignore::RuntimeWarning -m studies.ask_oracles

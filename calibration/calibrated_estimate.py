@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, listed
+from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.self_calibration import least_determined, self_calibrate
 from tulip_testbed.identification.estimators import Estimate
@@ -13,8 +15,6 @@ from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.rank import labels, require_identifiable
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.identification.residual_channels import residuals
-from tulip_testbed.sim.errors import InputError, listed
-from tulip_testbed.sim.threads import one_blas_thread
 
 SELF_CALIBRATING = "self-calibrating"
 SUMMARY = "Base parameters and ordinary imperfections in one estimate, with all channels of the data."

@@ -13,17 +13,18 @@ from numbers import Real
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, look_up, shortened
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import MOST_PRIORS, EffectInstance, effect_label
 from tulip_testbed.effects.instruments import targets_in
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.sim.errors import InputError, look_up, shortened
-from tulip_testbed.sim.measurements import SensorSheet
-from tulip_testbed.sim.measurements.bounds import LEAST_DEVIATION
-from tulip_testbed.sim.measurements.contacts import Contacts
-from tulip_testbed.sim.measurements.manipulations import Experiment
-from tulip_testbed.sim.robot import PLATES, Robot
+from tulip_testbed.measurements import SensorSheet
+from tulip_testbed.measurements.bounds import LEAST_DEVIATION
+from tulip_testbed.measurements.cells import PLATES
+from tulip_testbed.measurements.contacts import Contacts
+from tulip_testbed.measurements.manipulations import Experiment
+from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.sensors import PRESETS
 
 # Tolerance of every family [SI] by preset. Assumed: no data sheet states them.

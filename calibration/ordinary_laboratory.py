@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import Family, families_of, tolerances_of
 from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig
 

@@ -17,7 +17,7 @@ from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.preflight.usual import Usual
 from tulip_testbed.identification.residual_channels import ROWS, fields, sensitivity
 from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 
 LEVEL = slice(ROWS["C"].start, ROWS["C"].start + 3)  # height, roll and pitch of the swing foot
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.calibration.calibration_result import CalibratedFamily
 from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.calibration.self_calibration import usual_tolerances
@@ -30,8 +31,7 @@ from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.residual_noise import Noise
-from tulip_testbed.sim.errors import InputError, listed
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
 
 NAMED, AMBIGUOUS, UNKNOWN, CALIBRATED, NONE = "named", "ambiguous", "unknown", "calibrated", "none"

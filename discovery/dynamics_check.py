@@ -10,15 +10,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.discovery.discover import Discovery
 from tulip_testbed.discovery.refit import exact_rig, measured_plan
 from tulip_testbed.effects.arranged import acting
 from tulip_testbed.effects.instance import EffectInstance, injected, removed
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.residual_channels import SIZE, residuals
+from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements
 
 PLACEMENTS = 8
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.families import EXACT
 from tulip_testbed.calibration.prediction import predicted
@@ -18,8 +19,7 @@ from tulip_testbed.discovery.selection import chosen_again
 from tulip_testbed.effects.instance import removed
 from tulip_testbed.effects.targets import PLACEMENTS
 from tulip_testbed.identification.residual_channels import CHANNELS
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 
 FOLDS = 4
 LEAST_PLACEMENTS = 4

@@ -25,7 +25,7 @@ from tulip_testbed.effects.laws.quantities import quantity, readings
 from tulip_testbed.effects.laws.shapes import basis, choices, learned_range, range_names
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import SIZE, fields
-from tulip_testbed.sim.robot import PLATES
+from tulip_testbed.measurements.cells import PLATES
 
 DRAWS = 100  # of noise, for the number of tests among thousands of columns
 KEPT_POINTS = 3  # of a law's grid, with which it is judged

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.discover import AMBIGUOUS, Discovery
@@ -25,10 +26,10 @@ from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Experiment, Measurements, PosturePlan, joined
-from tulip_testbed.sim.measurements.joined import separate
-from tulip_testbed.sim.measurements.manipulations import (
+from tulip_testbed.measurements import Experiment, Measurements, PosturePlan, joined
+from tulip_testbed.measurements.cells import PLATES
+from tulip_testbed.measurements.joined import separate
+from tulip_testbed.measurements.manipulations import (
     EXCHANGED,
     MOVED,
     ROBOT_TURNED,
@@ -38,7 +39,7 @@ from tulip_testbed.sim.measurements.manipulations import (
     needs_cells,
     written_mass,
 )
-from tulip_testbed.sim.robot import PLATES, Robot, joint_names, joint_ranges
+from tulip_testbed.sim.robot import Robot, joint_names, joint_ranges
 
 # Assumed minutes of laboratory time: of a posture, of a placement, and of each manipulation.
 POSTURE, PLACEMENT = 1.0, 2.0

@@ -11,7 +11,7 @@ from tulip_testbed.calibration.linear_model import LinearModel
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.noise_structure import groups
 from tulip_testbed.identification.residual_channels import SIZE, fields, has_twist
-from tulip_testbed.sim.robot import CELLS
+from tulip_testbed.measurements.cells import CELLS
 
 # Channel, rows of the residuals, and their name.
 PARTS = (

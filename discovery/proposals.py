@@ -12,7 +12,7 @@ from tulip_testbed.calibration.linear_model import LinearModel
 from tulip_testbed.discovery.candidates import Candidate, Fitted
 from tulip_testbed.discovery.columns import effect_columns, presence_column
 from tulip_testbed.effects.targets import CELL_NAMES
-from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES
+from tulip_testbed.measurements.cells import CELLS, CORNERS, PLATES
 
 LEAST_SEPARATION = 0.5  # ln of the Bayes factor, from which an experiment is proposed
 # Effects of the room rather than of the robot or the plates: for a robot that is turned they turn.

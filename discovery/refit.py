@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.joint_fit import JointFit, joint_fit, remove_terms
 from tulip_testbed.effects.arranged import acting
@@ -19,8 +20,7 @@ from tulip_testbed.effects.instance import injected, removed
 from tulip_testbed.identification.ballast import known_weight
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.residual_channels import ROWS, residuals, swing_pose
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Experiment, Measurements, PosturePlan
+from tulip_testbed.measurements import Experiment, Measurements, PosturePlan
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.sensors import ANKLE, PLATE, PRESETS, WrenchSensors
 from tulip_testbed.sim.statics import mechanism

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tulip_testbed.base.numbers import number
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.discover import (
     ADOPTED,
@@ -20,7 +21,6 @@ from tulip_testbed.discovery.effect_intervals import with_intervals
 from tulip_testbed.discovery.proposals import Proposal
 from tulip_testbed.discovery.undetectable import by_kind
 from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.sim.numbers import number
 
 MANY = 2  # effects that often occur together
 LARGE = 5.0  # prior s.d., beyond which predictions were not tested

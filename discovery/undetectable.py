@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.linear_model import LinearModel, nuisances, weighing
 from tulip_testbed.discovery.candidates import Candidate, Fitted, standing_out
 from tulip_testbed.discovery.columns import effect_columns
 from tulip_testbed.discovery.detectability import least_multiple
 from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.rig import preset_rig
 
 

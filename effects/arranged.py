@@ -12,12 +12,12 @@ from typing import Protocol
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.targets import CELL_NAMES, Targets
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import VARYING
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements.manipulations import Experiment
-from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES
+from tulip_testbed.measurements.cells import CELLS, CORNERS, PLATES
+from tulip_testbed.measurements.manipulations import Experiment
 
 Values = tuple[float, ...]
 FROM = "@"

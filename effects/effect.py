@@ -8,13 +8,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from tulip_testbed.base.errors import listed
+from tulip_testbed.base.numbers import number
 from tulip_testbed.effects.arranged import by_experiment
 from tulip_testbed.effects.injection import misreading
 from tulip_testbed.effects.targets import WHOLE, Targets
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.sim.errors import listed
-from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.numbers import number
+from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import Robot
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.procedure import new_set_up
 from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.scene import laboratory_scene

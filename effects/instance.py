@@ -9,15 +9,15 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Strict
 
+from tulip_testbed.base.arguments import expect
+from tulip_testbed.base.errors import InputError, listed, look_up, shortened, warn
+from tulip_testbed.base.numbers import number
 from tulip_testbed.effects.arranged import check_everywhere, split_target
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect, Parameter, Values
 from tulip_testbed.effects.laws import LAW, law_effect
 from tulip_testbed.effects.targets import check_target
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.sim.arguments import expect
-from tulip_testbed.sim.errors import InputError, listed, look_up, shortened, warn
-from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import Robot
 

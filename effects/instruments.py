@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.effects.arranged import split_target, targets_over
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect
-from tulip_testbed.sim.errors import InputError, listed
-from tulip_testbed.sim.measurements.contacts import Contacts
-from tulip_testbed.sim.measurements.manipulations import Experiment
+from tulip_testbed.measurements.contacts import Contacts
+from tulip_testbed.measurements.manipulations import Experiment
 from tulip_testbed.sim.robot import Robot
 
 

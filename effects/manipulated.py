@@ -8,13 +8,13 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, look_up, shortened
 from tulip_testbed.effects.arranged import arranged, check_everywhere
 from tulip_testbed.effects.catalogue.payload import add_mass
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.targets import links
-from tulip_testbed.sim.errors import InputError, look_up, shortened
-from tulip_testbed.sim.measurements.manipulations import Experiment, needs_cells
+from tulip_testbed.measurements.manipulations import Experiment, needs_cells
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import joint_names

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, warn
 from tulip_testbed.effects.instance import EffectInstance, check_instance, removed
 from tulip_testbed.effects.laws.grammar import LAW
 from tulip_testbed.effects.laws.learned_range import beyond, extrapolation
@@ -15,8 +16,7 @@ from tulip_testbed.identification.kinematics import turned_about
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.observation import Observation, observe, turned
 from tulip_testbed.identification.residual_channels import carried, center
-from tulip_testbed.sim.errors import InputError, warn
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 
 
 def corrected(observed: Observation) -> Measurements:

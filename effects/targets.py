@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, listed, look_up, shortened
 from tulip_testbed.identification.kinematics import Tree, moved_frames, tree_of
-from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
-from tulip_testbed.sim.measurements.contacts import WRENCH
-from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, Robot, joint_names
+from tulip_testbed.measurements.cells import CELLS, CORNERS, PLATES
+from tulip_testbed.measurements.contacts import WRENCH
+from tulip_testbed.sim.robot import Robot, joint_names
 
 LEAST_LENGTH = 1e-4  # m
 PLACEMENT_NUMBER = re.compile(r"0|-?[1-9][0-9]{0,15}")

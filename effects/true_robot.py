@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
+from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import CORNERS, PLATES
 from tulip_testbed.sim.scene import load_scene
 from tulip_testbed.sim.specs import compile_spec
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.errors import MOST_LISTED, InputError, listed, shortened, warn
+from tulip_testbed.base.table import Shown, Table
 from tulip_testbed.calibration.families import check_tolerances
 from tulip_testbed.calibration.usual_changes import usual_changes
 from tulip_testbed.effects.instance import EffectInstance
@@ -21,13 +23,11 @@ from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight import RESULTS, Finding, preflight, worst_of
 from tulip_testbed.identification.preflight.plate_checks import plate_poses
 from tulip_testbed.identification.regressor import check_robot
-from tulip_testbed.sim.errors import MOST_LISTED, InputError, listed, shortened, warn
-from tulip_testbed.sim.measurements import Measurements, Series, read_measurements, read_series
-from tulip_testbed.sim.measurements.folder_kind import check_kind
-from tulip_testbed.sim.measurements.measurement_folder import read_manifest
-from tulip_testbed.sim.measurements.survey import complaints
+from tulip_testbed.measurements import Measurements, Series, read_measurements, read_series
+from tulip_testbed.measurements.folder_kind import check_kind
+from tulip_testbed.measurements.measurement_folder import read_manifest
+from tulip_testbed.measurements.survey import complaints
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.table import Shown, Table
 
 UNREADABLE = "could not read"
 

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.numbers import number
+from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.identification.distributions import f_ppf, t_ppf
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.statistics import standard_errors
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.numbers import number
-from tulip_testbed.sim.table import Cell, Table
 
 LEVEL = 0.01  # of every statistical check
 IDEAL_ERROR = 1e-3  # m, noise-free data only

@@ -5,15 +5,15 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.document import flattened
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.experiments.campaigns.campaign_record import CampaignRecord
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
-from tulip_testbed.experiments.document import flattened
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
 from tulip_testbed.experiments.records import Record
 from tulip_testbed.experiments.validation_record import ValidationRecord
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.table import Cell, Table
 
 NOT_SETTINGS = ("outputs",)  # hashes of results: they differ whenever the results do
 SHOWN = {

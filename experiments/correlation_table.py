@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.kinematics import walk
 from tulip_testbed.identification.statistics import HIGH_CORRELATION
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.table import Cell, Table
 
 NO_CORRELATION = f"No correlation above {HIGH_CORRELATION}."
 MOST_JOINTS = 3  # to name

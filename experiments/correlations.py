@@ -9,11 +9,11 @@ from typing import Any, NamedTuple, overload
 
 import numpy as np
 
+from tulip_testbed.base.arguments import expect
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.errors import InputError, UnknownNameError, choices, listed, shortened
+from tulip_testbed.base.table import Shown, Table
 from tulip_testbed.identification.statistics import HIGH_CORRELATION
-from tulip_testbed.sim.arguments import expect
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.errors import InputError, UnknownNameError, choices, listed, shortened
-from tulip_testbed.sim.table import Shown, Table
 
 
 class Pair(NamedTuple):

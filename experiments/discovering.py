@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from tulip_testbed.base.errors import InputError, at_least
+from tulip_testbed.base.table import Shown, Table
+from tulip_testbed.base.threads import processes
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.calibration.families import check_tolerances
 from tulip_testbed.discovery.discover import ADOPTED, AMBIGUOUS, CALIBRATED, NONE, Discovery, discover
@@ -19,11 +22,8 @@ from tulip_testbed.experiments.identify import Identification, identify, plain_e
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight.units import units
 from tulip_testbed.identification.regressor import check_robot
-from tulip_testbed.sim.errors import InputError, at_least
-from tulip_testbed.sim.measurements import Measurements, as_joined
+from tulip_testbed.measurements import Measurements, as_joined
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.table import Shown, Table
-from tulip_testbed.sim.threads import processes
 
 
 @dataclass(frozen=True, eq=False, repr=False)

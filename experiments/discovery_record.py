@@ -10,11 +10,15 @@ from typing import ClassVar
 
 import numpy as np
 
+from tulip_testbed.base.document import Document, Seed
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import new_folder, read_bytes, read_text, write_text
+from tulip_testbed.base.machine import machine
+from tulip_testbed.base.table_files import Table, software
 from tulip_testbed.effects.arranged import everywhere
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.discovery_report import DiscoveryReport, discovery_report
-from tulip_testbed.experiments.document import Document, Seed
 from tulip_testbed.experiments.rig_folder import RIG, rig_files
 from tulip_testbed.experiments.run_file import (
     MEASUREMENT_FOLDER,
@@ -30,12 +34,8 @@ from tulip_testbed.experiments.run_file import (
 )
 from tulip_testbed.identification.base_parameters import base_parameters, common_support
 from tulip_testbed.identification.residual_channels import residuals
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import new_folder, read_bytes, read_text, write_text
-from tulip_testbed.sim.machine import machine
-from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.measurements.joined import read_written, write_experiments
-from tulip_testbed.sim.measurements.table_files import Table, software
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.joined import read_written, write_experiments
 from tulip_testbed.sim.robot import Robot
 
 REPORT_FILE, RESIDUAL_FILE, STORY_FILE = "discovery.json", "residuals.csv", "story.txt"

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from tulip_testbed.base.document import Document, Figure
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.discover import Discovery
 from tulip_testbed.discovery.effect_intervals import with_intervals
@@ -15,10 +16,9 @@ from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectDocument, EffectInstance, ParameterDocument, effect_label
 from tulip_testbed.effects.laws import Sentence, sentence_of
 from tulip_testbed.experiments.discovering import Discovered
-from tulip_testbed.experiments.document import Document, Figure
 from tulip_testbed.experiments.family_tables import family_documents
 from tulip_testbed.experiments.identify import Identification
-from tulip_testbed.sim.measurements.bounds import MOST_FORCE
+from tulip_testbed.measurements.bounds import MOST_FORCE
 
 Channel = Literal["A", "F", "T", "C"]
 Gap = Channel | Literal["all", "heldout_rms_mm"]

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from statistics import NormalDist
 from typing import Any
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.numbers import number
+from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.discovery.discover import NONE
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Parameter
 from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.experiments.family_tables import SPREAD
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.numbers import number
-from tulip_testbed.sim.table import Cell, Table
 
 BY_CHANCE = 0.05  # probability that noise alone marks any parameter as moved
 MOST_P = 0.05  # above it a pattern in the residuals gets no row

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.experiments.document import Document, Figure, Pair
+from tulip_testbed.base.document import Document, Figure, Pair
 from tulip_testbed.identification.estimators import Estimate, StandardEstimate
 from tulip_testbed.identification.statistics import (
     HIGH_CORRELATION,

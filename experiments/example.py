@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.sim.measurements import lay_boards
-from tulip_testbed.sim.measurements.measurement_folder import required_columns
+from tulip_testbed.measurements import lay_boards
+from tulip_testbed.measurements.cells import CELLS, CORNERS, PLATES
+from tulip_testbed.measurements.measurement_folder import required_columns
 from tulip_testbed.sim.plates import plate_geometry
-from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, Robot
+from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.scene import load_scene, nominal_plates
 
 BOARD_GAP = 0.01  # m

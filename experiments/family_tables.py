@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.table import Column, Table
 from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
 from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instruments import acts_on
-from tulip_testbed.sim.table import Column, Table
 
 SPREAD = "Spread: estimated s.d. of the members, with its 95 % interval; 1 is usual."
 LARGEST_PARTS = 4

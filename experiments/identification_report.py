@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
 from tulip_testbed.experiments.estimate_report import model_report
 from tulip_testbed.experiments.family_tables import calibration_document, calibration_report
@@ -18,9 +19,8 @@ from tulip_testbed.experiments.parameter_tables import (
     standard_table,
     weak_directions,
 )
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.table import Table
 
 
 def identification_document(

@@ -9,6 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, look_up, warn
+from tulip_testbed.base.numbers import number
+from tulip_testbed.base.table import Shown, Table
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING, SUMMARY, calibrated_estimates
 from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.families import check_tolerances
@@ -38,11 +41,8 @@ from tulip_testbed.identification.statistics import (
     standard_errors,
 )
 from tulip_testbed.identification.zero_confounding import confounded_directions
-from tulip_testbed.sim.errors import InputError, look_up, warn
-from tulip_testbed.sim.measurements import Measurements, as_joined
-from tulip_testbed.sim.numbers import number
+from tulip_testbed.measurements import Measurements, as_joined
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.table import Shown, Table
 
 MODELS = ("full", "simplified")
 CLEARLY = 3.0  # standard errors

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.calibration.ordinary_laboratory import check_scale, ordinary_members
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.estimators import DEFAULT
-from tulip_testbed.sim.errors import InputError
 
 STREAM = 2**32 - 1  # spawn key of the members of a single experiment: no placement has this number
 

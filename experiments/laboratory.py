@@ -9,6 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.arguments import checked, expect
+from tulip_testbed.base.errors import InputError, at_least, look_up
+from tulip_testbed.base.threads import one_blas_thread, processes
 from tulip_testbed.effects.injection import check_built
 from tulip_testbed.effects.instance import (
     EffectInstance,
@@ -29,12 +32,10 @@ from tulip_testbed.identification.base_parameters import (
     base_parameters,
     common_support,
 )
-from tulip_testbed.sim.arguments import checked, expect
+from tulip_testbed.measurements import Experiment, Measurements, PosturePlan
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
-from tulip_testbed.sim.errors import InputError, at_least, look_up
-from tulip_testbed.sim.measurements import Experiment, Measurements, PosturePlan
-from tulip_testbed.sim.measurements.plan_folder import check_fits
 from tulip_testbed.sim.outcome import Outcome, Truth
+from tulip_testbed.sim.plan_folder import check_fits
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
@@ -43,7 +44,6 @@ from tulip_testbed.sim.scene_check import check_scene
 from tulip_testbed.sim.sensors import PRESETS
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
-from tulip_testbed.sim.threads import one_blas_thread, processes
 
 ENGINES = ("dynamics", "statics")
 DEFAULT_SEED = 1

@@ -12,16 +12,16 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import read_text
+from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.experiments.correlation_table import united_links
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.estimators import Estimate
 from tulip_testbed.identification.rank import describe_combinations, labels, weakly_known
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import read_text
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.table import Cell, Table
 
 LEGEND = (
     "s.e.: standard error by the estimator (least squares: eq. 14); clustered s.e.: allows for errors common "

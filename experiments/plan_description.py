@@ -9,6 +9,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table, united_links
 from tulip_testbed.experiments.plan_clearances import clearance_table, clearances_of
 from tulip_testbed.experiments.planning_run import joined
@@ -27,15 +30,12 @@ from tulip_testbed.identification.statistics import (
     relative_standard_errors,
     standard_errors,
 )
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
-from tulip_testbed.sim.measurements.data import base_foot, feet_in_contact
+from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements.data import base_foot, feet_in_contact
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, joint_names, sole_point
 from tulip_testbed.sim.scene import boards_under, nominal_plates
-from tulip_testbed.sim.table import Table
 
 LARGE_SHARE = 1000.0  # % of a nominal value: it is near zero
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.files import sha256
 from tulip_testbed.identification.planning.interior_point import SOLVERS
 from tulip_testbed.identification.planning.mixed_plan import (
     MixedStart,
@@ -31,8 +32,7 @@ from tulip_testbed.identification.planning.sequential import (
     next_round_count,
     optimize_next_placements,
 )
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
-from tulip_testbed.sim.robot import sha256
+from tulip_testbed.measurements import Measurements, PosturePlan
 
 Show = Callable[[SearchState], None]
 

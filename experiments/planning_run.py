@@ -9,6 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, at_least, at_most, listed, look_up
+from tulip_testbed.base.files import check_new, present
+from tulip_testbed.base.table_files import MOST_ROWS, read_json
 from tulip_testbed.experiments.plan_state import no_state, read_state, state_file, write_state
 from tulip_testbed.experiments.planning_jobs import Job, Show, mixed_job, next_job, trial_job
 from tulip_testbed.experiments.usable_plan import enough
@@ -27,11 +30,8 @@ from tulip_testbed.identification.planning.sequential import (
     measured_information,
 )
 from tulip_testbed.identification.planning.single_support import single_support_plan
-from tulip_testbed.sim.errors import InputError, at_least, at_most, listed, look_up
-from tulip_testbed.sim.files import check_new, present
-from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_measurements, write_plan
-from tulip_testbed.sim.measurements.plan_folder import check_model
-from tulip_testbed.sim.measurements.table_files import MOST_ROWS, read_json
+from tulip_testbed.measurements import Measurements, PosturePlan, read_measurements
+from tulip_testbed.sim.plan_folder import check_model, write_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.robot_check import warn_of_robot

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError, listed, shortened
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.base.errors import InputError, listed, shortened
+from tulip_testbed.measurements import Measurements
 
 FOLDS = 5
 RANGE = re.compile(r"(placement:)?(\d+)(?:-(\d+))?")

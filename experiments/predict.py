@@ -9,6 +9,10 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.numbers import number
+from tulip_testbed.base.table import Shown, Table
 from tulip_testbed.experiments.posture_splits import Split, by_blocks, by_halves, clusters, stated
 from tulip_testbed.experiments.prediction_problem import SMALLEST, Problem, problem_of
 from tulip_testbed.identification.base_parameters import (
@@ -19,12 +23,8 @@ from tulip_testbed.identification.estimators import estimate_by
 from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.regressor import check_robot, regression
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.numbers import number
+from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.table import Shown, Table
 
 CAD, CONSTANT, IDENTIFIED, WITH_PRIOR = "CAD", "constant", "identified", "identified with prior at CAD"
 ESTIMATOR = "mixed-model"

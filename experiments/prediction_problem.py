@@ -12,7 +12,7 @@ from tulip_testbed.identification.estimators.prior import CENTER_SD, MASS_SD
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import carried
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
 
 SMALLEST = 1e-6  # m: changes and s.d. that count as none

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.experiments.example import compact_json
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.measurements.measurement_folder import MAY_LACK
-from tulip_testbed.sim.table import Cell, Table
+from tulip_testbed.measurements.measurement_folder import MAY_LACK
 
 NOT_EVALUATED = "not evaluated"
 

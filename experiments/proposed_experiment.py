@@ -9,6 +9,12 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
+from tulip_testbed.base.document import Document
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import present
+from tulip_testbed.base.numbers import number
+from tulip_testbed.base.table import Column, Shown, Table
+from tulip_testbed.base.table_files import json_text
 from tulip_testbed.discovery.discover import AMBIGUOUS
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.next_experiment import (
@@ -23,16 +29,10 @@ from tulip_testbed.discovery.next_experiment import (
 from tulip_testbed.effects.instance import EffectDocument, EffectInstance
 from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
-from tulip_testbed.experiments.document import Document
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import present
-from tulip_testbed.sim.measurements import Experiment, PosturePlan
-from tulip_testbed.sim.measurements.manipulations import arrangement_of
-from tulip_testbed.sim.measurements.plan_folder import write_plan
-from tulip_testbed.sim.measurements.table_files import json_text
-from tulip_testbed.sim.numbers import number
+from tulip_testbed.measurements import Experiment, PosturePlan
+from tulip_testbed.measurements.manipulations import arrangement_of
+from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.table import Column, Shown, Table
 
 EXPERIMENT_FILE, STEPS_FILE = "experiment.json", "steps.md"
 CHANNELS = ("cop_x_mm", "cop_y_mm", "force_N", "twist_right_N", "twist_left_N")

@@ -14,17 +14,17 @@ import mujoco
 import numpy as np
 from pydantic import ConfigDict, Field
 
+from tulip_testbed.base.document import Document
+from tulip_testbed.base.errors import InputError, listed, shortened
+from tulip_testbed.base.files import is_folder, new_folder, present, sha256, write_text
+from tulip_testbed.base.numbers import number
+from tulip_testbed.base.table_files import json_text, software
 from tulip_testbed.effects.instance import EffectDocument, EffectInstance, check_different, injected
-from tulip_testbed.experiments.document import Document
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.sim.errors import InputError, listed, shortened
-from tulip_testbed.sim.files import is_folder, new_folder, present, write_text
-from tulip_testbed.sim.measurements.bounds import Version
-from tulip_testbed.sim.measurements.plan_folder import check_model
-from tulip_testbed.sim.measurements.table_files import json_text, software
-from tulip_testbed.sim.numbers import number
+from tulip_testbed.measurements.bounds import Version
+from tulip_testbed.sim.plan_folder import check_model
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import Robot, sha256
+from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.scene import boards_under, laboratory_scene
 from tulip_testbed.sim.specs import compile_spec
 

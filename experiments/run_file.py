@@ -9,14 +9,14 @@ from typing import Any, Generic, Literal, TypeVar
 
 from pydantic import Field
 
-from tulip_testbed.experiments.document import Document, Seed, first_difference
+from tulip_testbed.base.document import Document, Seed, first_difference
+from tulip_testbed.base.errors import InputError, listed, shortened
+from tulip_testbed.base.files import is_folder, present, sha256
+from tulip_testbed.base.table_files import finite, read_json
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.sim.errors import InputError, listed, shortened
-from tulip_testbed.sim.files import is_folder, present
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
-from tulip_testbed.sim.measurements.folder_kind import KINDS
-from tulip_testbed.sim.measurements.table_files import finite, read_json
-from tulip_testbed.sim.robot import Robot, sha256
+from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements.folder_kind import KINDS
+from tulip_testbed.sim.robot import Robot
 
 RUN_FILE, PLAN_FOLDER, MEASUREMENT_FOLDER = "run.json", "plan", "measurements"
 FORMATS = ("tulip-run", "tulip-montecarlo")

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.numbers import number
 from tulip_testbed.calibration.ordinary_laboratory import SPREADS
 from tulip_testbed.experiments.laboratory import Run
-from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.outcome import Truth
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from tulip_testbed.experiments.document import flattened
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.table import Cell, Table
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.document import flattened
+from tulip_testbed.base.table import Cell, Table
 
 RUN = "Run"  # title of the values that no other table holds
 

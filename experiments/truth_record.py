@@ -10,9 +10,12 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from tulip_testbed.base.document import Document, Pair
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import check_new, present, write_text
+from tulip_testbed.base.table_files import json_text
 from tulip_testbed.effects.instance import EffectDocument
 from tulip_testbed.effects.true_robot import true_model
-from tulip_testbed.experiments.document import Document, Pair
 from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.experiments.run_file import Configuration, configuration_of
 from tulip_testbed.identification.base_parameters import (
@@ -20,10 +23,7 @@ from tulip_testbed.identification.base_parameters import (
     common_support,
     standard_parameters,
 )
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import check_new, present, write_text
-from tulip_testbed.sim.measurements import write_measurements
-from tulip_testbed.sim.measurements.table_files import json_text
+from tulip_testbed.measurements import write_measurements
 from tulip_testbed.sim.outcome import Attempt
 
 Standard = Annotated[list[float], Field(min_length=4, max_length=4)]

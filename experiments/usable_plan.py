@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, at_least, at_most, choices
+from tulip_testbed.base.table_files import MOST_ROWS
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, common_support
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.rank import labels, require_identifiable
 from tulip_testbed.identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
-from tulip_testbed.sim.errors import InputError, at_least, at_most, choices
-from tulip_testbed.sim.measurements import PosturePlan, read_plan
-from tulip_testbed.sim.measurements.plan_folder import check_fits
-from tulip_testbed.sim.measurements.table_files import MOST_ROWS
+from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.sim.plan_folder import check_fits, read_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.robot_check import warn_of_robot

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.errors import at_least, look_up
+from tulip_testbed.base.table import Shown, Table
 from tulip_testbed.experiments.checks import (
     Check,
     balance_check,
@@ -35,12 +37,10 @@ from tulip_testbed.identification.base_parameters import BaseParameters, renumbe
 from tulip_testbed.identification.estimators import DEFAULT, solve_least_squares
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.identification.statistics import correlations
-from tulip_testbed.sim.errors import at_least, look_up
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.outcome import Truth
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.sensors import Sensors
-from tulip_testbed.sim.table import Shown, Table
 
 NEGLIGIBLE = 1e-6  # m: a parameter that the simplified model may drop without bias
 

@@ -12,7 +12,11 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import AfterValidator
 
-from tulip_testbed.experiments.document import Document, Figure, Pair
+from tulip_testbed.base.document import Document, Figure, Pair
+from tulip_testbed.base.errors import InputError, shortened
+from tulip_testbed.base.files import new_folder, read_bytes
+from tulip_testbed.base.machine import machine
+from tulip_testbed.base.table_files import Table, software
 from tulip_testbed.experiments.estimate_report import ModelReport, model_report
 from tulip_testbed.experiments.run_file import (
     MEASUREMENT_FOLDER,
@@ -31,18 +35,8 @@ from tulip_testbed.experiments.run_file import (
 from tulip_testbed.experiments.truth_record import Truth, truth_of
 from tulip_testbed.experiments.validate import Validation, worst_balance
 from tulip_testbed.identification.base_parameters import base_parameters, common_support, simplified_numbers
-from tulip_testbed.sim.errors import InputError, shortened
-from tulip_testbed.sim.files import new_folder, read_bytes
-from tulip_testbed.sim.machine import machine
-from tulip_testbed.sim.measurements import (
-    Measurements,
-    PosturePlan,
-    read_measurements,
-    read_plan,
-    write_measurements,
-    write_plan,
-)
-from tulip_testbed.sim.measurements.table_files import Table, software
+from tulip_testbed.measurements import Measurements, PosturePlan, read_measurements, write_measurements
+from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.robot import Robot
 
 MODELS = ("full", "simplified")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
 from tulip_testbed.experiments.parameter_tables import (
     LEGEND,
@@ -14,7 +15,6 @@ from tulip_testbed.experiments.parameter_tables import (
 )
 from tulip_testbed.experiments.run_summary import balance_line, ordinary_line, sag_line, usable_postures
 from tulip_testbed.experiments.validate import Validation
-from tulip_testbed.sim.table import Table
 
 
 def validation_report(result: Validation, document: dict[str, Any]) -> list[Table | str]:

@@ -8,14 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.numbers import number
+from tulip_testbed.base.table import Table
+from tulip_testbed.base.table_files import finite
 from tulip_testbed.experiments.plan_description import described_plan, plan_report
 from tulip_testbed.experiments.planning_run import as_plan, joined, keep_plan
 from tulip_testbed.experiments.usable_plan import planned_parameters
-from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_plan
-from tulip_testbed.sim.measurements.table_files import finite
-from tulip_testbed.sim.numbers import number
+from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.table import Table
 
 TABLE1 = ((647.4, 337.5), (732.1, 405.1), (925.8, 352.6), (714.1, 314.7), (733.6, 406.9), (689.1, 394.4))
 TABLE1_SEEDS = (101, 102, 103, 104, 105, 106)  # margins were chosen on seeds below 100

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.base.errors import look_up
 from tulip_testbed.identification.posture_geometry import PostureGeometry
-from tulip_testbed.sim.errors import look_up
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 
 
 @dataclass(frozen=True)

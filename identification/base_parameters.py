@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.kinematics import (
     Tree,
     joint_axes,
@@ -24,7 +25,6 @@ from tulip_testbed.identification.kinematics import (
     tree_of,
     walk,
 )
-from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.robot import Robot, sole_point
 
 AXES = "xyz"

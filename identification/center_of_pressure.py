@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.measurements import Measurements
 
 
 def cell_positions(measurements: Measurements) -> np.ndarray:

@@ -10,7 +10,7 @@ from tulip_testbed.identification.center_of_pressure import center_of_pressure, 
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.residual_channels import carried, fields, sensitivity
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 
 
 @dataclass(frozen=True)

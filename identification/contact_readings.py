@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.identification.kinematics import turned_about
-from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.measurements.contacts import WRENCH, Contacts
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.contacts import WRENCH, Contacts
 
 ASSUMED_FORCE, ASSUMED_MOMENT = 1.0, 0.05  # N, Nm: noise of a wrench sensor without a data sheet
 UNSURE = 0.5  # of a reading's noise

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from tulip_testbed.sim.measurements import PlateGeometry
+from tulip_testbed.measurements import PlateGeometry
 
 SHARING = 0.75  # change of the load share over that of the CoM's relative position between the feet
 

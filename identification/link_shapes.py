@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.identification.kinematics import Tree, tree_of
-from tulip_testbed.sim.robot import CORNERS, Robot, check_unchanged, sole_point
+from tulip_testbed.measurements.cells import CORNERS
+from tulip_testbed.sim.robot import Robot, check_unchanged, sole_point
 from tulip_testbed.sim.specs import compile_spec, without_meshes
 
 GROUND = "ground"

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.planning_ranges import MARGIN_KEYS, numbers_of
-from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.robot import Robot, bodies_to_root, sole_corners
 
 # Shares of the weight, of weight times foot length, and of the leg's length.

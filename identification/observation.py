@@ -21,7 +21,7 @@ from tulip_testbed.identification.joint_loads import Loads, joint_loads, servo_s
 from tulip_testbed.identification.kinematics import Tree
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.posture_geometry import PostureGeometry
-from tulip_testbed.sim.measurements import Measurements, as_joined
+from tulip_testbed.measurements import Measurements, as_joined
 from tulip_testbed.sim.scene import plate_masses
 
 LONG_GAP = 1.5  # of the median time between a placement's postures

@@ -9,7 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError, choices, look_up, shortened
+from tulip_testbed.base.errors import InputError, choices, look_up, shortened
 from tulip_testbed.sim.robot import Robot, between_feet, joint_names, joint_ranges
 
 MOST_NUMBER = 1e6  # m, rad, deg, N: bound of any robot's ranges

@@ -9,6 +9,7 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, most_frequent
 from tulip_testbed.identification.feasibility import (
     boards_fit,
     foot_clearance,
@@ -29,8 +30,7 @@ from tulip_testbed.identification.planning_ranges import (
     free_joint_ranges,
     planning_ranges,
 )
-from tulip_testbed.sim.errors import InputError, most_frequent
-from tulip_testbed.sim.measurements import PlateGeometry, PosturePlan, lay_boards
+from tulip_testbed.measurements import PlateGeometry, PosturePlan, lay_boards
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.robot import (
     Robot,

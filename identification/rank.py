@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError, listed
+from tulip_testbed.base.errors import InputError, listed
 
 MOST_BLUR = 0.25
 NEGLIGIBLE = 0.05  # of the largest weight in a combination; smaller weights are not named

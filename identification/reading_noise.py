@@ -14,7 +14,7 @@ from tulip_testbed.identification.center_of_pressure import (
 )
 from tulip_testbed.identification.noise_structure import NoiseStructure, Weights, groups
 from tulip_testbed.identification.nominal import Nominal, jacobian
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 
 
 def usable_sd(stated: float | None) -> float | None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.identification.base_parameters import BaseParameters, standard_parameters
 from tulip_testbed.identification.contact_pressure import center_slopes, contact_pressure, wrench_noise
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
@@ -13,9 +14,8 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.posture_geometry import PostureGeometry
 from tulip_testbed.identification.reading_noise import cell_noise, placement_levers, usable_sd
-from tulip_testbed.sim.errors import InputError, listed
-from tulip_testbed.sim.measurements import Measurements, SensorSheet
-from tulip_testbed.sim.measurements.plan_folder import check_model
+from tulip_testbed.measurements import Measurements, SensorSheet
+from tulip_testbed.sim.plan_folder import check_model
 from tulip_testbed.sim.robot import Robot
 
 ROWS_OF = {  # supports of rows that a set of base parameters describes

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from tulip_testbed.sim.robot import CORNERS, PLATES, Robot
+from tulip_testbed.measurements.cells import CORNERS, PLATES
+from tulip_testbed.sim.robot import Robot
 
 # Springs are critically damped at this rate by an armature inertia of their own, which has no weight. The
 # rate is slow enough for the time step and fast compared with the settling of the robot.

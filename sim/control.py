@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.sim.robot import Robot, joint_names
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import mujoco
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.sim.control import torque_limit
-from tulip_testbed.sim.errors import InputError
 
 SUFFIX = "_motor"
 # Ratio of damping to stiffness of the flexible element, which keeps the links from ringing [s], assumed. It

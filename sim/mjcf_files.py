@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
 
-from tulip_testbed.sim.errors import InputError, shortened
-from tulip_testbed.sim.files import present, read_bytes
+from tulip_testbed.base.errors import InputError, shortened
+from tulip_testbed.base.files import present, read_bytes
 
 MOST_XML = 16 * 2**20  # bytes
 MOST_ELEMENTS = 100_000

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError, listed
+from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.sim.model_features import check_compiler, check_features
 
 MOST_BODIES = 100

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError, listed
+from tulip_testbed.base.errors import InputError, listed
 
 # Flags without an effect on a robot at rest; all others switch physics off or replace it.
 HARMLESS_OFF = (

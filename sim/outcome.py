@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.dynamics.hold import Held
-from tulip_testbed.sim.measurements import Measurements
 
 
 @dataclass(frozen=True)

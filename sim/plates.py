@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements.data import PlateGeometry
-from tulip_testbed.sim.robot import CORNERS, PLATES
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.measurements.cells import CORNERS, PLATES
+from tulip_testbed.measurements.data import PlateGeometry
 
 
 def plate_geometry(spec: mujoco.MjSpec, plate: str) -> PlateGeometry:

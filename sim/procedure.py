@@ -7,15 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.sim.measurements import Measurements, PosturePlan, SensorSheet
-from tulip_testbed.sim.measurements.contacts import (
-    COP,
-    VERTICAL,
-    Contacts,
-    covariance_of_cops,
-    wrenches_of_cops,
-)
-from tulip_testbed.sim.measurements.data import feet_in_contact
+from tulip_testbed.measurements import Measurements, PosturePlan, SensorSheet
+from tulip_testbed.measurements.contacts import COP, VERTICAL, Contacts, covariance_of_cops, wrenches_of_cops
+from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.sensors import (

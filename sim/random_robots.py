@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import scipy
 
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.base.errors import InputError
 
 
 def draw_robot(model: mujoco.MjModel, spread: float, rng: np.random.Generator) -> np.ndarray:

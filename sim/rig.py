@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, fields, replace
 import mujoco
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, look_up
+from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.control import Controller
 from tulip_testbed.sim.drives import Drives
-from tulip_testbed.sim.errors import InputError, look_up
-from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.sensors import PRESETS, Sensors
 

@@ -15,8 +15,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError, choices, listed, look_up, shortened
-from tulip_testbed.sim.files import check_path, present, read_bytes, read_text
+from tulip_testbed.base.errors import InputError, choices, listed, look_up, shortened
+from tulip_testbed.base.files import check_path, present, read_text, sha256
+from tulip_testbed.measurements.cells import CORNERS
 from tulip_testbed.sim.mjcf_files import mjcf_files
 from tulip_testbed.sim.model_check import check_before_compiling, check_model
 from tulip_testbed.sim.sandbox import try_to_compile
@@ -31,9 +32,6 @@ KEYS = (
 MOST_TOML = 2**20  # bytes
 DESCRIBED = ("scene_file", "plate_file", "stance_foot", "swing_foot", "settings")  # fields not compiled
 PUBLISHED = (".urdf", ".xml")  # endings of models as people publish them
-CORNERS = ("front_left", "front_right", "rear_right", "rear_left")
-PLATES = ("right", "left")
-CELLS = tuple(f"{plate}.{corner}" for plate in PLATES for corner in CORNERS)
 
 # MuJoCo would write its warnings to a file in the working directory; `Stand` counts those of a posture.
 mujoco.set_mju_user_warning(lambda message: None)
@@ -314,11 +312,6 @@ def sole_point(model: mujoco.MjModel, foot: str) -> np.ndarray:
             "expected one height (the frame's z is the sole's normal)"
         )
     return np.array([0.0, 0.0, heights.mean()])
-
-
-def sha256(path: Path) -> str:
-    """Return the hash of a file's bytes, in hexadecimal."""
-    return hashlib.sha256(read_bytes(Path(path))).hexdigest()
 
 
 def bodies_to_root(model: mujoco.MjModel, body: int) -> Iterator[int]:

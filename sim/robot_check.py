@@ -8,6 +8,7 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, warn
 from tulip_testbed.sim.control import joint_torques
 from tulip_testbed.sim.drive_needs import (
     LEAST_ARMATURE,
@@ -16,7 +17,6 @@ from tulip_testbed.sim.drive_needs import (
     short_of_armature,
     soft_friction,
 )
-from tulip_testbed.sim.errors import InputError, warn
 from tulip_testbed.sim.robot import Robot, joint_names, sole_point
 
 STAND = "stand"  # the keyframe where inverse kinematics starts

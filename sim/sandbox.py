@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.base.errors import InputError, shortened
 
 MOST_SECONDS = 20  # of processor time
 MOST_MEMORY = 4 * 2**30  # bytes

@@ -7,15 +7,16 @@ from functools import lru_cache
 import mujoco
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, listed
+from tulip_testbed.measurements.cells import CORNERS, PLATES
+from tulip_testbed.measurements.data import PlateGeometry, lay_boards
 from tulip_testbed.sim.compliance import Compliance, add_compliance
 from tulip_testbed.sim.control import add_servos
 from tulip_testbed.sim.drive_needs import supply_drives
 from tulip_testbed.sim.drives import Drives, add_drives
-from tulip_testbed.sim.errors import InputError, listed
-from tulip_testbed.sim.measurements.data import PlateGeometry, lay_boards
 from tulip_testbed.sim.plates import place_plates, plate_geometry
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import CORNERS, PLATES, Robot, check_unchanged, load_spec, sole_corners
+from tulip_testbed.sim.robot import Robot, check_unchanged, load_spec, sole_corners
 from tulip_testbed.sim.scene_options import make_plain, set_solver
 from tulip_testbed.sim.sensors import ANKLE
 from tulip_testbed.sim.specs import compile_spec, without_meshes

@@ -7,13 +7,14 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, listed
+from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.sim.drives import motor_joint
-from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.model_check import check_before_compiling, check_options
 from tulip_testbed.sim.model_features import check_features
 from tulip_testbed.sim.plates import cell_names, plate_geometry
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import CORNERS, PLATES, joint_names
+from tulip_testbed.sim.robot import joint_names
 from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.scene_options import check_pairs
 from tulip_testbed.sim.specs import compile_spec

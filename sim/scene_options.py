@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mujoco
 
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.base.errors import InputError
 
 TIMESTEP = 0.001  # s
 # With MuJoCo's default of 1e-8 the solver stops early, so that forces fluctuate and feet creep faster.

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tulip_testbed.sim.measurements.contacts import COP, VERTICAL, WRENCH, cops_of_wrenches
-from tulip_testbed.sim.robot import CELLS
+from tulip_testbed.measurements.cells import CELLS
+from tulip_testbed.measurements.contacts import COP, VERTICAL, WRENCH, cops_of_wrenches
 
 Pose = tuple[float, float, float]
 Figures = tuple[float, ...]

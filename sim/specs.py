@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.base.errors import InputError, shortened
 
 # Exceptions of MuJoCo's compiler.
 BROKEN = (ValueError, RuntimeError, mujoco.FatalError, mujoco.UnexpectedError)

@@ -4,7 +4,7 @@ import os
 import sys
 
 # Before any library is loaded. Studies call functions below those that limit linear algebra to one thread
-# (sim/threads.py), also in joblib's workers, which inherit the variable: with two threads the last bits of a
+# (base/threads.py), also in joblib's workers, which inherit the variable: with two threads the last bits of a
 # discovery differ. Nothing here draws by OpenGL.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 os.environ.setdefault("MUJOCO_GL", "disable")

@@ -8,7 +8,8 @@ from tulip_testbed.discovery.candidates import Candidate
 from tulip_testbed.discovery.law_candidates import is_law
 from tulip_testbed.effects.laws.grammar import CATALOGUED, Sentence, joints_of_leg
 from tulip_testbed.effects.targets import plate_of
-from tulip_testbed.sim.robot import CELLS, PLATES, Robot, joint_names
+from tulip_testbed.measurements.cells import CELLS, PLATES
+from tulip_testbed.sim.robot import Robot, joint_names
 
 Answers = tuple[tuple[str, str], ...]  # acceptable (what, of); "*" for of: any
 

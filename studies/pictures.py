@@ -19,7 +19,7 @@ from tests.looking import browse, headless_viewer
 from tulip_testbed.cli.main import main as tulip
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.rendering import rendered
-from tulip_testbed.sim.measurements import read_plan
+from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.scene import boards_under

@@ -23,11 +23,12 @@ import joblib
 import numpy as np
 import tyro
 
+from tulip_testbed.base.errors import InputError, look_up
+from tulip_testbed.base.files import write_text
 from tulip_testbed.cli.terminal import progress
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
-from tulip_testbed.sim.errors import InputError, look_up
-from tulip_testbed.sim.files import write_text
-from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_plan
+from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.robot import Robot
 
 MEASURED_ROWS = (

@@ -13,6 +13,7 @@ from matplotlib import pyplot as plt
 from PIL import Image
 
 from studies.runner import shipped_plan
+from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.calibration.families import families_of, tolerances_of
 from tulip_testbed.calibration.linearisation import mixing_of
 from tulip_testbed.calibration.reml import given
@@ -21,7 +22,6 @@ from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.sim.robot import load_robot
-from tulip_testbed.sim.threads import one_blas_thread
 
 SHOWN = ("encoder-offset", "encoder-gain")
 SPREAD = 0.7  # tolerances, of the family that is there

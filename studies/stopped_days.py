@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.design_information import (
     no_information,
@@ -18,14 +20,12 @@ from tulip_testbed.identification.distributions import t_ppf
 from tulip_testbed.identification.estimators import DEFAULT, estimate_by
 from tulip_testbed.identification.estimators.estimate import Estimate
 from tulip_testbed.identification.regressor import regression
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.random_robots import draw_robot
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
-from tulip_testbed.sim.threads import one_blas_thread
 
 SPREAD = 0.1  # of the robots
 AT_ONCE = 20  # days

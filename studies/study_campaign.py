@@ -17,6 +17,8 @@ import numpy as np
 from scipy.stats import beta, spearmanr
 
 from studies.runner import Settings, shipped_plan
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import present, write_text
 from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
 from tulip_testbed.discovery.candidate_search import Search, first_calibration
 from tulip_testbed.discovery.candidates import Candidate, Fitted
@@ -40,12 +42,11 @@ from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.statistics import standard_errors
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import present, write_text
-from tulip_testbed.sim.measurements import Experiment, Measurements, joined, read_measurements
+from tulip_testbed.measurements import Experiment, Measurements, joined, read_measurements
+from tulip_testbed.measurements.cells import CELLS
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import CELLS, Robot, load_robot
+from tulip_testbed.sim.robot import Robot, load_robot
 
 CAMPAIGNS, GAINS, RANDOM, SEEDS = 16, 4, 3, 5  # cases; random experiments and noise seeds of a case
 ROBOTS = (0.05, 0.2)  # spread of masses and centres of mass

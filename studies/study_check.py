@@ -20,8 +20,8 @@ from tulip_testbed.calibration.usual_changes import usual_changes
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight import preflight
+from tulip_testbed.measurements import Measurements, PosturePlan, SensorSheet
 from tulip_testbed.sim.dynamics.dynamic_run import read_again, run_dynamics
-from tulip_testbed.sim.measurements import Measurements, PosturePlan, SensorSheet
 from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.rig import Rig, preset_rig
 

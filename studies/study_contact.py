@@ -14,10 +14,10 @@ import numpy as np
 
 from studies.runner import Settings, header, row, shipped_plan
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.drives import Drives
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
-from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.rig import Rig, preset_rig
 
 Edit = Callable[[mujoco.MjSpec], None]

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from studies.runner import Settings
+from tulip_testbed.base.files import write_text
 from tulip_testbed.experiments.benchmark.benchmark_run import benchmark
 from tulip_testbed.experiments.benchmark.benchmark_tables import files, report_text
 from tulip_testbed.experiments.benchmark.cases import Settings as BenchmarkSettings
-from tulip_testbed.sim.files import write_text
 
 SETTINGS = Settings(seed=4000, only=("force-plate", "wii"))
 

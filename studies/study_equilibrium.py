@@ -11,15 +11,16 @@ import numpy as np
 from scipy.stats import ks_2samp
 
 from studies.runner import Settings, header, row, shipped_plan
+from tulip_testbed.measurements.cells import PLATES
+from tulip_testbed.measurements.contacts import WRENCH
+from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.drives import Drives
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
-from tulip_testbed.sim.measurements.contacts import WRENCH
-from tulip_testbed.sim.measurements.data import feet_in_contact
 from tulip_testbed.sim.outcome import Attempt
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig, preset_rig
-from tulip_testbed.sim.robot import PLATES, Robot, load_robot
+from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.statics import Load, State, cell_forces, residual, sole_poses, solve_by_newton
 from tulip_testbed.sim.statics.forces import contact_deflection, rotation_matrix
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, feet_in_base, solve_plan

@@ -18,8 +18,8 @@ from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS, Estimat
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.regressor import regression
 from tulip_testbed.identification.statistics import standard_errors
+from tulip_testbed.measurements import Measurements, SensorSheet
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
-from tulip_testbed.sim.measurements import Measurements, SensorSheet
 from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig, preset_rig

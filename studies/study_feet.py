@@ -13,15 +13,15 @@ import numpy as np
 
 import tulip_testbed as tt
 from studies.runner import Settings, header, row
+from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.calibration.families import EXACT
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.statistics import standard_errors
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics
-from tulip_testbed.sim.threads import one_blas_thread
 
 SETTINGS = Settings(seed=9400, only=("ideal", "calibration"))
 RUNS, AT_ONCE, TRIED = 2000, 50, 5

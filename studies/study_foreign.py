@@ -21,13 +21,13 @@ import pyarrow.parquet as pq
 from pyarrow import csv
 
 from studies.runner import Settings, header, row, shipped_plan
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import write_text
 from tulip_testbed.cli.main import main as tulip
 from tulip_testbed.effects.instance import EffectInstance, injected
 from tulip_testbed.effects.random_effects import draw_effect
 from tulip_testbed.experiments.montecarlo.intervals import share
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import write_text
-from tulip_testbed.sim.measurements import Measurements, SensorSheet, write_measurements
+from tulip_testbed.measurements import Measurements, SensorSheet, write_measurements
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.sensors import PRESETS

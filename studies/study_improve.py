@@ -20,7 +20,8 @@ from studies.runner import Settings, shipped_plan
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
 from tulip_testbed.identification.postures import random_postures
-from tulip_testbed.sim.measurements import PosturePlan, read_plan, write_plan
+from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.scene import nominal_plates

@@ -20,6 +20,8 @@ import numpy as np
 
 from studies.law_answers import ANSWERS, Answers, is_right, said_by
 from studies.runner import Settings, header, row, shipped_plan
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.candidate_search import calibrated_data
@@ -48,13 +50,11 @@ from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import residuals
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
-from tulip_testbed.sim.threads import one_blas_thread
 
 PRESETS = ("force-plate", "wii")
 # Faults that all are run once, and how much larger the seed is with which they are drawn.

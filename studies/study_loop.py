@@ -21,6 +21,7 @@ import tulip_testbed as tt
 from studies.runner import Settings, header, row, shipped_plan
 from studies.study_export import pressure
 from studies.watched_days import FAULTS, ONSET, Day, Kind, faulty_day, joined_rows
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import EXACT
 from tulip_testbed.calibration.prediction import predicted
 from tulip_testbed.calibration.self_calibration import self_calibrate
@@ -29,8 +30,7 @@ from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.usable_plan import random_plan
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot

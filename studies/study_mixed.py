@@ -22,8 +22,9 @@ from tulip_testbed.identification.base_parameters import base_parameters, common
 from tulip_testbed.identification.planning.mixed_plan import from_pools, random_pools
 from tulip_testbed.identification.planning.optimal_plan import objective_by_name
 from tulip_testbed.identification.planning.problem import planning_problem
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
-from tulip_testbed.sim.measurements import PosturePlan, read_plan
+from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.scene import nominal_plates

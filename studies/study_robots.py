@@ -21,8 +21,9 @@ from pathlib import Path
 import mujoco
 
 from studies.runner import Settings, header, row
-from tulip_testbed.sim.measurements import read_plan
-from tulip_testbed.sim.robot import CORNERS, Robot, load_robot
+from tulip_testbed.measurements.cells import CORNERS
+from tulip_testbed.sim.plan_folder import read_plan
+from tulip_testbed.sim.robot import Robot, load_robot
 
 TULIP = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"]
 PACKAGE = "example-robot-data 6.0.0"

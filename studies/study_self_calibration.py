@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from studies.runner import Settings, header, row, shipped_plan
+from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.families import families_of, tolerances_of
 from tulip_testbed.calibration.ordinary_laboratory import draw_members
@@ -27,12 +28,11 @@ from tulip_testbed.identification.estimators import DEFAULT, Estimate
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.variance_components import MARK_RATIO
-from tulip_testbed.sim.measurements import SensorSheet
+from tulip_testbed.measurements import SensorSheet
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.sensors import PRESETS
-from tulip_testbed.sim.threads import one_blas_thread
 
 SETTINGS = Settings(seed=1, only=("wii", "force-plate"))
 LABORATORIES = 100

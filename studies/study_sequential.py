@@ -16,7 +16,7 @@ from tulip_testbed.identification.planning.objectives import Objective, objectiv
 from tulip_testbed.identification.planning.problem import Problem, planning_problem
 from tulip_testbed.identification.planning.sequential import measured_information, optimize_next_placements
 from tulip_testbed.identification.postures import random_postures
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.scene import nominal_plates

@@ -23,9 +23,9 @@ from tests.foreign_robots import write_robot
 from tulip_testbed.experiments.protocols.motion import FREE, HOIST, Motion
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol, ProtocolSettings, protocol_of
 from tulip_testbed.experiments.usable_plan import random_plan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.dynamics.hold import SERVO_PERIOD, clamp, put_down, release
 from tulip_testbed.sim.dynamics.stand import Stand
-from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 

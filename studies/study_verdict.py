@@ -16,9 +16,10 @@ from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory, Run
 from tulip_testbed.experiments.validate import evaluate
 from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.measurements.cells import CELLS
 from tulip_testbed.sim.dynamics.dynamic_run import read_again
 from tulip_testbed.sim.outcome import dropped_postures
-from tulip_testbed.sim.robot import CELLS, load_robot
+from tulip_testbed.sim.robot import load_robot
 
 SETTINGS = Settings(seed=3)  # a development seed
 PRESETS = ("wii", "force-plate")

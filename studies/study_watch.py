@@ -24,8 +24,8 @@ from studies.watched_days import (
     ordinary_day,
     played,
 )
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot import Robot, load_robot
 
 SETTINGS = Settings(seed=12000, workers=1, only=("clean", "faults", "drifts", "dynamics", "stopping"))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from studies.runner import MEASURED_ROWS
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.injection import edited
@@ -21,8 +22,7 @@ from tulip_testbed.experiments.watching.set_up import set_up
 from tulip_testbed.experiments.watching.watch_row import CHANGED, OK, Verdict, watch_row
 from tulip_testbed.experiments.watching.watch_state import first_state
 from tulip_testbed.identification.distributions import chi2_isf
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot

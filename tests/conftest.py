@@ -11,7 +11,7 @@ from typing import Any
 
 os.environ.setdefault("MUJOCO_GL", "disable")
 # Before numpy is loaded. Tests call functions below those that limit linear algebra to one thread
-# (sim/threads.py): with two threads the last bits of a discovery differ.
+# (base/threads.py): with two threads the last bits of a discovery differ.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # pytest-xdist tells its workers the width of the terminal; tables would follow it.
 os.environ.pop("COLUMNS", None)
@@ -33,10 +33,11 @@ from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validate import Validation, validate
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
+from tulip_testbed.measurements import Measurements, PlateGeometry, PosturePlan
 from tulip_testbed.plans import optimal
 from tulip_testbed.sim.dynamics.dynamic_run import read_again, run_dynamics
-from tulip_testbed.sim.measurements import Measurements, PlateGeometry, PosturePlan, read_plan
 from tulip_testbed.sim.outcome import Outcome
+from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.scene import nominal_plates

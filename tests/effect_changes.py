@@ -7,7 +7,7 @@ import numpy as np
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import ANCHORED, ROWS, residuals
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics

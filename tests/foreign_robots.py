@@ -25,8 +25,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.robot import CORNERS, load_spec
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.measurements.cells import CORNERS
+from tulip_testbed.sim.robot import load_spec
 from tulip_testbed.sim.specs import compile_spec
 
 CORNER_RADIUS = 0.002  # m

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from tulip_testbed.base.table_files import Columns
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.collect import collect
 from tulip_testbed.experiments.montecarlo.engine import engine
 from tulip_testbed.experiments.montecarlo.laboratory_runs import stream_of
 from tulip_testbed.experiments.montecarlo.model_fits import Fit, Fits
 from tulip_testbed.experiments.montecarlo.run_columns import Layout, numbers_of
-from tulip_testbed.sim.measurements.table_files import Columns
 
 LAYOUT = Layout(("a.x", "b.x", "c.x"), {"full": (1, 2, 3), "simplified": (1, 3)}, ((1, 3),))
 TRUTH = np.array([0.1, 0.0, -0.3])

@@ -8,7 +8,7 @@ import numpy as np
 
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.regressor import Regression, encoder_blur, stacked_regressor
-from tulip_testbed.sim.measurements import PosturePlan, SensorSheet
+from tulip_testbed.measurements import PosturePlan, SensorSheet
 
 # S.d. of cells [N], of the left and the right plate's positions [m], of encoders [rad]; much like preset wii.
 WII = {"cell": 1.4, "placement": 3.5e-3, "mark": 1e-3, "encoder": 4e-4}

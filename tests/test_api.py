@@ -13,10 +13,11 @@ import pytest
 
 import tulip_testbed as tt
 from tests.documented import blocks
+from tests.test_architecture import FLOW
 from tulip_testbed.cli.main import COMMANDS
 from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim import robot as robot_module
-from tulip_testbed.sim.measurements import PosturePlan
 
 ROOT = Path(__file__).parent.parent
 
@@ -156,7 +157,7 @@ def test_unknown_names_list_the_valid_ones(robot):
 def test_no_error_of_the_library_names_a_flag():
     """Every message of the rooms beside the command line is free of flags."""
     door = (f"tulip_testbed/{room}" for room in ("pages", "viewer"))
-    for room in ("sim", "identification", "effects", "discovery", "experiments", *door):
+    for room in (*FLOW, *door):
         for path in (ROOT / room).rglob("*.py"):
             for raised in re.findall(r"raise \w+\((.*?)\)\n", path.read_text(), re.DOTALL):
                 assert not re.search(r"(?<![\w-])--[a-z]", raised), f"{path}: {raised[:120]}"
@@ -166,10 +167,8 @@ def test_one_discovery_reads_and_compiles_the_robot_once(monkeypatch):
     """Counts compilations of the robot alone and reads of each of its files."""
     plan = tt.plans.random  # which reads the shipped robot, once a process
     read, compiled = [], []
-    read_bytes, compile_spec = robot_module.read_bytes, robot_module.compile_spec
-    monkeypatch.setattr(
-        robot_module, "read_bytes", lambda p, *a: read.append(Path(p).name) or read_bytes(p, *a)
-    )
+    sha256, compile_spec = robot_module.sha256, robot_module.compile_spec
+    monkeypatch.setattr(robot_module, "sha256", lambda p: read.append(Path(p).name) or sha256(p))
 
     def counted(spec, where):
         compiled.append(spec.modelname)

@@ -23,7 +23,7 @@ from tulip_testbed.experiments.atlases.tolerance import CHECKED, Tolerance, erri
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import CHANNELS, residuals
 from tulip_testbed.identification.residual_noise import noise_of
-from tulip_testbed.sim.measurements import write_plan
+from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 

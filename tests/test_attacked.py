@@ -11,8 +11,8 @@ import pytest
 from threadpoolctl import threadpool_info
 
 import tulip_testbed as tt
+from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.sim.shipped import TULIP
-from tulip_testbed.sim.threads import one_blas_thread
 
 
 @pytest.fixture
@@ -126,7 +126,7 @@ def test_another_robots_run_has_a_page(own, tmp_path):
 
 
 def test_a_message_lists_forty_names_at_most():
-    from tulip_testbed.sim.errors import listed
+    from tulip_testbed.base.errors import listed
 
     assert listed("abc") == "a, b, c"
     assert listed(range(1000)).endswith("38, 39 and 960 more")

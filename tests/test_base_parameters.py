@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.base_parameters import _frame_matrix, base_parameters, standard_parameters
 from tulip_testbed.identification.kinematics import link_rotations
 from tulip_testbed.identification.regressor import stacked_regressor
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.robot import CORNERS, Robot, load_robot, sole_point
+from tulip_testbed.measurements.cells import CORNERS
+from tulip_testbed.sim.robot import Robot, load_robot, sole_point
 
 # facts: number -> links that the parameter unites, and its axis
 PAPER = {

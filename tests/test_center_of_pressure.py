@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.center_of_pressure import (
     cell_positions,
     center_of_pressure,
     load_shares,
     total_mass,
 )
-from tulip_testbed.sim.errors import InputError
 
 
 @pytest.fixture

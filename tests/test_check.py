@@ -9,12 +9,12 @@ import pytest
 
 from studies.runner import rows_of
 from studies.study_check import FAULTS, HEALTHY
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.check_folder import check_folder
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.identification.preflight.finding import STATISTICAL_CHECKS
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import write_measurements
+from tulip_testbed.measurements import write_measurements
 
 
 def found(measurements, nominal):

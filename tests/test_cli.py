@@ -13,6 +13,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import tulip_testbed as tt
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli import main as command_line
 from tulip_testbed.cli import options
 from tulip_testbed.cli.main import COMMANDS, command_of, main, usage
@@ -22,10 +23,9 @@ from tulip_testbed.experiments.montecarlo import engine
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification import estimators
 from tulip_testbed.identification.planning import interior_point, search
+from tulip_testbed.measurements import read_measurements, write_measurements
 from tulip_testbed.sim import sensors
 from tulip_testbed.sim.dynamics import dynamic_run
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import read_measurements, write_measurements
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.shipped import ASSETS
 

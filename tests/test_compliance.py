@@ -7,16 +7,17 @@ import mujoco
 import numpy as np
 import pytest
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
+from tulip_testbed.measurements import lay_boards, read_measurements
+from tulip_testbed.measurements.cells import CORNERS
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.control import Controller, add_servos
 from tulip_testbed.sim.drives import Drives, add_drives
 from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import lay_boards, read_measurements
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import CORNERS, load_robot, sole_corners, sole_point
+from tulip_testbed.sim.robot import load_robot, sole_corners, sole_point
 from tulip_testbed.sim.scene import load_scene
 from tulip_testbed.sim.shipped import TULIP
 

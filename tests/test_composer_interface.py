@@ -14,9 +14,9 @@ import pytest
 from dm_env import test_utils
 
 from tests.test_composer import PERIOD, cells
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.measurements import lay_boards
 from tulip_testbed.sim.composer import laboratory_environment
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import lay_boards
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import sole_corners
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
-from tulip_testbed.sim.measurements import SensorSheet, read_measurements, write_measurements
-from tulip_testbed.sim.measurements.contract import check_contract
+from tulip_testbed.measurements import SensorSheet, read_measurements, write_measurements
+from tulip_testbed.measurements.contract import check_contract
 
 
 @pytest.fixture(scope="module")

@@ -12,12 +12,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.fuzz.documents import STRANGE, json_values, places
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.check_folder import check_folder
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import read_measurements, write_measurements
-from tulip_testbed.sim.measurements.contacts import VERTICAL, WRENCH, Contacts
-from tulip_testbed.sim.measurements.contract import check_contract
+from tulip_testbed.measurements import read_measurements, write_measurements
+from tulip_testbed.measurements.contacts import VERTICAL, WRENCH, Contacts
+from tulip_testbed.measurements.contract import check_contract
 
 EXAMPLE = Path(__file__).parent.parent / "docs" / "how-to" / "your-data"
 POSE = {"x": 0.01, "y": 0.0, "z": -0.03, "roll": 0.0, "pitch": 0.0, "yaw": 0.5}

@@ -12,6 +12,7 @@ import pytest
 from studies.runner import rows_of
 from tests.effect_changes import DISCOVERY_SEED as SEED
 from tests.effect_changes import measured
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import EXACT, TOLERANCES
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
@@ -27,7 +28,6 @@ from tulip_testbed.experiments.discovering import next_experiments
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_noise import noise_of
-from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan

@@ -8,7 +8,7 @@ import json
 
 from tests.effect_changes import measured
 from tulip_testbed.cli.main import main
-from tulip_testbed.sim.measurements import read_measurements, write_measurements
+from tulip_testbed.measurements import read_measurements, write_measurements
 
 
 def test_the_command_reads_a_foreign_folder_and_its_rig_is_the_new_nominal(robot, plan, tmp_path, capsys):

@@ -22,7 +22,7 @@ from tulip_testbed.experiments.benchmark.draw import MOST_PRIORS, draw_absorbed,
 from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
 from tulip_testbed.experiments.benchmark.score import figures
 from tulip_testbed.experiments.benchmark.scoreboard import board
-from tulip_testbed.sim.measurements import write_plan
+from tulip_testbed.sim.plan_folder import write_plan
 
 SETTINGS = Settings("force-plate", 7, 0.01)
 FEW = [

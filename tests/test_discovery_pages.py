@@ -14,18 +14,18 @@ from tests.looking import browse
 from tests.test_cli import refused
 from tests.test_report import needs_chromium
 from tests.test_view import cpu_seconds, look, needs_vulkan, not_blank
+from tulip_testbed.base.document import flattened
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import sha256
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.comparison import compare
 from tulip_testbed.experiments.discovery_record import read_discovery
 from tulip_testbed.experiments.discovery_report import DiscoveryReport
-from tulip_testbed.experiments.document import flattened
 from tulip_testbed.experiments.residual_curves import residual_curves
 from tulip_testbed.experiments.rig_folder import DIFF
 from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.page import html
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.robot import sha256
 from tulip_testbed.viewer import window
 from tulip_testbed.viewer.discovery_view import discovery_text, log_discovery
 

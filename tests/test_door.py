@@ -10,8 +10,8 @@ import pytest
 from IPython.core.interactiveshell import InteractiveShell
 
 import tulip_testbed as tt
-from tulip_testbed.sim.arguments import checked
-from tulip_testbed.sim.errors import InputError, InputWarning, choices, look_up
+from tulip_testbed.base.arguments import checked
+from tulip_testbed.base.errors import InputError, InputWarning, choices, look_up
 
 DOUBTFUL = "cell-gain:right.front_left=3"
 

@@ -17,10 +17,10 @@ from tulip_testbed.effects.instruments import acts_on
 from tulip_testbed.effects.targets import check_target, leg_links
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import ANCHORED, ROWS, residuals
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.cells import CORNERS
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
-from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import CORNERS
 
 SENSORS = {  # readings alone: the prediction removes the effect up to rounding
     "encoder-offset:right_knee": (0.01,),

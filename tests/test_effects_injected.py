@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.effect_changes import SEED, first, statically
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.discovery.refit import exact_rig, measured_plan, simulated
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance, injected, removed
@@ -14,8 +15,7 @@ from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.observation import fraction_of_time, observe
 from tulip_testbed.identification.residual_channels import residuals
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import read_plan
+from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import preset_rig, stages
 from tulip_testbed.sim.scene import load_scene
 from tulip_testbed.sim.statics.solved_plan import solve_plan

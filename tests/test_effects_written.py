@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tulip_testbed import effects
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import (
     MOST_PRIORS,
@@ -17,7 +18,6 @@ from tulip_testbed.effects.instance import (
     effect_label,
     split_label,
 )
-from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.robot import load_robot
 
 PLACEMENTS = (1, 2, 30)

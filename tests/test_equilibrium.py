@@ -20,9 +20,9 @@ from studies.study_equilibrium import (
     laboratories,
     pulled,
 )
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
-from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.scene import laboratory_scene

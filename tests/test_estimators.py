@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.estimators import least_squares, solve_least_squares
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.identification.statistics import (
@@ -17,7 +18,6 @@ from tulip_testbed.identification.statistics import (
     residual_norms,
     standard_errors,
 )
-from tulip_testbed.sim.errors import InputError
 
 # NIST StRD Longley: estimate and standard deviation of b0 to b6, residual s.d.
 LONGLEY = [

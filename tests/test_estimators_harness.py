@@ -8,10 +8,10 @@ from scipy.stats import binom
 from scipy.stats import t as t_distribution
 
 from tests.synthetic import WII
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.estimators import DEFAULT, ESTIMATORS, estimate_by
 from tulip_testbed.identification.statistics import standard_errors
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import SensorSheet
+from tulip_testbed.measurements import SensorSheet
 
 PLAIN = ("mixed-model", "least-squares", "placement", "errors-in-variables", "robust")
 

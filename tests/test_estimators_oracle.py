@@ -7,13 +7,13 @@ import pytest
 import statsmodels.api as sm
 from statsmodels.regression.mixed_linear_model import VCSpec
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification import variance_components
 from tulip_testbed.identification.estimators import estimate_by, solve_least_squares
 from tulip_testbed.identification.estimators.ordinary import by_qr
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.identification.statistics import standard_errors
 from tulip_testbed.identification.variance_components import fit_components
-from tulip_testbed.sim.errors import InputError
 
 # NIST StRD Filip: estimate and standard deviation of b0 to b10, residual s.d. squared.
 FILIP = [

@@ -8,6 +8,7 @@ import pytest
 from scipy.optimize import linprog
 
 from tests.synthetic import WII
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.estimators import DEFAULT, estimate_by
 from tulip_testbed.identification.estimators.consistent import corner_parameters
@@ -17,7 +18,6 @@ from tulip_testbed.identification.identifiable_masses import identifiable_masses
 from tulip_testbed.identification.loop_closure import encoder_sd_by_closure
 from tulip_testbed.identification.nominal import link_boxes
 from tulip_testbed.identification.statistics import standard_errors
-from tulip_testbed.sim.errors import InputError
 
 
 @pytest.mark.parametrize("name", ["tulip", "humanoid", "humanoid_CMU"])

@@ -14,6 +14,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.published_robot import write_published
+from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.export.export_model import Export, export_model
 from tulip_testbed.experiments.export.inertial_text import inertial_spans, with_inertias, with_places
@@ -21,8 +22,8 @@ from tulip_testbed.experiments.export.published_links import published_links
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.pseudo_inertia import pseudo_inertia, pseudo_inertias
-from tulip_testbed.sim.errors import InputError, InputWarning
-from tulip_testbed.sim.measurements import write_measurements, write_plan
+from tulip_testbed.measurements import write_measurements
+from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.random_robots import draw_robot
 from tulip_testbed.sim.robot import joint_names
 

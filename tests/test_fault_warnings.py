@@ -10,9 +10,9 @@ import pytest
 
 import tulip_testbed as tt
 from studies.study_check import FAULTS, HEALTHY
+from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.check_folder import warn_of_faults
-from tulip_testbed.sim.errors import InputError, InputWarning
 
 FAULT = "one cell drifts by 5 N"
 

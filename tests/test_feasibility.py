@@ -14,7 +14,7 @@ from tulip_testbed.identification.feasibility import (
     stability_margin,
     support_polygon,
 )
-from tulip_testbed.sim.measurements import lay_boards
+from tulip_testbed.measurements import lay_boards
 
 SOLE = np.array([[0.13, 0.05], [0.13, -0.05], [-0.07, -0.05], [-0.07, 0.05]])
 

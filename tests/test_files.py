@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import new_folder, present, read_bytes, read_text, scratch_folder, write_text
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import new_folder, present, read_bytes, read_text, scratch_folder, write_text
 
 # Forks once per file operation; the child kills itself right before its n-th one.
 KILLED_AT_EVERY_STEP = """
 import json, os, pathlib, signal, sys
-from tulip_testbed.sim.files import new_folder, write_text
+from tulip_testbed.base.files import new_folder, write_text
 
 def fill():
     with new_folder("folder") as working:

@@ -12,17 +12,17 @@ import pytest
 from scipy.stats import ks_2samp
 
 from studies.study_equilibrium import compare, excess_wrenches, laboratories
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.injection import edited, from_then_on
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.truth_record import truth_of
+from tulip_testbed.measurements import PosturePlan, read_measurements
+from tulip_testbed.measurements.contacts import WRENCH
 from tulip_testbed.sim.composer import laboratory_environment
 from tulip_testbed.sim.dynamics.dynamic_run import read_again, run_dynamics
 from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import PosturePlan, read_measurements
-from tulip_testbed.sim.measurements.contacts import WRENCH
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot

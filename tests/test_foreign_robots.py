@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from tests.foreign_robots import ROBOTS, original_model, write_robot
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.planning_ranges import free_joint_ranges, planning_ranges
 from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.regressor import stacked_regressor
-from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.robot import between_feet, joint_names, load_robot, sole_corners
 from tulip_testbed.sim.scene import nominal_plates

@@ -17,10 +17,10 @@ from tests.fuzz.documents import json_values
 from tests.fuzz.judge import Judge
 from tests.fuzz.robots import PLATE_KINDS
 from tests.fuzz.targets import KINDS
+from tulip_testbed.base.column import printable
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.table_files import MOST_DEPTH, Table, read_json
 from tulip_testbed.cli.main import main
-from tulip_testbed.sim.column import printable
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements.table_files import MOST_DEPTH, Table, read_json
 from tulip_testbed.sim.robot import load_robot, load_spec
 from tulip_testbed.sim.shipped import ASSETS
 

@@ -14,8 +14,8 @@ import tulip_testbed as tt
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.table_import.column_names import propose, read_name
 from tulip_testbed.experiments.table_import.import_map import ImportMap, read_map, with_unknowns
-from tulip_testbed.sim.measurements import read_measurements
-from tulip_testbed.sim.measurements.contacts import VERTICAL
+from tulip_testbed.measurements import read_measurements
+from tulip_testbed.measurements.contacts import VERTICAL
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "docs" / "how-to" / "your-data"

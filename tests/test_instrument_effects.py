@@ -15,7 +15,7 @@ from tulip_testbed.effects.effect import Misreading
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.instruments import effects_on
 from tulip_testbed.identification.observation import observe
-from tulip_testbed.sim.measurements import Measurements, SensorSheet
+from tulip_testbed.measurements import Measurements, SensorSheet
 
 KNEE = [0.2, 0.4, -0.1]  # rad
 COMMAND = [0.21, 0.38, -0.1]  # rad, of the knee

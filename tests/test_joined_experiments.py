@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.effects.arranged import acting, arranged, epochs, targets_over
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect
@@ -21,11 +22,10 @@ from tulip_testbed.identification.residual_channels import (
     sensitivity,
     unpacked,
 )
-from tulip_testbed.sim.errors import InputError, InputWarning
-from tulip_testbed.sim.measurements import Experiment, joined
-from tulip_testbed.sim.measurements.joined import separate
-from tulip_testbed.sim.measurements.manipulations import arrangement_of
-from tulip_testbed.sim.robot import CELLS
+from tulip_testbed.measurements import Experiment, joined
+from tulip_testbed.measurements.cells import CELLS
+from tulip_testbed.measurements.joined import separate
+from tulip_testbed.measurements.manipulations import arrangement_of
 
 CABLE, LEFT = "cable removed", "left plate turned by 180 deg"
 MASS = "known mass 2 kg at torso (0.1, -0.05, 0.3)"
@@ -112,7 +112,7 @@ def test_joined_experiments_come_apart_again(pair):
 
 
 def test_a_joined_run_folder_is_read_as_it_was_written(pair, tmp_path):
-    from tulip_testbed.sim.measurements.joined import read_written, write_experiments
+    from tulip_testbed.measurements.joined import read_written, write_experiments
 
     whole = joined(pair)
     write_experiments(tmp_path / "measurements", whole)

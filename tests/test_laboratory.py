@@ -8,6 +8,7 @@ import pytest
 
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.kinematics import link_rotations
+from tulip_testbed.measurements import lay_boards
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.drives import Drives
 from tulip_testbed.sim.dynamics import dynamic_run as laboratory
@@ -15,7 +16,6 @@ from tulip_testbed.sim.dynamics.balance import balance_of
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics, run_placement
 from tulip_testbed.sim.dynamics.hold import hold, move, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
-from tulip_testbed.sim.measurements import lay_boards
 from tulip_testbed.sim.outcome import dropped_postures
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.plates import tare

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 import tulip_testbed as tt
 from tests.effect_changes import agreement, changes, measured, statically
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.candidate_search import Search, first_calibration
 from tulip_testbed.discovery.columns import candidate_columns
@@ -38,10 +39,9 @@ from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_noise import noise_of
+from tulip_testbed.measurements import Measurements, SensorSheet, read_measurements
 from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.page import html
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements, SensorSheet, read_measurements
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_robot

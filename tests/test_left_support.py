@@ -11,13 +11,14 @@ import pytest
 
 from studies.study_equilibrium import compare, without_friction
 from tests.test_single_support import STANCE, TO_COME, joined
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.drawings import support_polygons
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.center_of_pressure import center_of_pressure, loaded_cells
+from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements, PosturePlan, read_plan, write_plan
 from tulip_testbed.sim.outcome import Outcome
+from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import sole_corners, sole_point
 from tulip_testbed.sim.scene import boards_under

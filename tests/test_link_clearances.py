@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.meshed_robot import write_meshed_robot
+from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.plan_clearances import clearance_table, clearances_of
 from tulip_testbed.identification.link_clearances import (
     clearances_at,
@@ -29,7 +30,6 @@ from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.robot import joint_names
 from tulip_testbed.sim.scene import nominal_plates
-from tulip_testbed.sim.table import Table
 
 PENETRATION = 1e-3  # m
 NAME = "humanoid"

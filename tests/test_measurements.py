@@ -9,11 +9,12 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import sha256
 from tulip_testbed.experiments.check_folder import check_folder
 from tulip_testbed.experiments.identify import identify
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import read_measurements, read_plan, write_measurements, write_plan
-from tulip_testbed.sim.robot import sha256
+from tulip_testbed.measurements import read_measurements, write_measurements
+from tulip_testbed.sim.plan_folder import read_plan, write_plan
 
 
 @pytest.fixture

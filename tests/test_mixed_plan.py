@@ -37,7 +37,7 @@ from tulip_testbed.identification.planning.sequential import measured_informatio
 from tulip_testbed.identification.planning.single_support import feasible_pool
 from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.sim.control import torque_limits
-from tulip_testbed.sim.measurements import read_plan, write_plan
+from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.robot import joint_names, sole_corners, sole_point
 
 SEED = 331

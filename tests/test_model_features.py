@@ -12,7 +12,7 @@ import tulip_testbed as tt
 from studies.study_equilibrium import compare, without_friction
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
-from tulip_testbed.sim.measurements import read_plan
+from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.scene_check import check_scene
 from tulip_testbed.sim.shipped import PLANS, TULIP

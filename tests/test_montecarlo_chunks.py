@@ -16,11 +16,11 @@ import pytest
 
 import tulip_testbed as tt
 from tests.montecarlo_work import LAYOUT, Regressions, bytes_of, run_regressions
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.collect import collect
 from tulip_testbed.experiments.montecarlo.engine import engine
 from tulip_testbed.experiments.montecarlo.summary import summarise
-from tulip_testbed.sim.errors import InputError
 
 ROOT = Path(__file__).parent.parent
 RUNS, SIZE = 23, 5

@@ -13,13 +13,13 @@ import pyarrow.parquet
 import pytest
 
 from tests.test_cli import refused
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stream_of
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.estimators import DEFAULT
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import write_plan
 from tulip_testbed.sim.outcome import Outcome
+from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.statics.static_run import run_statics
 
 TULIP = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"]

@@ -6,7 +6,9 @@ import json
 import pytest
 
 import tulip_testbed as tt
-from tulip_testbed.experiments.document import first_difference
+from tulip_testbed.base.document import first_difference
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.machine import machine
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
     check_folder,
@@ -16,8 +18,6 @@ from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
 )
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.usable_plan import random_plan
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.machine import machine
 
 SETTINGS = Settings(runs=100, seed=5, estimator="mixed-model", spread=None)
 

@@ -10,6 +10,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.effect_changes import first
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.experiment_information import (
     Explanation,
@@ -23,10 +24,9 @@ from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.campaigns.campaign_record import read_campaign
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.proposed_experiment import Proposals, read_experiment, write_experiment_plan
+from tulip_testbed.measurements import Experiment, joined
 from tulip_testbed.pages.page import html
 from tulip_testbed.pages.report_page import page_of
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Experiment, joined
 
 SEED = 31
 

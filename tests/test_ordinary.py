@@ -8,6 +8,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.test_cli import refused
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import families_of, tolerances_of
 from tulip_testbed.calibration.ordinary_laboratory import draw_members
 from tulip_testbed.calibration.self_calibration import self_calibrate
@@ -26,8 +27,7 @@ from tulip_testbed.experiments.validation_record import (
     write_validation,
 )
 from tulip_testbed.identification.observation import observe
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import SensorSheet
+from tulip_testbed.measurements import SensorSheet
 from tulip_testbed.sim.outcome import Outcome
 
 SEED = 140

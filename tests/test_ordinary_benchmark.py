@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.self_calibration import usual_tolerances
 from tulip_testbed.discovery.unusual_members import STANDS_OUT
 from tulip_testbed.effects.catalogue import catalogue
@@ -26,7 +27,6 @@ from tulip_testbed.experiments.benchmark.ordinary_tables import ordinary_figures
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
-from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.sensors import PRESETS
 
 SETTINGS = Settings("force-plate", 7, 0.2, ORDINARY)

@@ -16,11 +16,11 @@ import pytest
 
 import tulip_testbed as tt
 from tests.test_cli import refused
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import check_new, is_folder, new_folder, read_bytes, write_bytes
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments import truth_record
 from tulip_testbed.experiments.truth_record import write_experiment
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import check_new, is_folder, new_folder, read_bytes, write_bytes
 from tulip_testbed.sim.shipped import TULIP
 
 TULIP_COMMAND = [sys.executable, "-c", "import tulip_testbed.cli.entry as entry; entry.run()"]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from studies.improve.single_support import holding_torques
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.atlases.planned_experiment import usable
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.plan_description import described_plan, regressor_by_mujoco
@@ -29,8 +30,7 @@ from tulip_testbed.identification.postures import random_postures
 from tulip_testbed.identification.preflight import preflight
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.identification.statistics import standard_errors
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import read_plan, write_plan
+from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics

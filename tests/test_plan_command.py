@@ -13,14 +13,15 @@ from PIL import Image
 from tests.test_cli import refused
 from tests.test_view import needs_opengl
 from tulip_testbed import drawings, rendering
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.drawings import contact_sheet, support_polygons
 from tulip_testbed.experiments import planning_run as planning
 from tulip_testbed.experiments.plan_state import state_file
 from tulip_testbed.experiments.planning_run import PlanSettings, carry_out, set_up_search
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import read_plan, write_measurements
+from tulip_testbed.measurements import write_measurements
+from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
 from tulip_testbed.identification.planning.blocks import information, information_slope
@@ -25,8 +26,7 @@ from tulip_testbed.identification.planning.search import design_of, repair_start
 from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import read_plan, write_plan
+from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import sole_corners
 from tulip_testbed.sim.statics.solved_plan import solve_plan

@@ -15,7 +15,7 @@ from tulip_testbed.experiments.posture_splits import by_blocks, by_halves, clust
 from tulip_testbed.experiments.predict import CAD, CONSTANT, IDENTIFIED, WITH_PRIOR
 from tulip_testbed.experiments.prediction_problem import cad_spread
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
-from tulip_testbed.sim.measurements import write_measurements
+from tulip_testbed.measurements import write_measurements
 
 SEED = 4217  # development seeds are 0 to 99
 

@@ -19,7 +19,7 @@ from tulip_testbed.identification.preflight.readings import decimal_step, longes
 from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, reading_noise
 from tulip_testbed.identification.regressor import regression, stacked_regressor
 from tulip_testbed.identification.statistics import standard_errors
-from tulip_testbed.sim.measurements import SensorSheet
+from tulip_testbed.measurements import SensorSheet
 
 
 def test_swing_sole_is_where_mujoco_has_it(nominal, model, precise):

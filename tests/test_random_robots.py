@@ -7,9 +7,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.validate import NEGLIGIBLE
 from tulip_testbed.identification.base_parameters import standard_parameters
-from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.random_robots import draw_robot, edit_of, half_edges
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.scene import laboratory_scene

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.rank import (
@@ -17,7 +18,6 @@ from tulip_testbed.identification.rank import (
     weakly_known,
 )
 from tulip_testbed.identification.regressor import encoder_blur, stacked_regressor
-from tulip_testbed.sim.errors import InputError
 
 ENCODER = 4e-4  # rad
 

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from tests.test_view import calibration, run  # noqa: F401
+from tulip_testbed.base.document import Document
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import sha256
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
 from tulip_testbed.experiments.discovery_record import discovery_record, read_discovery, write_discovery
-from tulip_testbed.experiments.document import Document
 from tulip_testbed.experiments.estimate_report import ParameterRow
 from tulip_testbed.experiments.laboratory import Laboratory, Run
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
@@ -32,9 +34,8 @@ from tulip_testbed.experiments.validation_record import (
 )
 from tulip_testbed.pages.report_page import page_of, write_page
 from tulip_testbed.pages.words import NO_TRUE_COM
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import write_plan
-from tulip_testbed.sim.robot import Robot, sha256
+from tulip_testbed.sim.plan_folder import write_plan
+from tulip_testbed.sim.robot import Robot
 from tulip_testbed.viewer import window
 from tulip_testbed.viewer.record_view import record_view
 from tulip_testbed.viewer.subject import validated

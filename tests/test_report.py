@@ -13,8 +13,8 @@ from tests.looking import browse, browser
 from tests.test_cli import refused
 from tests.test_view import calibration, cpu_seconds, needs_opengl, not_blank, run  # noqa: F401
 from tulip_testbed import rendering
+from tulip_testbed.base.document import flattened
 from tulip_testbed.cli.main import main
-from tulip_testbed.experiments.document import flattened
 from tulip_testbed.experiments.validation_record import read_validation, validation_record, write_validation
 from tulip_testbed.pages import page as pages
 

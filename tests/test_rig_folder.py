@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.test_cli import edit, refused
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.instance import EffectInstance, injected
 from tulip_testbed.experiments.identify import identify
@@ -22,8 +23,7 @@ from tulip_testbed.experiments.rig_folder import (
     write_rig,
 )
 from tulip_testbed.identification.estimators import DEFAULT
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import read_measurements
+from tulip_testbed.measurements import read_measurements
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_spec
 from tulip_testbed.sim.statics.solved_plan import solve_plan

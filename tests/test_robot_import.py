@@ -9,11 +9,11 @@ import pytest
 
 import tulip_testbed as tt
 from tests.published_robot import MASS, SOLE, center_of_mass, write_published
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.experiments.usable_plan import random_plan
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
-from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.robot import load_robot, sole_corners
 
 

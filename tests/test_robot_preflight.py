@@ -13,16 +13,16 @@ import pytest
 
 import tulip_testbed as tt
 from tests.meshed_robot import write_meshed_robot
+from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.cli.main import main
 from tulip_testbed.effects.targets import LEG_LINKS, LINKS
 from tulip_testbed.experiments.checks import IMBALANCE, verdict
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of
 from tulip_testbed.experiments.usable_plan import random_plan
 from tulip_testbed.experiments.validate import balance_checks
+from tulip_testbed.measurements import PosturePlan, write_measurements
 from tulip_testbed.sim.drive_needs import LEAST_ARMATURE
 from tulip_testbed.sim.dynamics.stand import Stand
-from tulip_testbed.sim.errors import InputError, InputWarning
-from tulip_testbed.sim.measurements import PosturePlan, write_measurements
 from tulip_testbed.sim.random_robots import draw_robot
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot

@@ -9,13 +9,14 @@ import mujoco
 import numpy as np
 import pytest
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.joint_loads import servo_stiffness
 from tulip_testbed.identification.planning.problem import planning_problem
+from tulip_testbed.measurements.cells import CORNERS
 from tulip_testbed.sim.control import Controller, add_servos, torque_limit, torque_limits
-from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.plates import cell_addresses
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import CORNERS, joint_names, load_robot
+from tulip_testbed.sim.robot import joint_names, load_robot
 from tulip_testbed.sim.scene import laboratory_scene, load_scene
 from tulip_testbed.sim.shipped import PLATE, TULIP
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tulip_testbed.base.errors import InputError, InputWarning
 from tulip_testbed.calibration.estimated_loads import with_estimated_loads
 from tulip_testbed.calibration.families import TOLERANCES, families_of, read_tolerances, tolerances_of
 from tulip_testbed.calibration.linear_model import linear_model
@@ -25,8 +26,7 @@ from tulip_testbed.identification.residual_channels import (
     sensitivity,
 )
 from tulip_testbed.identification.residual_noise import noise_of
-from tulip_testbed.sim.errors import InputError, InputWarning
-from tulip_testbed.sim.measurements import SensorSheet
+from tulip_testbed.measurements import SensorSheet
 from tulip_testbed.sim.random_robots import draw_robot
 
 FORCE_PLATE = SensorSheet(1e-4, None, 0.1, None, (4e-4, 4e-4, 1e-3))

@@ -17,11 +17,11 @@ from tulip_testbed.experiments.identify import identify
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import residuals
+from tulip_testbed.measurements import read_measurements, write_measurements
+from tulip_testbed.measurements.contacts import VERTICAL, WRENCH
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
 from tulip_testbed.sim.dynamics.hold import hold, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
-from tulip_testbed.sim.measurements import read_measurements, write_measurements
-from tulip_testbed.sim.measurements.contacts import VERTICAL, WRENCH
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot

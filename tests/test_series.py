@@ -9,10 +9,11 @@ import pyarrow.parquet
 import pytest
 
 from studies.study_check import rows_of
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import sha256
 from tulip_testbed.identification.preflight.settling import series_agrees, settling, steady_windows
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Series, read_measurements, read_series, write_measurements
-from tulip_testbed.sim.robot import CELLS, sha256
+from tulip_testbed.measurements import Series, read_measurements, read_series, write_measurements
+from tulip_testbed.measurements.cells import CELLS
 
 SAMPLES = 600  # of a window of 30 s
 

@@ -16,8 +16,8 @@ from tulip_testbed.identification.base_parameters import base_parameters, standa
 from tulip_testbed.identification.center_of_pressure import center_of_pressure, load_shares
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight import preflight
+from tulip_testbed.measurements import PosturePlan, read_measurements, write_measurements
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
-from tulip_testbed.sim.measurements import PosturePlan, read_measurements, write_measurements
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics

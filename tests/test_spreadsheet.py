@@ -6,8 +6,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements.spreadsheet import plain_csv
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.spreadsheet import plain_csv
 
 PATH = Path("postures.csv")
 NAMES = ["posture", "q.left_knee", "support"]

@@ -14,7 +14,7 @@ from studies.improve.repeat import monte_carlo_error, rms
 from studies.improve.single_support import MARGIN, holding_torques, one_foot_postures
 from studies.runner import shipped_plan
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.sensors import PRESETS

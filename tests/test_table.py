@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.numbers import number
-from tulip_testbed.sim.table import STYLES, Cell, Shown, Table
-from tulip_testbed.sim.table_layout import shown_columns
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.numbers import number
+from tulip_testbed.base.table import STYLES, Cell, Shown, Table
+from tulip_testbed.base.table_layout import shown_columns
 
 HOSTILE = (
     "knee[left]",

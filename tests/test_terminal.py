@@ -5,6 +5,8 @@ import math
 
 import pytest
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.table import Table
 from tulip_testbed.cli.terminal import (
     PIPE_WIDTH,
     print_json,
@@ -14,8 +16,6 @@ from tulip_testbed.cli.terminal import (
     show_verdict,
     show_whole,
 )
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.table import Table
 
 HOSTILE = "[red]x[/] \x1b[2J"
 AS_IT_IS = "[red]x[/] \\x1b[2J"

@@ -9,6 +9,7 @@ import pytest
 
 import tulip_testbed as tt
 from tests.meshed_robot import meshed_plan, write_meshed_robot
+from tulip_testbed.base.errors import InputWarning
 from tulip_testbed.discovery.candidates import candidates
 from tulip_testbed.discovery.detectability import least_multiple
 from tulip_testbed.discovery.undetectable import by_kind
@@ -16,8 +17,7 @@ from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.experiments.discovery_report import DiscoveryReport, discovery_report
 from tulip_testbed.experiments.discovery_tables import weak_table
 from tulip_testbed.identification.distributions import chi2_isf
-from tulip_testbed.sim.errors import InputWarning
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot import Robot
 
 ARMS = {f"{side}_{joint}" for side in ("left", "right") for joint in ("elbow", "wrist_yaw", "wrist_roll")}

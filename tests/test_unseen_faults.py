@@ -15,9 +15,10 @@ from tulip_testbed.experiments.benchmark.second_unseen_faults import ANSWERS as 
 from tulip_testbed.experiments.benchmark.second_unseen_faults import SECOND
 from tulip_testbed.experiments.benchmark.unseen_faults import ANSWERS as FIRST_ANSWERS
 from tulip_testbed.experiments.benchmark.unseen_faults import UNSEEN
+from tulip_testbed.measurements.cells import CELLS, PLATES
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import preset_rig, stages
-from tulip_testbed.sim.robot import CELLS, PLATES, joint_names
+from tulip_testbed.sim.robot import joint_names
 from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.specs import compile_spec
 

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.experiments.checks import within
 from tulip_testbed.experiments.identify import identify
@@ -14,9 +15,8 @@ from tulip_testbed.experiments.validation_record import report_of, validation_re
 from tulip_testbed.identification.base_parameters import standard_parameters
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.measurements import read_measurements
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import read_measurements
 from tulip_testbed.sim.rig import preset_rig
 
 # facts: standard errors that the paper reached, full model, numbers 1 to 25 [mm]

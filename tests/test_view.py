@@ -21,6 +21,7 @@ from studies.study_check import rows_of
 from tests.looking import headless_viewer
 from tests.test_cli import refused
 from tests.test_series import raw_series, write_series
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import CHUNK_FOLDER
@@ -29,9 +30,8 @@ from tulip_testbed.experiments.montecarlo.settings import CHUNK
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
 from tulip_testbed.experiments.validation_record import read_validation, validation_record, write_validation
 from tulip_testbed.identification.feasibility import stability_margin
+from tulip_testbed.measurements import read_measurements, read_series, write_measurements
 from tulip_testbed.polygons import inset, nearest_on
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import read_measurements, read_series, write_measurements
 from tulip_testbed.standing import link_frames
 from tulip_testbed.viewer import balance_series as balance
 from tulip_testbed.viewer import layout, window

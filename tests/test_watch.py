@@ -30,7 +30,7 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, reading_noise
 from tulip_testbed.identification.regressor import regression
 from tulip_testbed.identification.variance_components import MARK_RATIO
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 
 ONSET = 35
 

@@ -16,14 +16,14 @@ import pytest
 
 import tulip_testbed as tt
 from tests.watched import growing_folder, measured_day, model_of, one_row, play
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.experiments.watching.arriving_rows import MOST_AT_ONCE, Place, new_lines
 from tulip_testbed.experiments.watching.state_file import Kept, key_of, read_state, write_state
 from tulip_testbed.experiments.watching.watch_day import read_targets
 from tulip_testbed.experiments.watching.watch_row import OK, watch_row
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.measurements.plan_folder import write_plan
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.sim.plan_folder import write_plan
 
 ROWS = 12
 

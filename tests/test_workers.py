@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tulip_testbed.sim.measurements import write_plan
+from tulip_testbed.sim.plan_folder import write_plan
 
 MOST = 20  # s, until the last worker is gone
 
@@ -38,7 +38,7 @@ def alive(number: int) -> bool:
 # A process that starts another in a group of its own, which starts a third one.
 LINE = """
 import os, subprocess, sys, time
-WATCHED = "import os, subprocess, sys, time; from tulip_testbed.sim.workers import end_with; " \\
+WATCHED = "import os, subprocess, sys, time; from tulip_testbed.base.workers import end_with; " \\
     "end_with(int(sys.argv[1])); last = subprocess.Popen(['sleep', '60']); " \\
     "print(os.getpid(), last.pid, flush=True); time.sleep(60)"
 subprocess.Popen([sys.executable, "-c", WATCHED, str(os.getpid())], start_new_session=True).wait()
@@ -48,7 +48,7 @@ subprocess.Popen([sys.executable, "-c", WATCHED, str(os.getpid())], start_new_se
 def test_workers_do_not_hear_what_a_terminal_sends_to_all():
     code = """
 import signal, joblib
-from tulip_testbed.sim.workers import deaf_to_interruptions, watched
+from tulip_testbed.base.workers import deaf_to_interruptions, watched
 blocked = joblib.delayed(signal.pthread_sigmask)(signal.SIG_BLOCK, ())
 with deaf_to_interruptions():
     workers = joblib.Parallel(2, return_as="generator", **watched())(blocked for _ in range(2))

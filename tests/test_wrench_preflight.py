@@ -11,8 +11,8 @@ import pytest
 
 from tulip_testbed.experiments.check_folder import check_measurements
 from tulip_testbed.experiments.preflight_tables import counts_line, preflight_report
-from tulip_testbed.sim.measurements import read_measurements
-from tulip_testbed.sim.measurements.contacts import VERTICAL, WRENCH, Contacts
+from tulip_testbed.measurements import read_measurements
+from tulip_testbed.measurements.contacts import VERTICAL, WRENCH, Contacts
 
 EXAMPLE = Path(__file__).parent.parent / "docs" / "how-to" / "your-data"
 FEET_NOISE = np.diag([1.0, 1.0, 1.0, 0.05, 0.05, 0.05]) ** 2

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import tulip_testbed as tt
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Misreading
 from tulip_testbed.effects.removal import corrected
@@ -15,8 +16,7 @@ from tulip_testbed.identification.contact_readings import of_wrenches
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import packed, residuals, sensitivity, unpacked
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements.contacts import WRENCH, Contacts
+from tulip_testbed.measurements.contacts import WRENCH, Contacts
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import sha256
 from tulip_testbed.cli.main import main
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import read_measurements, write_measurements
-from tulip_testbed.sim.robot import sha256
+from tulip_testbed.measurements import read_measurements, write_measurements
 
 ROOT = Path(__file__).parent.parent
 GUIDE = (ROOT / "docs" / "how-to" / "your-data.md").read_text()

@@ -11,8 +11,8 @@ from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.watching.day_model import DayModel, day_model
 from tulip_testbed.experiments.watching.watch_row import Verdict, watch_row
 from tulip_testbed.experiments.watching.watch_state import WatchState, first_state
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
-from tulip_testbed.sim.measurements.measurement_folder import write_measurements
+from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements.measurement_folder import write_measurements
 from tulip_testbed.sim.robot import Robot
 
 SEED = 3

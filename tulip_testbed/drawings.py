@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import new_folder, write_bytes, write_text
 from tulip_testbed.identification.feasibility import place_polygon, stability_margin, support_polygon
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.planning_ranges import planning_ranges
+from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.polygons import inset, nearest_on
 from tulip_testbed.rendering import rendered
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import new_folder, write_bytes, write_text
-from tulip_testbed.sim.measurements import PosturePlan
-from tulip_testbed.sim.measurements.data import feet_in_contact
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, sole_corners
 from tulip_testbed.sim.scene import boards_under, nominal_plates

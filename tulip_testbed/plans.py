@@ -11,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+from tulip_testbed.base.arguments import checked
 from tulip_testbed.experiments.usable_plan import plan_for
-from tulip_testbed.sim.arguments import checked
-from tulip_testbed.sim.measurements import PosturePlan, read_plan, write_plan
+from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.shipped import PLAN_NAMES, PLANS
 

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError, shortened
-from tulip_testbed.sim.measurements.data import base_foot
+from tulip_testbed.base.errors import InputError, shortened
+from tulip_testbed.measurements.data import base_foot
 from tulip_testbed.sim.robot import Robot
 
 PLATFORMS = ("egl", "osmesa")

@@ -6,7 +6,7 @@ import numpy as np
 
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations
 from tulip_testbed.identification.nominal import Nominal
-from tulip_testbed.sim.measurements.data import base_foot
+from tulip_testbed.measurements.data import base_foot
 
 
 def link_frames(

@@ -13,12 +13,12 @@ from typing import Any
 
 os.environ.setdefault("MUJOCO_GL", "disable")
 
+from tulip_testbed.base.numbers import number
 from tulip_testbed.cli.effect_text import target_names
 from tulip_testbed.cli.main import COMMANDS, command_of
 from tulip_testbed.effects.catalogue import catalogue, explanation
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.targets import PLACEMENTS
-from tulip_testbed.sim.numbers import number
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.sensors import PRESETS
 

@@ -12,10 +12,10 @@ from inspect import cleandoc
 from types import MappingProxyType, ModuleType
 from typing import Any
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.errors import look_up
+from tulip_testbed.base.table import Table
 from tulip_testbed.effects.effect import Effect
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.errors import look_up
-from tulip_testbed.sim.table import Table
 
 WIDTH = 150  # characters of the table in plain text: sentences of two lines at most
 

@@ -10,8 +10,8 @@ from tulip_testbed.effects.effect import Effect, Misreading, Parameter, Values
 from tulip_testbed.effects.injection import indicator
 from tulip_testbed.effects.targets import CELL_NAMES
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.robot import CELLS
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.cells import CELLS
 
 
 def _apply(m: Measurements, target: str, values: Values) -> Measurements:

@@ -10,7 +10,7 @@ from tulip_testbed.effects.effect import Effect, Misreading, Parameter, Values
 from tulip_testbed.effects.injection import indicator
 from tulip_testbed.effects.targets import JOINTS
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 
 
 def _apply(m: Measurements, target: str, values: Values) -> Measurements:

@@ -19,8 +19,8 @@ from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.injection import always, edited
 from tulip_testbed.effects.targets import FOOT_CORNERS
 from tulip_testbed.identification.observation import Observation
+from tulip_testbed.measurements.cells import CORNERS
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import CORNERS
 
 ROCKING = 0.001  # m, s.d. of the strip about the diagonal in which a foot may rest in between, assumed
 

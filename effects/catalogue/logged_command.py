@@ -23,8 +23,8 @@ from tulip_testbed.effects.effect import Effect, Misreading, Parameter, Values
 from tulip_testbed.effects.targets import JOINTS
 from tulip_testbed.identification.joint_loads import servo_stiffness
 from tulip_testbed.identification.observation import Observation
+from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.control import Controller
-from tulip_testbed.sim.measurements import Measurements
 
 SOURCES = ("encoder", "command")
 ROUNDING = 1e-5  # rad, of a log; servos err by a hundred times as much

@@ -9,8 +9,8 @@ import numpy as np
 from tulip_testbed.effects.effect import Effect, Misreading, Parameter, Values
 from tulip_testbed.effects.targets import PLACEMENTS
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.robot import PLATES
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.cells import PLATES
 
 
 def _apply(m: Measurements, target: str, values: Values) -> Measurements:

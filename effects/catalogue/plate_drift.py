@@ -14,8 +14,8 @@ from tulip_testbed.effects.effect import Effect, Misreading, Parameter, Values
 from tulip_testbed.effects.injection import indicator
 from tulip_testbed.effects.targets import PLATE_NAMES
 from tulip_testbed.identification.observation import Observation, fraction_of_time
-from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.robot import CORNERS, PLATES
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.cells import CORNERS, PLATES
 
 
 def _apply(m: Measurements, target: str, values: Values) -> Measurements:

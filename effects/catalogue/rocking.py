@@ -24,8 +24,8 @@ from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.targets import CELL_NAMES
 from tulip_testbed.identification.observation import Observation
+from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import CORNERS, PLATES
 
 BALANCED = 0.0005  # m, s.d. of the strip about the diagonal in which a board may rest in between, assumed
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from tulip_testbed.effects.effect import Effect, Misreading, Parameter, Values
 from tulip_testbed.identification.observation import Observation, fraction_of_time
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 
 
 def _apply(m: Measurements, target: str, values: Values) -> Measurements:

@@ -10,10 +10,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 
+from tulip_testbed.base.errors import InputError, listed, look_up, shortened
 from tulip_testbed.effects.targets import leg_joints, links, plate_of
-from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
-from tulip_testbed.sim.measurements.contacts import Contacts
-from tulip_testbed.sim.robot import CELLS, PLATES, Robot, joint_names
+from tulip_testbed.measurements.cells import CELLS, PLATES
+from tulip_testbed.measurements.contacts import Contacts
+from tulip_testbed.sim.robot import Robot, joint_names
 
 LAW = "law"
 ENCODER, ENCODERS, CELL, CELLS_OF, PLATE, FORCE = "encoder", "encoders", "cell", "cells", "plate", "force"

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tulip_testbed.base.numbers import number
 from tulip_testbed.effects.effect import Parameter, Values
 from tulip_testbed.effects.laws import grammar as g
 from tulip_testbed.effects.laws.grammar import Sentence
 from tulip_testbed.effects.laws.shapes import fixed_names, range_names
-from tulip_testbed.sim.numbers import number
 
 GUESS = "The curve is measured; its cause is a guess."
 Intervals = Sequence[tuple[float, float] | None]

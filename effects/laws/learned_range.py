@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tulip_testbed.base.errors import shortened
 from tulip_testbed.effects.effect import Effect, Values
 from tulip_testbed.effects.laws.grammar import LAW, sentence_of
 from tulip_testbed.effects.laws.misread import split_values
 from tulip_testbed.effects.laws.quantities import quantity, readings
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.sim.errors import shortened
 
 SLACK = 0.02  # of a range, by which noise may leave it
 MOST_NUMBERS = 12

@@ -15,9 +15,10 @@ from tulip_testbed.effects.laws.shapes import basis, fixed_names, range_names, s
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import PLATES, Robot
+from tulip_testbed.sim.robot import Robot
 
 POSE = ("x", "y", "yaw")
 ROUNDS = 20  # of the inversion, where the error depends on the true reading

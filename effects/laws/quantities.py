@@ -9,7 +9,7 @@ from tulip_testbed.effects.laws import grammar as g
 from tulip_testbed.effects.laws.grammar import Sentence, joints_that_err
 from tulip_testbed.effects.targets import plate_of
 from tulip_testbed.identification.observation import Observation, turned
-from tulip_testbed.sim.robot import CELLS, PLATES
+from tulip_testbed.measurements.cells import CELLS, PLATES
 
 ON_CELLS = 4
 

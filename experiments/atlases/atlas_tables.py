@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.table import Table
 from tulip_testbed.effects.targets import PLACEMENTS
 from tulip_testbed.experiments.atlases.effect_atlas import Atlas, Row
 from tulip_testbed.experiments.atlases.isolability import ISOLABLE
 from tulip_testbed.identification.residual_channels import CHANNELS
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.table import Table
 
 NO_BIAS = 0.005  # standard errors: shown as 0.00
 LEGEND = (

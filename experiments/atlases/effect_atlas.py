@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.table import Table
 from tulip_testbed.calibration.linear_model import linear_model
 from tulip_testbed.discovery.candidates import Candidate, candidates
 from tulip_testbed.discovery.columns import CandidateColumns, candidate_columns
@@ -20,8 +22,6 @@ from tulip_testbed.experiments.atlases.isolability import ISOLABLE, angles, grou
 from tulip_testbed.experiments.atlases.planned_experiment import Planned
 from tulip_testbed.identification.distributions import chi2_isf, normal_isf
 from tulip_testbed.identification.residual_channels import CHANNELS
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.table import Table
 
 SAME = 1e-9  # of the largest column: a choice that changes nothing
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tulip_testbed.base.errors import at_least
 from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.estimators import DEFAULT, estimate_by
@@ -14,8 +15,7 @@ from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.regressor import regression
 from tulip_testbed.identification.residual_noise import Noise, noise_of
-from tulip_testbed.sim.errors import at_least
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot

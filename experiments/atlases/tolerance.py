@@ -12,7 +12,7 @@ from tulip_testbed.discovery.candidates import Candidate, candidates
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.experiments.atlases.bias import Weights, weights
 from tulip_testbed.experiments.atlases.planned_experiment import Planned, estimates, noisy, streams
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 
 # Effect, and the amount that a laboratory thinks in.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.atlases.tolerance import ALLOWED, CHECKED, UNITS, Tolerance
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.table import Table
 
 LARGE = 1000.0  # units: more than anybody would call a tolerance
 

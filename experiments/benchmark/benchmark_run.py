@@ -10,6 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, at_least, look_up
+from tulip_testbed.base.table_files import Columns
+from tulip_testbed.base.threads import one_blas_thread, processes
 from tulip_testbed.experiments.benchmark.case_outcome import Outcome, outcome
 from tulip_testbed.experiments.benchmark.case_run import carry_out
 from tulip_testbed.experiments.benchmark.cases import ORDINARY, WORLDS, Case, Settings, cases
@@ -29,11 +32,8 @@ from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
 from tulip_testbed.experiments.montecarlo.montecarlo_run import Progress, collect_missing, no_progress
 from tulip_testbed.experiments.run_file import VERSION
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
-from tulip_testbed.sim.errors import InputError, at_least, look_up
-from tulip_testbed.sim.measurements import read_plan
-from tulip_testbed.sim.measurements.table_files import Columns
+from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.robot import load_robot
-from tulip_testbed.sim.threads import one_blas_thread, processes
 
 CHUNK = 1  # a case takes seconds
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.table import Table
 from tulip_testbed.effects.instance import split_label
 from tulip_testbed.experiments.benchmark import cases as arms
 from tulip_testbed.experiments.benchmark.case_outcome import Outcome
@@ -20,8 +22,6 @@ from tulip_testbed.experiments.benchmark.ordinary_tables import (
     verdict_table,
 )
 from tulip_testbed.experiments.benchmark.score import Figure, figures, in_set, of, rate, right, wrong
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.table import Table
 
 SAID = (Column("verdicts"), Column("named"))
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2, ncx2
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.discovery.detectability import noncentrality
 from tulip_testbed.discovery.discover import Discovery, discover
 from tulip_testbed.discovery.refit import without_noise
@@ -25,9 +26,8 @@ from tulip_testbed.experiments.benchmark.scoreboard import Board
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.estimators import DEFAULT
+from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.random_robots import draw_robot
 from tulip_testbed.sim.rig import Rig

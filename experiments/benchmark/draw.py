@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.discovery.candidates import Candidate
 from tulip_testbed.discovery.evidence import DETECTABLE
 from tulip_testbed.effects.injection import check_built
 from tulip_testbed.effects.instance import EffectInstance, injected
 from tulip_testbed.experiments.benchmark.scoreboard import Board
-from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.rig import Rig
 
 MOST_PRIORS = 8.0  # s.d.: no larger effect is hidden

@@ -6,7 +6,8 @@ import mujoco
 import numpy as np
 
 from tulip_testbed.effects.targets import links
-from tulip_testbed.sim.robot import PLATES, Robot, joint_names
+from tulip_testbed.measurements.cells import PLATES
+from tulip_testbed.sim.robot import Robot, joint_names
 
 Answers = frozenset[tuple[str, str]]  # what errs, and as a function of what
 

@@ -7,7 +7,7 @@ import numpy as np
 from tulip_testbed.effects.instruments import effects_on
 from tulip_testbed.experiments.benchmark.cases import OUTSIDE_ARM, Case, Settings, in_turn
 from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot import Robot
 
 NOTHING, PRIOR, CLEAR, TWICE, SCATTER = "nothing", "prior", "clear", "twice", "scatter"

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.benchmark.case_outcome import Outcome
 from tulip_testbed.experiments.benchmark.cases import OUTSIDE_ARM
 from tulip_testbed.experiments.benchmark.ordinary_cases import CLEAR, NOTHING, PRIOR, SCATTER, TWICE
@@ -18,8 +20,6 @@ from tulip_testbed.experiments.benchmark.score import (
     right,
     wrong,
 )
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.table import Table
 
 ARMS = {
     NOTHING: "nothing hidden",

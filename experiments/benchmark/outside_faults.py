@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from tulip_testbed.effects.catalogue.tether import FAR, hook, tie
 from tulip_testbed.effects.injection import edited, misreading
 from tulip_testbed.identification.observation import fraction_of_time
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import joint_names
 

@@ -26,7 +26,8 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import residuals
 from tulip_testbed.identification.residual_noise import noise_of
-from tulip_testbed.sim.measurements import PosturePlan, read_plan
+from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.statics.solved_plan import SolvedPlan, solve_plan

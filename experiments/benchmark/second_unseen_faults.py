@@ -32,9 +32,10 @@ from tulip_testbed.experiments.benchmark.second_unseen_scenes import (
     strap,
     tugs,
 )
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.cells import CELLS
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import CELLS, Robot, joint_names
+from tulip_testbed.sim.robot import Robot, joint_names
 
 WORN = 0.1  # rad, s.d. of the arc of a track that a wiper has worn
 WINDING = 60.0  # s, thermal time constant of a small motor's windings

@@ -26,9 +26,10 @@ from tulip_testbed.experiments.benchmark.fault_targets import (
     plate_at,
 )
 from tulip_testbed.experiments.benchmark.outside_faults import LOSS_TIME, Outside
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.cells import CELLS, PLATES
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import CELLS, PLATES, Robot, joint_names, sole_point
+from tulip_testbed.sim.robot import Robot, joint_names, sole_point
 
 CLOSED = 0.2  # compliance of a crack that closes, as a part of that of one that opens
 MOST = 40.0  # Nm, at which a screw's head stops a crack from opening; more than the joints of TULip bear

@@ -10,8 +10,13 @@ from typing import ClassVar
 
 from pydantic import Field
 
+from tulip_testbed.base.alone import alone_in
+from tulip_testbed.base.document import Count, Document, Figure, Seed
+from tulip_testbed.base.errors import InputError, shortened
+from tulip_testbed.base.files import check_new, new_folder, present
+from tulip_testbed.base.machine import machine
+from tulip_testbed.base.table_files import read_json, software
 from tulip_testbed.experiments.discovery_record import REPORT_FILE
-from tulip_testbed.experiments.document import Count, Document, Figure, Seed
 from tulip_testbed.experiments.run_file import (
     PLAN_FOLDER,
     RUN_FILE,
@@ -24,12 +29,8 @@ from tulip_testbed.experiments.run_file import (
     check_robot,
     write_run_file,
 )
-from tulip_testbed.sim.alone import alone_in
-from tulip_testbed.sim.errors import InputError, shortened
-from tulip_testbed.sim.files import check_new, new_folder, present
-from tulip_testbed.sim.machine import machine
-from tulip_testbed.sim.measurements import PosturePlan, read_plan, write_plan
-from tulip_testbed.sim.measurements.table_files import read_json, software
+from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.robot import Robot
 
 CAMPAIGN_FILE, STEP_FILE = "campaign.json", "step.json"

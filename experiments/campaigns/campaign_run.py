@@ -10,6 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, at_least
+from tulip_testbed.base.files import new_folder
+from tulip_testbed.base.table import Shown, Table
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.discovery.experiment_information import entropy, probabilities
 from tulip_testbed.discovery.next_experiment import minutes_of
@@ -41,18 +44,8 @@ from tulip_testbed.experiments.proposed_experiment import next_of, read_experime
 from tulip_testbed.experiments.run_file import configuration_of, hashes_in
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.statistics import standard_errors
-from tulip_testbed.sim.errors import InputError, at_least
-from tulip_testbed.sim.files import new_folder
-from tulip_testbed.sim.measurements import (
-    Experiment,
-    PosturePlan,
-    joined,
-    read_measurements,
-    read_plan,
-    write_measurements,
-    write_plan,
-)
-from tulip_testbed.sim.table import Shown, Table
+from tulip_testbed.measurements import Experiment, PosturePlan, joined, read_measurements, write_measurements
+from tulip_testbed.sim.plan_folder import read_plan, write_plan
 
 SESSION = "campaign"
 AMBIGUOUS = "ambiguous"

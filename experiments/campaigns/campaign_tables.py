@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from tulip_testbed.base.table import Column, Table
 from tulip_testbed.experiments.campaigns.campaign_record import CampaignRecord, Step
-from tulip_testbed.sim.table import Column, Table
 
 
 def campaign_parts(record: CampaignRecord) -> list[Table | str]:

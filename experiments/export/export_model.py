@@ -11,6 +11,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, at_least, at_most, listed, shortened, warn
+from tulip_testbed.base.files import check_new, present, read_bytes, write_bytes
 from tulip_testbed.effects.instance import EffectInstance, injected
 from tulip_testbed.effects.true_robot import true_model
 from tulip_testbed.experiments.export.exported_model import ExportedModel
@@ -35,8 +37,6 @@ from tulip_testbed.identification.pseudo_inertia import (
     solid,
     standard_of,
 )
-from tulip_testbed.sim.errors import InputError, at_least, at_most, listed, shortened, warn
-from tulip_testbed.sim.files import check_new, present, read_bytes, write_bytes
 from tulip_testbed.sim.mjcf_files import mjcf_files
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot, check_unchanged, load_spec

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.numbers import number
+from tulip_testbed.base.table import Cell, Shown, Table
 from tulip_testbed.identification.consistent_robot import ConsistentRobot
 from tulip_testbed.identification.pseudo_inertia import central, standard_of
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.numbers import number
-from tulip_testbed.sim.table import Cell, Shown, Table
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from tulip_testbed.base.errors import InputError, warn
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.discovery.discover import AMBIGUOUS, CALIBRATED, DESCRIBED, NAMED, UNKNOWN
 from tulip_testbed.effects.instance import EffectDocument, EffectInstance
@@ -13,8 +14,7 @@ from tulip_testbed.experiments.identify import Identification, identify, plain_e
 from tulip_testbed.experiments.rig_folder import RIG, read_rig
 from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.experiments.validation_record import read_validation
-from tulip_testbed.sim.errors import InputError, warn
-from tulip_testbed.sim.measurements import Measurements, read_experiments
+from tulip_testbed.measurements import Measurements, read_experiments
 from tulip_testbed.sim.robot import Robot
 
 

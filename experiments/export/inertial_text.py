@@ -11,8 +11,8 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, shortened
 from tulip_testbed.identification.pseudo_inertia import central
-from tulip_testbed.sim.errors import InputError, shortened
 
 ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # of MJCF's fullinertia
 INDENT = b"  "

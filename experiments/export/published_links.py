@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 from scipy.linalg import sqrtm
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.robot_import.published import read_published
 from tulip_testbed.experiments.robot_import.skeleton import LEAST_MASS
 from tulip_testbed.identification.pseudo_inertia import moved, pseudo_inertias, solid
-from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.robot import Robot, joint_names
 
 APART = 1e-6  # m, and as a sine: hinges that are farther apart are not the same

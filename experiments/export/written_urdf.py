@@ -5,10 +5,10 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.export.inertial_text import inertial_xml
 from tulip_testbed.identification.pseudo_inertia import moved
 from tulip_testbed.sim.control import joint_torques
-from tulip_testbed.sim.errors import InputError
 from tulip_testbed.sim.robot import Robot
 
 FASTEST = 100.0  # rad/s: a URDF needs a limit of the speed, which an MJCF does not have

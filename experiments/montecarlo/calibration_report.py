@@ -8,12 +8,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from tulip_testbed.experiments.document import Document, Figure
+from tulip_testbed.base.document import Document, Figure
+from tulip_testbed.base.table_files import finite
 from tulip_testbed.experiments.montecarlo.calibration_verdict import checks, shown, verdict
 from tulip_testbed.experiments.montecarlo.intervals import mc_error, share, standard_error_ratio
 from tulip_testbed.experiments.montecarlo.run_columns import Layout
 from tulip_testbed.experiments.montecarlo.summary import LEVELS, QUANTILES, Calibration, Spread, Summary
-from tulip_testbed.sim.measurements.table_files import finite
 
 CONFIDENCE = 0.95  # of the intervals beside every single figure; the verdict's are wider
 Interval = Annotated[list[Figure], Field(min_length=2, max_length=2)]

@@ -10,9 +10,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
-from tulip_testbed.sim.errors import InputError, shortened
-from tulip_testbed.sim.files import present, read_bytes, write_bytes
-from tulip_testbed.sim.measurements.table_files import MOST_UNPACKED, Columns
+from tulip_testbed.base.errors import InputError, shortened
+from tulip_testbed.base.files import present, read_bytes, write_bytes
+from tulip_testbed.base.table_files import MOST_UNPACKED, Columns
 
 TEXTS = ("failure", "outcome")  # columns of texts; all others hold numbers
 

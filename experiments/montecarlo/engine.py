@@ -10,8 +10,8 @@ from typing import Any
 
 import joblib
 
-from tulip_testbed.sim.errors import InputError, look_up, shortened
-from tulip_testbed.sim.workers import deaf_to_interruptions, watched
+from tulip_testbed.base.errors import InputError, look_up, shortened
+from tulip_testbed.base.workers import deaf_to_interruptions, watched
 
 ENGINES = ("loky", "dask")
 PATIENCE = 10  # s, for a scheduler that does not answer and for its first worker

@@ -9,15 +9,15 @@ from functools import partial
 import mujoco
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.experiments.imperfections import drawn
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.validate import held_balance
 from tulip_testbed.identification.base_parameters import common_support, standard_parameters
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.dynamics.dynamic_run import run_dynamics
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import Rig

@@ -11,7 +11,7 @@ from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.estimators import Estimate
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.robot import Robot
 
 

@@ -12,6 +12,11 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from pydantic import Field
 
+from tulip_testbed.base.alone import alone_in
+from tulip_testbed.base.errors import InputError, shortened
+from tulip_testbed.base.files import check_new, new_folder, present
+from tulip_testbed.base.machine import machine
+from tulip_testbed.base.table_files import software
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.settings import MonteCarloSettings, Settings
@@ -25,12 +30,8 @@ from tulip_testbed.experiments.run_file import (
     check_configuration,
     configuration_of,
 )
-from tulip_testbed.sim.alone import alone_in
-from tulip_testbed.sim.errors import InputError, shortened
-from tulip_testbed.sim.files import check_new, new_folder, present
-from tulip_testbed.sim.machine import machine
-from tulip_testbed.sim.measurements import PosturePlan, write_plan
-from tulip_testbed.sim.measurements.table_files import software
+from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.sim.plan_folder import write_plan
 
 CHUNK_FOLDER, REPORT_FILE = "runs", "report.json"
 Asked = TypeVar("Asked")

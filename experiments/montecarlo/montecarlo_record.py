@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.montecarlo.calibration_report import CalibrationReport, report
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import (
@@ -22,8 +23,8 @@ from tulip_testbed.experiments.montecarlo.settings import MonteCarloSettings
 from tulip_testbed.experiments.montecarlo.summary import errors_mm, summarise
 from tulip_testbed.experiments.run_file import PLAN_FOLDER, RUN_FILE, check_robot
 from tulip_testbed.experiments.usable_plan import planned_parameters
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import PosturePlan, read_plan
+from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.robot import Robot
 
 

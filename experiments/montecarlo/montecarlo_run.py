@@ -10,6 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.table import Shown, Table
+from tulip_testbed.base.threads import processes
 from tulip_testbed.experiments.imperfections import check_ordinary
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.calibration_report import CalibrationReport, report
@@ -30,11 +33,8 @@ from tulip_testbed.experiments.montecarlo.run_columns import Job, layout_of
 from tulip_testbed.experiments.montecarlo.settings import Settings, check_settings
 from tulip_testbed.experiments.montecarlo.summary import errors_mm, summarise
 from tulip_testbed.experiments.usable_plan import identifiable_regressor
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot_check import warn_of_robot
-from tulip_testbed.sim.table import Shown, Table
-from tulip_testbed.sim.threads import processes
 
 Progress = Callable[[str, int, int], AbstractContextManager[Callable[[int], None]]]
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.table_files import Columns
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.montecarlo.laboratory_runs import OrdinaryOutcome, Source, stream_of
 from tulip_testbed.experiments.montecarlo.model_fits import Fit, Fits, fit
 from tulip_testbed.identification.base_parameters import BaseParameters, renumbered, simplified_numbers
 from tulip_testbed.identification.statistics import correlations, residual_norms, standard_errors
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements.table_files import Columns
 from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.robot import Robot
 

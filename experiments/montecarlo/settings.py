@@ -7,10 +7,10 @@ from typing import Annotated
 
 from pydantic import Field
 
-from tulip_testbed.experiments.document import Document, Seed
+from tulip_testbed.base.document import Document, Seed
+from tulip_testbed.base.errors import InputError, at_least, at_most, look_up
 from tulip_testbed.experiments.identify import ESTIMATORS
 from tulip_testbed.experiments.laboratory import ENGINES
-from tulip_testbed.sim.errors import InputError, at_least, at_most, look_up
 
 CHUNK = 25  # runs a file: some seconds of work
 MOST_RUNS = 1_000_000

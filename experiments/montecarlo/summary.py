@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.base.table_files import Columns
 from tulip_testbed.experiments.montecarlo.chunks import Chunks
 from tulip_testbed.experiments.montecarlo.moments import histogram, moments, quantiles
 from tulip_testbed.experiments.montecarlo.run_columns import SCALARS, Layout, check_identified
 from tulip_testbed.identification.distributions import f_ppf, t_ppf
-from tulip_testbed.sim.measurements.table_files import Columns
 
 LEVELS = (0.5, 0.9, 0.95)  # of the intervals whose coverage is counted
 QUANTILES = (0.05, 0.5, 0.95)

@@ -6,10 +6,11 @@ import dataclasses
 
 import numpy as np
 
-from tulip_testbed.sim.measurements import Measurements, PosturePlan, SensorSheet
+from tulip_testbed.measurements import Measurements, PosturePlan, SensorSheet
+from tulip_testbed.measurements.cells import CELLS
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import CELLS, Robot, joint_names
+from tulip_testbed.sim.robot import Robot, joint_names
 
 KNOWN = ("posture", "placement", "support")  # columns that the protocol fills in
 

@@ -14,7 +14,7 @@ from tulip_testbed.experiments.usable_plan import planned_parameters
 from tulip_testbed.identification.feasibility import place_polygon
 from tulip_testbed.identification.planning.optimal_plan import with_repeats
 from tulip_testbed.identification.regressor import stacked_regressor
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.procedure import start_times
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.robot import Robot, sole_corners

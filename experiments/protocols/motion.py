@@ -19,8 +19,8 @@ from tulip_testbed.experiments.protocols.motion_loads import LoadsInMotion
 from tulip_testbed.identification.feasibility import place_polygon
 from tulip_testbed.identification.inverse_kinematics import InverseKinematics
 from tulip_testbed.identification.link_clearances import reference_posture
-from tulip_testbed.sim.measurements import PosturePlan
-from tulip_testbed.sim.measurements.data import base_foot
+from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.measurements.data import base_foot
 from tulip_testbed.sim.path import smooth_path, straight_path
 from tulip_testbed.sim.robot import Robot, sole_corners
 

@@ -13,8 +13,8 @@ from tulip_testbed.identification.link_paths import SHARE, PathBetween, path_cle
 from tulip_testbed.identification.margins import planning_margins
 from tulip_testbed.identification.planning.one_foot import with_feet_exchanged
 from tulip_testbed.identification.planning_ranges import planning_ranges
+from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.control import torque_limits
-from tulip_testbed.sim.measurements.data import feet_in_contact
 from tulip_testbed.sim.robot import Robot, joint_ranges
 
 TORQUE_SHARE = 0.95  # of a drive's limit, dry friction included; the rest is the servo's

@@ -9,6 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.errors import InputError, at_least, look_up
+from tulip_testbed.base.table import Shown, Table
 from tulip_testbed.experiments.protocols.measuring_order import (
     REFUSED,
     drift_inflation,
@@ -19,11 +22,9 @@ from tulip_testbed.experiments.protocols.measuring_order import (
 )
 from tulip_testbed.experiments.protocols.motion import FREE, HOIST, LIFT, SPEED, Motion, MotionPlanner
 from tulip_testbed.identification.link_clearances import clearances_at
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.errors import InputError, at_least, look_up
-from tulip_testbed.sim.measurements import PosturePlan
-from tulip_testbed.sim.measurements.data import base_foot
-from tulip_testbed.sim.measurements.plan_folder import check_fits
+from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.measurements.data import base_foot
+from tulip_testbed.sim.plan_folder import check_fits
 from tulip_testbed.sim.rig import Protocol as Procedure
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
@@ -31,7 +32,6 @@ from tulip_testbed.sim.robot_check import warn_of_robot
 from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.scene_check import check_scene
 from tulip_testbed.sim.sensors import PRESETS
-from tulip_testbed.sim.table import Shown, Table
 
 REPEATS = 10
 FASTEST = 10.0  # rad/s

@@ -16,8 +16,8 @@ from tulip_testbed.experiments.robot_import.skeleton import (
     Skeleton,
     quaternion,
 )
+from tulip_testbed.measurements.cells import CORNERS
 from tulip_testbed.sim.drive_needs import SOLIMP_FRICTION, SOLREF_FRICTION
-from tulip_testbed.sim.robot import CORNERS
 
 CORNER_RADIUS = 0.002  # m
 DARKEST = 0.35  # colours are lightened, so that black robots can be seen

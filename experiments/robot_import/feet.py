@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.experiments.robot_import.skeleton import Array, Skeleton
-from tulip_testbed.sim.errors import InputError, listed
 
 UP = np.array([0.0, 0.0, 1.0])
 SOLE = 0.004  # m: points no higher above the lowest one belong to the sole

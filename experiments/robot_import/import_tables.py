@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.errors import listed
+from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.robot_import.robot_import import ImportedRobot
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.errors import listed
-from tulip_testbed.sim.table import Table
 
 
 def import_report(robot: ImportedRobot) -> list[Table | str]:

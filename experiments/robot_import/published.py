@@ -9,11 +9,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, listed, shortened
+from tulip_testbed.base.files import present, read_bytes
 from tulip_testbed.experiments.robot_import.skeleton import Source
 from tulip_testbed.experiments.robot_import.urdf import Parsed, read_urdf
 from tulip_testbed.sim.control import joint_torques
-from tulip_testbed.sim.errors import InputError, listed, shortened
-from tulip_testbed.sim.files import present, read_bytes
 from tulip_testbed.sim.mjcf_files import mjcf_files
 from tulip_testbed.sim.sandbox import try_to_compile
 from tulip_testbed.sim.specs import compile_spec

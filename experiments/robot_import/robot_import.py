@@ -12,6 +12,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from tulip_testbed.base.column import printable
+from tulip_testbed.base.errors import InputError, listed
+from tulip_testbed.base.files import new_folder, write_bytes, write_text
 from tulip_testbed.experiments.robot_import.completed_drives import drives_of
 from tulip_testbed.experiments.robot_import.compose import add_stand, compose
 from tulip_testbed.experiments.robot_import.feet import Foot, Stance, stance_of
@@ -20,9 +23,6 @@ from tulip_testbed.experiments.robot_import.published import read_published
 from tulip_testbed.experiments.robot_import.skeleton import Skeleton, fixed, skeleton_of
 from tulip_testbed.experiments.robot_import.standing_posture import Standing, standing
 from tulip_testbed.identification.link_clearances import clearances_at, link_pairs
-from tulip_testbed.sim.column import printable
-from tulip_testbed.sim.errors import InputError, listed
-from tulip_testbed.sim.files import new_folder, write_bytes, write_text
 from tulip_testbed.sim.robot import Robot, load_robot
 from tulip_testbed.sim.specs import compile_spec
 

@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 import scipy
 
+from tulip_testbed.base.errors import InputError, listed
 from tulip_testbed.experiments.robot_import.skeleton import Array
-from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.robot import Robot, between_feet, bodies_to_root, joint_names, joint_ranges
 
 BENT = (0.94, 0.97, 0.985)  # heights of the root over the soles that are tried, of that with straight legs

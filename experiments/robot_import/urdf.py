@@ -10,8 +10,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError, listed, shortened
-from tulip_testbed.sim.files import read_bytes
+from tulip_testbed.base.errors import InputError, listed, shortened
+from tulip_testbed.base.files import read_bytes
 
 MOST_URDF = 16 * 2**20  # bytes
 MOST_MESH = 64 * 2**20  # bytes

@@ -6,9 +6,9 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from tulip_testbed.sim.errors import listed
-from tulip_testbed.sim.measurements.column_mapping import UNITS, MappingEntry, quantity_of
-from tulip_testbed.sim.measurements.contract import WHOLE
+from tulip_testbed.base.errors import listed
+from tulip_testbed.measurements.column_mapping import UNITS, MappingEntry, quantity_of
+from tulip_testbed.measurements.contract import WHOLE
 
 BRACKETS = re.compile(r"^(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 BORDERS = re.compile(r"[^A-Za-z0-9]+|(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")

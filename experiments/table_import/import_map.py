@@ -9,13 +9,13 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from tulip_testbed.sim.errors import InputError, shortened
-from tulip_testbed.sim.files import read_text
-from tulip_testbed.sim.measurements.bounds import Deviation, Gain, Gravity
-from tulip_testbed.sim.measurements.column_mapping import MappingEntry
-from tulip_testbed.sim.measurements.contact_entries import Pair
-from tulip_testbed.sim.measurements.manifest import ConstantEntry, MassEntry, PlatesEntry
-from tulip_testbed.sim.validation_message import validation_message
+from tulip_testbed.base.errors import InputError, shortened
+from tulip_testbed.base.files import read_text
+from tulip_testbed.base.validation_message import validation_message
+from tulip_testbed.measurements.bounds import Deviation, Gain, Gravity
+from tulip_testbed.measurements.column_mapping import MappingEntry
+from tulip_testbed.measurements.contact_entries import Pair
+from tulip_testbed.measurements.manifest import ConstantEntry, MassEntry, PlatesEntry
 
 ENDING = ".toml"
 MOST_MAP = 2**20  # bytes

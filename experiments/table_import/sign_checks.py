@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.numbers import number
 from tulip_testbed.identification.contact_pressure import contact_pressure
 from tulip_testbed.identification.nominal import Nominal
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.numbers import number
-from tulip_testbed.sim.robot import PLATES
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.cells import PLATES
 
 LEVEL = 0.05  # rad: soles that are level but for encoders, zeros and yielding
 LEG = 0.5  # m: length by which a sole's height counts as an angle

@@ -12,24 +12,24 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.errors import InputError, listed, look_up
+from tulip_testbed.base.files import new_folder, read_bytes, sha256, write_bytes
+from tulip_testbed.base.table import Shown, Table
+from tulip_testbed.base.table_files import Table as Read
+from tulip_testbed.base.table_files import software, write_json
 from tulip_testbed.experiments.table_import.column_names import Proposal, propose, with_units
 from tulip_testbed.experiments.table_import.import_map import ONE, ImportMap, with_unknowns
 from tulip_testbed.experiments.table_import.sign_checks import SignCheck, check_signs
 from tulip_testbed.identification.contact_readings import ASSUMED_FORCE, ASSUMED_MOMENT
 from tulip_testbed.identification.nominal import nominal_robot
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.errors import InputError, listed, look_up
-from tulip_testbed.sim.files import new_folder, read_bytes, write_bytes
-from tulip_testbed.sim.measurements import read_measurements
-from tulip_testbed.sim.measurements.column_mapping import check_mapping
-from tulip_testbed.sim.measurements.contact_entries import CopEntry, WrenchEntry
-from tulip_testbed.sim.measurements.contract import WHOLE
-from tulip_testbed.sim.measurements.manifest import manifest_from
-from tulip_testbed.sim.measurements.measurement_folder import known_columns, required_columns
-from tulip_testbed.sim.measurements.table_files import Table as Read
-from tulip_testbed.sim.measurements.table_files import software, write_json
-from tulip_testbed.sim.robot import Robot, joint_names, sha256
-from tulip_testbed.sim.table import Shown, Table
+from tulip_testbed.measurements import read_measurements
+from tulip_testbed.measurements.column_mapping import check_mapping
+from tulip_testbed.measurements.contact_entries import CopEntry, WrenchEntry
+from tulip_testbed.measurements.contract import WHOLE
+from tulip_testbed.measurements.manifest import manifest_from
+from tulip_testbed.measurements.measurement_folder import known_columns, required_columns
+from tulip_testbed.sim.robot import Robot, joint_names
 
 GRAVITY = 9.81  # m/s2
 AS_WRITTEN = ("time", "window", "samples", "speed", "acceleration")  # exact names that others use too

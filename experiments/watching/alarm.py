@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tulip_testbed.base.numbers import number
 from tulip_testbed.experiments.watching.change_detection import no_changes
 from tulip_testbed.experiments.watching.day_model import DayModel
 from tulip_testbed.experiments.watching.design_information import placement_begun
@@ -18,7 +19,6 @@ from tulip_testbed.experiments.watching.repeats import first_of
 from tulip_testbed.experiments.watching.watch_state import AGAIN, Fault, WatchState
 from tulip_testbed.identification.distributions import chi2_isf
 from tulip_testbed.identification.preflight.finding import Finding
-from tulip_testbed.sim.numbers import number
 
 FALSE_ALARMS = {"row": 0.001, "repeat": 0.001, "change": 0.003}  # a day
 # Independent tests a posture to which the ratios of all kinds and onsets amount, by the distribution of their

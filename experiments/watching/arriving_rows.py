@@ -8,12 +8,12 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from tulip_testbed.sim.errors import InputError, listed, shortened
-from tulip_testbed.sim.files import opened, present
-from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.measurements.manifest import Manifest
-from tulip_testbed.sim.measurements.measurement_folder import measurements_in
-from tulip_testbed.sim.measurements.table_files import Table
+from tulip_testbed.base.errors import InputError, listed, shortened
+from tulip_testbed.base.files import opened, present
+from tulip_testbed.base.table_files import Table
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.manifest import Manifest
+from tulip_testbed.measurements.measurement_folder import measurements_in
 
 TABLE = "postures.csv"
 MOST_LINE = 2**20  # bytes

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.families import Family, families_in
 from tulip_testbed.calibration.linear_model import weighed_precision
 from tulip_testbed.calibration.linearisation import joint_compliance, mixing_of
@@ -25,9 +26,8 @@ from tulip_testbed.identification.base_parameters import common_support, standar
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import LEAST_LOAD, Observation, observe
 from tulip_testbed.identification.residual_noise import ASSUMED_CELL, ASSUMED_ENCODER, Noise, noise_of
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
-from tulip_testbed.sim.measurements.plan_folder import check_fits
+from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.sim.plan_folder import check_fits
 from tulip_testbed.sim.robot import Robot
 
 MASS_SD = 0.25  # relative, of each link's mass by CAD

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from tulip_testbed.base.numbers import number
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding
 from tulip_testbed.identification.preflight.plate_checks import feet_on_plates, load_in_soles, plate_poses
@@ -17,9 +18,8 @@ from tulip_testbed.identification.preflight.settling import (
     UNSTEADY_WARN,
 )
 from tulip_testbed.identification.preflight.units import joint_limits, units
-from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.numbers import number
-from tulip_testbed.sim.robot import CELLS
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.cells import CELLS
 
 USUAL = 30  # rows from which the usual s.d. within a window is taken
 LEAST_ROWS = 5  # of them, from which a window is compared

@@ -26,7 +26,7 @@ from tulip_testbed.identification.residual_channels import (
 )
 from tulip_testbed.identification.residual_channels import fields as columns_of_fields
 from tulip_testbed.identification.residual_noise import floor
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 
 # Size of the wrench between the feet that no cell shows, over that of `UNSEEN`: friction differs between
 # postures, and the compliances by which it acts are anything up to two tolerances.

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tulip_testbed.base.numbers import number
 from tulip_testbed.experiments.watching.change_detection import changes_begun
 from tulip_testbed.experiments.watching.day_model import STANCE, DayModel
 from tulip_testbed.experiments.watching.design_information import placement_begun
@@ -13,8 +14,7 @@ from tulip_testbed.experiments.watching.recursive_estimate import ANEW, begun
 from tulip_testbed.experiments.watching.watch_state import AGAIN, GAPS, MEASURED, OPEN, WatchState
 from tulip_testbed.identification.observation import LONG_GAP
 from tulip_testbed.identification.preflight.finding import Finding
-from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.numbers import number
+from tulip_testbed.measurements import Measurements
 
 LEAST_GAPS = 3  # from which a gap is compared with the usual one
 BREAK = 3600.0  # s: a longer time between two rows is a break, or a clock that jumped

@@ -15,15 +15,15 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import check_new, check_outside, present, read_bytes, write_bytes
 from tulip_testbed.experiments.watching.arriving_rows import Place
 from tulip_testbed.experiments.watching.change_detection import Changes
 from tulip_testbed.experiments.watching.day_model import DayModel
 from tulip_testbed.experiments.watching.design_information import DesignInformation
 from tulip_testbed.experiments.watching.recursive_estimate import Belief
 from tulip_testbed.experiments.watching.watch_state import Before, Earlier, Fault, WatchState, first_state
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import check_new, check_outside, present, read_bytes, write_bytes
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 
 # What numpy and zipfile raise of files that are none of theirs.
 BROKEN = (

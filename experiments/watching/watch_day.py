@@ -9,6 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from tulip_testbed.base.alone import alone_on
+from tulip_testbed.base.errors import InputError, listed, look_up, shortened
+from tulip_testbed.base.files import read_bytes
+from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.watching.arriving_rows import (
     TABLE,
     Line,
@@ -29,15 +33,12 @@ from tulip_testbed.experiments.watching.state_file import (
 )
 from tulip_testbed.experiments.watching.watch_row import Verdict, watch_row
 from tulip_testbed.experiments.watching.watch_state import WatchState, first_state
-from tulip_testbed.sim.alone import alone_on
-from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
-from tulip_testbed.sim.files import read_bytes
-from tulip_testbed.sim.measurements import Measurements, PosturePlan, SensorSheet
-from tulip_testbed.sim.measurements.manifest import Manifest
-from tulip_testbed.sim.measurements.measurement_folder import read_manifest
-from tulip_testbed.sim.measurements.plan_folder import check_model
-from tulip_testbed.sim.robot import CELLS, CORNERS, Robot, joint_names
-from tulip_testbed.sim.threads import one_blas_thread
+from tulip_testbed.measurements import Measurements, PosturePlan, SensorSheet
+from tulip_testbed.measurements.cells import CELLS, CORNERS
+from tulip_testbed.measurements.manifest import Manifest
+from tulip_testbed.measurements.measurement_folder import read_manifest
+from tulip_testbed.sim.plan_folder import check_model
+from tulip_testbed.sim.robot import Robot, joint_names
 
 POLL = 0.25  # s, between two looks at a file
 EVERY = "all"

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.numbers import number
 from tulip_testbed.experiments.watching.alarm import (
     Level,
     clearer,
@@ -31,8 +32,7 @@ from tulip_testbed.experiments.watching.watch_state import AGAIN, MEASURED, Watc
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.preflight.finding import Finding
 from tulip_testbed.identification.residual_channels import CHANNELS, ROWS
-from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.numbers import number
+from tulip_testbed.measurements import Measurements
 
 OK, NOT_SETTLED, REPEAT, CHANGED = "ok", "not settled", "repeat", "changed"
 UNUSABLE, UNPLANNED = "unusable", "not in the plan"

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from tulip_testbed.base.column import Column
+from tulip_testbed.base.numbers import number
+from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.experiments.watching.watch_day import EVERY, Arrival
 from tulip_testbed.experiments.watching.watch_row import CHANGED, OK, Verdict
 from tulip_testbed.identification.residual_channels import CHANNELS
-from tulip_testbed.sim.column import Column
-from tulip_testbed.sim.numbers import number
-from tulip_testbed.sim.table import Cell, Table
 
 LATEST = 12  # rows that are shown
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from tulip_testbed.base.errors import look_up
 from tulip_testbed.identification.estimators.consistent import physically_consistent
 from tulip_testbed.identification.estimators.errors_in_variables import corrected_least_squares
 from tulip_testbed.identification.estimators.estimate import Estimate, StandardEstimate
@@ -11,7 +12,6 @@ from tulip_testbed.identification.estimators.ordinary import least_squares, solv
 from tulip_testbed.identification.estimators.prior import with_prior
 from tulip_testbed.identification.estimators.robust import huber
 from tulip_testbed.identification.regressor import Regression
-from tulip_testbed.sim.errors import look_up
 
 
 @dataclass(frozen=True)

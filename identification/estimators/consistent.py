@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.estimators.estimate import Estimate
 from tulip_testbed.identification.estimators.mixed import mixed_model
 from tulip_testbed.identification.estimators.ordinary import residual_sigma
 from tulip_testbed.identification.nominal import SIDES, link_boxes
 from tulip_testbed.identification.regressor import Regression
-from tulip_testbed.sim.errors import InputError
 
 EQUALITY = 1e4  # weight of the equation "mass fractions sum to one" over the largest other weight
 

@@ -11,7 +11,7 @@ from tulip_testbed.identification.estimators.estimate import Estimate
 from tulip_testbed.identification.rank import labels, require_identifiable
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.identification.variance_components import fit_components
-from tulip_testbed.sim.measurements import SensorSheet
+from tulip_testbed.measurements import SensorSheet
 
 
 def solve_least_squares(matrix: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.planning.blocks import FARTHEST, SCALE, information, information_slope
 from tulip_testbed.identification.planning.constraints import Evaluation
 from tulip_testbed.identification.planning.linear_steps import EvaluatedPlan, evaluate_plan
 from tulip_testbed.identification.planning.objectives import Smooth
 from tulip_testbed.identification.planning.problem import Problem
-from tulip_testbed.sim.errors import InputError
 
 SOLVERS = ("slsqp", "ipopt")
 OPTIONS = {

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.planning.blocks import FEASIBLE, SHARED, information
 from tulip_testbed.identification.planning.constraints import evaluate
 from tulip_testbed.identification.planning.objectives import Objective
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.identification.planning.search import SearchState
-from tulip_testbed.sim.errors import InputError
 
 ARRAYS = ("design", "angles", "best_design", "best_angles")
 SAME = 1e-6  # relative difference of numbers that another machine computes

@@ -31,7 +31,7 @@ from tulip_testbed.identification.planning.optimal_plan import (
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.identification.planning.search import HOPS, SearchState, round_count, search
 from tulip_testbed.identification.planning.single_support import feasible_pool
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 
 POOL = 3  # random postures for each wanted one on one foot
 PASSES = 3  # exchanges over all postures on one foot

@@ -26,7 +26,7 @@ from tulip_testbed.identification.planning.collisions import link_room
 from tulip_testbed.identification.planning.constraints import ANGLE, FORCE, LENGTH, TORQUE
 from tulip_testbed.identification.planning.legs import holding_torques, leg_stretch, limb_distances
 from tulip_testbed.identification.planning.problem import Problem, planning_problem
-from tulip_testbed.sim.measurements import lay_boards
+from tulip_testbed.measurements import lay_boards
 from tulip_testbed.sim.robot import Robot
 
 LEAST_SD = 1e-9  # m, of the CoM, so that its slope is finite

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, look_up
 from tulip_testbed.identification.planning.constraints import (
     ANGLE,
     FORCE,
@@ -30,8 +31,7 @@ from tulip_testbed.identification.planning.search import (
     search,
 )
 from tulip_testbed.identification.postures import random_postures
-from tulip_testbed.sim.errors import InputError, look_up
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 
 SPARE = 2  # random placements drawn for each wanted one, since some cannot be repaired
 UNITS = {  # of a margin, by the first word of its constraint: unit, and size of an inequality of one

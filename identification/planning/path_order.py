@@ -8,7 +8,7 @@ import numpy as np
 
 from tulip_testbed.identification.link_paths import blocked
 from tulip_testbed.identification.planning.problem import Problem
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.path import ClosedChain
 
 

@@ -8,6 +8,7 @@ from itertools import pairwise, product
 import mujoco
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.base_parameters import BaseParameters, base_parameters, standard_parameters
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations, moved_frames, walk
 from tulip_testbed.identification.link_clearances import LinkPairs, link_pairs, reference_posture
@@ -15,9 +16,8 @@ from tulip_testbed.identification.margins import Margins, leg_length, planning_m
 from tulip_testbed.identification.nominal import outline
 from tulip_testbed.identification.planning_ranges import PlanningRanges, planning_ranges
 from tulip_testbed.identification.segments import segment_distances
+from tulip_testbed.measurements import PlateGeometry
 from tulip_testbed.sim.control import torque_limits
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import PlateGeometry
 from tulip_testbed.sim.robot import Robot, between_feet, sole_corners, sole_point
 
 CLOSING = 12  # joints between the feet, as many as the equations of swing foot, torso and CoM

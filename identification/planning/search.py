@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, most_frequent
 from tulip_testbed.identification.kinematics import roll_pitch_yaw
 from tulip_testbed.identification.planning.blocks import FEASIBLE, Block, improve, information, repair
 from tulip_testbed.identification.planning.closed_chain import chain_at
@@ -21,7 +22,6 @@ from tulip_testbed.identification.planning.interior_point import SOLVERS, interi
 from tulip_testbed.identification.planning.linear_steps import EvaluatedPlan, descend, evaluate_plan, merit
 from tulip_testbed.identification.planning.objectives import Objective, Smooth, condition_number
 from tulip_testbed.identification.planning.problem import Problem
-from tulip_testbed.sim.errors import InputError, most_frequent
 
 WARM = 15  # linear steps for each of the smooth objectives at the start
 HOPS = 60  # default number of rounds that exchange postures of one placement

@@ -25,7 +25,7 @@ from tulip_testbed.identification.planning.optimal_plan import (
 from tulip_testbed.identification.planning.problem import Problem
 from tulip_testbed.identification.planning.search import POLISH, SearchState
 from tulip_testbed.identification.regressor import stacked_regressor
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements import Measurements, PosturePlan
 
 STEPS = 8  # of SLSQP after an exchange
 

@@ -12,6 +12,7 @@ from collections import Counter
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, most_frequent
 from tulip_testbed.identification.planning.blocks import Block
 from tulip_testbed.identification.planning.closed_chain import chain_at, com_jacobian
 from tulip_testbed.identification.planning.exchange import exchange
@@ -19,8 +20,7 @@ from tulip_testbed.identification.planning.objectives import Objective
 from tulip_testbed.identification.planning.one_foot import open_chain_torques, single_support_margins
 from tulip_testbed.identification.planning.path_order import sequences
 from tulip_testbed.identification.planning.problem import Problem
-from tulip_testbed.sim.errors import InputError, most_frequent
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 
 DRAWS = 5000  # per round
 MOST_ROUNDS, HOPELESS = 60, 6  # largest number of rounds; the same without any feasible posture

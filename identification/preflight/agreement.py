@@ -28,9 +28,9 @@ from tulip_testbed.identification.preflight.finding import (
 from tulip_testbed.identification.preflight.usual import Usual, singly
 from tulip_testbed.identification.reading_noise import ReadingNoise, placement_levers, placement_sd, usable_sd
 from tulip_testbed.identification.regressor import Regression
-from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.measurements.contract import LIKELY_REPEAT
-from tulip_testbed.sim.robot import PLATES
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.cells import PLATES
+from tulip_testbed.measurements.contract import LIKELY_REPEAT
 
 STANDS_OUT = 4.0  # standard errors, about those at which the smallest of a hundred p-values fails
 # Times what is stated, and probability, from which residuals are a fault and not only a warning.

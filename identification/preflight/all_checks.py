@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.preflight.agreement import (
@@ -23,8 +24,7 @@ from tulip_testbed.identification.preflight.weight import constant_weight, drift
 from tulip_testbed.identification.preflight.wrench_checks import carried_weight, horizontal_forces
 from tulip_testbed.identification.reading_noise import ReadingNoise, reading_noise
 from tulip_testbed.identification.regressor import regression
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements, Series
+from tulip_testbed.measurements import Measurements, Series
 
 FORCES = ("load inside soles", "repeats", "single postures", "single placements", "scatter about the model")
 LEGS = ("feet on plates", "legs close", "feet stay")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.identification.estimators import solve_least_squares
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding
@@ -11,8 +12,7 @@ from tulip_testbed.identification.rank import labels, require_identifiable
 from tulip_testbed.identification.reading_noise import ReadingNoise, usable_sd
 from tulip_testbed.identification.regressor import ENCODER_SD, encoder_blur, stacked_regressor
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED, relative_standard_errors, standard_errors
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 
 DATA_PER_PARAMETER = 4  # the paper optimised sets of 50 postures for 25 parameters
 MOST_CONDITION = 2600  # twice the worst of the shipped plan's sets of 50

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 
 # A healthy folder should fail in at most 1 % of cases and warn in at most 5 %, however many of the
 # statistical checks are evaluated: Bonferroni over all of them.

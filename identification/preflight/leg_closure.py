@@ -9,7 +9,7 @@ from tulip_testbed.identification.nominal import Nominal, jacobian
 from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
 from tulip_testbed.identification.preflight.usual import Usual, beyond
 from tulip_testbed.identification.reading_noise import usable_sd
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 
 CLOSED = [2, 3, 4]  # of x, y, z, roll, pitch, yaw: fixed by both soles flat on level tops
 PLANAR = [0, 1, 5]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tulip_testbed.base.numbers import number
 from tulip_testbed.identification.center_of_pressure import cell_positions
 from tulip_testbed.identification.distributions import normal_isf, normal_sf
 from tulip_testbed.identification.feasibility import foot_clearance
@@ -17,9 +18,8 @@ from tulip_testbed.identification.preflight.finding import (
     skipped,
 )
 from tulip_testbed.identification.reading_noise import placement_levers, placement_sd, usable_sd
-from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.numbers import number
-from tulip_testbed.sim.robot import PLATES
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.cells import PLATES
 
 SAME_POSE = 1e-9  # m, rad: largest difference of the recorded poses of a placement
 BOARD_EDGE = 0.05  # m, largest overhang of a board beyond its cells

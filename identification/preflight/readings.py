@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tulip_testbed.base.numbers import number
 from tulip_testbed.identification.preflight.finding import (
     Finding,
     bonferroni,
@@ -13,9 +14,8 @@ from tulip_testbed.identification.preflight.finding import (
     worst_of,
 )
 from tulip_testbed.identification.reading_noise import usable_sd
-from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.numbers import number
-from tulip_testbed.sim.robot import CELLS, PLATES
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.cells import CELLS, PLATES
 
 LEAST_TIES, TIED_SHARE = 3, 0.05  # number and share of rows at the same extreme that count as a fault
 STANDING = 0.5  # of the weight; the cells carry more in every posture

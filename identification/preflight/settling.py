@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from tulip_testbed.base.numbers import number
 from tulip_testbed.identification.distributions import t_sf
 from tulip_testbed.identification.preflight.finding import Finding, bonferroni, result_of, row_name, skipped
-from tulip_testbed.sim.measurements import Measurements, Series
-from tulip_testbed.sim.numbers import number
-from tulip_testbed.sim.robot import CELLS
+from tulip_testbed.measurements import Measurements, Series
+from tulip_testbed.measurements.cells import CELLS
 
 BATCHES = 10  # per half; means of many samples are nearly independent
 UNSTEADY_WARN, UNSTEADY_FAIL = 2.0, 5.0  # times the channel's usual s.d. within a window

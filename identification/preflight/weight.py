@@ -10,7 +10,7 @@ from tulip_testbed.identification.preflight.finding import Finding, bonferroni, 
 from tulip_testbed.identification.preflight.usual import Beyond, Usual, beyond
 from tulip_testbed.identification.preflight.wrench_checks import vertical_forces
 from tulip_testbed.identification.reading_noise import usable_sd
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 
 UNWEIGHED = 10.0  # s.d. of the noise of a posture: that of a weight that nobody knows
 NEGLIGIBLE = 1e-3  # of the weight; a smaller error is harmless without a stated cell_sd

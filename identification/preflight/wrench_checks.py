@@ -8,8 +8,8 @@ from tulip_testbed.identification.contact_readings import noise_of_wrenches
 from tulip_testbed.identification.kinematics import link_rotations, turned_about
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.preflight.finding import Finding, row_name, skipped
-from tulip_testbed.sim.measurements import Measurements
-from tulip_testbed.sim.measurements.contacts import WRENCH, Contacts
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.contacts import WRENCH, Contacts
 
 HORIZONTAL = "horizontal forces"
 CARRIED = "carried weight"

@@ -7,8 +7,9 @@ import numpy as np
 from dm_control import composer, mjcf
 from dm_control.composer.observation import observable
 
+from tulip_testbed.measurements.cells import CORNERS
 from tulip_testbed.sim.composer.parts import Part
-from tulip_testbed.sim.robot import CORNERS, Robot, joint_names
+from tulip_testbed.sim.robot import Robot, joint_names
 from tulip_testbed.sim.sensors import Sensors, corrupted
 
 

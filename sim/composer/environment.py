@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 from dm_control import composer, mjcf
 
+from tulip_testbed.base.errors import InputError, listed, look_up, shortened
+from tulip_testbed.measurements import lay_boards
 from tulip_testbed.sim.composer.task import LaboratoryTask
 from tulip_testbed.sim.control import remove_servos
-from tulip_testbed.sim.errors import InputError, listed, look_up, shortened
-from tulip_testbed.sim.measurements import lay_boards
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import joint_names, joint_ranges, sole_corners

@@ -9,15 +9,16 @@ import numpy as np
 from dm_control import composer, mjcf
 from dm_env import specs
 
+from tulip_testbed.base.errors import InputError, shortened
+from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.sim.composer.entities import Channel, ForcePlate, RobotEntity
 from tulip_testbed.sim.composer.parts import SceneParts, join, split_scene
 from tulip_testbed.sim.control import torque_limit
 from tulip_testbed.sim.dynamics.stand import hoist_damping
-from tulip_testbed.sim.errors import InputError, shortened
 from tulip_testbed.sim.path import ClosedChain, tipped
 from tulip_testbed.sim.plates import cell_names, tare
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import PLATES, Robot, joint_names, joint_ranges, load_spec
+from tulip_testbed.sim.robot import Robot, joint_names, joint_ranges, load_spec
 from tulip_testbed.sim.sensors import cell_gains
 from tulip_testbed.sim.specs import compile_spec
 

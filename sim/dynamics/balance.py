@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.sim.dynamics.stand import Stand
 from tulip_testbed.sim.dynamics.stiction import friction_rows
 from tulip_testbed.sim.plates import cell_names
-from tulip_testbed.sim.robot import PLATES
 
 
 @dataclass(frozen=True)

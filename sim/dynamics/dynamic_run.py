@@ -9,12 +9,14 @@ import joblib
 import mujoco
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.threads import one_blas_thread
+from tulip_testbed.base.workers import deaf_to_interruptions, watched
+from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.dynamics.hold import Held, hold, move, put_down
 from tulip_testbed.sim.dynamics.stand import Stand
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
-from tulip_testbed.sim.measurements.plan_folder import check_support
 from tulip_testbed.sim.outcome import Attempt, Outcome, Truth, dropped_postures
+from tulip_testbed.sim.plan_folder import check_support
 from tulip_testbed.sim.procedure import (
     choose_repeats,
     constants,
@@ -30,8 +32,6 @@ from tulip_testbed.sim.procedure import (
 from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.scene import boards_under
 from tulip_testbed.sim.sensors import draw_zeros
-from tulip_testbed.sim.threads import one_blas_thread
-from tulip_testbed.sim.workers import deaf_to_interruptions, watched
 
 
 def run_dynamics(

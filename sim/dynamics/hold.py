@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.dynamics.balance import Balance, balance_of, mechanical_energy
 from tulip_testbed.sim.dynamics.stand import Stand
-from tulip_testbed.sim.measurements.data import feet_in_contact
 from tulip_testbed.sim.path import smooth_path, straight_path
 
 CONTROL_PERIOD = 0.02  # s, between checks of the gates of a hold

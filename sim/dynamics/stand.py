@@ -5,13 +5,14 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from tulip_testbed.measurements.cells import CELLS, CORNERS, PLATES
 from tulip_testbed.sim.compliance import Compliance
 from tulip_testbed.sim.drives import motor_joint
 from tulip_testbed.sim.dynamics.stiction import Stiction
 from tulip_testbed.sim.path import ClosedChain, tipped
 from tulip_testbed.sim.plates import cell_addresses, cell_names, short_feet, tare
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES, joint_names, sole_point
+from tulip_testbed.sim.robot import joint_names, sole_point
 from tulip_testbed.sim.scene import laboratory_scene, nominal_plates
 from tulip_testbed.sim.sensors import ANKLE, PLATE
 from tulip_testbed.sim.specs import compile_spec

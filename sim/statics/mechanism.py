@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, listed
+from tulip_testbed.measurements.cells import CORNERS, PLATES
 from tulip_testbed.sim.drives import motor_joint
 from tulip_testbed.sim.dynamics.stiction import BREAKAWAY, sliding_friction
-from tulip_testbed.sim.errors import InputError, listed
 from tulip_testbed.sim.model_features import check_features
 from tulip_testbed.sim.plates import plate_geometry, short_feet
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import CORNERS, PLATES, joint_names, sole_corners, sole_point
+from tulip_testbed.sim.robot import joint_names, sole_corners, sole_point
 from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.specs import compile_spec
 from tulip_testbed.sim.statics.rocking_board import RockingBoard, rocking_board

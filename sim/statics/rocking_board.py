@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.base.errors import InputError
 
 LEVEL = 1e-6  # m, of feet that are equally long
 # Moment about the diagonal over which the board tips from one side to the other [Nm]. A rigid board does so

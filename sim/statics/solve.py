@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tulip_testbed.sim.robot import CELLS, CORNERS
+from tulip_testbed.measurements.cells import CELLS, CORNERS
 from tulip_testbed.sim.statics.forces import Load, State, board_wrench, residual
 from tulip_testbed.sim.statics.mechanism import Mechanism
 

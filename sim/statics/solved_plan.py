@@ -8,10 +8,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tulip_testbed.sim.measurements import PosturePlan
-from tulip_testbed.sim.measurements.data import base_foot, feet_in_contact
-from tulip_testbed.sim.measurements.plan_folder import check_support
+from tulip_testbed.measurements import PosturePlan
+from tulip_testbed.measurements.data import base_foot, feet_in_contact
 from tulip_testbed.sim.path import ClosedChain
+from tulip_testbed.sim.plan_folder import check_support
 from tulip_testbed.sim.procedure import constants
 from tulip_testbed.sim.rig import Rig, stages
 from tulip_testbed.sim.scene import boards_under

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements.data import feet_in_contact
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.sim.outcome import Outcome, Truth
 from tulip_testbed.sim.procedure import (
     choose_repeats,

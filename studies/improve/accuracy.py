@@ -10,7 +10,7 @@ import numpy as np
 from studies.improve.output import BLACK, BLUE, ORANGE, Rows, log_axis, panels, save
 from studies.improve.repeat import Model, monte_carlo_error, repeat, rms
 from tulip_testbed.identification.base_parameters import BaseParameters
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.sensors import PRESETS, Sensors
 

@@ -14,7 +14,7 @@ from studies.improve.repeat import monte_carlo_error, repeat, rms
 from tulip_testbed.experiments.montecarlo.laboratory_runs import stream_of
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.regressor import stacked_regressor
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.statics.solved_plan import solve_plan
 from tulip_testbed.sim.statics.static_run import run_statics

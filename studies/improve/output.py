@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from studies.runner import header, row
-from tulip_testbed.sim.files import write_text
+from tulip_testbed.base.files import write_text
 
 # Okabe and Ito: colour-blind readers can distinguish these.
 BLUE, ORANGE, GREEN, RED, BLACK, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#000000", "#56B4E9"

@@ -10,7 +10,7 @@ from studies.improve.output import BLACK, BLUE, GREEN, ORANGE, Rows, log_axis, p
 from studies.improve.repeat import Repeated, monte_carlo_error, repeat, rms
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.rig import Rig
 
 PER_PLACEMENT = 5

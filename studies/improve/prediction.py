@@ -6,7 +6,7 @@ import numpy as np
 
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.reading_noise import cell_noise, placement_levers
-from tulip_testbed.sim.measurements import Measurements
+from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.sensors import averaged_sd
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stream_of
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.estimators import DEFAULT, Estimate
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED, relative_standard_errors, standard_errors
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.outcome import Outcome
 from tulip_testbed.sim.rig import Rig
 

@@ -10,7 +10,7 @@ from studies.improve.output import BLUE, GREEN, ORANGE, RED, Rows, log_axis, pan
 from studies.improve.repeat import Model, Repeated, monte_carlo_error, repeat, rms
 from tulip_testbed.identification.base_parameters import BaseParameters
 from tulip_testbed.identification.regressor import stacked_regressor
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.rig import Rig
 
 COLOURS = (BLUE, ORANGE, GREEN, RED)

@@ -12,6 +12,7 @@ from studies.improve.output import BLUE, GREEN, ORANGE, Rows, log_axis, panels, 
 from studies.improve.postures import PER_PLACEMENT
 from studies.improve.prediction import predicted_covariance
 from studies.improve.repeat import monte_carlo_error, repeat, rms
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.montecarlo.laboratory_runs import stream_of
 from tulip_testbed.identification.base_parameters import base_parameters, standard_parameters
 from tulip_testbed.identification.kinematics import frame_positions, link_rotations, roll_pitch_yaw
@@ -19,9 +20,8 @@ from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.planning_ranges import planning_ranges
 from tulip_testbed.identification.regressor import stacked_regressor
 from tulip_testbed.identification.statistics import WELL_IDENTIFIED, correlations, standard_errors
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.control import torque_limits
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import PosturePlan
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import Robot, joint_ranges

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tulip_testbed.sim.measurements import read_plan, write_plan
+from tulip_testbed.sim.plan_folder import read_plan, write_plan
 from tulip_testbed.sim.robot import load_robot
 
 TULIP = [sys.executable, "-c", "from tulip_testbed.cli.entry import run; run()"]
@@ -20,7 +20,7 @@ from pathlib import Path
 import tulip_testbed.api
 from tulip_testbed.effects.instance import instances_of
 from tulip_testbed.experiments.rig_folder import write_rig
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.sim.robot import load_robot
 robot = load_robot()
 try:

@@ -21,7 +21,7 @@ from tulip_testbed.discovery.refit import without_noise
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.residual_channels import center
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.path import ClosedChain
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_robot

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from studies.improve.output import BLUE, ORANGE
-from tulip_testbed.sim.files import write_text
+from tulip_testbed.base.files import write_text
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "pictures"
 X, Y, GREY = BLUE, ORANGE, "#6b6b6b"

@@ -9,7 +9,7 @@ import numpy as np
 from studies.teaching.signature import lever
 from tulip_testbed.effects.targets import plate_of
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.sim.robot import CELLS, PLATES
+from tulip_testbed.measurements.cells import CELLS, PLATES
 
 Variable = tuple[str, Callable[[Observation, str], np.ndarray]]
 

@@ -17,7 +17,7 @@ import pytest
 from tests.meshed_robot import meshed_plan, write_meshed_robot
 from tulip_testbed import plans
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.sim.measurements import write_measurements
+from tulip_testbed.measurements import write_measurements
 from tulip_testbed.sim.robot import load_robot
 
 HERE = Path(__file__).parents[2]
@@ -38,7 +38,7 @@ def seconds(checkout: Path, robot: Path | None, folder: Path, out: Path) -> floa
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-@pytest.mark.filterwarnings("ignore::tulip_testbed.sim.errors.InputWarning")  # of what such a robot lacks
+@pytest.mark.filterwarnings("ignore::tulip_testbed.base.errors.InputWarning")  # of what such a robot lacks
 @pytest.mark.parametrize("name", ["TULip", "29 joints with meshes"])
 def test_discover_against_another_checkout(benchmark, tmp_path, name):
     other = os.environ.get("OTHER")

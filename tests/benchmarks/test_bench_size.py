@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.sim.measurements import Measurements, write_measurements
+from tulip_testbed.measurements import Measurements, write_measurements
 
 TULIP = Path(__file__).parents[2] / ".venv/bin/tulip"
 FEW, MANY = 4, int(os.environ.get("RUNS", "16"))

@@ -16,7 +16,8 @@ from scipy import stats
 
 from tulip_testbed.identification.base_parameters import base_parameters
 from tulip_testbed.identification.regressor import stacked_regressor
-from tulip_testbed.sim.robot import CORNERS, PLATES, load_robot
+from tulip_testbed.measurements.cells import CORNERS, PLATES
+from tulip_testbed.sim.robot import load_robot
 
 QUANTITIES = {
     "run": ("estimate", "standard_error", "truth"),

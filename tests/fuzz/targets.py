@@ -28,7 +28,7 @@ from tulip_testbed.experiments.planning_run import PlanSettings, carry_out, set_
 from tulip_testbed.experiments.rig_folder import write_rig
 from tulip_testbed.experiments.validate import judge
 from tulip_testbed.experiments.validation_record import validation_record, write_validation
-from tulip_testbed.sim.measurements import read_plan
+from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.robot import load_robot
 from tulip_testbed.sim.shipped import ASSETS
 

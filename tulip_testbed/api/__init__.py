@@ -8,8 +8,8 @@ from tulip_testbed.api.measured import check, discover, export_model, identify, 
 from tulip_testbed.api.planned import atlas, plan, protocol, watch
 from tulip_testbed.api.shown import report, view
 from tulip_testbed.api.simulated import campaign, monte_carlo, validate
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.sim.errors import InputError
 
 __all__ = [
     "InputError",

@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
+from tulip_testbed.base.arguments import checked
 from tulip_testbed.effects.instance import EffectInstance, Effects, check_different, instances_of
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.laboratory import Run
@@ -15,11 +16,10 @@ from tulip_testbed.experiments.robot_import.robot_import import import_robot
 from tulip_testbed.experiments.table_import.import_map import read_map
 from tulip_testbed.experiments.table_import.table_import import ImportedTable
 from tulip_testbed.experiments.table_import.table_import import import_table as _import_table
-from tulip_testbed.sim.arguments import checked
-from tulip_testbed.sim.measurements import Measurements, joined
-from tulip_testbed.sim.measurements import read_measurements as _read_measurements
-from tulip_testbed.sim.measurements import write_measurements as _write_measurements
-from tulip_testbed.sim.measurements.contract import check_contract
+from tulip_testbed.measurements import Measurements, joined
+from tulip_testbed.measurements import read_measurements as _read_measurements
+from tulip_testbed.measurements import write_measurements as _write_measurements
+from tulip_testbed.measurements.contract import check_contract
 from tulip_testbed.sim.robot import PUBLISHED, Robot
 from tulip_testbed.sim.shipped import TULIP
 

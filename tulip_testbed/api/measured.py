@@ -14,6 +14,10 @@ from tulip_testbed.api.inputs import (
     source_of,
     to_check,
 )
+from tulip_testbed.base.arguments import checked
+from tulip_testbed.base.errors import at_least
+from tulip_testbed.base.files import check_new
+from tulip_testbed.base.threads import one_blas_thread, processes
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.effects.instance import Effects
 from tulip_testbed.experiments.check_folder import Preflight, check_folder, check_measurements, warn_of_faults
@@ -30,12 +34,8 @@ from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.predict import predict as _predict
 from tulip_testbed.experiments.proposed_experiment import Proposals, next_of, write_experiment_plan
 from tulip_testbed.experiments.validate import Validation
-from tulip_testbed.sim.arguments import checked
-from tulip_testbed.sim.errors import at_least
-from tulip_testbed.sim.files import check_new
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.threads import one_blas_thread, processes
 
 
 @checked

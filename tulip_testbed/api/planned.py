@@ -8,6 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from tulip_testbed.api.inputs import load_robot
+from tulip_testbed.base.arguments import checked
+from tulip_testbed.base.files import check_new
+from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.atlases.effect_atlas import Atlas
 from tulip_testbed.experiments.atlases.effect_atlas import atlas as _atlas
 from tulip_testbed.experiments.atlases.planned_experiment import planned
@@ -24,12 +27,9 @@ from tulip_testbed.experiments.usable_plan import check_plan
 from tulip_testbed.experiments.watching.watch_day import Arrival, WatchSettings, watch_day
 from tulip_testbed.identification.planning.interior_point import SOLVERS
 from tulip_testbed.identification.planning.search import HOPS
-from tulip_testbed.sim.arguments import checked
-from tulip_testbed.sim.files import check_new
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
-from tulip_testbed.sim.measurements.contract import check_contract
+from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements.contract import check_contract
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.threads import one_blas_thread
 
 
 @checked

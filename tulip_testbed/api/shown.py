@@ -5,17 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 from tulip_testbed.api.inputs import load_robot, measurements_of
+from tulip_testbed.base.arguments import checked
+from tulip_testbed.base.files import check_new
+from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.experiments.campaigns.campaign_run import Campaign
 from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo
 from tulip_testbed.experiments.records import read_record, record_of
 from tulip_testbed.experiments.validate import Validation
-from tulip_testbed.sim.arguments import checked
-from tulip_testbed.sim.files import check_new
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.robot import Robot
-from tulip_testbed.sim.threads import one_blas_thread
 
 Reported = Run | Validation | Discovered | MonteCarlo | Campaign | str | Path
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
+from tulip_testbed.base.arguments import checked
+from tulip_testbed.base.threads import one_blas_thread, processes
 from tulip_testbed.experiments.campaigns.campaign_run import Campaign, campaign_settings
 from tulip_testbed.experiments.campaigns.campaign_run import campaign as _campaign
 from tulip_testbed.experiments.imperfections import default_estimator
@@ -13,9 +15,7 @@ from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo, Plac
 from tulip_testbed.experiments.montecarlo.settings import Settings
 from tulip_testbed.experiments.validate import Validation
 from tulip_testbed.experiments.validate import validate as _validate
-from tulip_testbed.sim.arguments import checked
-from tulip_testbed.sim.measurements import PosturePlan
-from tulip_testbed.sim.threads import one_blas_thread, processes
+from tulip_testbed.measurements import PosturePlan
 
 
 @checked

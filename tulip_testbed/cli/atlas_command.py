@@ -33,13 +33,13 @@ def atlas_command(
     """
     import numpy as np
 
+    from tulip_testbed.base.files import check_new
     from tulip_testbed.cli.terminal import print_json, say, show, working_on
     from tulip_testbed.experiments.atlases.atlas_tables import atlas_summary
     from tulip_testbed.experiments.atlases.effect_atlas import atlas, document
     from tulip_testbed.experiments.atlases.planned_experiment import planned
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN, check_plan, plan_for
-    from tulip_testbed.sim.files import check_new
 
     if out is not None:
         check_new(out)

@@ -50,13 +50,13 @@ def benchmark_command(
     """
     import time
 
+    from tulip_testbed.base.files import write_bytes
     from tulip_testbed.cli.terminal import print_json, progress, say, show
     from tulip_testbed.experiments.benchmark.benchmark_run import benchmark, so_far
     from tulip_testbed.experiments.benchmark.benchmark_tables import files, report_document, tables
     from tulip_testbed.experiments.benchmark.cases import Settings
     from tulip_testbed.experiments.montecarlo.engine import check_engine
     from tulip_testbed.experiments.montecarlo.montecarlo_run import Interrupted
-    from tulip_testbed.sim.files import write_bytes
 
     check_engine(engine, address)
     began = time.perf_counter()

@@ -48,6 +48,7 @@ def discover_command(
     from contextlib import ExitStack
     from datetime import datetime
 
+    from tulip_testbed.base.files import check_new
     from tulip_testbed.calibration.families import read_tolerances
     from tulip_testbed.cli.terminal import print_json, progress, say, show, show_verdict
     from tulip_testbed.experiments.check_folder import warn_of_faults
@@ -55,8 +56,7 @@ def discover_command(
     from tulip_testbed.experiments.discovering import discover_effects
     from tulip_testbed.experiments.discovery_record import discovery_record, write_discovery
     from tulip_testbed.experiments.discovery_tables import discovery_summary
-    from tulip_testbed.sim.files import check_new
-    from tulip_testbed.sim.measurements.joined import read_experiments, separate
+    from tulip_testbed.measurements.joined import read_experiments, separate
 
     out = out or Path("runs") / f"discover-{datetime.now():%Y%m%d-%H%M%S-%f}"
     check_new(out)

@@ -24,12 +24,12 @@ def effects_command(
 
     Example: tulip effects encoder-offset
     """
+    from tulip_testbed.base.errors import look_up
     from tulip_testbed.cli.effect_text import effect_document, effect_lines, law_document, law_lines
     from tulip_testbed.cli.terminal import print_json, show, show_whole
     from tulip_testbed.effects.catalogue import Catalogue, catalogue
     from tulip_testbed.effects.laws import LAW
     from tulip_testbed.experiments.description import described_robot
-    from tulip_testbed.sim.errors import look_up
 
     described = described_robot(robot)
     if name == LAW:

@@ -43,11 +43,11 @@ def export_command(
 
     Example: tulip export runs/first --out identified.xml
     """
+    from tulip_testbed.base.files import check_new
     from tulip_testbed.cli.terminal import print_json, show, working_on
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.export.export_model import Export, export_model
     from tulip_testbed.experiments.export.identified_run import identified_run
-    from tulip_testbed.sim.files import check_new
 
     check_new(out)
     described = described_robot(robot)

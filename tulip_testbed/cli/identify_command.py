@@ -50,7 +50,7 @@ def identify_command(
     )
     from tulip_testbed.experiments.identify import identify, warn_of_unrest
     from tulip_testbed.experiments.rig_folder import read_rig
-    from tulip_testbed.sim.measurements.joined import read_experiments, separate
+    from tulip_testbed.measurements.joined import read_experiments, separate
 
     described = described_robot(robot)
     measurements, source = read_experiments(folder), ", ".join(map(str, folder))

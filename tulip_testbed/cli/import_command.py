@@ -38,11 +38,11 @@ def import_command(
 
     Example: tulip import standing.csv --robot my/robot/robot.toml --map contacts.toml --out data/standing
     """
+    from tulip_testbed.base.files import check_new
     from tulip_testbed.cli.terminal import print_json, say, show
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.table_import.import_map import read_map
     from tulip_testbed.experiments.table_import.table_import import import_table
-    from tulip_testbed.sim.files import check_new
 
     check_new(out)
     found = import_table(table, described_robot(robot), out, read_map(stated))

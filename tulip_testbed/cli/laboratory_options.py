@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.random_effects import RANDOM, read_effects
 from tulip_testbed.experiments.description import described_robot
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.rig_folder import read_rig
 from tulip_testbed.experiments.usable_plan import plan_for
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.procedure import constants
 
 

@@ -21,7 +21,7 @@ from inspect import Parameter, signature
 from pathlib import Path
 from typing import Any
 
-from tulip_testbed.sim.errors import InputError, InputWarning, choices, listed, shortened
+from tulip_testbed.base.errors import InputError, InputWarning, choices, listed, shortened
 
 # The command NAME is the function NAME_command of the module NAME_command; its summary is the first line of
 # the function's docstring.
@@ -132,8 +132,8 @@ def _carry_out(name: str, command: Command, arguments: list[str], loaded: Callab
     """Parse a command's arguments, load the libraries and call it with one thread for linear algebra."""
     positional, options = read_arguments(name, command, arguments)
     import tulip_testbed.api  # noqa: F401  all at once, while an interruption still ends quietly
-    from tulip_testbed.sim.files import check_path
-    from tulip_testbed.sim.threads import one_blas_thread
+    from tulip_testbed.base.files import check_path
+    from tulip_testbed.base.threads import one_blas_thread
 
     for path in _paths([*positional, *options.values()]):
         check_path(path)
@@ -170,7 +170,7 @@ def _refusals_printable(arguments: list[str]) -> Iterator[None]:
     if all(map(str.isprintable, arguments)):
         yield
         return
-    from tulip_testbed.sim.column import printable
+    from tulip_testbed.base.column import printable
 
     said = io.StringIO()
     try:

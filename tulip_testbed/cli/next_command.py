@@ -37,13 +37,13 @@ def next_command(
 
     Example: tulip next runs/found --out plans/next
     """
+    from tulip_testbed.base.errors import at_least
+    from tulip_testbed.base.files import check_new
     from tulip_testbed.cli.terminal import print_json, say, show, working_on
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.discovery_record import read_discovery
     from tulip_testbed.experiments.proposed_experiment import next_of, write_experiment_plan
-    from tulip_testbed.sim.errors import at_least
-    from tulip_testbed.sim.files import check_new
-    from tulip_testbed.sim.measurements import read_plan
+    from tulip_testbed.sim.plan_folder import read_plan
     from tulip_testbed.sim.shipped import plan_folder
 
     at_least("seed", seed, 0)

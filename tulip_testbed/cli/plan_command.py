@@ -57,6 +57,7 @@ def plan_command(
     """
     import time
 
+    from tulip_testbed.base.errors import InputError
     from tulip_testbed.cli.plan_search import searched, table1_trials
     from tulip_testbed.cli.terminal import print_json, say, show
     from tulip_testbed.experiments.description import described_robot
@@ -69,7 +70,6 @@ def plan_command(
     )
     from tulip_testbed.experiments.written_plan import CHOSEN, search_report, written_plan
     from tulip_testbed.identification.base_parameters import base_parameters
-    from tulip_testbed.sim.errors import InputError
 
     check_out(out)
     if table1 and after is not None:

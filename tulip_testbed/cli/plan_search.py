@@ -19,7 +19,7 @@ from tulip_testbed.experiments.written_plan import (
     joined_trials,
     written_plan,
 )
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 
 
 def searched(job: Job, kept: Path, label: str) -> tuple[PosturePlan, bool]:

@@ -42,6 +42,8 @@ def postures_command(
 
     Example: tulip postures --random --placements 10 --per-placement 5 --seed 7 --out plans/seven
     """
+    from tulip_testbed.base.errors import InputError
+    from tulip_testbed.base.files import check_new
     from tulip_testbed.cli.terminal import print_json, progress, say, show
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.plan_description import described_plan, plan_report
@@ -54,9 +56,7 @@ def postures_command(
         random_plan,
     )
     from tulip_testbed.identification.base_parameters import base_parameters
-    from tulip_testbed.sim.errors import InputError
-    from tulip_testbed.sim.files import check_new
-    from tulip_testbed.sim.measurements import write_plan
+    from tulip_testbed.sim.plan_folder import write_plan
 
     if draw is not None:
         check_new(draw)

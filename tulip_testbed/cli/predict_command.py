@@ -38,7 +38,7 @@ def predict_command(
     from tulip_testbed.cli.terminal import print_json, show, working_on
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.predict import predict
-    from tulip_testbed.sim.measurements import read_experiments
+    from tulip_testbed.measurements import read_experiments
 
     described = described_robot(robot)
     measurements = read_experiments([folder])

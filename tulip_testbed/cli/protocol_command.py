@@ -38,6 +38,7 @@ def protocol_command(
 
     Example: tulip protocol optimal --preset wii --out monday
     """
+    from tulip_testbed.base.files import check_new
     from tulip_testbed.cli.terminal import print_json, progress, say, show, working_on
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.protocols.protocol_run import (
@@ -48,7 +49,6 @@ def protocol_command(
     )
     from tulip_testbed.experiments.usable_plan import plan_for
     from tulip_testbed.pages.protocol_page import contents, write_protocol
-    from tulip_testbed.sim.files import check_new
 
     check_new(out)
     settings = ProtocolSettings(preset, speed, repeats)

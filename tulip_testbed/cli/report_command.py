@@ -25,11 +25,11 @@ def report_command(
 
     Example: tulip report runs/first --out first.html
     """
+    from tulip_testbed.base.files import check_new
     from tulip_testbed.cli.terminal import print_json, say
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.records import read_record
     from tulip_testbed.pages import ENDING
-    from tulip_testbed.sim.files import check_new
 
     check_new(out, ENDING)
     record = read_record(folder, described_robot(robot))

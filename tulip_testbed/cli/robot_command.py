@@ -37,12 +37,12 @@ def robot_command(
 
     Example: tulip robot g1_29dof.urdf --out my/g1
     """
+    from tulip_testbed.base.errors import InputError
+    from tulip_testbed.base.files import check_new
     from tulip_testbed.cli.terminal import print_json, say, show, working_on
     from tulip_testbed.drawings import standing_picture
     from tulip_testbed.experiments.robot_import.import_tables import import_report
     from tulip_testbed.experiments.robot_import.robot_import import import_robot
-    from tulip_testbed.sim.errors import InputError
-    from tulip_testbed.sim.files import check_new
     from tulip_testbed.sim.robot import Robot
 
     if out is not None:

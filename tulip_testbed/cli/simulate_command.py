@@ -75,6 +75,8 @@ def simulate_command(
     """
     import numpy as np
 
+    from tulip_testbed.base.errors import InputError
+    from tulip_testbed.base.files import present
     from tulip_testbed.cli.laboratory_options import laboratory_and_plan
     from tulip_testbed.cli.terminal import print_json, progress, say, show
     from tulip_testbed.effects.random_effects import RANDOM
@@ -83,8 +85,6 @@ def simulate_command(
     from tulip_testbed.experiments.proposed_experiment import EXPERIMENT_FILE, read_experiment
     from tulip_testbed.experiments.run_summary import usable_postures
     from tulip_testbed.experiments.truth_record import check_places, write_experiment
-    from tulip_testbed.sim.errors import InputError
-    from tulip_testbed.sim.files import present
 
     check_places(out, truth)
     secret = RANDOM in effect

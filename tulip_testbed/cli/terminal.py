@@ -24,9 +24,9 @@ from rich.progress import (
 from rich.status import Status
 from rich.text import Text
 
-from tulip_testbed.sim.column import printable
-from tulip_testbed.sim.measurements.table_files import finite
-from tulip_testbed.sim.table import STYLES, Table
+from tulip_testbed.base.column import printable
+from tulip_testbed.base.table import STYLES, Table
+from tulip_testbed.base.table_files import finite
 
 ERR = Console(stderr=True)
 PIPE_WIDTH = 150

@@ -43,13 +43,13 @@ def validate_command(
 
     Example: tulip validate --out runs/ordinary --ordinary
     """
+    from tulip_testbed.base.files import check_new
     from tulip_testbed.cli.laboratory_options import laboratory_and_plan
     from tulip_testbed.cli.terminal import print_json, progress, say, show, show_verdict
     from tulip_testbed.experiments.laboratory import tries
     from tulip_testbed.experiments.validate import validate
     from tulip_testbed.experiments.validation_record import validation_record, write_validation
     from tulip_testbed.experiments.validation_tables import validation_report
-    from tulip_testbed.sim.files import check_new
 
     check_new(out)
     laboratory, made = laboratory_and_plan(robot, preset, plan, rig)

@@ -35,9 +35,9 @@ def view_command(
 
     Example: tulip view runs/first
     """
+    from tulip_testbed.base.errors import InputError, listed
     from tulip_testbed.cli.terminal import print_json, say
     from tulip_testbed.experiments.description import described_robot
-    from tulip_testbed.sim.errors import InputError, listed
 
     if save is not None and serve:
         raise InputError("--save, --serve: found both, expected one of them")
@@ -77,7 +77,7 @@ def view_command(
 @contextmanager
 def _or_served() -> Iterator[None]:
     """Add to a refusal of the library what only the command can do without a window."""
-    from tulip_testbed.sim.errors import InputError
+    from tulip_testbed.base.errors import InputError
 
     try:
         yield

@@ -54,12 +54,12 @@ def watch_command(
     from contextlib import ExitStack
 
     from tulip_testbed import api
+    from tulip_testbed.base.errors import InputError
     from tulip_testbed.cli.terminal import live_table, print_line_of_json, say, show
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.watching.watch_day import read_targets
     from tulip_testbed.experiments.watching.watch_tables import LATEST, advice, error_table, line, watch_table
-    from tulip_testbed.sim.errors import InputError
-    from tulip_testbed.sim.measurements import read_plan
+    from tulip_testbed.sim.plan_folder import read_plan
     from tulip_testbed.sim.shipped import plan_folder
 
     targets, described = read_targets(target), described_robot(robot)

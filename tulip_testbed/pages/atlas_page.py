@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from tulip_testbed.base.files import new_folder, write_text
+from tulip_testbed.base.table_files import finite, write_json
 from tulip_testbed.effects.targets import PLACEMENTS
 from tulip_testbed.experiments.atlases.atlas_tables import LEGEND, atlas_tables, closing, opening
 from tulip_testbed.experiments.atlases.effect_atlas import Atlas
 from tulip_testbed.experiments.atlases.isolability import ISOLABLE, order
 from tulip_testbed.pages.heat_map_figures import heat_map
 from tulip_testbed.pages.page import Page, Section, html
-from tulip_testbed.sim.files import new_folder, write_text
-from tulip_testbed.sim.measurements.table_files import finite, write_json
 
 PAGE, SEPARATION = "atlas.html", "separation.html"
 

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
+from tulip_testbed.base.numbers import number
 from tulip_testbed.colours import ESTIMATE, MARGIN, MEASURED, NOMINAL
 from tulip_testbed.effects.instance import effect_label
 from tulip_testbed.experiments.discovery_tables import behind
 from tulip_testbed.experiments.law_curves import LawCurve
 from tulip_testbed.experiments.residual_curves import Curve
 from tulip_testbed.pages.figures import Figure, figure
-from tulip_testbed.sim.numbers import number
 
 BEFORE, AFTER = MEASURED, ESTIMATE
 RUNNER_UP = "#C4C9CF"

@@ -13,6 +13,9 @@ import numpy as np
 from markupsafe import Markup
 from PIL import Image
 
+from tulip_testbed.base.column import printable
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.table import Table
 from tulip_testbed.experiments.checks import check_table
 from tulip_testbed.experiments.correlation_table import NO_CORRELATION, correlation_table
 from tulip_testbed.experiments.estimate_report import ModelReport
@@ -34,18 +37,15 @@ from tulip_testbed.identification.contact_pressure import contact_pressure
 from tulip_testbed.identification.feasibility import support_polygon
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
+from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.pages import figures as drawn
 from tulip_testbed.pages import words
 from tulip_testbed.pages.figures import Figure
 from tulip_testbed.rendering import rendered
-from tulip_testbed.sim.column import printable
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import Measurements, PosturePlan
-from tulip_testbed.sim.measurements.data import feet_in_contact
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.scene import boards_under, nominal_plates
-from tulip_testbed.sim.table import Table
 from tulip_testbed.standing import soles_in_base
 
 TEMPLATE = "page.html.j2"

@@ -9,8 +9,9 @@ from html import escape
 import numpy as np
 
 from tulip_testbed.identification.feasibility import place_polygon
-from tulip_testbed.sim.measurements.data import base_foot
-from tulip_testbed.sim.robot import CORNERS, PLATES, Robot, sole_corners
+from tulip_testbed.measurements.cells import CORNERS, PLATES
+from tulip_testbed.measurements.data import base_foot
+from tulip_testbed.sim.robot import Robot, sole_corners
 from tulip_testbed.sim.scene import nominal_plates
 
 SCALES = (1, 2, 2.5, 4, 5, 8, 10, 15, 20, 25, 50, 100)

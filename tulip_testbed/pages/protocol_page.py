@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import new_folder, write_text
 from tulip_testbed.experiments.protocols.measurement_start import (
     empty_measurements,
     rows_to_fill_in,
@@ -17,14 +19,12 @@ from tulip_testbed.experiments.protocols.measurement_start import (
 from tulip_testbed.experiments.protocols.motion import FREE, Motion
 from tulip_testbed.experiments.protocols.motion_files import motion_csv, motion_name, motion_yaml
 from tulip_testbed.experiments.protocols.protocol_run import LaboratoryProtocol
+from tulip_testbed.measurements.cells import CORNERS, PLATES
+from tulip_testbed.measurements.measurement_folder import write_start
 from tulip_testbed.pages.page import filled, png
 from tulip_testbed.pages.placement_drawing import Mark, drawing, marks, placement_of, scale_for
 from tulip_testbed.rendering import rendered
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import new_folder, write_text
-from tulip_testbed.sim.measurements.measurement_folder import write_start
-from tulip_testbed.sim.measurements.plan_folder import write_plan
-from tulip_testbed.sim.robot import CORNERS, PLATES
+from tulip_testbed.sim.plan_folder import write_plan
 
 TEMPLATE = "protocol.html.j2"
 PAGE, PLAN, TRAJECTORIES = "protocol.html", "plan", "trajectories"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tulip_testbed.base.files import check_new, write_bytes
 from tulip_testbed.experiments.campaigns.campaign_record import CampaignRecord
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
@@ -12,7 +13,6 @@ from tulip_testbed.pages import ENDING
 from tulip_testbed.pages.campaign_page import campaign_page
 from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.page import Page, html, montecarlo_page, validation_page
-from tulip_testbed.sim.files import check_new, write_bytes
 
 
 def page_of(run: Record) -> Page:

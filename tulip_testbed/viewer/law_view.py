@@ -6,9 +6,9 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from tulip_testbed.base.numbers import number
 from tulip_testbed.colours import ESTIMATE, MEASURED, rgb
 from tulip_testbed.experiments.law_curves import LawCurve
-from tulip_testbed.sim.numbers import number
 
 WIDTH, HEIGHT = 100.0, 60.0  # pixels of the picture; rerun draws y downwards
 MARGIN = 8.0

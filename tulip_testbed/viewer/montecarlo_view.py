@@ -6,8 +6,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from tulip_testbed.base.document import first_difference
 from tulip_testbed.colours import ESTIMATE, MEASURED, SKELETON, rgb
-from tulip_testbed.experiments.document import first_difference
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.calibration_tables import calibration_check_table
 from tulip_testbed.experiments.montecarlo.laboratory_runs import source_of, stream_of

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from tulip_testbed.colours import CELL_COLOURS, rgb
 from tulip_testbed.identification.center_of_pressure import cell_positions
-from tulip_testbed.sim.robot import PLATES
+from tulip_testbed.measurements.cells import PLATES
 from tulip_testbed.viewer.subject import Subject
 
 CELL_RADIUS = 0.012  # m

@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 
 from tulip_testbed.colours import PALETTE, rgb
-from tulip_testbed.sim.robot import CELLS, PLATES
+from tulip_testbed.measurements.cells import CELLS, PLATES
 from tulip_testbed.viewer.balance_series import magnification
 from tulip_testbed.viewer.plates_view import METRES_PER_WEIGHT
 from tulip_testbed.viewer.subject import Subject

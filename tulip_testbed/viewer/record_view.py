@@ -11,14 +11,8 @@ from tulip_testbed.experiments.discovery_record import DiscoveryRecord
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
 from tulip_testbed.experiments.records import Record, read_record
 from tulip_testbed.experiments.run_file import kind_of
-from tulip_testbed.sim.measurements import (
-    Measurements,
-    PosturePlan,
-    Series,
-    read_measurements,
-    read_plan,
-    read_series,
-)
+from tulip_testbed.measurements import Measurements, PosturePlan, Series, read_measurements, read_series
+from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.shipped import plan_folder
 from tulip_testbed.viewer.campaign_view import log_campaign

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.identify import identify, plain_estimator
 from tulip_testbed.experiments.validation_record import ValidationRecord
 from tulip_testbed.identification.base_parameters import common_support
@@ -13,16 +14,10 @@ from tulip_testbed.identification.contact_pressure import contact_pressure
 from tulip_testbed.identification.feasibility import stability_margin, support_polygon
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import observe
+from tulip_testbed.measurements import Measurements, PlateGeometry, PosturePlan, Series
+from tulip_testbed.measurements.data import feet_in_contact
 from tulip_testbed.pages.words import NO_TRUE_COM
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements import (
-    Measurements,
-    PlateGeometry,
-    PosturePlan,
-    Series,
-)
-from tulip_testbed.sim.measurements.data import feet_in_contact
-from tulip_testbed.sim.measurements.plan_folder import check_model
+from tulip_testbed.sim.plan_folder import check_model
 from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.scene import boards_under, nominal_plates

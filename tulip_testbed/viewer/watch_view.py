@@ -16,7 +16,7 @@ from tulip_testbed.experiments.watching.watch_tables import line
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.residual_channels import CHANNELS
-from tulip_testbed.sim.measurements import PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.standing import link_frames
 from tulip_testbed.viewer import window

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import rerun as rr
 
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import check_new, present, scratch_folder, write_bytes
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import check_new, present, scratch_folder, write_bytes
 from tulip_testbed.viewer import ENDING
 
 Log = Callable[[rr.RecordingStream], None]
@@ -32,7 +32,7 @@ START = 30.0  # s, in which a server has to open its port
 VIEWER = """
 import sys
 from rerun_cli.__main__ import main
-from tulip_testbed.sim.workers import end_with
+from tulip_testbed.base.workers import end_with
 end_with(int(sys.argv.pop(1)))
 sys.exit(main())
 """

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tulip_testbed.sim.numbers import number
+from tulip_testbed.base.numbers import number
 
 
 def printable(text: str) -> str:

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError, look_up, shortened
-from tulip_testbed.sim.measurements.data import OF_ROWS, Measurements
-from tulip_testbed.sim.measurements.manipulations import Experiment, arrangement_of, needs_cells
-from tulip_testbed.sim.measurements.measurement_folder import read_measurements, write_measurements
+from tulip_testbed.base.errors import InputError, look_up, shortened
+from tulip_testbed.measurements.data import OF_ROWS, Measurements
+from tulip_testbed.measurements.manipulations import Experiment, arrangement_of, needs_cells
+from tulip_testbed.measurements.measurement_folder import read_measurements, write_measurements
 
 BREAK = 3600.0  # s, between two experiments
 MOST_OFF = 5.0  # s.d., between weights of the same robot

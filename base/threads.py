@@ -13,7 +13,7 @@ import numpy.linalg  # noqa: F401  threadpoolctl limits the libraries that are l
 import scipy.linalg  # noqa: F401
 from threadpoolctl import threadpool_limits
 
-from tulip_testbed.sim.errors import at_least, at_most
+from tulip_testbed.base.errors import at_least, at_most
 
 P = ParamSpec("P")
 R = TypeVar("R")

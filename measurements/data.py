@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.sim.measurements.contacts import COP, Contacts, cops_of_wrenches
-from tulip_testbed.sim.measurements.manipulations import Experiment
-from tulip_testbed.sim.robot import CELLS, PLATES
+from tulip_testbed.measurements.cells import CELLS, PLATES
+from tulip_testbed.measurements.contacts import COP, Contacts, cops_of_wrenches
+from tulip_testbed.measurements.manipulations import Experiment
 
 
 @dataclass(frozen=True, eq=False)

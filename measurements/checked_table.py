@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tulip_testbed.sim.errors import IncompleteError, InputError, listed, shortened
-from tulip_testbed.sim.files import present, read_bytes
-from tulip_testbed.sim.measurements.table_files import MOST_ROWS, Table, is_number
+from tulip_testbed.base.errors import IncompleteError, InputError, listed, shortened
+from tulip_testbed.base.files import present, read_bytes
+from tulip_testbed.base.table_files import MOST_ROWS, Table, is_number
 
 EDITED = "; if it was edited on purpose, remove 'tables' from manifest.json and the other table"
 TWINS = 1e-6  # relative, and of a unit: difference of two tables that are one, written with fewer digits

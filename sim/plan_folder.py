@@ -10,23 +10,17 @@ import mujoco
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from tulip_testbed.sim.errors import InputError, listed, shortened
-from tulip_testbed.sim.files import new_folder, write_text
-from tulip_testbed.sim.measurements.bounds import MOST_ANGLE, MOST_LENGTH, Version
-from tulip_testbed.sim.measurements.checked_table import checked_table
-from tulip_testbed.sim.measurements.contract import SUPPORTS
-from tulip_testbed.sim.measurements.data import PosturePlan, base_foot
-from tulip_testbed.sim.measurements.folder_kind import check_kind
-from tulip_testbed.sim.measurements.table_files import (
-    Table,
-    read_json,
-    software,
-    write_json,
-    write_table,
-)
+from tulip_testbed.base.errors import InputError, listed, shortened
+from tulip_testbed.base.files import new_folder, sha256, write_text
+from tulip_testbed.base.table_files import Table, read_json, software, write_json, write_table
+from tulip_testbed.base.validation_message import validation_message
+from tulip_testbed.measurements.bounds import MOST_ANGLE, MOST_LENGTH, Version
+from tulip_testbed.measurements.checked_table import checked_table
+from tulip_testbed.measurements.contract import SUPPORTS
+from tulip_testbed.measurements.data import PosturePlan, base_foot
+from tulip_testbed.measurements.folder_kind import check_kind
 from tulip_testbed.sim.path import ClosedChain
-from tulip_testbed.sim.robot import Robot, joint_names, sha256
-from tulip_testbed.sim.validation_message import validation_message
+from tulip_testbed.sim.robot import Robot, joint_names
 
 MOST_SWING = 0.01  # m or rad, between the swing foot as planned and by the joint angles
 MOST_TORQUE = 1e5  # N m, of a drive

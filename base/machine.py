@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy.linalg  # noqa: F401  threadpoolctl sees the libraries that are loaded by then
 from threadpoolctl import threadpool_info
 
-from tulip_testbed.sim.errors import InputError, listed
-from tulip_testbed.sim.files import read_text
+from tulip_testbed.base.errors import InputError, listed
+from tulip_testbed.base.files import read_text
 
 CPU_FILE = Path("/proc/cpuinfo")
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
-from tulip_testbed.sim.errors import InputError, listed, shortened
-from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES
+from tulip_testbed.base.errors import InputError, listed, shortened
+from tulip_testbed.measurements.cells import CELLS, CORNERS, PLATES
 
 NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 TURNED = re.compile(r"(right|left) plate turned by 180 deg")

@@ -9,8 +9,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from tulip_testbed.sim.errors import InputError, choices, listed, look_up, shortened
-from tulip_testbed.sim.measurements.table_files import Table
+from tulip_testbed.base.errors import InputError, choices, listed, look_up, shortened
+from tulip_testbed.base.table_files import Table
 
 # Factor to the contract's unit, by quantity; None: of mass, to be weighed.
 UNITS: dict[str, dict[str, float | None]] = {

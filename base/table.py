@@ -10,9 +10,9 @@ from functools import cached_property
 from html import escape
 from typing import Any
 
-from tulip_testbed.sim.column import Column, printable
-from tulip_testbed.sim.measurements.table_files import finite
-from tulip_testbed.sim.table_layout import GAP, shown_columns, whole_width
+from tulip_testbed.base.column import Column, printable
+from tulip_testbed.base.table_files import finite
+from tulip_testbed.base.table_layout import GAP, shown_columns, whole_width
 
 WIDTH = 100  # characters of a table that is shown by its repr
 STYLES = {

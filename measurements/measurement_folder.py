@@ -11,36 +11,31 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from tulip_testbed.sim.errors import IncompleteError, InputError, close_to, look_up, shortened, warn
-from tulip_testbed.sim.files import new_folder, present, write_text
-from tulip_testbed.sim.measurements.checked_table import checked_table, tables_beside
-from tulip_testbed.sim.measurements.column_mapping import MappedTable, mapped_table
-from tulip_testbed.sim.measurements.contact_columns import (
+from tulip_testbed.base.errors import IncompleteError, InputError, close_to, look_up, shortened, warn
+from tulip_testbed.base.files import new_folder, present, sha256, write_text
+from tulip_testbed.base.table_files import Table, read_json, write_json, write_table
+from tulip_testbed.base.validation_message import validation_message
+from tulip_testbed.measurements.cells import CELLS, CORNERS
+from tulip_testbed.measurements.checked_table import checked_table, tables_beside
+from tulip_testbed.measurements.column_mapping import MappedTable, mapped_table
+from tulip_testbed.measurements.contact_columns import (
     Entries,
     pose_columns,
     read_contacts,
     read_poses,
     reading_columns,
 )
-from tulip_testbed.sim.measurements.contract import SUPPORTS, WHOLE, check_contract
-from tulip_testbed.sim.measurements.data import Measurements, SensorSheet
-from tulip_testbed.sim.measurements.folder_kind import check_kind
-from tulip_testbed.sim.measurements.manifest import (
+from tulip_testbed.measurements.contract import SUPPORTS, WHOLE, check_contract
+from tulip_testbed.measurements.data import Measurements, SensorSheet
+from tulip_testbed.measurements.folder_kind import check_kind
+from tulip_testbed.measurements.manifest import (
     ConstantEntry,
     Manifest,
     manifest_from,
     manifest_of,
     unset_keys,
 )
-from tulip_testbed.sim.measurements.manipulations import Experiment, arrangement_of
-from tulip_testbed.sim.measurements.table_files import (
-    Table,
-    read_json,
-    write_json,
-    write_table,
-)
-from tulip_testbed.sim.robot import CELLS, CORNERS, sha256
-from tulip_testbed.sim.validation_message import validation_message
+from tulip_testbed.measurements.manipulations import Experiment, arrangement_of
 
 MAY_LACK = (
     *("support", "time", "window", "samples", "q_std", "q_command", "motor", "cell_std"),

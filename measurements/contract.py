@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
-from tulip_testbed.sim.errors import InputError, look_up, shortened
-from tulip_testbed.sim.measurements.bounds import (
+from tulip_testbed.base.errors import InputError, look_up, shortened
+from tulip_testbed.base.validation_message import validation_message
+from tulip_testbed.measurements.bounds import (
     LEAST_CELL_SPREAD,
     MOST_ACCELERATION,
     MOST_ANGLE,
@@ -19,12 +20,11 @@ from tulip_testbed.sim.measurements.bounds import (
     MOST_LENGTH,
     MOST_SPEED,
 )
-from tulip_testbed.sim.measurements.contact_entries import wrong_contacts
-from tulip_testbed.sim.measurements.contacts import Contacts
-from tulip_testbed.sim.measurements.data import Measurements, SensorSheet
-from tulip_testbed.sim.measurements.manifest import RobotEntry, manifest_of
-from tulip_testbed.sim.robot import CELLS, PLATES
-from tulip_testbed.sim.validation_message import validation_message
+from tulip_testbed.measurements.cells import CELLS, PLATES
+from tulip_testbed.measurements.contact_entries import wrong_contacts
+from tulip_testbed.measurements.contacts import Contacts
+from tulip_testbed.measurements.data import Measurements, SensorSheet
+from tulip_testbed.measurements.manifest import RobotEntry, manifest_of
 
 WHOLE = ("posture", "placement")  # columns of whole numbers
 SUPPORTS = ("double", "right", "left")

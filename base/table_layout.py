@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from textwrap import wrap
 
-from tulip_testbed.sim.column import Column
+from tulip_testbed.base.column import Column
 
 GAP = 2  # blanks between two columns
 COMFORTABLE = 32  # characters of a column of text that wraps without being hard to read

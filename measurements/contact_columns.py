@@ -7,23 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.measurements.column_mapping import MappedTable
-from tulip_testbed.sim.measurements.contact_entries import (
-    CellsEntry,
-    CopEntry,
-    WrenchEntry,
-    contacts_of,
-    pose_of,
-)
-from tulip_testbed.sim.measurements.contacts import (
-    COP,
-    VERTICAL,
-    Contacts,
-    covariance_of_cops,
-    wrenches_of_cops,
-)
-from tulip_testbed.sim.robot import CELLS, CORNERS, PLATES
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.measurements.cells import CELLS, CORNERS, PLATES
+from tulip_testbed.measurements.column_mapping import MappedTable
+from tulip_testbed.measurements.contact_entries import CellsEntry, CopEntry, WrenchEntry, contacts_of, pose_of
+from tulip_testbed.measurements.contacts import COP, VERTICAL, Contacts, covariance_of_cops, wrenches_of_cops
 
 Entries = Sequence[WrenchEntry | CopEntry | CellsEntry]
 POSE_AXES = ("x", "y", "yaw")

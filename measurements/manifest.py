@@ -10,12 +10,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict
 
-from tulip_testbed.sim.measurements.bounds import Angle, Deviation, Gain, Gravity, Length, Mass, Point
-from tulip_testbed.sim.measurements.column_mapping import MappingEntry
-from tulip_testbed.sim.measurements.contact_entries import Pair, entries_of
-from tulip_testbed.sim.measurements.data import Measurements
-from tulip_testbed.sim.measurements.table_files import software
-from tulip_testbed.sim.robot import CORNERS, PLATES
+from tulip_testbed.base.table_files import software
+from tulip_testbed.measurements.bounds import Angle, Deviation, Gain, Gravity, Length, Mass, Point
+from tulip_testbed.measurements.cells import CORNERS, PLATES
+from tulip_testbed.measurements.column_mapping import MappingEntry
+from tulip_testbed.measurements.contact_entries import Pair, entries_of
+from tulip_testbed.measurements.data import Measurements
 
 OPTIONAL = ("gains", "tolerances", "constant_joints")  # keys that are written only if they hold something
 

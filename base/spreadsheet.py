@@ -7,7 +7,7 @@ import io
 import re
 from pathlib import Path
 
-from tulip_testbed.sim.errors import InputError
+from tulip_testbed.base.errors import InputError
 
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?")

@@ -14,9 +14,9 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from tulip_testbed.sim.errors import IncompleteError, InputError, close_to, listed, shortened
-from tulip_testbed.sim.files import read_text, write_text
-from tulip_testbed.sim.measurements.spreadsheet import plain_csv
+from tulip_testbed.base.errors import IncompleteError, InputError, close_to, listed, shortened
+from tulip_testbed.base.files import read_text, write_text
+from tulip_testbed.base.spreadsheet import plain_csv
 
 Columns = dict[str, np.ndarray]
 

@@ -8,15 +8,15 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from tulip_testbed.sim.errors import InputError, listed
-from tulip_testbed.sim.files import present
-from tulip_testbed.sim.measurements.checked_table import checked_table
-from tulip_testbed.sim.measurements.column_mapping import MappedTable, mapped_table
-from tulip_testbed.sim.measurements.contract import SUPPORTS, WHOLE
-from tulip_testbed.sim.measurements.manifest import Manifest, manifest_from
-from tulip_testbed.sim.measurements.measurement_folder import MAY_LACK, known_columns, required_columns
-from tulip_testbed.sim.measurements.table_files import read_json
-from tulip_testbed.sim.validation_message import missing_keys, wrong_values
+from tulip_testbed.base.errors import InputError, listed
+from tulip_testbed.base.files import present
+from tulip_testbed.base.table_files import read_json
+from tulip_testbed.base.validation_message import missing_keys, wrong_values
+from tulip_testbed.measurements.checked_table import checked_table
+from tulip_testbed.measurements.column_mapping import MappedTable, mapped_table
+from tulip_testbed.measurements.contract import SUPPORTS, WHOLE
+from tulip_testbed.measurements.manifest import Manifest, manifest_from
+from tulip_testbed.measurements.measurement_folder import MAY_LACK, known_columns, required_columns
 
 
 def complaints(folder: Path, joints: tuple[str, ...]) -> dict[str, list[str]]:

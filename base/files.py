@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from tulip_testbed.sim.errors import InputError, shortened
+from tulip_testbed.base.errors import InputError, shortened
 
 MOST_BYTES = 64 * 2**20  # of any file that is read
 NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EXDEV)
@@ -91,6 +91,11 @@ def opened(path: Path) -> Iterator[BinaryIO]:
 
 def _unreadable(path: Path, error: OSError | ValueError) -> InputError:
     return InputError(f"{path}: cannot read ({error_text(error)})")
+
+
+def sha256(path: Path) -> str:
+    """Return the hash of a file's bytes, in hexadecimal."""
+    return hashlib.sha256(read_bytes(Path(path))).hexdigest()
 
 
 def read_text(path: Path, most: int = MOST_BYTES) -> str:

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tulip_testbed.sim.files import present
-from tulip_testbed.sim.measurements.checked_table import checked_table
-from tulip_testbed.sim.measurements.data import Measurements
-from tulip_testbed.sim.measurements.measurement_folder import read_manifest
-from tulip_testbed.sim.robot import CELLS
+from tulip_testbed.base.files import present
+from tulip_testbed.measurements.cells import CELLS
+from tulip_testbed.measurements.checked_table import checked_table
+from tulip_testbed.measurements.data import Measurements
+from tulip_testbed.measurements.measurement_folder import read_manifest
 
 MOST_SAMPLES = 5_000_000
 

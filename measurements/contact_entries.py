@@ -18,7 +18,7 @@ from pydantic import (
     model_validator,
 )
 
-from tulip_testbed.sim.measurements.bounds import (
+from tulip_testbed.measurements.bounds import (
     LEAST_CELL_SPREAD,
     LEAST_DEVIATION,
     MOST_FORCE,
@@ -27,8 +27,8 @@ from tulip_testbed.sim.measurements.bounds import (
     Length,
     Point,
 )
-from tulip_testbed.sim.measurements.contacts import CHANNEL_SETS, POSE, VERTICAL, Contacts
-from tulip_testbed.sim.robot import CORNERS, PLATES
+from tulip_testbed.measurements.cells import CORNERS, PLATES
+from tulip_testbed.measurements.contacts import CHANNEL_SETS, POSE, VERTICAL, Contacts
 
 LEAST_CELLS = 3  # a plane has no fewer
 SAME = 1e-9  # relative, of a covariance and its transpose

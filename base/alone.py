@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from tulip_testbed.sim.errors import InputError
-from tulip_testbed.sim.files import error_text, hidden_stem
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.files import error_text, hidden_stem
 
 
 @contextmanager

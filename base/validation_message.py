@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import ValidationError
 
-from tulip_testbed.sim.errors import listed, shortened
+from tulip_testbed.base.errors import listed, shortened
 
 # What is expected, by pydantic's type of complaint; in braces what it says of it.
 EXPECTED = {

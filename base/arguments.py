@@ -12,8 +12,8 @@ from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_typ
 
 import numpy as np
 
-from tulip_testbed.sim.errors import InputError, shortened
-from tulip_testbed.sim.files import check_path
+from tulip_testbed.base.errors import InputError, shortened
+from tulip_testbed.base.files import check_path
 
 P = ParamSpec("P")
 R = TypeVar("R")

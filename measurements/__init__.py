@@ -1,0 +1,23 @@
+"""The data contract between a laboratory, simulated or real, and the identification."""
+
+from tulip_testbed.measurements.data import Measurements, PlateGeometry, PosturePlan, SensorSheet, lay_boards
+from tulip_testbed.measurements.joined import as_joined, joined, read_experiments
+from tulip_testbed.measurements.manipulations import Experiment
+from tulip_testbed.measurements.measurement_folder import read_measurements, write_measurements
+from tulip_testbed.measurements.series import Series, read_series
+
+__all__ = [
+    "Experiment",
+    "Measurements",
+    "PlateGeometry",
+    "PosturePlan",
+    "SensorSheet",
+    "Series",
+    "as_joined",
+    "joined",
+    "lay_boards",
+    "read_experiments",
+    "read_measurements",
+    "read_series",
+    "write_measurements",
+]
