@@ -11,9 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.effect_changes import SEED, UNIT, agreement, changes, statically
-from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.catalogue import acts_on, catalogue
 from tulip_testbed.effects.instance import split_label
-from tulip_testbed.effects.instruments import acts_on
 from tulip_testbed.effects.targets import check_target, leg_links
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_channels import ANCHORED, ROWS, residuals
@@ -183,7 +182,7 @@ def test_predict_undoes_any_misreading(text, data, noiseless, robot, base, nomin
     )
     read = effect.inject(noiseless, target, values).misread
     assert read is not None
-    cleaned = effect.predict(observe(read(base), nominal), target, values)
+    cleaned = effect.remove(observe(read(base), nominal), target, values)
     for name in ("joint_angles", "cell_forces", "plate_poses"):
         assert getattr(cleaned, name) == pytest.approx(getattr(base, name), abs=1e-9)
 
@@ -213,7 +212,7 @@ def test_no_effect_predicts_nothing(name, robot, base, in_feet, nominal):
     effect = catalogue()[name]
     observed = observe(base if acts_on(effect, None) else in_feet, nominal)
     target = effect.targets.of(robot, tuple(np.unique(base.placement).tolist()))[0]
-    same = residuals(effect.predict(observed, target, zero(effect)), nominal.value)
+    same = residuals(effect.remove(observed, target, zero(effect)), nominal.value)
     assert np.abs(same - residuals(observed, nominal.value)).max() < 1e-12
 
 

@@ -15,11 +15,13 @@ from tulip_testbed.effects.laws.grammar import LAW, Sentence, says, sentence_of
 from tulip_testbed.effects.laws.law_sentence import told
 from tulip_testbed.effects.laws.misread import (
     POSE,
-    LawMisreading,
     all_size_names,
+    misread,
     split_values,
+    undo,
 )
 from tulip_testbed.effects.laws.shapes import fixed_names, range_names, size_names
+from tulip_testbed.effects.misreading import Misreading
 from tulip_testbed.effects.targets import Targets
 from tulip_testbed.sim.robot import Robot
 
@@ -92,7 +94,7 @@ def _law_effect(target: str) -> Effect:
         name=LAW,
         sentence=f"A law composed of what errs, as a function of what, in which shape: {target}.",
         parameters=_parameters(sentence),
-        mechanism=LawMisreading() if misreads else Physics(force.inject, force.predict),
+        mechanism=Misreading(misread, undo) if misreads else Physics(force.inject, force.remove),
         words="",
         targets=Targets("WHAT/OF/SHAPE", of),
         instrument={g.CELL: "cells", g.CELLS_OF: "cells", g.PLATE: "plates"}.get(sentence.kind, ""),

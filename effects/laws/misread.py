@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from tulip_testbed.effects.effect import OnReadings, Values
-from tulip_testbed.effects.injection import misreading
+from tulip_testbed.effects.effect import Values
 from tulip_testbed.effects.laws import grammar as g
 from tulip_testbed.effects.laws.grammar import Sentence, sentence_of
 from tulip_testbed.effects.laws.quantities import quantity, readings
@@ -17,25 +16,11 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import PLATES
-from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import Robot
 
 POSE = ("x", "y", "yaw")
 ROUNDS = 20  # of the inversion, where the error depends on the true reading
 AT_REST = 1e-10  # rad, N or m
-
-
-@dataclass(frozen=True)
-class LawMisreading(OnReadings):
-    """A misreading whose error is a function of an observation."""
-
-    def inject(self, rig: Rig, target: str, values: Values) -> Rig:
-        """Return the laboratory with the faulty instruments."""
-        return misreading(rig, lambda m: misread(m, rig.robot, target, values))
-
-    def predict(self, observed: Observation, target: str, values: Values) -> Observation:
-        """Return the observation with the readings corrected."""
-        return undo(observed, target, values)
 
 
 def misread(m: Measurements, robot: Robot, target: str, values: Values) -> Measurements:

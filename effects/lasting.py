@@ -1,4 +1,4 @@
-"""Where an effect acts in each of several experiments: with the device, the session or the robot.
+"""How long an effect lasts, and where it acts in each of several experiments.
 
 A target names a device by its place in the ordinary set-up. `@K` after it means: from experiment K on, as
 long as what belongs to it lasts (a session, a zero, a survey).
@@ -7,6 +7,7 @@ long as what belongs to it lasts (a session, a zero, a survey).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
 
@@ -17,23 +18,60 @@ from tulip_testbed.effects.targets import CELL_NAMES, Targets
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import VARYING
 from tulip_testbed.measurements.cells import CELLS, CORNERS, PLATES
-from tulip_testbed.measurements.manipulations import Experiment
+from tulip_testbed.measurements.manipulations import Arrangement, Experiment
 
 Values = tuple[float, ...]
 FROM = "@"
-OF_SESSION = ("tilt", "cell-tare", "wrench-zero", "plate-translation", "plate-yaw")
-OF_SURVEY = ("plate-translation", "plate-yaw")  # anew where the plates were moved or the robot turned
-OF_CABLE = ("tether", "tether-spring")
-TURNING = ("tilt", "tether")  # vectors of the room: a robot that is turned sees them the other way round
-OF_PLATE = ("plate-drift", "swapped-cells")  # of a plate rather than of its place
-IN_SEQUENCE = ("creep",)  # by the order of the postures within one experiment
+
+
+@dataclass(frozen=True)
+class Lasting:
+    """How long an effect stays the same, and what takes it along.
+
+    Attributes:
+        until: what ends it: "" nothing; "session" the end of a session; "tare" that or taring; "survey" that
+            or a move of the plates or of the robot; "zero" the next zero of its joint's encoder; "cable" the
+            removal of the cable.
+        of_room: whether its values are a vector of the room, which a turned robot sees the other way round.
+        moves: "plate" if it goes with its plate to another place; "plate and corners" if the values are
+            corners of that plate. A cell always takes its fault along.
+        in_sequence: whether it depends on the order of the postures within one experiment.
+    """
+
+    until: str = ""
+    of_room: bool = False
+    moves: str = ""
+    in_sequence: bool = False
+
+    def ended(self, target: str, state: Arrangement) -> bool:
+        """Return whether the manipulations of an experiment made the instrument exact again."""
+        if self.until == "zero":
+            return target in state.zeroed
+        return {"tare": state.tared, "survey": state.moved}.get(self.until, False)
+
+    def phase(self, target: str, one: Experiment, number: int) -> tuple[object, ...]:
+        """Return what is the same in two experiments in which the effect is the same.
+
+        Args:
+            number: index of the experiment.
+        """
+        state, session = one.arrangement, one.session or number
+        return {
+            "session": (session,),
+            "tare": (session, state.tared),
+            "survey": (session, state.moved, state.robot_turned),
+            "zero": (target in state.zeroed,),
+        }.get(self.until, ())
+
+
+ALWAYS = Lasting()
 
 
 class Kind(Protocol):
     """The part of an effect that decides where it acts."""
 
     @property
-    def name(self) -> str: ...
+    def lasting(self) -> Lasting: ...
 
     @property
     def targets(self) -> Targets: ...
@@ -62,38 +100,24 @@ def targets_over(
     """List the targets that an effect has in several experiments, each as long as it stays the same."""
     if not experiments:
         return tuple(targets)
-    if effect.name in OF_CABLE and not any(one.arrangement.cable for one in experiments):
+    if effect.lasting.until == "cable" and not any(one.arrangement.cable for one in experiments):
         return ()
     out = []
     for target in targets:
-        found = epochs(effect.name, target, experiments)
-        several = len(set(found)) > 1
-        out += [f"{target}{FROM}{number}" for number in sorted(set(found))] if several else [target]
+        numbers = sorted(set(epochs(effect.lasting, target, experiments)))
+        out += [f"{target}{FROM}{number}" for number in numbers] if len(numbers) > 1 else [target]
     return tuple(out)
 
 
 @lru_cache(maxsize=4096)
-def epochs(name: str, target: str, experiments: tuple[Experiment, ...]) -> tuple[int, ...]:
+def epochs(lasting: Lasting, target: str, experiments: tuple[Experiment, ...]) -> tuple[int, ...]:
     """Return for each experiment the number, from 1, of the first in which an effect was the same.
 
     Args:
-        name, target: of the effect, without the mark of an experiment.
+        target: without the mark of an experiment.
     """
-    keys = [_lasting(name, target, one, k) for k, one in enumerate(experiments)]
-    return tuple(1 + keys.index(key) for key in keys)
-
-
-def _lasting(name: str, target: str, one: Experiment, number: int) -> tuple[object, ...]:
-    """Return what is the same in two experiments in which an effect is the same."""
-    state = one.arrangement
-    if name == "encoder-offset":
-        return (target in state.zeroed,)
-    if name not in OF_SESSION:
-        return ()
-    session = one.session or number
-    if name in OF_SURVEY:
-        return session, state.moved, state.robot_turned
-    return (session, state.tared) if name == "cell-tare" else (session,)
+    phases = [lasting.phase(target, one, k) for k, one in enumerate(experiments)]
+    return tuple(1 + phases.index(phase) for phase in phases)
 
 
 def acting(
@@ -105,7 +129,7 @@ def acting(
         number: index of the experiment.
     """
     name, first = split_target(target)
-    if first is not None and epochs(effect.name, name, experiments)[number] != first:
+    if first is not None and epochs(effect.lasting, name, experiments)[number] != first:
         return None
     return arranged(effect, name, values, experiments[number])
 
@@ -115,21 +139,19 @@ def arranged(effect: Kind, target: str, values: Values, one: Experiment) -> tupl
 
     A device takes its fault along to its new place; of the room, a turned robot sees the opposite.
     """
-    state = one.arrangement
-    if effect.name in OF_CABLE and not state.cable:
+    state, lasting = one.arrangement, effect.lasting
+    if lasting.until == "cable" and not state.cable:
         return None
-    if effect.name in TURNING and state.robot_turned:
+    if lasting.of_room and state.robot_turned:
         return target, tuple(-value for value in values)
     if effect.targets is CELL_NAMES:
         return CELLS[state.place_of[CELLS.index(target)]], values
-    if effect.name in OF_PLATE:
-        places = [state.place_of[k] for k in range(len(CELLS)) if CELLS[k].startswith(target)]
-        plate = PLATES[places[0] // len(CORNERS)]
-        if effect.name == "swapped-cells":
-            pair = [float(places[round(value)] % len(CORNERS)) for value in values]
-            return plate, tuple(pair)
-        return plate, values
-    return target, values
+    if not lasting.moves:
+        return target, values
+    places = [state.place_of[k] for k in range(len(CELLS)) if CELLS[k].startswith(target)]
+    if lasting.moves == "plate and corners":
+        values = tuple(float(places[round(value)] % len(CORNERS)) for value in values)
+    return PLATES[places[0] // len(CORNERS)], values
 
 
 def by_experiment(
@@ -143,17 +165,18 @@ def by_experiment(
     m = observed.measurements
     if not m.experiments:
         return change(observed, target, values)
+    whole = not effect.lasting.in_sequence
+    groups: dict[object, list[int]] = {}
     acts = [acting(effect, target, values, m.experiments, k) for k in range(len(m.experiments))]
-    if None not in acts and len(set(acts)) == 1 and (len(acts) == 1 or effect.name not in IN_SEQUENCE):
-        assert acts[0] is not None
-        return change(observed, *acts[0])
+    for k, act in enumerate(acts):
+        groups.setdefault(act if whole else k, []).append(k)
     number, out = m.of_experiment, {}
-    groups = [[k] for k in range(len(acts))] if effect.name in IN_SEQUENCE else _alike(acts)
-    for group in groups:
+    for group in groups.values():
         act, rows = acts[group[0]], np.flatnonzero(np.isin(number, group))
         if act is None or not len(rows):
             continue
-        whole = effect.name not in IN_SEQUENCE
+        if len(groups) == 1:
+            return change(observed, *act)
         changed = change(observed if whole else observed.take(rows), *act)
         for field in VARYING:
             after = getattr(changed, field)
@@ -162,13 +185,6 @@ def by_experiment(
             values_of = out.setdefault(field, getattr(observed, field).copy())
             values_of[rows] = after[rows] if whole else after
     return observed.changed(**out) if out else observed
-
-
-def _alike(acts: Sequence[tuple[str, Values] | None]) -> list[list[int]]:
-    groups: dict[tuple[str, Values] | None, list[int]] = {}
-    for k, act in enumerate(acts):
-        groups.setdefault(act, []).append(k)
-    return list(groups.values())
 
 
 def check_everywhere(target: str, where: str) -> None:
