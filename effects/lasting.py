@@ -6,7 +6,7 @@ long as what belongs to it lasts (a session, a zero, a survey).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
@@ -77,10 +77,7 @@ class Kind(Protocol):
     def targets(self) -> Targets: ...
 
 
-class Change(Protocol):
-    """Remove an effect from an observation, or change it by what its readings do not show."""
-
-    def __call__(self, observed: Observation, target: str, values: Values, /) -> Observation: ...
+Change = Callable[[Observation, str, Values], Observation]
 
 
 def split_target(target: str) -> tuple[str, int | None]:

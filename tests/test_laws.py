@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 
 import tulip_testbed as tt
 from tests.effect_changes import agreement, changes, measured, statically
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.candidate_search import Search, first_calibration
 from tulip_testbed.discovery.columns import candidate_columns
@@ -68,30 +67,6 @@ def test_texts_and_documents_are_read_as_they_were_written(data):
         assert (other.label, other.values) == (law.label, law.values)
         assert other.effect is effect
     assert "guess" in law.finding
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("law=1", "WHAT/OF/SHAPE"),
-        ("law:encoder:right_knee/own-angle=1", "WHAT/OF/SHAPE"),
-        ("law:encode:right_knee/own-angle/sine=1", "encoder, encoders"),
-        ("law:encoder:right_knee/cop/linear=1", "own-angle, angle:JOINT"),
-        ("law:encoder:right_knee/angle/linear=1", "angle:JOINT"),
-        ("law:cell:left.front_left/cop/sine=1", "linear, quadratic"),
-        ("law:encoder:right_knee/own-angle/sine-gain=1", "linear, quadratic, sine"),
-        ("law:encoder:nobody/time/linear=1", "does not have"),
-        ("law:encoder:right_knee/angle:right_knee/linear=1,0,1", "does not have"),
-        ("law:encoder:right_knee/own-angle/linear=0.01,1,0", "FROM < TO"),
-        ("law:encoder:right_knee/own-angle/linear=0.01", "FROM"),
-        ("law:encoder:right_knee/own-angle/linear=nan,0,1", "finite"),
-    ],
-)
-def test_a_sentence_that_makes_no_sense_is_refused_with_those_that_do(text, words, robot):
-    with pytest.raises(InputError) as refused:
-        EffectInstance.parse(text, robot)
-    assert words in str(refused.value)
-    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -27,18 +28,14 @@ def misread(m: Measurements, robot: Robot, target: str, values: Values) -> Measu
     """Return the measurements that the faulty instruments give."""
     sentence = sentence_of(target)
     observed = observe(m, nominal_robot(robot, common_support(m.support)))
-    wrong = error(observed, sentence, values)
-    if sentence.kind in (g.ENCODER, g.ENCODERS):
-        return replace(m, joint_angles=m.joint_angles + wrong)
-    if sentence.kind == g.PLATE:
-        return replace(m, plate_poses=m.plate_poses + wrong)
-    return replace(m, cell_forces=m.cell_forces + wrong)
+    read: Any = getattr(m, sentence.field) + error(observed, sentence, values)
+    return replace(m, **{sentence.field: read})
 
 
 def undo(observed: Observation, target: str, values: Values) -> Observation:
     """Return the observation with the readings corrected."""
     sentence = sentence_of(target)
-    name = _field(sentence)
+    name = sentence.field
     read, true = getattr(observed, name), observed
     before: np.ndarray | None = None
     for _ in range(ROUNDS):
@@ -58,7 +55,7 @@ def error(observed: Observation, sentence: Sentence, values: Values) -> np.ndarr
         observed: with true readings.
     """
     sizes, fixed, ends = split_values(sentence, values)
-    out = np.zeros_like(getattr(observed, _field(sentence)))
+    out = np.zeros_like(getattr(observed, sentence.field))
     for at in readings(observed, sentence):
         functions = basis(sentence, quantity(observed, sentence, at), fixed, ends)
         if sentence.kind == g.PLATE:
@@ -86,15 +83,9 @@ def all_size_names(sentence: Sentence) -> tuple[str, ...]:
     return tuple(f"{axis}, {name}" if len(names) > 1 else axis for axis in POSE for name in names)
 
 
-def _field(sentence: Sentence) -> str:
-    if sentence.kind in (g.ENCODER, g.ENCODERS):
-        return "joint_angles"
-    return "plate_poses" if sentence.kind == g.PLATE else "cell_forces"
-
-
 def _of_itself(sentence: Sentence) -> bool:
     """Whether the error depends on the readings that err, so that it takes several rounds to undo."""
-    if sentence.kind in (g.ENCODER, g.ENCODERS):
+    if sentence.field == "joint_angles":
         return sentence.quantity in (g.OWN_ANGLE, g.OWN_TORQUE, g.TORQUE, g.BEFORE, g.DIRECTION)
     return sentence.kind != g.PLATE and (
         sentence.scales or sentence.quantity in (g.PLATE_LOAD, g.COP, g.BEFORE, g.DIRECTION)
