@@ -115,8 +115,8 @@ def without(
             more = f" and {len(numbers) - MOST_NUMBERS} more" if len(numbers) > MOST_NUMBERS else ""
             word = "postures" if len(numbers) > 1 else "posture"
             warn(
-                f"{shortened(one.label)}: {word} {shown}{more} outside the range in which the law was learned; there "
-                "it is held at its value at the range's end: do not trust it there"
+                f"{shortened(one.label)}: {word} {shown}{more} outside the range in which the law was "
+                "learned; there it is held at its value at the range's end: do not trust it there"
             )
     observed = removed(before, instances)
     return corrected(observed), observed
