@@ -146,21 +146,13 @@ class EffectInstance:
 
     def document(self) -> dict[str, Any]:
         """Return the effect for JSON, as `EffectDocument` describes it."""
-        intervals = self.intervals or (None,) * len(self.values)
+        ends = [interval or (None, None) for interval in self.intervals or (None,) * len(self.values)]
         return {
             "name": self.effect.name,
             "target": self.target or None,
             "parameters": [
-                {
-                    "name": parameter.name,
-                    "value": value,
-                    "unit": parameter.unit,
-                    "low95": None if interval is None else interval[0],
-                    "high95": None if interval is None else interval[1],
-                }
-                for parameter, value, interval in zip(
-                    self.effect.parameters, self.values, intervals, strict=True
-                )
+                {"name": p.name, "value": value, "unit": p.unit, "low95": low, "high95": high}
+                for p, value, (low, high) in zip(self.effect.parameters, self.values, ends, strict=True)
             ],
         }
 
@@ -190,11 +182,6 @@ class EffectInstance:
         )
         values = tuple(parameter.value for parameter in document.parameters)
         for parameter, value, interval in zip(effect.parameters, values, intervals, strict=True):
-            if interval is not None and interval[0] > interval[1]:
-                raise InputError(
-                    f"{where}: {effect.name}, {parameter.name}: found an interval from {interval[0]:g} to "
-                    f"{interval[1]:g}, expected low95 up to high95"
-                )
             if interval is not None and not interval[0] <= value <= interval[1]:
                 raise InputError(
                     f"{where}: {effect.name}, {parameter.name}: found {value:g} outside of its interval "
