@@ -182,6 +182,11 @@ class EffectInstance:
         )
         values = tuple(parameter.value for parameter in document.parameters)
         for parameter, value, interval in zip(effect.parameters, values, intervals, strict=True):
+            if interval is not None and interval[0] > interval[1]:
+                raise InputError(
+                    f"{where}: {effect.name}, {parameter.name}: found an interval from {interval[0]:g} to "
+                    f"{interval[1]:g}, expected low95 up to high95"
+                )
             if interval is not None and not interval[0] <= value <= interval[1]:
                 raise InputError(
                     f"{where}: {effect.name}, {parameter.name}: found {value:g} outside of its interval "
