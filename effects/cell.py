@@ -10,7 +10,7 @@ import numpy as np
 from tulip_testbed.effects.effect import Effect, Parameter, Physics, Values
 from tulip_testbed.effects.injection import edited, indicator, successive
 from tulip_testbed.effects.lasting import Lasting
-from tulip_testbed.effects.misreading import Fault, added, mapped, scaled
+from tulip_testbed.effects.misreading import InstrumentFault, added, mapped, scaled
 from tulip_testbed.effects.targets import CELL_NAMES, PLATE_NAMES
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.measurements.cells import CELLS, CORNERS, PLATES
@@ -20,17 +20,17 @@ from tulip_testbed.sim.rig import Rig
 FORCES = "cell_forces"
 
 
-def _cell(fault: Fault) -> np.ndarray:
+def _cell(fault: InstrumentFault) -> np.ndarray:
     """Return which cell is at fault, (8,) bool."""
     return indicator(CELLS, fault.target)
 
 
-def _four(fault: Fault) -> np.ndarray:
+def _four(fault: InstrumentFault) -> np.ndarray:
     """Return which cells are on the plate at fault, (8,) bool."""
     return np.repeat(indicator(PLATES, fault.target), len(CORNERS))
 
 
-def _mixing(fault: Fault) -> np.ndarray:
+def _mixing(fault: InstrumentFault) -> np.ndarray:
     """Return the readings of a plate's cells per load on each, (4, 4), symmetric."""
     return (1 - fault.size) * np.eye(4) + fault.size
 
@@ -39,14 +39,14 @@ def _mixed(forces: np.ndarray, by: np.ndarray) -> np.ndarray:
     return (forces.reshape(-1, 2, 4) @ by).reshape(-1, 8)
 
 
-def _lag(load: np.ndarray, fault: Fault) -> np.ndarray:
+def _lag(load: np.ndarray, fault: InstrumentFault) -> np.ndarray:
     before = np.zeros_like(load)
     for previous, row in successive(fault.measurements):
         before[row] = load[previous]
     return load + fault.size * (before - load)
 
 
-def _without_lag(read: np.ndarray, fault: Fault) -> np.ndarray:
+def _without_lag(read: np.ndarray, fault: InstrumentFault) -> np.ndarray:
     fraction = fault.size
     load = read / (1 - fraction)
     for previous, row in successive(fault.measurements):
@@ -54,7 +54,7 @@ def _without_lag(read: np.ndarray, fault: Fault) -> np.ndarray:
     return load
 
 
-def _creep(load: np.ndarray, fault: Fault) -> np.ndarray:
+def _creep(load: np.ndarray, fault: InstrumentFault) -> np.ndarray:
     cell, read, size = CELLS.index(fault.target), load.copy(), fault.size
     creep, before = 0.0, 0.0
     for row, kept in _intervals(fault.time, fault.values[1]):
@@ -63,7 +63,7 @@ def _creep(load: np.ndarray, fault: Fault) -> np.ndarray:
     return read
 
 
-def _without_creep(read: np.ndarray, fault: Fault) -> np.ndarray:
+def _without_creep(read: np.ndarray, fault: InstrumentFault) -> np.ndarray:
     cell, forces, size = CELLS.index(fault.target), read.copy(), fault.size
     creep, before = 0.0, None
     for row, kept in _intervals(fault.time, fault.values[1]):
@@ -88,7 +88,7 @@ def _intervals(time: np.ndarray, constant: float) -> list[tuple[int, float]]:
     return list(zip(order.tolist(), kept.tolist(), strict=True))
 
 
-def _swapped(forces: np.ndarray, fault: Fault) -> np.ndarray:
+def _swapped(forces: np.ndarray, fault: InstrumentFault) -> np.ndarray:
     columns = np.arange(forces.shape[1])
     pair = len(CORNERS) * PLATES.index(fault.target) + np.array(fault.values, dtype=int)
     columns[pair] = pair[::-1]

@@ -10,7 +10,7 @@ import numpy as np
 from tulip_testbed.effects.effect import Effect, Parameter, Values
 from tulip_testbed.effects.injection import STARTS, indicator, successive
 from tulip_testbed.effects.lasting import Lasting
-from tulip_testbed.effects.misreading import Fault, Misreading, added, mapped, scaled
+from tulip_testbed.effects.misreading import InstrumentFault, Misreading, added, mapped, scaled
 from tulip_testbed.effects.targets import JOINTS, LEG_JOINTS, plate_of
 from tulip_testbed.identification.joint_loads import servo_stiffness
 from tulip_testbed.identification.observation import Observation
@@ -24,29 +24,29 @@ SOURCES = ("encoder", "command")
 ROUNDING = 1e-5  # rad, of a log; servos err by a hundred times as much
 
 
-def _joint(fault: Fault) -> np.ndarray:
+def _joint(fault: InstrumentFault) -> np.ndarray:
     """Return which joint's encoder is at fault, (n_joints,) bool."""
     return indicator(fault.joints, fault.target)
 
 
-def _slip(fault: Fault) -> np.ndarray:
+def _slip(fault: InstrumentFault) -> np.ndarray:
     slip, start = fault.values
     return slip * np.outer(fault.time >= start, _joint(fault))
 
 
-def _by_load(fault: Fault) -> np.ndarray:
+def _by_load(fault: InstrumentFault) -> np.ndarray:
     side = PLATES.index(plate_of(fault.robot, fault.target))
     return fault.size * np.outer(fault.down[:, side], _joint(fault))
 
 
-def _lag(angles: np.ndarray, fault: Fault) -> np.ndarray:
+def _lag(angles: np.ndarray, fault: InstrumentFault) -> np.ndarray:
     joint, read = fault.joints.index(fault.target), angles.copy()
     for previous, row in successive(fault.measurements):
         read[row, joint] += fault.size * (angles[previous, joint] - angles[row, joint])
     return read
 
 
-def _without_lag(read: np.ndarray, fault: Fault) -> np.ndarray:
+def _without_lag(read: np.ndarray, fault: InstrumentFault) -> np.ndarray:
     joint, angles, part = fault.joints.index(fault.target), read.copy(), fault.size
     for previous, row in successive(fault.measurements):
         angles[row, joint] = (angles[row, joint] - part * angles[previous, joint]) / (1 - part)

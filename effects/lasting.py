@@ -67,7 +67,7 @@ class Lasting:
 ALWAYS = Lasting()
 
 
-class Kind(Protocol):
+class HasTargets(Protocol):
     """The part of an effect that decides where it acts."""
 
     @property
@@ -92,7 +92,7 @@ def everywhere(target: str) -> bool:
 
 
 def targets_over(
-    effect: Kind, targets: Sequence[str], experiments: tuple[Experiment, ...]
+    effect: HasTargets, targets: Sequence[str], experiments: tuple[Experiment, ...]
 ) -> tuple[str, ...]:
     """List the targets that an effect has in several experiments, each as long as it stays the same."""
     if not experiments:
@@ -118,7 +118,7 @@ def epochs(lasting: Lasting, target: str, experiments: tuple[Experiment, ...]) -
 
 
 def acting(
-    effect: Kind, target: str, values: Values, experiments: tuple[Experiment, ...], number: int
+    effect: HasTargets, target: str, values: Values, experiments: tuple[Experiment, ...], number: int
 ) -> tuple[str, Values] | None:
     """Return target and values with which an effect acts in one of the experiments, None: it does not.
 
@@ -131,7 +131,7 @@ def acting(
     return arranged(effect, name, values, experiments[number])
 
 
-def arranged(effect: Kind, target: str, values: Values, one: Experiment) -> tuple[str, Values] | None:
+def arranged(effect: HasTargets, target: str, values: Values, one: Experiment) -> tuple[str, Values] | None:
     """Return target and values of an effect as it acts in a manipulated laboratory, None: it does not.
 
     A device takes its fault along to its new place; of the room, a turned robot sees the opposite.
@@ -152,7 +152,7 @@ def arranged(effect: Kind, target: str, values: Values, one: Experiment) -> tupl
 
 
 def by_experiment(
-    effect: Kind, change: Change, observed: Observation, target: str, values: Values
+    effect: HasTargets, change: Change, observed: Observation, target: str, values: Values
 ) -> Observation:
     """Change the rows of every experiment by an effect as it acts there.
 

@@ -38,7 +38,7 @@ class Misreading:
 
 
 @dataclass(frozen=True)
-class Fault:
+class InstrumentFault:
     """A fault of an instrument in an experiment, with what its error may depend on.
 
     Attributes:
@@ -82,8 +82,8 @@ class Fault:
 
 def mapped(
     field: str,
-    misread: Callable[[np.ndarray, Fault], np.ndarray],
-    correct: Callable[[np.ndarray, Fault], np.ndarray],
+    misread: Callable[[np.ndarray, InstrumentFault], np.ndarray],
+    correct: Callable[[np.ndarray, InstrumentFault], np.ndarray],
 ) -> Misreading:
     """Make a misreading from a function of true readings and its inverse.
 
@@ -94,17 +94,17 @@ def mapped(
     """
 
     def apply(m: Measurements, robot: Robot, target: str, values: Values) -> Measurements:
-        read: Any = misread(getattr(m, field), Fault(target, values, m, robot))
+        read: Any = misread(getattr(m, field), InstrumentFault(target, values, m, robot))
         return replace(m, **{field: read})
 
     def remove(observed: Observation, target: str, values: Values) -> Observation:
-        fault = Fault(target, values, observed.measurements, observed.nominal.robot, observed)
+        fault = InstrumentFault(target, values, observed.measurements, observed.nominal.robot, observed)
         return observed.changed(**{field: correct(getattr(observed, field), fault)})
 
     return Misreading(apply, remove)
 
 
-def added(field: str, error: Callable[[Fault], np.ndarray]) -> Misreading:
+def added(field: str, error: Callable[[InstrumentFault], np.ndarray]) -> Misreading:
     """Make a misreading from an error that does not depend on the reading itself.
 
     Args:
@@ -113,7 +113,7 @@ def added(field: str, error: Callable[[Fault], np.ndarray]) -> Misreading:
     return mapped(field, lambda true, fault: true + error(fault), lambda read, fault: read - error(fault))
 
 
-def scaled(field: str, factor: Callable[[Fault], np.ndarray]) -> Misreading:
+def scaled(field: str, factor: Callable[[InstrumentFault], np.ndarray]) -> Misreading:
     """Make a misreading from a factor.
 
     Args:

@@ -6,28 +6,28 @@ import numpy as np
 
 from tulip_testbed.effects.effect import Effect, Parameter
 from tulip_testbed.effects.lasting import Lasting
-from tulip_testbed.effects.misreading import Fault, added
+from tulip_testbed.effects.misreading import InstrumentFault, added
 from tulip_testbed.effects.targets import PLACEMENTS, PLATE_NAMES
 from tulip_testbed.measurements.cells import PLATES
 
 POSES = "plate_poses"
 
 
-def _moved(fault: Fault) -> np.ndarray:
+def _moved(fault: InstrumentFault) -> np.ndarray:
     """Return recorded minus true poses, (2, 3) [m, m, rad]."""
     error = np.zeros((2, 3))
     error[PLATES.index(fault.target), :2] = fault.values
     return -error
 
 
-def _turned(fault: Fault) -> np.ndarray:
+def _turned(fault: InstrumentFault) -> np.ndarray:
     """Return recorded minus true poses, (2, 3) [m, m, rad]."""
     error = np.zeros((2, 3))
     error[PLATES.index(fault.target), 2] = fault.size
     return -error
 
 
-def _moved_once(fault: Fault) -> np.ndarray:
+def _moved_once(fault: InstrumentFault) -> np.ndarray:
     """Return recorded minus true poses, (m, 2, 3) [m, m, rad]."""
     placement = fault.measurements.placement
     error = np.zeros((len(placement), 2, 3))

@@ -28,7 +28,7 @@ FINE_CURVE = "fine-curve"
 GAIN = "-gain"
 
 
-class Kind(NamedTuple):
+class WhatErrs(NamedTuple):
     """What errs.
 
     Attributes:
@@ -42,7 +42,7 @@ class Kind(NamedTuple):
     words: str
 
 
-class Quantity(NamedTuple):
+class Dependence(NamedTuple):
     """What an error is a function of.
 
     Attributes:
@@ -57,26 +57,26 @@ class Quantity(NamedTuple):
 
 
 KINDS = {
-    ENCODER: Kind("joint_angles", "", "The {}'s encoder errs"),
-    ENCODERS: Kind("joint_angles", "", "The encoders of the {} leg err"),
-    CELL: Kind("cell_forces", "cells", "The {} cell errs"),
-    CELLS_OF: Kind("cell_forces", "cells", "The cells of the {} plate err"),
-    PLATE: Kind("plate_poses", "plates", "The {} plate's recorded pose errs"),
-    FORCE: Kind("", "", "A force acts on the {}"),
+    ENCODER: WhatErrs("joint_angles", "", "The {}'s encoder errs"),
+    ENCODERS: WhatErrs("joint_angles", "", "The encoders of the {} leg err"),
+    CELL: WhatErrs("cell_forces", "cells", "The {} cell errs"),
+    CELLS_OF: WhatErrs("cell_forces", "cells", "The cells of the {} plate err"),
+    PLATE: WhatErrs("plate_poses", "plates", "The {} plate's recorded pose errs"),
+    FORCE: WhatErrs("", "", "A force acts on the {}"),
 }
 QUANTITIES = {
-    NOTHING: Quantity("", "at all times", ranged=False),
-    OWN_ANGLE: Quantity("rad", "with {own} own angle"),
-    ANGLE: Quantity("rad", "with the {joint}'s angle"),
-    OWN_TORQUE: Quantity("Nm", "with {own} own torque"),
-    TORQUE: Quantity("Nm", "with the {joint}'s torque"),
-    LEG_LOAD: Quantity("N", "with the load of {own} leg"),
-    PLATE_LOAD: Quantity("N", "with the load of {own} plate"),
-    COP: Quantity("m", "with the place of the load on the plate"),
-    TIME: Quantity("of the time", "with time", ranged=False),
-    LOADED: Quantity("s", "with the time since the set-up began"),
-    BEFORE: Quantity("", "with the posture before", ranged=False),
-    DIRECTION: Quantity("", "with the direction of approach", ranged=False),
+    NOTHING: Dependence("", "at all times", ranged=False),
+    OWN_ANGLE: Dependence("rad", "with {own} own angle"),
+    ANGLE: Dependence("rad", "with the {joint}'s angle"),
+    OWN_TORQUE: Dependence("Nm", "with {own} own torque"),
+    TORQUE: Dependence("Nm", "with the {joint}'s torque"),
+    LEG_LOAD: Dependence("N", "with the load of {own} leg"),
+    PLATE_LOAD: Dependence("N", "with the load of {own} plate"),
+    COP: Dependence("m", "with the place of the load on the plate"),
+    TIME: Dependence("of the time", "with time", ranged=False),
+    LOADED: Dependence("s", "with the time since the set-up began"),
+    BEFORE: Dependence("", "with the posture before", ranged=False),
+    DIRECTION: Dependence("", "with the direction of approach", ranged=False),
 }
 _TIMES: dict[str, tuple[str, ...]] = {
     TIME: (LINEAR, QUADRATIC, SINE, STEP, SATURATING, CURVE, FINE_CURVE),
