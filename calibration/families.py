@@ -14,10 +14,9 @@ from numbers import Real
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, look_up, shortened
-from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.catalogue import catalogue, targets_in
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import MOST_PRIORS, EffectInstance, effect_label
-from tulip_testbed.effects.instruments import targets_in
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.measurements import SensorSheet
 from tulip_testbed.measurements.bounds import LEAST_DEVIATION

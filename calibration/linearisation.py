@@ -268,7 +268,7 @@ def _unsure(observed: Observation, families: Families, phi: np.ndarray) -> np.nd
         (one,) = family.instances(sizes)
         unsure = one.effect.unsure(observed, one.target, one.values)
         if unsure is not None:
-            predicted = one.effect.predict(observed, one.target, one.values)
+            predicted = one.effect.remove(observed, one.target, one.values)
             out.append(difference(predicted, unsure))
     return np.stack(out, axis=-1) if out else np.zeros((len(observed), fields(observed)["lift"].stop, 0))
 

@@ -49,4 +49,4 @@ def member_columns(
 
 
 def _removed(observed: Observation, one: EffectInstance) -> Observation:
-    return one.effect.predict(observed, one.target, one.values)
+    return one.effect.remove(observed, one.target, one.values)

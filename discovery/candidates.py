@@ -8,10 +8,9 @@ from itertools import product
 
 import numpy as np
 
-from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.catalogue import catalogue, targets_in
 from tulip_testbed.effects.effect import Effect, Values
 from tulip_testbed.effects.instance import EffectInstance, effect_label
-from tulip_testbed.effects.instruments import targets_in
 from tulip_testbed.identification.noise_structure import groups
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_channels import center
@@ -109,7 +108,7 @@ class Fitted:
 
     def removed(self, observed: Observation) -> Observation:
         """Return the observation with the effect removed."""
-        return self.candidate.effect.predict(observed, self.candidate.target, self.values)
+        return self.candidate.effect.remove(observed, self.candidate.target, self.values)
 
 
 def candidates(observed: Observation, effects: dict[str, Effect] | None = None) -> list[Candidate]:

@@ -108,4 +108,4 @@ def _presence_column(linear: LinearModel, candidate: Candidate, point: int) -> n
 
 
 def _removed(observed: Observation, candidate: Candidate, sizes: np.ndarray, point: int) -> Observation:
-    return candidate.effect.predict(observed, candidate.target, candidate.values(sizes, point))
+    return candidate.effect.remove(observed, candidate.target, candidate.values(sizes, point))

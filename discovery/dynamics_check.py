@@ -13,8 +13,8 @@ import numpy as np
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.discovery.discover import Discovery
 from tulip_testbed.discovery.refit import exact_rig, measured_plan
-from tulip_testbed.effects.arranged import acting
 from tulip_testbed.effects.instance import EffectInstance, injected, removed
+from tulip_testbed.effects.lasting import acting
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.residual_channels import SIZE, residuals
 from tulip_testbed.measurements import Measurements

@@ -165,7 +165,7 @@ def _columns(
     """Differentiate the residuals by the sizes of an effect, (m, 11, s); without a size, its whole change."""
     if instance.effect.sizes:
         return member_columns(observed, theta, slope, FreeEffect(instance))
-    after = instance.effect.predict(observed, instance.target, instance.values)
+    after = instance.effect.remove(observed, instance.target, instance.values)
     change = residuals(observed, theta) - residuals(after, theta)
     return change.reshape(len(observed), SIZE, 1)
 

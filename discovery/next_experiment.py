@@ -21,8 +21,8 @@ from tulip_testbed.discovery.experiment_information import (
     separations,
 )
 from tulip_testbed.discovery.refit import exact_rig, measured_plan, simulated
-from tulip_testbed.effects.arranged import FROM, epochs, everywhere
 from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.lasting import FROM, epochs, everywhere
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
@@ -321,7 +321,7 @@ def _in_joint(doubt: Doubt, m: Measurements) -> Doubt:
 
 
 def _first(one: EffectInstance, m: Measurements) -> EffectInstance:
-    found = epochs(one.effect.name, one.target.partition(FROM)[0], m.experiments)
+    found = epochs(one.effect.lasting, one.target.partition(FROM)[0], m.experiments)
     if not everywhere(one.target) or len(set(found)) == 1:
         return replace(one, intervals=())
     return replace(one, target=f"{one.target}{FROM}{found[0]}", intervals=())

@@ -15,8 +15,8 @@ import numpy as np
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.joint_fit import JointFit, joint_fit, remove_terms
-from tulip_testbed.effects.arranged import acting
 from tulip_testbed.effects.instance import injected, removed
+from tulip_testbed.effects.lasting import acting
 from tulip_testbed.identification.ballast import known_weight
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.identification.residual_channels import ROWS, residuals, swing_pose

@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 from tulip_testbed.base.errors import listed
 from tulip_testbed.base.numbers import number
-from tulip_testbed.effects.arranged import by_experiment
-from tulip_testbed.effects.injection import misreading
+from tulip_testbed.effects.lasting import ALWAYS, Lasting, by_experiment
+from tulip_testbed.effects.misreading import Misreading, Values
 from tulip_testbed.effects.targets import WHOLE, Targets
 from tulip_testbed.identification.observation import Observation
-from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.rig import Rig
-from tulip_testbed.sim.robot import Robot
-
-Values = tuple[float, ...]
 
 # Factor and unit in which a value is shown, by its SI unit; "" is a ratio.
 DISPLAY = {
@@ -103,7 +97,7 @@ class Physics:
 
     Attributes:
         inject: (rig, target, values) -> the laboratory with the effect.
-        predict: (observation, target, values) -> the observation with the effect removed. It knows the
+        remove: (observation, target, values) -> the observation with the effect removed. It knows the
             measurements and the nominal robot only and shares no formula with `inject`.
         unsure: (observation, target, values) -> the same with every posture off by one s.d. of what its
             readings do not show, for instance where in its play a joint without load rests; None: they show
@@ -111,47 +105,8 @@ class Physics:
     """
 
     inject: Callable[[Rig, str, Values], Rig]
-    predict: Callable[[Observation, str, Values], Observation]
+    remove: Callable[[Observation, str, Values], Observation]
     unsure: Callable[[Observation, str, Values], Observation] | None = None
-
-
-class OnReadings(ABC):
-    """An effect on readings alone."""
-
-    unsure: ClassVar[Callable[[Observation, str, Values], Observation] | None] = None
-
-    @abstractmethod
-    def inject(self, rig: Rig, target: str, values: Values) -> Rig:
-        """Return the laboratory with the faulty instruments."""
-
-    @abstractmethod
-    def predict(self, observed: Observation, target: str, values: Values) -> Observation:
-        """Return the observation with the readings corrected."""
-
-
-@dataclass(frozen=True)
-class Misreading(OnReadings):
-    """An effect on readings alone, as a function of the measurements.
-
-    Attributes:
-        apply: (measurements, target, values) -> the measurements that the faulty instruments give.
-        undo: (observation, target, values) -> the observation with the readings corrected. It may share
-            a formula with `apply`, because hand-worked readings in the tests hold sign and definition.
-        acts_on: (robot, target) -> what both get in place of the target, if it takes the robot to tell.
-    """
-
-    apply: Callable[[Measurements, str, Values], Measurements]
-    undo: Callable[[Observation, str, Values], Observation]
-    acts_on: Callable[[Robot, str], str] = lambda robot, target: target
-
-    def inject(self, rig: Rig, target: str, values: Values) -> Rig:
-        """Return the laboratory with the faulty instruments."""
-        instrument = self.acts_on(rig.robot, target)
-        return misreading(rig, lambda measurements: self.apply(measurements, instrument, values))
-
-    def predict(self, observed: Observation, target: str, values: Values) -> Observation:
-        """Return the observation with the readings corrected."""
-        return self.undo(observed, self.acts_on(observed.nominal.robot, target), values)
 
 
 @dataclass(frozen=True, repr=False)
@@ -168,18 +123,22 @@ class Effect:
         instrument: on which contact sensors it acts: "cells", "plates" (on the ground, of any kind),
             "wrenches"; "" if it acts with any of them.
         statics: whether the static laboratory can simulate it; otherwise only the full dynamics can.
+        lasting: how long it stays the same.
         unit_on: target -> unit of the first parameter there, where targets differ in it; None: they do not.
+        explanation: its physics, with the assumptions.
     """
 
     name: str
     sentence: str
     parameters: tuple[Parameter, ...]
-    mechanism: Physics | OnReadings
+    mechanism: Physics | Misreading
     words: str
     targets: Targets = WHOLE
     statics: bool = True
     instrument: str = ""
+    lasting: Lasting = ALWAYS
     unit_on: Callable[[str], str] | None = None
+    explanation: str = ""
 
     def __repr__(self) -> str:
         return f"<Effect {self.usage}>"
@@ -199,7 +158,7 @@ class Effect:
     @property
     def misreads(self) -> bool:
         """Whether the effect changes readings alone."""
-        return isinstance(self.mechanism, OnReadings)
+        return isinstance(self.mechanism, Misreading)
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -229,9 +188,9 @@ class Effect:
         """Return the laboratory with the effect; at zero it is unchanged."""
         return self.mechanism.inject(rig, target, values)
 
-    def predict(self, observed: Observation, target: str, values: Values) -> Observation:
+    def remove(self, observed: Observation, target: str, values: Values) -> Observation:
         """Return the observation with the effect removed, as the nominal laboratory would have given it."""
-        return by_experiment(self, self.mechanism.predict, observed, target, values)
+        return by_experiment(self, self.mechanism.remove, observed, target, values)
 
     def unsure(self, observed: Observation, target: str, values: Values) -> Observation | None:
         """Return the observation off by one s.d. of what its readings do not show; None: they show all."""

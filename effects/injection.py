@@ -1,4 +1,4 @@
-"""Change a laboratory: its scene, its readings, and from when on."""
+"""Change a laboratory: its scene, its readings, from when on, and the known masses on its robot."""
 
 from __future__ import annotations
 
@@ -8,9 +8,13 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
+from tulip_testbed.base.errors import InputError, look_up, shortened
+from tulip_testbed.effects.targets import links
 from tulip_testbed.measurements import Measurements
-from tulip_testbed.sim.procedure import new_set_up
+from tulip_testbed.measurements.manipulations import Experiment, needs_cells
+from tulip_testbed.sim.procedure import constants, new_set_up
 from tulip_testbed.sim.rig import Rig, stages
+from tulip_testbed.sim.robot import joint_names
 from tulip_testbed.sim.scene import laboratory_scene
 from tulip_testbed.sim.specs import compile_spec
 
@@ -65,6 +69,64 @@ def check_built(rig: Rig) -> None:
     """
     for _, stage in stages(rig):
         compile_spec(laboratory_scene(stage, np.zeros((2, 3))), str(rig.robot.path))
+
+
+def add_mass(spec: mujoco.MjSpec, link: str, mass: float, place: np.ndarray) -> None:
+    """Add a point mass to a link's mass, centre of mass and inertia.
+
+    Args:
+        place: in the link's frame, (3,) [m].
+    """
+    model = compile_spec(spec.copy(), spec.modelname)
+    body = model.body(link)
+    center, before = body.ipos.copy(), float(body.mass[0])
+    joined = (before * center + mass * place) / (before + mass)
+    turn = np.zeros(9)
+    mujoco.mju_quat2Mat(turn, body.iquat)
+    axes = turn.reshape(3, 3)
+    inertia = axes @ np.diag(body.inertia) @ axes.T
+    for part, at in ((before, center), (mass, place)):
+        arm = at - joined
+        inertia = inertia + part * ((arm @ arm) * np.eye(3) - np.outer(arm, arm))
+    principal, axes = np.linalg.eigh(inertia)
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, axes.ravel())
+    edit = spec.body(link)
+    edit.explicitinertial = True
+    edit.mass, edit.ipos, edit.iquat, edit.inertia = before + mass, joined, quaternion, principal
+    edit.fullinertia = np.full(6, np.nan)
+
+
+def manipulated(rig: Rig, experiment: Experiment) -> Rig:
+    """Return a laboratory with the known masses of an experiment on its robot."""
+    masses = experiment.arrangement.masses
+    if not masses:
+        return rig
+
+    def edit(spec: mujoco.MjSpec) -> None:
+        for one in masses:
+            add_mass(spec, one.link, one.mass, np.array(one.place))
+
+    return edited(rig, edit)
+
+
+def check_experiment(rig: Rig, experiment: Experiment) -> None:
+    """Refuse manipulations that a laboratory cannot have.
+
+    Raises:
+        InputError: names the manipulation, and what is valid.
+    """
+    known, state = constants(rig), experiment.arrangement
+    for text in experiment.manipulations:
+        if known["contacts"] is not None and needs_cells(text):
+            raise InputError(
+                f"manipulations: found '{shortened(text)}' with wrench sensors, expected plates on cells"
+            )
+    for joint in state.zeroed:
+        look_up("joint", joint, joint_names(rig.robot.model), "manipulations: encoder re-zeroed")
+    for one in state.masses:
+        look_up("link", one.link, links(rig.robot), "manipulations: known mass")
 
 
 def indicator(names: tuple[str, ...], name: str) -> np.ndarray:

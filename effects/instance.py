@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -12,12 +12,13 @@ from pydantic import BaseModel, ConfigDict, Strict
 from tulip_testbed.base.arguments import expect
 from tulip_testbed.base.errors import InputError, listed, look_up, shortened, warn
 from tulip_testbed.base.numbers import number
-from tulip_testbed.effects.arranged import check_everywhere, split_target
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.lasting import arranged, check_everywhere, split_target
 from tulip_testbed.effects.laws import LAW, law_effect
 from tulip_testbed.effects.targets import check_target
 from tulip_testbed.identification.observation import Observation
+from tulip_testbed.measurements.manipulations import Experiment
 from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import Robot
 
@@ -145,21 +146,13 @@ class EffectInstance:
 
     def document(self) -> dict[str, Any]:
         """Return the effect for JSON, as `EffectDocument` describes it."""
-        intervals = self.intervals or (None,) * len(self.values)
+        ends = [interval or (None, None) for interval in self.intervals or (None,) * len(self.values)]
         return {
             "name": self.effect.name,
             "target": self.target or None,
             "parameters": [
-                {
-                    "name": parameter.name,
-                    "value": value,
-                    "unit": parameter.unit,
-                    "low95": None if interval is None else interval[0],
-                    "high95": None if interval is None else interval[1],
-                }
-                for parameter, value, interval in zip(
-                    self.effect.parameters, self.values, intervals, strict=True
-                )
+                {"name": p.name, "value": value, "unit": p.unit, "low95": low, "high95": high}
+                for p, value, (low, high) in zip(self.effect.parameters, self.values, ends, strict=True)
             ],
         }
 
@@ -349,8 +342,23 @@ def injected(rig: Rig, instances: Sequence[EffectInstance]) -> Rig:
 def removed(observed: Observation, instances: Sequence[EffectInstance]) -> Observation:
     """Return the observation with these effects removed, in the reverse order of their stages."""
     for found in reversed(_in_order(instances)):
-        observed = found.effect.predict(observed, found.target, found.values)
+        observed = found.effect.remove(observed, found.target, found.values)
     return observed
+
+
+def as_manipulated(instances: Sequence[EffectInstance], experiment: Experiment) -> tuple[EffectInstance, ...]:
+    """Return effects as they act in a manipulated laboratory.
+
+    Instruments that were zeroed, tared or surveyed again are exact.
+    """
+    out = []
+    for one in instances:
+        check_everywhere(one.target, str(one))
+        if one.effect.lasting.ended(one.target, experiment.arrangement):
+            continue
+        if (act := arranged(one.effect, one.target, one.values, experiment)) is not None:
+            out.append(replace(one, target=act[0], values=act[1], intervals=()))
+    return tuple(out)
 
 
 def _in_order(instances: Sequence[EffectInstance]) -> list[EffectInstance]:

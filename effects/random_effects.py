@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, at_least, look_up, shortened
-from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.catalogue import catalogue, effects_on
 from tulip_testbed.effects.effect import Effect, Parameter
 from tulip_testbed.effects.instance import EffectInstance, check_laboratory, split_label
-from tulip_testbed.effects.instruments import effects_on
 from tulip_testbed.effects.laws import LAW
 from tulip_testbed.measurements.contacts import Contacts
 from tulip_testbed.sim.robot import Robot

@@ -7,16 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from tulip_testbed.base.errors import InputError, warn
+from tulip_testbed.base.errors import InputError, shortened, warn
 from tulip_testbed.effects.instance import EffectInstance, check_instance, removed
-from tulip_testbed.effects.laws.grammar import LAW
-from tulip_testbed.effects.laws.learned_range import beyond, extrapolation
+from tulip_testbed.effects.laws.grammar import LAW, sentence_of
+from tulip_testbed.effects.laws.misread import split_values
+from tulip_testbed.effects.laws.quantities import quantity, readings
 from tulip_testbed.identification.ballast import known_weight
 from tulip_testbed.identification.kinematics import turned_about
 from tulip_testbed.identification.nominal import Nominal
 from tulip_testbed.identification.observation import Observation, observe, turned
 from tulip_testbed.identification.residual_channels import carried, center
 from tulip_testbed.measurements import Measurements
+
+SLACK = 0.02  # of a range, by which noise may leave it
+MOST_NUMBERS = 12  # of postures in a warning
 
 
 def corrected(observed: Observation) -> Measurements:
@@ -106,8 +110,30 @@ def without(
             )
     before = observe(measurements, nominal)
     for one in instances:
-        rows = beyond(before, one.effect, one.target, one.values)
-        if text := extrapolation(one.label, before, rows):
-            warn(text)
+        if len(numbers := beyond_range(before, one)):
+            shown = ", ".join(map(str, numbers[:MOST_NUMBERS]))
+            more = f" and {len(numbers) - MOST_NUMBERS} more" if len(numbers) > MOST_NUMBERS else ""
+            word = "postures" if len(numbers) > 1 else "posture"
+            warn(
+                f"{shortened(one.label)}: {word} {shown}{more} outside the range in which the law was "
+                "learned; there it is held at its value at the range's end: do not trust it there"
+            )
     observed = removed(before, instances)
     return corrected(observed), observed
+
+
+def beyond_range(observed: Observation, instance: EffectInstance) -> list[int]:
+    """Return the numbers of the postures at which a law would have to extrapolate.
+
+    There are none for an effect of the catalogue, or a law that has no range.
+    """
+    if instance.effect.name != LAW:
+        return []
+    sentence = sentence_of(instance.target)
+    _, _, ends = split_values(sentence, instance.values)
+    low, high = ends[0::2], ends[1::2]
+    slack, out = SLACK * (high - low), np.zeros(len(observed), bool)
+    for at in readings(observed, sentence) if len(ends) else ():
+        x = quantity(observed, sentence, at)
+        out |= ((x < low - slack) | (x > high + slack)).any(axis=1)
+    return np.unique(observed.measurements.posture[out]).tolist()

@@ -15,8 +15,8 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import new_folder, read_bytes, read_text, write_text
 from tulip_testbed.base.machine import machine
 from tulip_testbed.base.table_files import Table, software
-from tulip_testbed.effects.arranged import everywhere
 from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.lasting import everywhere
 from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.discovery_report import DiscoveryReport, discovery_report
 from tulip_testbed.experiments.rig_folder import RIG, rig_files

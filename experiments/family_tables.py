@@ -10,8 +10,7 @@ import numpy as np
 from tulip_testbed.base.table import Column, Table
 from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
 from tulip_testbed.calibration.families import TOLERANCES
-from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.effects.instruments import acts_on
+from tulip_testbed.effects.catalogue import acts_on, catalogue
 
 SPREAD = "Spread: estimated s.d. of the members, with its 95 % interval; 1 is usual."
 LARGEST_PARTS = 4

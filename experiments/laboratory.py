@@ -12,10 +12,12 @@ import numpy as np
 from tulip_testbed.base.arguments import checked, expect
 from tulip_testbed.base.errors import InputError, at_least, look_up
 from tulip_testbed.base.threads import one_blas_thread, processes
-from tulip_testbed.effects.injection import check_built
+from tulip_testbed.effects.catalogue import check_instrument
+from tulip_testbed.effects.injection import check_built, check_experiment, manipulated
 from tulip_testbed.effects.instance import (
     EffectInstance,
     Effects,
+    as_manipulated,
     check_different,
     check_instance,
     check_instances,
@@ -24,8 +26,6 @@ from tulip_testbed.effects.instance import (
     instances_of,
     several,
 )
-from tulip_testbed.effects.instruments import check_instrument
-from tulip_testbed.effects.manipulated import as_manipulated, check_experiment, manipulated
 from tulip_testbed.effects.true_robot import true_base_parameters, true_model
 from tulip_testbed.identification.base_parameters import (
     BaseParameters,

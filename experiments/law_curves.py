@@ -9,7 +9,6 @@ import numpy as np
 from tulip_testbed.effects.instance import EffectDocument, EffectInstance
 from tulip_testbed.effects.laws import LAW, sentence_of
 from tulip_testbed.effects.laws import grammar as g
-from tulip_testbed.effects.laws.law_effect import UNITS
 from tulip_testbed.effects.laws.law_sentence import FINE, TURN, as_what, what_errs
 from tulip_testbed.effects.laws.misread import split_values
 from tulip_testbed.effects.laws.quantities import quantity, readings
@@ -87,7 +86,7 @@ def _curve(run: DiscoveryRecord, document: EffectDocument) -> LawCurve | None:
     x = np.linspace(low, high, POINTS)
     unit = "" if sentence.scales else law.effect.parameters[0].unit
     factor, shown = FINE.get(unit, (1.0, unit))
-    quantity_unit = UNITS.get(sentence.quantity, "")
+    quantity_unit = g.QUANTITIES[sentence.quantity].unit
     turn, x_unit = (TURN, "deg") if quantity_unit == "rad" else (1.0, quantity_unit)
     return LawCurve(
         title=f"{what_errs(sentence)} {as_what(sentence)}",

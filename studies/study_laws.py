@@ -33,9 +33,9 @@ from tulip_testbed.discovery.evidence import effective_tests
 from tulip_testbed.discovery.law_candidates import is_law
 from tulip_testbed.discovery.refit import simulated, without_noise
 from tulip_testbed.discovery.selection import LEVEL
+from tulip_testbed.effects.catalogue import effects_on
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import EffectInstance, injected
-from tulip_testbed.effects.instruments import effects_on
 from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.experiments.benchmark.ordinary_run import LEAST_STANDING, _clear
 from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE, Outside

@@ -55,7 +55,7 @@ def changes(nominal, base, with_it, effect, target, values, absorbed=True, physi
         here = here[(twisted[:, ROWS["T"]] * steady).max(axis=1) < 1e-6]
     there = np.array([rows[_keys(with_it)[k]] for k in here])
     found = residuals(observed, nominal.value)
-    cleaned = residuals(effect.predict(observed, target, values), nominal.value)
+    cleaned = residuals(effect.remove(observed, target, values), nominal.value)
     differences = (found[here] - residuals(before, nominal.value)[there], (found - cleaned)[here])
     regressor = nominal.parameters.regressor(with_it.joint_angles[here]).reshape(2 * len(here), -1)
     basis = np.linalg.qr(regressor)[0]

@@ -9,9 +9,8 @@ import pytest
 
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.detectability import noncentrality
-from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.catalogue import catalogue, effects_on
 from tulip_testbed.effects.instance import split_label
-from tulip_testbed.effects.instruments import effects_on
 from tulip_testbed.experiments.atlases.isolability import ISOLABLE
 from tulip_testbed.experiments.benchmark import benchmark_run as run
 from tulip_testbed.experiments.benchmark import cases as arms

@@ -10,20 +10,23 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.effects.effect import Misreading
+from tulip_testbed.effects.catalogue import catalogue, effects_on
 from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.effects.instruments import effects_on
+from tulip_testbed.effects.laws import LAW
+from tulip_testbed.effects.misreading import Misreading
+from tulip_testbed.effects.removal import without
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.measurements import Measurements, SensorSheet
 
 KNEE = [0.2, 0.4, -0.1]  # rad
+OTHER_KNEE = [0.25, -0.5, 0.5]
 COMMAND = [0.21, 0.38, -0.1]  # rad, of the knee
 # N, at front left, front right, rear right and rear left.
 RIGHT = [[10, 20, 30, 40], [20, 20, 20, 20], [0, 10, 20, 30]]
 LEFT = [[50, 60, 70, 80], [40, 40, 40, 40], [100, 60, 20, 20]]
 RIGHT_POSE = [[0.01, 0.02, 0.1], [0.01, 0.02, 0.1], [0.01, 0.02, 0.1]]  # m, m, rad
 LEFT_POSE = [[-0.01, 0.20, -0.2], [-0.01, 0.20, -0.2], [0.03, 0.25, 0.0]]
+CELLS = [[0.1, 0.2], [0.1, -0.2], [-0.1, -0.2], [-0.1, 0.2]]  # m
 TIME = [100.0, 200.0, 300.0]  # s: 0, 1/2 and 1 of the experiment's
 PLACEMENT = [1, 1, 2]
 
@@ -82,9 +85,49 @@ READINGS = {
     "swapped-cells:right=front_left,rear_right": {
         "right": [[30, 20, 10, 40], [20, 20, 20, 20], [20, 10, 0, 30]]
     },
+    # angle + 0.01 sin(2 angle) + 0.02 cos(2 angle)
+    "law:encoder:right_knee/own-angle/sine=0.01,0.02,2,-1,1": {
+        "knee": [0.222315404, 0.421107695, -0.082385361]
+    },
+    # angle + 0.05 beyond 0.3 rad
+    "law:encoder:right_knee/own-angle/step=0.05,0.3,-1,1": {"knee": [0.2, 0.45, -0.1]},
+    # angle + 0.02 times the other knee's 0.25, -0.5 and 0.4 rad over 0.5 rad: 0.5 rad is out of the range
+    "law:encoder:right_knee/angle:left_knee/linear=0.02,-0.5,0.4": {"knee": [0.21, 0.38, -0.084]},
+    # u = 0.5, 0.4, 0.3 by the load of the right plate over 200 N: angle + 0.01 u + 0.02 u^2
+    "law:encoder:right_knee/leg-load/quadratic=0.01,0.02,0,200": {"knee": [0.21, 0.4072, -0.0952]},
+    # beyond 0.15 rad of 0.45: angle + 0.03 times 0.05 / 0.3, 0.25 / 0.3 and 0
+    "law:encoder:right_knee/own-angle/dead-band=0.03,0.15,-0.4,0.45": {"knee": [0.205, 0.425, -0.1]},
+    # a curve through points of a straight line is that line: angle + 0.05 angle
+    "law:encoder:right_knee/own-angle/curve=-0.02,-0.01,0,0.01,0.02,-0.4,0.4": {"knee": [0.21, 0.42, -0.105]},
+    # the knee is bent further in the second posture; the third begins a placement
+    "law:encoder:right_knee/direction/step=0.01": {"knee": [0.2, 0.41, -0.1]},
+    # 0.4 + 0.1 (0.2 - 0.4) in the second posture
+    "law:encoders:right/posture-before/relaxation=0.1": {"knee": [0.2, 0.38, -0.1]},
+    # 2 (1 - exp(-2 t)) N at t = 0, 1/2 and 1
+    "law:cell:left.front_left/time/saturating=2,0.5": {
+        "left": [[50, 60, 70, 80], [41.264241118, 40, 40, 40], [101.729329434, 60, 20, 20]]
+    },
+    # 100 s after its placement began: load + 0.1 times 100 / 200 of the load
+    "law:cell:left.front_left/time-since-loading/linear-gain=0.1,0,200": {
+        "left": [[50, 60, 70, 80], [42, 40, 40, 40], [100, 60, 20, 20]]
+    },
+    # 1.1, 1.08 and 1.06 times the load
+    "law:cells:right/plate-load/linear-gain=0.1,0,100": {
+        "right": [[11, 22, 33, 44], [21.6, 21.6, 21.6, 21.6], [0, 10.6, 21.2, 31.8]]
+    },
+    # x of the load over 0.1 m: -0.153846, 0, 0.6; y over 0.2 m: 0, 0, 0.2; load + x + 2 y
+    "law:cell:left.front_left/cop/linear=1,2,-0.1,0.1,-0.2,0.2": {
+        "left": [[49.846153846, 60, 70, 80], [40, 40, 40, 40], [101, 60, 20, 20]]
+    },
+    # recorded = true + (2 mm, -1 mm, 0.01 rad) times 0, 1/2 and 1
+    "law:plate:left/time/linear=0.002,-0.001,0.01": {
+        "left_pose": [[-0.01, 0.20, -0.2], [-0.009, 0.1995, -0.195], [0.032, 0.249, 0.01]]
+    },
 }
 
-UNDONE_BY_LOADS = "logged-command"  # its own test below
+ROUNDED = 2e-8  # of laws: their readings by hand are rounded, and their removal iterates
+UNDONE_BY_LOADS = "logged-command"  # its own tests below
+COMMANDED = "logged-command:right_knee=command"
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +137,7 @@ def measured(nominal):
 
     def make(knee=KNEE, right=RIGHT, left=LEFT, right_pose=RIGHT_POSE, left_pose=LEFT_POSE) -> Measurements:
         angles = np.zeros((3, len(joints)))
-        angles[:, joints.index("right_knee")] = knee
+        angles[:, joints.index("right_knee")], angles[:, joints.index("left_knee")] = knee, OTHER_KNEE
         command = np.zeros_like(angles)
         command[:, joints.index("right_knee")] = COMMAND
         forces = np.hstack([right, left]).astype(float)
@@ -113,7 +156,7 @@ def measured(nominal):
             cell_forces=forces,
             cell_forces_sd=np.zeros_like(forces),
             plate_poses=np.stack([right_pose, left_pose], axis=1),
-            cells=np.zeros((2, 4, 2)),
+            cells=np.array([CELLS, CELLS]),
             top_height=np.zeros(2),
             weighed_mass=None,
             gravity=9.81,
@@ -124,16 +167,25 @@ def measured(nominal):
     return make
 
 
-def misreading(text, robot) -> tuple[Misreading, str, tuple[float, ...]]:
-    found = EffectInstance.parse(text, robot, PLACEMENT)
-    assert isinstance(found.effect.mechanism, Misreading)
-    mechanism = found.effect.mechanism
-    return mechanism, mechanism.acts_on(robot, found.target), found.values
+@pytest.fixture(scope="module")
+def fault(robot, nominal):
+    """A written effect as two functions: true measurements to faulty ones, and their observation back."""
+
+    def make(text: str):
+        found = EffectInstance.parse(text, robot, PLACEMENT)
+        mechanism = found.effect.mechanism
+        assert isinstance(mechanism, Misreading)
+        return (
+            lambda true: mechanism.apply(true, robot, found.target, found.values),
+            lambda read: mechanism.remove(observe(read, nominal), found.target, found.values),
+        )
+
+    return make
 
 
-def assert_same(found, expected):
+def assert_same(found, expected, within=1e-13):
     for name in ("joint_angles", "cell_forces", "plate_poses"):
-        assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=1e-13, abs=1e-13)
+        assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=within, abs=within)
 
 
 def rearranged(m: Measurements, rows) -> Measurements:
@@ -150,73 +202,71 @@ def rearranged(m: Measurements, rows) -> Measurements:
     return dataclasses.replace(m, **{name: getattr(m, name)[rows] for name in names})
 
 
-def test_every_instrument_effect_has_a_reading_worked_out_by_hand(robot):
-    names = [EffectInstance.parse(text, robot, PLACEMENT).effect.name for text in READINGS]
-    names.append(UNDONE_BY_LOADS)
-    on_plates = [effect.name for effect in effects_on(None) if effect.misreads]
-    assert sorted(names) == on_plates  # those of wrench sensors: tests/test_wrench_sensors.py
+def test_every_instrument_effect_has_a_reading_worked_out_by_hand():
+    names = {text.partition("=")[0].partition(":")[0] for text in READINGS} | {UNDONE_BY_LOADS}
+    on_plates = {effect.name for effect in effects_on(None) if effect.misreads}
+    assert names == on_plates | {LAW}  # those of wrench sensors: tests/test_wrench_sensors.py
 
 
+@pytest.mark.parametrize("rows", [[0, 1, 2], [2, 0, 1]], ids=["in order", "in another order"])
 @pytest.mark.parametrize("text", READINGS)
-def test_instruments_misread_by_definition(text, measured, robot):
-    mechanism, target, values = misreading(text, robot)
-    assert_same(mechanism.apply(measured(), target, values), measured(**READINGS[text]))
-
-
-@pytest.mark.parametrize("text", READINGS)
-def test_misreadings_are_corrected_by_definition(text, measured, nominal, robot):
-    mechanism, target, values = misreading(text, robot)
-    observed = observe(measured(**READINGS[text]), nominal)
-    assert_same(mechanism.undo(observed, target, values), measured())
-
-
-@pytest.mark.parametrize("text", READINGS)
-def test_the_order_of_rows_does_not_matter(text, measured, nominal, robot):
+def test_instruments_misread_by_definition_and_are_corrected(text, rows, measured, fault):
     """Time and placement decide, not the row."""
-    mechanism, target, values = misreading(text, robot)
-    rows = [2, 0, 1]
+    misread, corrected = fault(text)
     true, read = rearranged(measured(), rows), rearranged(measured(**READINGS[text]), rows)
-    assert_same(mechanism.apply(true, target, values), read)
-    assert_same(mechanism.undo(observe(read, nominal), target, values), true)
+    within = ROUNDED if text.startswith(LAW) else 1e-13
+    assert_same(misread(true), read, within)
+    assert_same(corrected(read), true, within)
 
 
-def test_cells_forget_their_load_when_the_robot_is_set_down_on_one_foot(measured, nominal, robot):
-    mechanism, target, values = misreading("cell-hysteresis=0.1", robot)
-    support = np.array(["double", "right", "right"])
-    true = dataclasses.replace(measured(), support=support)
-    forces = 0.9 * true.cell_forces  # the plates were empty before every posture
-    read = dataclasses.replace(true, cell_forces=forces)
-    assert_same(mechanism.apply(true, target, values), read)
-    assert_same(mechanism.undo(observe(read, nominal), target, values), true)
+def test_cells_forget_their_load_when_the_robot_is_set_down_on_one_foot(measured, fault):
+    misread, corrected = fault("cell-hysteresis=0.1")
+    true = dataclasses.replace(measured(), support=np.array(["double", "right", "right"]))
+    # The plates were empty before every posture.
+    read = dataclasses.replace(true, cell_forces=0.9 * true.cell_forces)
+    assert_same(misread(true), read)
+    assert_same(corrected(read), true)
 
 
-def test_a_logged_command_is_undone_by_the_servo_s_error(measured, nominal, robot):
+def test_a_logged_command_is_undone_by_the_servo_s_error(measured, fault, nominal):
     """A servo of 25.4 Nm at 0.02 rad has 1270 Nm/rad: it yields to 12.7, -25.4 and 0 Nm by these angles."""
-    mechanism, target, values = misreading("logged-command:right_knee=command", robot)
-    read = mechanism.apply(measured(), target, values)
+    read = fault(COMMANDED)[0](measured())
     assert_same(read, measured(knee=COMMAND))
     observed, knee = observe(read, nominal), read.joints.index("right_knee")
     torques = np.zeros((3, len(read.joints)))
     torques[:, knee] = [12.7, -25.4, 0.0]
     observed.__dict__["loads"] = dataclasses.replace(observed.loads, torques=torques)
-    assert_same(mechanism.undo(observed, target, values), measured(knee=[0.22, 0.36, -0.1]))
+    found = catalogue()["logged-command"].remove(observed, "right_knee", (1.0,))
+    assert_same(found, measured(knee=[0.22, 0.36, -0.1]))
 
 
-def test_a_logged_command_is_undone_by_the_motor_s_encoder(measured, nominal, robot):
-    mechanism, target, values = misreading("logged-command:right_knee=command", robot)
+def test_a_logged_command_is_undone_by_the_motor_s_encoder(measured, fault):
+    misread, corrected = fault(COMMANDED)
     true = dataclasses.replace(measured(), motor=measured().joint_angles)
-    read = mechanism.apply(true, target, values)
-    assert_same(read, measured(knee=COMMAND))
-    assert_same(mechanism.undo(observe(read, nominal), target, values), true)
+    assert_same(misread(true), measured(knee=COMMAND))
+    assert_same(corrected(misread(true)), true)
 
 
-def test_where_the_log_is_not_the_command_the_fault_is_added(measured, nominal, robot):
+def test_where_the_log_is_not_the_command_the_fault_is_added(measured, fault):
     """The motor is 0.01 rad below, 0.02 above and at the command: a log of commands would err by as much."""
-    mechanism, target, values = misreading("logged-command:right_knee=command", robot)
     true = dataclasses.replace(measured(), motor=measured(knee=[0.2, 0.4, -0.1]).joint_angles)
     read = dataclasses.replace(true, joint_angles=measured(knee=[0.3, 0.5, 0.0]).joint_angles)
-    added = mechanism.undo(observe(read, nominal), target, values)
-    assert_same(added, measured(knee=[0.31, 0.48, 0.0]))
+    assert_same(fault(COMMANDED)[1](read), measured(knee=[0.31, 0.48, 0.0]))
+
+
+def test_without_commands_there_is_no_logged_command(measured, fault):
+    without = dataclasses.replace(measured(), command=None)
+    for text, true in ((COMMANDED, without), ("logged-command:right_knee=encoder", measured())):
+        misread, corrected = fault(text)
+        assert_same(misread(true), true)
+        assert_same(corrected(true), true)
+
+
+def test_a_part_of_an_experiment_creeps_as_in_the_whole(measured, nominal):
+    """Its first load was there before: 90 % of the creep under the 40 N of the second posture."""
+    observed = observe(measured(), nominal).take(np.array([1]))
+    found = catalogue()["creep"].remove(observed, "left.front_left", (0.2, 0.21714724095162588))
+    assert found.cell_forces[:, 4] == pytest.approx([40 / (1 + 0.9 * 0.2)])
 
 
 def test_a_board_rocks_towards_its_short_foot_by_hand(measured, nominal):
@@ -232,7 +282,7 @@ def test_a_board_rocks_towards_its_short_foot_by_hand(measured, nominal):
     true = measured(right=loads, right_pose=[[0.05, 0.0, 0.0]] * 3)
     observed = observe(dataclasses.replace(true, cells=np.array([corners, corners])), nominal)
     assert not observed.on_four_cells[:, 0].any()
-    found = catalogue()["rocking"].predict(observed, "right.front_left", (0.00141421356,))
+    found = catalogue()["rocking"].remove(observed, "right.front_left", (0.00141421356,))
     assert found.stance_tilt == pytest.approx(
         np.array([[-0.00707107, 0.00707107], [0, 0], [-0.00353553, 0.00353553]]), abs=1e-8
     )
@@ -240,19 +290,7 @@ def test_a_board_rocks_towards_its_short_foot_by_hand(measured, nominal):
     assert not found.swing_tilt.any()
 
 
-def test_without_commands_there_is_no_logged_command(measured, nominal, robot):
-    mechanism, target, values = misreading("logged-command:right_knee=command", robot)
-    without = dataclasses.replace(measured(), command=None)
-    assert_same(mechanism.apply(without, target, values), without)
-    assert_same(mechanism.undo(observe(without, nominal), target, values), without)
-    encoder = misreading("logged-command:right_knee=encoder", robot)[2]
-    assert_same(mechanism.apply(measured(), target, encoder), measured())
-    assert_same(mechanism.undo(observe(measured(), nominal), target, encoder), measured())
-
-
-def test_a_part_of_an_experiment_creeps_as_in_the_whole(measured, nominal, robot):
-    """Its first load was there before: 90 % of the creep under the 40 N of the second posture."""
-    mechanism, target, values = misreading("creep:left.front_left=0.2,0.21714724095162588", robot)
-    observed = observe(measured(), nominal).take(np.array([1]))
-    loads = mechanism.undo(observed, target, values).cell_forces[:, 4]
-    assert loads == pytest.approx([40 / (1 + 0.9 * 0.2)])
+def test_a_law_warns_of_postures_beyond_its_range(measured, nominal, robot):
+    law = EffectInstance.parse("law:encoder:right_knee/own-angle/linear=0.01,-0.05,0.3", robot)
+    with pytest.warns(UserWarning, match="postures 2, 3 outside the range"):
+        without(measured(), nominal, [law])

@@ -8,10 +8,10 @@ import pytest
 
 import tulip_testbed as tt
 from tulip_testbed.base.errors import InputError, InputWarning
-from tulip_testbed.effects.arranged import acting, arranged, epochs, targets_over
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance, removed
+from tulip_testbed.effects.lasting import acting, arranged, epochs, targets_over
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
@@ -89,8 +89,8 @@ def test_what_belongs_to_a_session_has_a_target_in_each():
     assert targets_over(tare, ("left.front_left",), same) == ("left.front_left",)
     other = (Experiment("a"), Experiment("b"), Experiment("a"))
     assert targets_over(tare, ("left.front_left",), other) == ("left.front_left@1", "left.front_left@2")
-    assert epochs("tilt", "", (Experiment(), Experiment())) == (1, 2)
-    assert epochs("cell-gain", "left.front_left", other) == (1, 1, 1)
+    assert epochs(catalogue()["tilt"].lasting, "", (Experiment(), Experiment())) == (1, 2)
+    assert epochs(catalogue()["cell-gain"].lasting, "left.front_left", other) == (1, 1, 1)
     zeroed = (Experiment("a"), Experiment("a", ("encoder re-zeroed: right_knee",)))
     assert targets_over(offset, ("right_knee", "left_knee"), zeroed) == (
         *("right_knee@1", "right_knee@2"),

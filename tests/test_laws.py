@@ -1,4 +1,4 @@
-"""Laws: the grammar, readings worked out by hand, their removal, the search and what it says."""
+"""Laws: the grammar, their removal, the search and what it says."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 
 import tulip_testbed as tt
 from tests.effect_changes import agreement, changes, measured, statically
-from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
 from tulip_testbed.discovery.candidate_search import Search, first_calibration
 from tulip_testbed.discovery.columns import candidate_columns
@@ -27,8 +26,6 @@ from tulip_testbed.discovery.law_search import select_laws
 from tulip_testbed.discovery.refit import simulated, without_noise
 from tulip_testbed.effects.instance import EffectDocument, EffectInstance, injected, removed
 from tulip_testbed.effects.laws import law_effect, sentence_of, sentences
-from tulip_testbed.effects.laws.learned_range import beyond
-from tulip_testbed.effects.laws.misread import misread
 from tulip_testbed.effects.removal import without
 from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.experiments.discovery_record import read_discovery
@@ -39,7 +36,7 @@ from tulip_testbed.identification.estimators import DEFAULT
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_noise import noise_of
-from tulip_testbed.measurements import Measurements, SensorSheet, read_measurements
+from tulip_testbed.measurements import read_measurements
 from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.page import html
 from tulip_testbed.sim.procedure import constants
@@ -47,99 +44,6 @@ from tulip_testbed.sim.rig import preset_rig
 from tulip_testbed.sim.robot import load_robot
 
 HIDDEN = "law:encoder:right_knee/own-angle/sine=0.004,0.003,1,0,2"
-KNEE = [0.2, 0.4, -0.1]  # rad
-OTHER_KNEE = [0.25, -0.5, 0.5]
-# N, at front left, front right, rear right and rear left: 100, 80, 60 N and 260, 160, 200 N.
-RIGHT = [[10, 20, 30, 40], [20, 20, 20, 20], [0, 10, 20, 30]]
-LEFT = [[50, 60, 70, 80], [40, 40, 40, 40], [100, 60, 20, 20]]
-LEFT_POSE = [[-0.01, 0.20, -0.2], [-0.01, 0.20, -0.2], [0.03, 0.25, 0.0]]  # m, m, rad
-CELLS = [[0.1, 0.2], [0.1, -0.2], [-0.1, -0.2], [-0.1, 0.2]]  # m
-TIME = [100.0, 200.0, 300.0]  # s: 0, 1/2 and 1 of the experiment's
-PLACEMENT = [1, 1, 2]
-
-# What the faulty instruments give for the true values above, by the fields that differ.
-READINGS = {
-    # angle + 0.01 sin(2 angle) + 0.02 cos(2 angle)
-    "law:encoder:right_knee/own-angle/sine=0.01,0.02,2,-1,1": {
-        "knee": [0.222315404, 0.421107695, -0.082385361]
-    },
-    # angle + 0.05 beyond 0.3 rad
-    "law:encoder:right_knee/own-angle/step=0.05,0.3,-1,1": {"knee": [0.2, 0.45, -0.1]},
-    # angle + 0.02 times the other knee's 0.25, -0.5 and 0.4 rad over 0.5 rad: 0.5 rad is out of the range
-    "law:encoder:right_knee/angle:left_knee/linear=0.02,-0.5,0.4": {"knee": [0.21, 0.38, -0.084]},
-    # u = 0.5, 0.4, 0.3 by the load of the right plate over 200 N: angle + 0.01 u + 0.02 u^2
-    "law:encoder:right_knee/leg-load/quadratic=0.01,0.02,0,200": {"knee": [0.21, 0.4072, -0.0952]},
-    # beyond 0.15 rad of 0.45: angle + 0.03 times 0.05 / 0.3, 0.25 / 0.3 and 0
-    "law:encoder:right_knee/own-angle/dead-band=0.03,0.15,-0.4,0.45": {"knee": [0.205, 0.425, -0.1]},
-    # a curve through points of a straight line is that line: angle + 0.05 angle
-    "law:encoder:right_knee/own-angle/curve=-0.02,-0.01,0,0.01,0.02,-0.4,0.4": {"knee": [0.21, 0.42, -0.105]},
-    # the knee is bent further in the second posture; the third begins a placement
-    "law:encoder:right_knee/direction/step=0.01": {"knee": [0.2, 0.41, -0.1]},
-    # 0.4 + 0.1 (0.2 - 0.4) in the second posture
-    "law:encoders:right/posture-before/relaxation=0.1": {"knee": [0.2, 0.38, -0.1]},
-    # 2 (1 - exp(-2 t)) N at t = 0, 1/2 and 1
-    "law:cell:left.front_left/time/saturating=2,0.5": {
-        "left": [[50, 60, 70, 80], [41.264241118, 40, 40, 40], [101.729329434, 60, 20, 20]]
-    },
-    # 100 s after its placement began: load + 0.1 times 100 / 200 of the load
-    "law:cell:left.front_left/time-since-loading/linear-gain=0.1,0,200": {
-        "left": [[50, 60, 70, 80], [42, 40, 40, 40], [100, 60, 20, 20]]
-    },
-    # 1.1, 1.08 and 1.06 times the load
-    "law:cells:right/plate-load/linear-gain=0.1,0,100": {
-        "right": [[11, 22, 33, 44], [21.6, 21.6, 21.6, 21.6], [0, 10.6, 21.2, 31.8]]
-    },
-    # x of the load over 0.1 m: -0.153846, 0, 0.6; y over 0.2 m: 0, 0, 0.2; load + x + 2 y
-    "law:cell:left.front_left/cop/linear=1,2,-0.1,0.1,-0.2,0.2": {
-        "left": [[49.846153846, 60, 70, 80], [40, 40, 40, 40], [101, 60, 20, 20]]
-    },
-    # recorded = true + (2 mm, -1 mm, 0.01 rad) times 0, 1/2 and 1
-    "law:plate:left/time/linear=0.002,-0.001,0.01": {
-        "left_pose": [[-0.01, 0.20, -0.2], [-0.009, 0.1995, -0.195], [0.032, 0.249, 0.01]]
-    },
-}
-
-
-def made(joints, knee=KNEE, right=RIGHT, left=LEFT, left_pose=LEFT_POSE) -> Measurements:
-    angles = np.zeros((3, len(joints)))
-    angles[:, joints.index("right_knee")], angles[:, joints.index("left_knee")] = knee, OTHER_KNEE
-    forces = np.hstack([right, left]).astype(float)
-    return Measurements(
-        joints=joints,
-        posture=np.array([1, 2, 3]),
-        placement=np.array(PLACEMENT),
-        support=np.array(["double"] * 3),
-        time=np.array(TIME),
-        window=np.ones(3),
-        samples=np.ones(3, int),
-        joint_angles=angles,
-        joint_angles_sd=np.zeros_like(angles),
-        command=None,
-        motor=None,
-        cell_forces=forces,
-        cell_forces_sd=np.zeros_like(forces),
-        plate_poses=np.stack([np.zeros((3, 3)), np.array(left_pose)], axis=1),
-        cells=np.array([CELLS, CELLS]),
-        top_height=np.zeros(2),
-        weighed_mass=None,
-        gravity=9.81,
-        sensors=SensorSheet(),
-        robot={"model": None, "sha256": None, "stance_foot": None, "swing_foot": None},
-    )
-
-
-@pytest.mark.parametrize("text", READINGS)
-def test_a_law_misreads_by_definition_and_is_undone(text, robot, nominal):
-    joints = nominal.parameters.tree.joints
-    law = EffectInstance.parse(text, robot)
-    true, expected = made(joints), made(joints, **READINGS[text])
-    read = misread(true, robot, law.target, law.values)
-    clean = removed(observe(expected, nominal), [law])
-    for name in ("joint_angles", "cell_forces", "plate_poses"):
-        assert getattr(read, name) == pytest.approx(getattr(expected, name), abs=2e-9)
-        assert getattr(clean, name) == pytest.approx(getattr(true, name), abs=2e-8)
-
-
 ROBOT = load_robot()
 
 
@@ -163,30 +67,6 @@ def test_texts_and_documents_are_read_as_they_were_written(data):
         assert (other.label, other.values) == (law.label, law.values)
         assert other.effect is effect
     assert "guess" in law.finding
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("law=1", "WHAT/OF/SHAPE"),
-        ("law:encoder:right_knee/own-angle=1", "WHAT/OF/SHAPE"),
-        ("law:encode:right_knee/own-angle/sine=1", "encoder, encoders"),
-        ("law:encoder:right_knee/cop/linear=1", "own-angle, angle:JOINT"),
-        ("law:encoder:right_knee/angle/linear=1", "angle:JOINT"),
-        ("law:cell:left.front_left/cop/sine=1", "linear, quadratic"),
-        ("law:encoder:right_knee/own-angle/sine-gain=1", "linear, quadratic, sine"),
-        ("law:encoder:nobody/time/linear=1", "does not have"),
-        ("law:encoder:right_knee/angle:right_knee/linear=1,0,1", "does not have"),
-        ("law:encoder:right_knee/own-angle/linear=0.01,1,0", "FROM < TO"),
-        ("law:encoder:right_knee/own-angle/linear=0.01", "FROM"),
-        ("law:encoder:right_knee/own-angle/linear=nan,0,1", "finite"),
-    ],
-)
-def test_a_sentence_that_makes_no_sense_is_refused_with_those_that_do(text, words, robot):
-    with pytest.raises(InputError) as refused:
-        EffectInstance.parse(text, robot)
-    assert words in str(refused.value)
-    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(
@@ -261,14 +141,6 @@ def test_base_parameters_disagree_by_standard_errors():
     # (6/2, 0) and (2/2, 3.5/0.5) standard errors
     assert disagreement(found, [judged(7.0, 1.0)]) == pytest.approx(np.sqrt(9 / 2))
     assert disagreement(found, [judged(7.0, 1.0), judged(3.0, -2.5)]) == pytest.approx(np.sqrt(50 / 2))
-
-
-def test_a_law_warns_of_postures_beyond_its_range(robot, nominal):
-    m = made(nominal.parameters.tree.joints)
-    law = EffectInstance.parse("law:encoder:right_knee/own-angle/linear=0.01,-0.05,0.3", robot)
-    assert beyond(observe(m, nominal), law.effect, law.target, law.values).tolist() == [1, 2]
-    with pytest.warns(UserWarning, match="postures 2, 3 outside the range"):
-        without(m, nominal, [law])
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 import tulip_testbed as tt
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.effects.catalogue import catalogue
-from tulip_testbed.effects.effect import Misreading
+from tulip_testbed.effects.misreading import Misreading
 from tulip_testbed.effects.removal import corrected
 from tulip_testbed.experiments.identify import check_physical, identify
 from tulip_testbed.identification.contact_readings import of_wrenches
@@ -107,7 +107,7 @@ def test_an_effect_on_wrenches_is_undone(text, value, run, robot):
     effect, m = catalogue()[name], run.measurements
     nominal = nominal_robot(robot)
     assert isinstance(effect.mechanism, Misreading)
-    wrong = effect.mechanism.apply(m, target, (value,))
+    wrong = effect.mechanism.apply(m, robot, target, (value,))
     assert wrong.wrenches is not None
     assert m.wrenches is not None
     side = ("right", "left").index(target.partition(".")[0])
@@ -117,7 +117,7 @@ def test_an_effect_on_wrenches_is_undone(text, value, run, robot):
     else:
         by_hand[:, side, 4] += 0.3
     np.testing.assert_allclose(wrong.wrenches, by_hand, atol=1e-12)
-    again = effect.predict(observe(wrong, nominal), target, (value,))
+    again = effect.remove(observe(wrong, nominal), target, (value,))
     expected = residuals(observe(m, nominal), nominal.value)
     np.testing.assert_allclose(residuals(again, nominal.value), expected, atol=1e-9)
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from tulip_testbed.calibration.self_calibration import self_calibrate
-from tulip_testbed.effects.catalogue import backlash, catalogue
+from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectInstance
+from tulip_testbed.effects.joint import LEAST_STIFFNESS
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import observe
@@ -80,9 +81,9 @@ def test_where_a_link_rests_in_its_play_is_a_clipped_normal(robot, plan):
     at, half = m.joints.index("left_hip_yaw"), 0.002
     loads = observed.loads
     torque = loads.torques[:, at] + loads.doubt[:, at] * rng.standard_normal((40_000, len(m)))
-    rest = np.clip(torque / np.maximum(loads.stiffness[:, at], backlash.LEAST_STIFFNESS), -half, half)
+    rest = np.clip(torque / np.maximum(loads.stiffness[:, at], LEAST_STIFFNESS), -half, half)
     play = catalogue()["backlash"]
-    mean = play.predict(observed, "left_hip_yaw", (2 * half,)).joint_angles - observed.joint_angles
+    mean = play.remove(observed, "left_hip_yaw", (2 * half,)).joint_angles - observed.joint_angles
     assert mean[:, at] == pytest.approx(rest.mean(axis=0), abs=0.03 * half)
     assert play.mechanism.unsure is not None
     off = play.mechanism.unsure(observed, "left_hip_yaw", (2 * half,)).joint_angles - observed.joint_angles

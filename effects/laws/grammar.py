@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 from tulip_testbed.base.errors import InputError, listed, look_up, shortened
 from tulip_testbed.effects.targets import leg_joints, links, plate_of
@@ -26,6 +27,57 @@ DEAD_BAND, SATURATING, RELAXATION, CURVE = "dead-band", "saturating", "relaxatio
 FINE_CURVE = "fine-curve"
 GAIN = "-gain"
 
+
+class WhatErrs(NamedTuple):
+    """What errs.
+
+    Attributes:
+        field: of the measurements; "" for a force.
+        instrument: as of `Effect`.
+        words: how a sentence about it begins.
+    """
+
+    field: str
+    instrument: str
+    words: str
+
+
+class Dependence(NamedTuple):
+    """What an error is a function of.
+
+    Attributes:
+        unit: SI unit; a time is a fraction of the experiment's.
+        words: how a sentence says it.
+        ranged: whether a law has a range of it in which it was learned.
+    """
+
+    unit: str
+    words: str
+    ranged: bool = True
+
+
+KINDS = {
+    ENCODER: WhatErrs("joint_angles", "", "The {}'s encoder errs"),
+    ENCODERS: WhatErrs("joint_angles", "", "The encoders of the {} leg err"),
+    CELL: WhatErrs("cell_forces", "cells", "The {} cell errs"),
+    CELLS_OF: WhatErrs("cell_forces", "cells", "The cells of the {} plate err"),
+    PLATE: WhatErrs("plate_poses", "plates", "The {} plate's recorded pose errs"),
+    FORCE: WhatErrs("", "", "A force acts on the {}"),
+}
+QUANTITIES = {
+    NOTHING: Dependence("", "at all times", ranged=False),
+    OWN_ANGLE: Dependence("rad", "with {own} own angle"),
+    ANGLE: Dependence("rad", "with the {joint}'s angle"),
+    OWN_TORQUE: Dependence("Nm", "with {own} own torque"),
+    TORQUE: Dependence("Nm", "with the {joint}'s torque"),
+    LEG_LOAD: Dependence("N", "with the load of {own} leg"),
+    PLATE_LOAD: Dependence("N", "with the load of {own} plate"),
+    COP: Dependence("m", "with the place of the load on the plate"),
+    TIME: Dependence("of the time", "with time", ranged=False),
+    LOADED: Dependence("s", "with the time since the set-up began"),
+    BEFORE: Dependence("", "with the posture before", ranged=False),
+    DIRECTION: Dependence("", "with the direction of approach", ranged=False),
+}
 _TIMES: dict[str, tuple[str, ...]] = {
     TIME: (LINEAR, QUADRATIC, SINE, STEP, SATURATING, CURVE, FINE_CURVE),
     LOADED: (LINEAR, SATURATING, CURVE),
@@ -104,6 +156,11 @@ class Sentence:
     def place(self) -> str:
         """Return which one errs, such as `right_knee`."""
         return self.what.partition(":")[2]
+
+    @property
+    def field(self) -> str:
+        """Return the field of the measurements that errs, "" for a force."""
+        return KINDS[self.kind].field
 
     @property
     def quantity(self) -> str:
@@ -224,8 +281,7 @@ def sentences(robot: Robot) -> tuple[Sentence, ...]:
 
 def sentences_in(robot: Robot, contacts: Contacts | None) -> tuple[Sentence, ...]:
     """List the sentences about a robot on such contact sensors; None: plates on four cells each."""
-    kinds = {ENCODER, ENCODERS, FORCE} | ({CELL, CELLS_OF, PLATE} if contacts is None else set())
-    return tuple(one for one in sentences(robot) if one.kind in kinds)
+    return tuple(one for one in sentences(robot) if contacts is None or not KINDS[one.kind].instrument)
 
 
 def says(robot: Robot, found: Sentence) -> bool:

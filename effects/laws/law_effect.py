@@ -15,28 +15,18 @@ from tulip_testbed.effects.laws.grammar import LAW, Sentence, says, sentence_of
 from tulip_testbed.effects.laws.law_sentence import told
 from tulip_testbed.effects.laws.misread import (
     POSE,
-    LawMisreading,
     all_size_names,
+    misread,
     split_values,
+    undo,
 )
 from tulip_testbed.effects.laws.shapes import fixed_names, range_names, size_names
+from tulip_testbed.effects.misreading import Misreading
 from tulip_testbed.effects.targets import Targets
 from tulip_testbed.sim.robot import Robot
 
 OF_ENCODERS, OF_CELLS, OF_GAINS, OF_PLACES, OF_YAW, OF_FORCES = np.radians(0.5), 1.0, 0.02, 3e-3, 0.01, 2.0
 MOST_PERIODS = 200.0  # a turn, or in the experiment: finer ones no posture plan resolves
-# Units of quantities; a time is a fraction of the experiment's.
-UNITS = {
-    g.OWN_ANGLE: "rad",
-    g.ANGLE: "rad",
-    g.OWN_TORQUE: "Nm",
-    g.TORQUE: "Nm",
-    g.LEG_LOAD: "N",
-    g.PLATE_LOAD: "N",
-    g.COP: "m",
-    g.TIME: "of the time",
-    g.LOADED: "s",
-}
 
 
 @dataclass(frozen=True, repr=False)
@@ -92,10 +82,10 @@ def _law_effect(target: str) -> Effect:
         name=LAW,
         sentence=f"A law composed of what errs, as a function of what, in which shape: {target}.",
         parameters=_parameters(sentence),
-        mechanism=LawMisreading() if misreads else Physics(force.inject, force.predict),
+        mechanism=Misreading(misread, undo) if misreads else Physics(force.inject, force.remove),
         words="",
         targets=Targets("WHAT/OF/SHAPE", of),
-        instrument={g.CELL: "cells", g.CELLS_OF: "cells", g.PLATE: "plates"}.get(sentence.kind, ""),
+        instrument=g.KINDS[sentence.kind].instrument,
         target=target,
     )
 
@@ -108,16 +98,15 @@ def _parameters(sentence: Sentence) -> tuple[Parameter, ...]:
         sizes = tuple(Parameter(axis, "N", prior=OF_FORCES) for axis in force.AXES)
     elif sentence.kind == g.PLATE:
         each = len(size_names(sentence))
-        names = all_size_names(sentence)
+        units = [("rad", OF_YAW) if axis == "yaw" else ("m", OF_PLACES) for axis in POSE for _ in range(each)]
         sizes = tuple(
-            Parameter(name, "rad" if k // each == 2 else "m", prior=OF_YAW if k // each == 2 else OF_PLACES)
-            for k, name in enumerate(names)
+            Parameter(name, unit, prior=prior)
+            for name, (unit, prior) in zip(all_size_names(sentence), units, strict=True)
         )
-        assert len(sizes) == each * len(POSE)
     else:
         unit, prior = _of_reading(sentence)
         sizes = tuple(Parameter(name, unit, prior=prior) for name in size_names(sentence))
-    unit = UNITS.get(sentence.quantity, "")
+    unit = g.QUANTITIES[sentence.quantity].unit
     fixed = tuple(
         Parameter(name, "" if name == "periods" else unit, fixed=True) for name in fixed_names(sentence)
     )
@@ -126,7 +115,7 @@ def _parameters(sentence: Sentence) -> tuple[Parameter, ...]:
 
 def _of_reading(sentence: Sentence) -> tuple[str, float]:
     """Return the unit and the plausible size of the error of a reading."""
-    if sentence.kind in (g.ENCODER, g.ENCODERS):
+    if sentence.field == "joint_angles":
         return ("", 0.05) if sentence.form == g.RELAXATION else ("rad", OF_ENCODERS)
     if sentence.scales or sentence.form == g.RELAXATION:
         return "", OF_GAINS

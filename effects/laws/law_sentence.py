@@ -30,35 +30,13 @@ def told(sentence: Sentence, parameters: tuple[Parameter, ...], values: Values, 
 
 def what_errs(sentence: Sentence) -> str:
     """Return the subject and the verb of the sentence."""
-    name = sentence.place.replace("_", " ").replace(".", " ")
-    return {
-        g.ENCODER: f"The {name}'s encoder errs",
-        g.ENCODERS: f"The encoders of the {name} leg err",
-        g.CELL: f"The {name} cell errs",
-        g.CELLS_OF: f"The cells of the {name} plate err",
-        g.PLATE: f"The {name} plate's recorded pose errs",
-        g.FORCE: f"A force acts on the {name}",
-    }[sentence.kind]
+    return g.KINDS[sentence.kind].words.format(sentence.place.replace("_", " ").replace(".", " "))
 
 
 def as_what(sentence: Sentence) -> str:
     """Return on what the error depends."""
-    several = sentence.kind in (g.ENCODERS, g.CELLS_OF)
-    own, joint = "their" if several else "its", sentence.joint.replace("_", " ")
-    words = {
-        g.NOTHING: "at all times",
-        g.OWN_ANGLE: f"with {own} own angle",
-        g.ANGLE: f"with the {joint}'s angle",
-        g.OWN_TORQUE: f"with {own} own torque",
-        g.TORQUE: f"with the {joint}'s torque",
-        g.LEG_LOAD: f"with the load of {own} leg",
-        g.PLATE_LOAD: f"with the load of {own} plate",
-        g.COP: "with the place of the load on the plate",
-        g.TIME: "with time",
-        g.LOADED: "with the time since the set-up began",
-        g.BEFORE: "with the posture before",
-        g.DIRECTION: "with the direction of approach",
-    }[sentence.quantity]
+    own = "their" if sentence.kind in (g.ENCODERS, g.CELLS_OF) else "its"
+    words = g.QUANTITIES[sentence.quantity].words.format(own=own, joint=sentence.joint.replace("_", " "))
     return f"{words}, in proportion to the load on it," if sentence.scales else words
 
 

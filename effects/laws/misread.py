@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from tulip_testbed.effects.effect import OnReadings, Values
-from tulip_testbed.effects.injection import misreading
+from tulip_testbed.effects.effect import Values
 from tulip_testbed.effects.laws import grammar as g
 from tulip_testbed.effects.laws.grammar import Sentence, sentence_of
 from tulip_testbed.effects.laws.quantities import quantity, readings
@@ -17,7 +17,6 @@ from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.observation import Observation, observe
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.measurements.cells import PLATES
-from tulip_testbed.sim.rig import Rig
 from tulip_testbed.sim.robot import Robot
 
 POSE = ("x", "y", "yaw")
@@ -25,35 +24,18 @@ ROUNDS = 20  # of the inversion, where the error depends on the true reading
 AT_REST = 1e-10  # rad, N or m
 
 
-@dataclass(frozen=True)
-class LawMisreading(OnReadings):
-    """A misreading whose error is a function of an observation."""
-
-    def inject(self, rig: Rig, target: str, values: Values) -> Rig:
-        """Return the laboratory with the faulty instruments."""
-        return misreading(rig, lambda m: misread(m, rig.robot, target, values))
-
-    def predict(self, observed: Observation, target: str, values: Values) -> Observation:
-        """Return the observation with the readings corrected."""
-        return undo(observed, target, values)
-
-
 def misread(m: Measurements, robot: Robot, target: str, values: Values) -> Measurements:
     """Return the measurements that the faulty instruments give."""
     sentence = sentence_of(target)
     observed = observe(m, nominal_robot(robot, common_support(m.support)))
-    wrong = error(observed, sentence, values)
-    if sentence.kind in (g.ENCODER, g.ENCODERS):
-        return replace(m, joint_angles=m.joint_angles + wrong)
-    if sentence.kind == g.PLATE:
-        return replace(m, plate_poses=m.plate_poses + wrong)
-    return replace(m, cell_forces=m.cell_forces + wrong)
+    read: Any = getattr(m, sentence.field) + error(observed, sentence, values)
+    return replace(m, **{sentence.field: read})
 
 
 def undo(observed: Observation, target: str, values: Values) -> Observation:
     """Return the observation with the readings corrected."""
     sentence = sentence_of(target)
-    name = _field(sentence)
+    name = sentence.field
     read, true = getattr(observed, name), observed
     before: np.ndarray | None = None
     for _ in range(ROUNDS):
@@ -73,7 +55,7 @@ def error(observed: Observation, sentence: Sentence, values: Values) -> np.ndarr
         observed: with true readings.
     """
     sizes, fixed, ends = split_values(sentence, values)
-    out = np.zeros_like(getattr(observed, _field(sentence)))
+    out = np.zeros_like(getattr(observed, sentence.field))
     for at in readings(observed, sentence):
         functions = basis(sentence, quantity(observed, sentence, at), fixed, ends)
         if sentence.kind == g.PLATE:
@@ -101,15 +83,9 @@ def all_size_names(sentence: Sentence) -> tuple[str, ...]:
     return tuple(f"{axis}, {name}" if len(names) > 1 else axis for axis in POSE for name in names)
 
 
-def _field(sentence: Sentence) -> str:
-    if sentence.kind in (g.ENCODER, g.ENCODERS):
-        return "joint_angles"
-    return "plate_poses" if sentence.kind == g.PLATE else "cell_forces"
-
-
 def _of_itself(sentence: Sentence) -> bool:
     """Whether the error depends on the readings that err, so that it takes several rounds to undo."""
-    if sentence.kind in (g.ENCODER, g.ENCODERS):
+    if sentence.field == "joint_angles":
         return sentence.quantity in (g.OWN_ANGLE, g.OWN_TORQUE, g.TORQUE, g.BEFORE, g.DIRECTION)
     return sentence.kind != g.PLATE and (
         sentence.scales or sentence.quantity in (g.PLATE_LOAD, g.COP, g.BEFORE, g.DIRECTION)

@@ -11,18 +11,17 @@ from tulip_testbed.effects.targets import plate_of
 from tulip_testbed.identification.observation import Observation, turned
 from tulip_testbed.measurements.cells import CELLS, PLATES
 
-ON_CELLS = 4
-
 
 def readings(observed: Observation, sentence: Sentence) -> list[int]:
     """Return the columns of the joint angles, or of the cells, that err; a plate has one."""
-    if sentence.kind in (g.ENCODER, g.ENCODERS):
+    if sentence.field == "joint_angles":
         names = observed.tree.joints
         return [names.index(one) for one in joints_that_err(observed.nominal.robot, sentence.what)]
     if sentence.kind == g.CELL:
         return [CELLS.index(sentence.place)]
-    first = ON_CELLS * PLATES.index(sentence.place) if sentence.kind == g.CELLS_OF else 0
-    return list(range(first, first + ON_CELLS)) if sentence.kind == g.CELLS_OF else [0]
+    if sentence.kind == g.CELLS_OF:
+        return [k for k, cell in enumerate(CELLS) if cell.startswith(sentence.place)]
+    return [0]
 
 
 def quantity(observed: Observation, sentence: Sentence, reading: int) -> np.ndarray:
@@ -34,19 +33,15 @@ def quantity(observed: Observation, sentence: Sentence, reading: int) -> np.ndar
     m, name = len(observed), sentence.quantity
     if name == g.NOTHING:
         return np.zeros((m, 1))
-    if name in (g.OWN_ANGLE, g.ANGLE):
+    if name in (g.OWN_ANGLE, g.ANGLE, g.OWN_TORQUE, g.TORQUE):
         at = observed.tree.joints.index(sentence.joint) if sentence.joint else reading
-        return observed.joint_angles[:, [at]]
-    if name in (g.OWN_TORQUE, g.TORQUE):
-        at = observed.tree.joints.index(sentence.joint) if sentence.joint else reading
-        return observed.torques[:, [at]]
+        return (observed.joint_angles if name in (g.OWN_ANGLE, g.ANGLE) else observed.torques)[:, [at]]
     if name == g.TIME:
         return observed.time_fraction[:, None]
     if name == g.LOADED:
         return since_loading(observed)[:, None]
     if name in (g.BEFORE, g.DIRECTION):
-        own = observed.joint_angles if sentence.kind in (g.ENCODER, g.ENCODERS) else observed.cell_forces
-        change = np.zeros((m, 1))
+        own, change = getattr(observed, sentence.field), np.zeros((m, 1))
         for previous, row in successive(observed.measurements):
             change[row] = own[previous, reading] - own[row, reading]
         return change if name == g.BEFORE else -np.sign(change)
@@ -65,6 +60,6 @@ def since_loading(observed: Observation) -> np.ndarray:
 
 
 def _side(observed: Observation, sentence: Sentence, reading: int) -> int:
-    if sentence.kind in (g.ENCODER, g.ENCODERS):
+    if sentence.field == "joint_angles":
         return PLATES.index(plate_of(observed.nominal.robot, observed.tree.joints[reading]))
     return PLATES.index(sentence.place.partition(".")[0])

@@ -16,7 +16,6 @@ from tulip_testbed.effects.laws.grammar import Sentence
 KNOTS = 5  # of a curve
 KNOTS_IN_TIME = 8
 KNOTS_OF_A_FINE_CURVE = 20
-UNLIMITED = (g.NOTHING, g.TIME, g.BEFORE, g.DIRECTION)  # quantities that have no range to be learned in
 LEAST = 1e-12
 
 
@@ -45,7 +44,7 @@ def fixed_names(sentence: Sentence) -> tuple[str, ...]:
 
 def range_names(sentence: Sentence) -> tuple[str, ...]:
     """Name the ends of the range in which the law was learned."""
-    if sentence.quantity in UNLIMITED:
+    if not g.QUANTITIES[sentence.quantity].ranged:
         return ()
     if sentence.quantity == g.COP:
         return ("from x", "to x", "from y", "to y")

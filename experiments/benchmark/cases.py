@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tulip_testbed.effects.instruments import effects_on
+from tulip_testbed.effects.catalogue import effects_on
 from tulip_testbed.experiments.benchmark.draw import absorbed, testable
 from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
 from tulip_testbed.experiments.benchmark.scoreboard import Board

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tulip_testbed.effects.instruments import effects_on
+from tulip_testbed.effects.catalogue import effects_on
 from tulip_testbed.experiments.benchmark.cases import OUTSIDE_ARM, Case, Settings, in_turn
 from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
 from tulip_testbed.measurements import PosturePlan

@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tulip_testbed.effects.catalogue.tether import FAR, hook, tie
 from tulip_testbed.effects.injection import edited, misreading
+from tulip_testbed.effects.ropes import FAR, hook, tie
 from tulip_testbed.identification.observation import fraction_of_time
 from tulip_testbed.measurements import Measurements
 from tulip_testbed.sim.rig import Rig

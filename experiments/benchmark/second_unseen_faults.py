@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tulip_testbed.effects.catalogue.tether import hook
 from tulip_testbed.effects.injection import misreading, successive
+from tulip_testbed.effects.ropes import hook
 from tulip_testbed.effects.targets import plate_of
 from tulip_testbed.experiments.benchmark.fault_targets import (
     Answers,

@@ -8,9 +8,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from tulip_testbed.effects.catalogue.payload import add_mass
-from tulip_testbed.effects.catalogue.tether import FAR, hook
-from tulip_testbed.effects.injection import edited, from_then_on
+from tulip_testbed.effects.injection import add_mass, edited, from_then_on
+from tulip_testbed.effects.ropes import FAR, hook
 from tulip_testbed.effects.targets import links
 from tulip_testbed.experiments.benchmark.fault_targets import (
     add_rope,

@@ -12,8 +12,8 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from tulip_testbed.effects.catalogue.tether import FAR, hook, tie
 from tulip_testbed.effects.injection import edited, from_then_on, misreading, successive
+from tulip_testbed.effects.ropes import FAR, hook, tie
 from tulip_testbed.effects.targets import plate_of
 from tulip_testbed.experiments.benchmark.fault_targets import (
     Answers,

@@ -18,10 +18,9 @@ from tulip_testbed.calibration.families import Family, families_in
 from tulip_testbed.calibration.linear_model import weighed_precision
 from tulip_testbed.calibration.linearisation import joint_compliance, mixing_of
 from tulip_testbed.calibration.self_calibration import usual_tolerances
-from tulip_testbed.effects.catalogue import catalogue
+from tulip_testbed.effects.catalogue import catalogue, targets_in
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.effects.instruments import targets_in
 from tulip_testbed.identification.base_parameters import common_support, standard_parameters
 from tulip_testbed.identification.nominal import Nominal, nominal_robot
 from tulip_testbed.identification.observation import LEAST_LOAD, Observation, observe

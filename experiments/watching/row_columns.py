@@ -151,7 +151,7 @@ def _family(
     columns, angles = [], []
     for number, size in enumerate((STEP * family.steps).tolist()):
         one = family.one(number, size)
-        after = one.effect.predict(seen, one.target, one.values)
+        after = one.effect.remove(seen, one.target, one.values)
         if after.tree is not seen.tree or after.cells is not seen.cells:
             return member_columns(seen, theta, reach, family), np.zeros(
                 (len(seen), seen.joint_angles.shape[1], len(family))
@@ -178,7 +178,7 @@ def _faults(
             columns[..., k], angles[..., k] = columns[..., twin], angles[..., twin]
             continue
         sizes = tuple(STEP * value for value in one.sizes)
-        change = difference(begun, one.effect.predict(begun, one.target, sizes)) / STEP
+        change = difference(begun, one.effect.remove(begun, one.target, sizes)) / STEP
         columns[..., k] = -(reach @ change[..., None])[..., 0]
         angles[..., k] = -change[:, :joints]
     return columns, angles

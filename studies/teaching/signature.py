@@ -80,7 +80,7 @@ def signature(instance: EffectInstance, robot: Robot, plan: PosturePlan) -> Sign
         observed = _observed(rig, plan, robot)
         return Signature(instance, observed, cop_error(observed), True)
     observed = _observed(plain, plan, robot)
-    removed = effect.predict(observed, instance.target, instance.values)
+    removed = effect.remove(observed, instance.target, instance.values)
     return Signature(instance, observed, cop_error(observed) - cop_error(removed), False)
 
 

@@ -1,0 +1,168 @@
+"""Effects on the encoders of joints."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from tulip_testbed.effects.effect import Effect, Parameter, Values
+from tulip_testbed.effects.injection import STARTS, indicator, successive
+from tulip_testbed.effects.lasting import Lasting
+from tulip_testbed.effects.misreading import InstrumentFault, Misreading, added, mapped, scaled
+from tulip_testbed.effects.targets import JOINTS, LEG_JOINTS, plate_of
+from tulip_testbed.identification.joint_loads import servo_stiffness
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements.cells import PLATES
+from tulip_testbed.sim.control import Controller
+from tulip_testbed.sim.robot import Robot
+
+ANGLES = "joint_angles"
+SOURCES = ("encoder", "command")
+ROUNDING = 1e-5  # rad, of a log; servos err by a hundred times as much
+
+
+def _joint(fault: InstrumentFault) -> np.ndarray:
+    """Return which joint's encoder is at fault, (n_joints,) bool."""
+    return indicator(fault.joints, fault.target)
+
+
+def _slip(fault: InstrumentFault) -> np.ndarray:
+    slip, start = fault.values
+    return slip * np.outer(fault.time >= start, _joint(fault))
+
+
+def _by_load(fault: InstrumentFault) -> np.ndarray:
+    side = PLATES.index(plate_of(fault.robot, fault.target))
+    return fault.size * np.outer(fault.down[:, side], _joint(fault))
+
+
+def _lag(angles: np.ndarray, fault: InstrumentFault) -> np.ndarray:
+    joint, read = fault.joints.index(fault.target), angles.copy()
+    for previous, row in successive(fault.measurements):
+        read[row, joint] += fault.size * (angles[previous, joint] - angles[row, joint])
+    return read
+
+
+def _without_lag(read: np.ndarray, fault: InstrumentFault) -> np.ndarray:
+    joint, angles, part = fault.joints.index(fault.target), read.copy(), fault.size
+    for previous, row in successive(fault.measurements):
+        angles[row, joint] = (angles[row, joint] - part * angles[previous, joint]) / (1 - part)
+    return angles
+
+
+def _log_command(m: Measurements, robot: Robot, target: str, values: Values) -> Measurements:
+    if m.command is None or not values[0]:
+        return m
+    at = m.joints.index(target)
+    angles, spread = m.joint_angles.copy(), m.joint_angles_sd.copy()
+    angles[:, at], spread[:, at] = m.command[:, at], 0.0
+    return replace(m, joint_angles=angles, joint_angles_sd=spread)
+
+
+def _restore_angle(observed: Observation, target: str, values: Values) -> Observation:
+    m, at = observed.measurements, observed.tree.joints.index(target)
+    if m.command is None or not values[0]:
+        return observed
+    command, angles, torque = m.command[:, at], observed.joint_angles.copy(), observed.torques[:, at]
+    # What yields beyond the encoder has no part in the servo's error. The load turns the joint its own way.
+    motor = command + torque / observed.servo_gain[at] if m.motor is None else m.motor[:, at]
+    turned, wind_up = motor, observed.nominal.robot.settings.get("drives", {}).get("wind_up")
+    if wind_up:
+        full = servo_stiffness(observed.nominal.robot, {})[at] * Controller().error_at_full_torque
+        turned = motor + wind_up * torque / full
+    logged = (np.abs(m.joint_angles[:, at] - command) < ROUNDING).all()
+    angles[:, at] = turned if logged else angles[:, at] + command - turned
+    return observed.changed(joint_angles=angles)
+
+
+_on_encoder = partial(Effect, targets=JOINTS)
+
+
+EFFECTS = (
+    _on_encoder(
+        name="encoder-offset",
+        sentence="A joint's encoder reads a constant angle too much.",
+        parameters=(Parameter("offset", "rad", prior=np.radians(1.0)),),
+        mechanism=added(ANGLES, lambda fault: fault.size * _joint(fault)),
+        words="The {target} encoder reads {0} too high.",
+        lasting=Lasting(until="zero"),
+        explanation="A joint's encoder has a wrong zero: it was mounted or homed with a constant error.",
+    ),
+    _on_encoder(
+        name="encoder-gain",
+        sentence="A joint's encoder reads (1 + gain) times the joint's angle.",
+        parameters=(Parameter("gain", "", prior=0.02),),
+        mechanism=scaled(ANGLES, lambda fault: 1 + fault.size * _joint(fault)),
+        words="The {target} encoder reads {0} of its angle too much.",
+        explanation="""A joint's encoder reads a multiple of the joint's angle: the counts per turn or the
+        disc are wrong.
+
+        The angle is measured from the joint's zero, so postures near zero cannot show the effect.
+        """,
+    ),
+    _on_encoder(
+        name="encoder-slip",
+        sentence="A joint's encoder slips: from some time on it reads an angle too much.",
+        parameters=(Parameter("slip", "rad", prior=np.radians(1.0)), Parameter("start", "", grid=STARTS)),
+        mechanism=added(ANGLES, _slip),
+        words="The {target} encoder slipped and reads {0} too high from {1} of the experiment's time on.",
+        explanation="A joint's encoder slips on its shaft during the experiment and reads an angle too much "
+        "from "
+        "then on.",
+    ),
+    Effect(
+        name="encoder-load",
+        sentence="A joint's encoder reads too much in proportion to the vertical force on the foot of its "
+        "leg.",
+        parameters=(Parameter("rate", "rad/N", prior=np.radians(0.001)),),
+        mechanism=added(ANGLES, _by_load),
+        words="The {target} encoder reads {0} too high under the load of its leg.",
+        targets=LEG_JOINTS,
+        explanation="""A joint's encoder errs in proportion to the load on its leg, which shifts the shaft
+        against the read head.
+
+        reading = angle + rate times the vertical force on the foot below the joint. Any joint of a leg can
+        have it, also one whose own torque is small. The size is assumed: a shift by 0.1 mm on a ring of 30 mm
+        radius reads 0.2 degrees, here under the full weight of a robot of 23 kg.
+        """,
+    ),
+    _on_encoder(
+        name="lag",
+        sentence="A joint's reading lags behind by a fraction of the last change of its angle.",
+        parameters=(Parameter("part", "", prior=0.005),),
+        mechanism=mapped(ANGLES, _lag, _without_lag),
+        words="The reading of the {target} joint lags behind by {0} of the last change of its angle.",
+        explanation="""A joint's reading lags: it keeps a part of the posture before, as behind a sluggish
+        filter.
+
+        reading = angle + part (previous angle - angle). The previous angle is that of the preceding row in
+        the order of time, even if a posture was tried in between and dropped. Where the robot was set down
+        again (another placement or support) it was carried for minutes in between, so the reading begins
+        afresh, without lag.
+        """,
+    ),
+    _on_encoder(
+        name="logged-command",
+        sentence="The log holds a joint's command in place of its encoder's reading.",
+        parameters=(Parameter("source", "", grid=(1,), choices=SOURCES),),
+        mechanism=Misreading(_log_command, _restore_angle),
+        words="The log of the {target} joint holds its {0} in place of its encoder's reading.",
+        explanation="""The log holds a joint's commanded angle in place of its encoder's reading.
+
+        Such a log agrees with the command in all postures, up to rounding; a true reading does not, because a
+        servo holds its load with an error. The prediction restores the angle where the motor's encoder says
+        that the motor is. If motors were not recorded, it is where the nominal servo yields to the load of
+        the nominal robot: torque = stiffness (command - angle), stiffness = torque limit over the error at
+        full torque. That leaves out the torque of dry friction in the joint, which nobody knows, so that the
+        explanation is often judged insufficient. In both cases the joint turns beyond its motor by the
+        wind-up that the robot's description states.
+
+        Where the log differs from the command the fault is absent. The prediction then adds it, which shows
+        how much of it the experiment would see and explains nothing. Without commands in the measurements it
+        changes nothing. There is no size to estimate; the one choice is what was logged.
+        """,
+    ),
+)

@@ -1,0 +1,98 @@
+"""A force on a link: simulated by a rope, a spring whose other end is far away, and removed by its moment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.robot import Robot, sole_point
+
+FAR = 1000.0  # m, to the other ends of ropes: the torso moves too little to change their force or direction
+UPRIGHT = "stand"
+
+
+@dataclass(frozen=True)
+class Hook:
+    """The centre of mass of a nominal link, where ropes are tied.
+
+    Attributes:
+        body: name of the link.
+        point: in the link's frame, (3,) [m].
+        upright: in the base frame, in the keyframe `stand` or otherwise at zero angles, (3,) [m].
+    """
+
+    body: str
+    point: np.ndarray
+    upright: np.ndarray
+
+
+def hook(robot: Robot, link: str = "") -> Hook:
+    """Find the centre of mass of a link, by default of the torso."""
+    model = robot.model
+    link = link or model.body(1).name
+    data = mujoco.MjData(model)
+    key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, UPRIGHT)
+    if key >= 0:
+        mujoco.mj_resetDataKeyframe(model, data, key)
+    mujoco.mj_kinematics(model, data)
+    foot = data.body(robot.stance_foot)
+    turn = foot.xmat.reshape(3, 3)
+    sole = foot.xpos + turn @ sole_point(model, robot.stance_foot)
+    yaw = np.arctan2(turn[1, 0], turn[0, 0])
+    c, s = np.cos(yaw), np.sin(yaw)
+    to_base = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return Hook(link, model.body(link).ipos.copy(), to_base @ (data.body(link).xipos - sole))
+
+
+def tie(
+    spec: mujoco.MjSpec, name: str, hooked: Hook, way: np.ndarray, stiffness: float, length: float
+) -> None:
+    """Tie a link to a point far away by a spring.
+
+    Args:
+        way: horizontal unit vector to that point, (2,).
+        stiffness: of the spring [N/m].
+        length: of the spring at rest [m].
+    """
+    tie_to(spec, name, hooked, hooked.upright + FAR * np.append(way, 0.0), stiffness, length)
+
+
+def tie_to(
+    spec: mujoco.MjSpec, name: str, hooked: Hook, anchor: np.ndarray, stiffness: float, length: float
+) -> None:
+    """Tie a link to a point in the base frame, (3,) [m]; see `tie`."""
+    spec.worldbody.add_site(name=f"{name}_anchor", pos=anchor)
+    spec.body(hooked.body).add_site(name=f"{name}_hook", pos=hooked.point)
+    rope = spec.add_tendon(name=name, stiffness=[stiffness, 0.0, 0.0], springlength=[length, length])
+    rope.wrap_site(f"{name}_anchor")
+    rope.wrap_site(f"{name}_hook")
+
+
+def link_center(observed: Observation, link: str) -> np.ndarray:
+    """Compute the nominal centre of mass of a link in the base frame, (m, 3) [m]."""
+    rotations, positions = observed.frames
+    frame = observed.tree.frame(link)
+    return positions[:, frame] + rotations[:, frame] @ observed.nominal.robot.model.body(link).ipos
+
+
+def without_force(observed: Observation, link: str, force: np.ndarray) -> Observation:
+    """Remove a force at a link's nominal centre of mass from an observation.
+
+    Its moment about the plane of the readings shifts the centre of pressure; what pulls down adds to the
+    weight.
+
+    Args:
+        force: in the base frame, horizontal, (m, 2) or (2,), or of any direction, (m, 3) [N].
+    """
+    place = link_center(observed, link)
+    moment = (place[:, 2] + observed.depth)[:, None] * force[..., :2]
+    if force.shape[-1] == 2:
+        return observed.changed(shift=observed.shift + moment / observed.loaded_weight[:, None])
+    down = -force[:, 2]
+    moment = moment + down[:, None] * (place - observed.loaded_center)[:, :2]
+    return observed.changed(
+        shift=observed.shift + moment / (observed.loaded_weight + down)[:, None], lift=observed.lift + down
+    )
