@@ -15,6 +15,7 @@ from tulip_testbed.discovery.evidence import ranked
 from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
 from tulip_testbed.discovery.shortlist import fit_in_addition, shortlist
 from tulip_testbed.effects.effect import Effect
+from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.distributions import normal_logcdf
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
@@ -189,13 +190,16 @@ def at_estimate(terms: Sequence[Fitted], found: SelfCalibration) -> tuple[Fitted
     )
 
 
-def first_calibration(search: Search, terms: Sequence[Fitted] = ()) -> SelfCalibration:
+def first_calibration(
+    observed: Observation,
+    tolerances: Mapping[str, float] | None = None,
+    effects: Sequence[EffectInstance] = (),
+) -> SelfCalibration:
     """Calibrate with these effects; if a gross fault lets it diverge, with the usual spreads and noise."""
-    instances = [term.instance for term in terms]
     try:
-        return self_calibrate(search.observed, search.tolerances, instances)
+        return self_calibrate(observed, tolerances, effects)
     except np.linalg.LinAlgError:
-        return self_calibrate(search.observed, search.tolerances, instances, rounds=1)
+        return self_calibrate(observed, tolerances, effects, rounds=1)
 
 
 def calibrated_data(observed: Observation, calibration: SelfCalibration) -> Data:

@@ -5,17 +5,19 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed
-from tulip_testbed.calibration.calibration_result import CalibratedFamily
+from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
 from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.calibration.self_calibration import usual_tolerances
-from tulip_testbed.discovery.candidate_search import DECISIVE, Search
+from tulip_testbed.discovery.candidate_search import DECISIVE, Search, first_calibration
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.effect_intervals import as_calibrated, with_intervals
 from tulip_testbed.discovery.equivalence import equivalent, refit_if_better, refit_with_alternatives
+from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.held_out import HeldOut, check_placements, held_out
 from tulip_testbed.discovery.joint_fit import JointFit
 from tulip_testbed.discovery.law_candidates import is_law
@@ -89,7 +91,21 @@ class Discovery:
     @property
     def corrections(self) -> tuple[EffectInstance, ...]:
         """Return what the new nominal laboratory has: effects, and imperfections that are not zero."""
-        return self.adopted + tuple(one for one in self.calibrated if _clear(one))
+        return self.adopted + tuple(member for member in self.calibrated if _clear(member))
+
+    @cached_property
+    def explanations(self) -> tuple[Explanation, ...]:
+        """Return the explanations of all gaps, those of one gap together, its best first."""
+        return tuple(
+            Explanation(self._instance(k, fitted), fitted.log_bayes_factor, k + 1)
+            for k in self.effects
+            for fitted in self.equivalents[k]
+        )
+
+    def _instance(self, k: int, explanation: Fitted) -> EffectInstance:
+        """Return an explanation of term k, with the sizes of self-calibration if it is that term."""
+        is_the_term = explanation.label == self.fit.terms[k].label
+        return with_intervals(self.fit, k) if is_the_term else explanation.instance
 
     def runners_up(self, k: int) -> list[Fitted]:
         """Return the best explanations of gap `k` that are not as good as its best one, by predictions."""
@@ -102,9 +118,9 @@ class Discovery:
         return sorted(others.values(), key=lambda one: -one.log_bayes_factor)[:RUNNERS_UP]
 
 
-def _clear(one: EffectInstance) -> bool:
+def _clear(member: EffectInstance) -> bool:
     """Whether the interval of a value leaves zero out."""
-    return any(i is not None and not i[0] <= 0 <= i[1] for i in one.intervals)
+    return any(i is not None and not i[0] <= 0 <= i[1] for i in member.intervals)
 
 
 def discover(
@@ -116,6 +132,7 @@ def discover(
     through_laboratory: bool = True,
     hold_out: bool = True,
     source: str = "measurements",
+    calibration: SelfCalibration | None = None,
     progress: Callable[[int], None] = lambda count: None,
 ) -> Discovery:
     """Find what the nominal model lacks.
@@ -128,6 +145,7 @@ def discover(
         through_laboratory: fit the sizes through the static laboratory.
         hold_out: cross-validate over placements.
         source: of the measurements, for messages.
+        calibration: of these measurements without effects and with these tolerances, if it is at hand.
         progress: called with 1 after every stage.
 
     Raises:
@@ -139,7 +157,8 @@ def discover(
         check_placements(measurements)
     search = Search.of(observed, tolerances, effects)
     try:
-        return _discover(search, seed, through_laboratory, hold_out, progress)
+        first = calibration or first_calibration(search.observed, tolerances)
+        return _discover(search, first, seed, through_laboratory, hold_out, progress)
     except np.linalg.LinAlgError:
         raise InputError(
             f"{source}: found {len(measurements)} rows of which no calibration converges; expected a smaller "
@@ -148,10 +167,15 @@ def discover(
 
 
 def _discover(
-    search: Search, seed: int, through_laboratory: bool, hold_out: bool, progress: Callable[[int], None]
+    search: Search,
+    first: SelfCalibration,
+    seed: int,
+    through_laboratory: bool,
+    hold_out: bool,
+    progress: Callable[[int], None],
 ) -> Discovery:
     began, rng = time.perf_counter(), np.random.default_rng(seed)
-    selection = select(search, rng, progress)
+    selection = select(search, first, rng, progress)
     # A law speaks of places in one laboratory, so none is sought in several experiments together.
     laws = None if search.observed.measurements.experiments else select_laws(search, selection, rng)
     progress(1)

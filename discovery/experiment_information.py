@@ -30,10 +30,15 @@ DRAWS = 400
 
 @dataclass(frozen=True)
 class Explanation:
-    """One of several effects that explain a gap equally well, and ln of its Bayes factor."""
+    """One of several effects that explain a gap equally well.
+
+    Attributes:
+        log_bayes_factor: ln of it. gap: number of the gap, from 1.
+    """
 
     instance: EffectInstance
     log_bayes_factor: float
+    gap: int = 1
 
     @property
     def sizes(self) -> np.ndarray:

@@ -20,7 +20,6 @@ from tulip_testbed.discovery.candidate_search import (
     Search,
     at_estimate,
     calibrated_data,
-    first_calibration,
 )
 from tulip_testbed.discovery.candidates import Candidate, Fitted
 from tulip_testbed.discovery.evidence import sidak
@@ -75,7 +74,7 @@ def select_laws(search: Search, selection: Selection, rng: np.random.Generator) 
         None: noise alone explains the experiment, or no law is decisive.
     """
     search = replace(search, widest=WIDEST)
-    start = first_calibration(search)
+    start = selection.first
     laws = law_candidates(calibrated_data(search.observed, start).observed)
     linear = selection.null.linear
     alone, more = ranked_and_counted(linear, laws, rng)

@@ -61,7 +61,8 @@ class Selection:
     """The effects that were selected.
 
     Attributes:
-        calibration: ordinary imperfections in addition to the selected effects. tolerances: as asked for.
+        first: ordinary imperfections without effects. calibration: in addition to the selected effects.
+        tolerances: as asked for.
         complete: whether no further candidate is decisive.
         fit: of the selected effects, with the ordinary imperfections as background. null: without either.
         alternatives: what else might explain each term, by predictions, the best first; itself among them.
@@ -73,6 +74,7 @@ class Selection:
         weak: candidates that it shows only if they are larger than plausible.
     """
 
+    first: SelfCalibration
     calibration: SelfCalibration
     tolerances: Mapping[str, float] | None
     complete: bool
@@ -105,16 +107,19 @@ def lack_of_fit(data: Data) -> tuple[LackOfFit, ...]:
 
 
 def select(
-    search: Search, rng: np.random.Generator, progress: Callable[[int], None] = lambda count: None
+    search: Search,
+    first: SelfCalibration,
+    rng: np.random.Generator,
+    progress: Callable[[int], None] = lambda count: None,
 ) -> Selection:
     """Select the effects of an experiment.
 
     Args:
+        first: calibration without effects.
         rng: for the number of independent tests.
         progress: called with 1 after every step.
     """
-    observed = search.observed
-    calibration = first_calibration(search)
+    observed, calibration = search.observed, first
     stated = _scattered(noise_of(observed), calibration.noise)
     repeats = pure_error(calibration.observed, calibration.theta, stated)
     exact = Data(observed, widened(calibration.observed, stated, repeats))
@@ -129,8 +134,9 @@ def select(
     count = len(np.unique(observed.measurements.placement))
     # Placements that are not sought one by one were tests too: those that are stood out among them.
     tests = effective_tests(fitted(), rng) + max(count - MOST_PLACEMENTS, 0)
-    first = sorted(fits, key=lambda one: -one.log_bayes_factor)
+    ranking = sorted(fits, key=lambda fit: -fit.log_bayes_factor)
     selection = Selection(
+        first=first,
         calibration=calibration,
         tolerances=search.tolerances,
         complete=True,
@@ -139,9 +145,9 @@ def select(
         alternatives=(),
         runners_up=(),
         lack_of_fit=lack_of_fit(exact),
-        p=min((sidak(one.p, tests) for one in first), default=1.0),
+        p=min((sidak(fit.p, tests) for fit in ranking), default=1.0),
         tests=tests,
-        undetectable=tuple(one.candidate for one in first if not one.detectable),
+        undetectable=tuple(fit.candidate for fit in ranking if not fit.detectable),
         weak=weakly_detectable(fits, single_level(LEVEL, tests)),
     )
     progress(1)
@@ -264,7 +270,7 @@ def chosen_again(search: Search, terms: Sequence[Fitted]) -> tuple[tuple[Fitted,
         the effects and the calibration with them.
     """
     out = tuple(terms)
-    found = first_calibration(search, out)
+    found = first_calibration(search.observed, search.tolerances, [term.instance for term in out])
     data = calibrated_data(search.observed, found)
     for k in range(len(out)):
         adopted = joint_fit(data, out[:k] + out[k + 1 :])
