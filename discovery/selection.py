@@ -261,13 +261,10 @@ def _chance(found: SelfCalibration, gain: float, tests: float) -> float:
     return sidak(float(chi2_sf(2 * max(likelihood, 0.0), max(len(prior), 1))), tests)
 
 
-def chosen_again(search: Search, terms: Sequence[Fitted]) -> tuple[tuple[Fitted, ...], SelfCalibration]:
-    """Choose every one of some effects again, the others being kept, and fit them all.
+def calibrated_with_best(search: Search, terms: Sequence[Fitted]) -> SelfCalibration:
+    """Calibrate with some effects, of which every one is chosen again, the others being kept.
 
     Another effect takes its place if the evidence for it is decisively better.
-
-    Returns:
-        the effects and the calibration with them.
     """
     out = tuple(terms)
     found = first_calibration(search.observed, search.tolerances, [term.instance for term in out])
@@ -278,12 +275,12 @@ def chosen_again(search: Search, terms: Sequence[Fitted]) -> tuple[tuple[Fitted,
         own = fit_in_addition(adopted, out[k])
         if short and short[0].log_bayes_factor > own.log_bayes_factor + DECISIVE:
             out = (*out[:k], short[0], *out[k + 1 :])
-    if [term.label for term in out] != [term.label for term in terms]:
-        try:
-            return out, self_calibrate(search.observed, search.tolerances, [term.instance for term in out])
-        except np.linalg.LinAlgError:  # another choice by linear columns that no calibration bears out
-            return tuple(terms), found
-    return out, found
+    if [term.label for term in out] == [term.label for term in terms]:
+        return found
+    try:
+        return self_calibrate(search.observed, search.tolerances, [term.instance for term in out])
+    except np.linalg.LinAlgError:  # another choice by linear columns that no calibration bears out
+        return found
 
 
 def _backward(search: Search, found: Judged, start: SelfCalibration) -> Judged:

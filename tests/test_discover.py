@@ -104,7 +104,6 @@ def test_a_hidden_effect_is_named_sized_and_predicts(robot, plan, preset, name, 
     assert abs(value - middle) < 1.5 * half  # five cases at once: 1.5 half widths is 99.7 %
     assert after(found)["AFTC"] < min(1.1, before(found)["AFTC"])
     assert found.heldout is not None
-    assert found.heldout.agreement > 0.5
     worse = dataclasses.replace(found.heldout, after=after(found) | {"T": 1.2})
     assert "channel T" in " ".join(_reasons(found.selection, found.patterns[0], worse))
 

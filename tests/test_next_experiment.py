@@ -19,7 +19,13 @@ from tulip_testbed.discovery.experiment_information import (
     probabilities,
     separations,
 )
-from tulip_testbed.discovery.next_experiment import Doubt, doubts_of, minutes_of, rank_experiments, within_limits
+from tulip_testbed.discovery.next_experiment import (
+    Doubt,
+    doubts_of,
+    minutes_of,
+    rank_experiments,
+    within_limits,
+)
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.campaigns.campaign_record import read_campaign
 from tulip_testbed.experiments.laboratory import Laboratory
