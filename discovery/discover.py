@@ -15,8 +15,8 @@ from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.calibration.self_calibration import usual_tolerances
 from tulip_testbed.discovery.candidate_search import DECISIVE, Search, first_calibration
 from tulip_testbed.discovery.candidates import Fitted
+from tulip_testbed.discovery.detectability import Undetectable, undetectable
 from tulip_testbed.discovery.effect_intervals import as_calibrated, with_intervals
-from tulip_testbed.discovery.equivalence import equivalent, refit_if_better, refit_with_alternatives
 from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.held_out import HeldOut, check_placements, held_out
 from tulip_testbed.discovery.joint_fit import JointFit
@@ -24,8 +24,8 @@ from tulip_testbed.discovery.law_candidates import is_law
 from tulip_testbed.discovery.law_search import LawSelection, select_laws
 from tulip_testbed.discovery.patterns import Pattern, in_channels, patterns
 from tulip_testbed.discovery.pure_error import PureError, pure_error
+from tulip_testbed.discovery.refit import equivalent, refit_if_better, refit_with_alternatives
 from tulip_testbed.discovery.selection import LEVEL, Selection, select
-from tulip_testbed.discovery.undetectable import Undetectable, undetectable
 from tulip_testbed.discovery.unusual_members import STANDS_OUT, SURE, too_wide
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
@@ -54,7 +54,6 @@ class Discovery:
         observed, noise: the experiment. repeats: what its repeated postures say about the noise.
         selection: how the effects were selected. fit: the final one, through the laboratory, with the sizes
             of self-calibration.
-        model_error: of the effects' predictions there, (m, 11, s + 1).
         effects: numbers of the terms of the fit that stand out of their families or belong to none.
         adopted: effects and laws that are added to the model; empty unless named or described.
         calibrated: ordinary imperfections that are added to the model, with intervals; empty unless named,
@@ -75,7 +74,6 @@ class Discovery:
     repeats: PureError
     selection: Selection
     fit: JointFit
-    model_error: np.ndarray
     effects: tuple[int, ...]
     adopted: tuple[EffectInstance, ...]
     calibrated: tuple[EffectInstance, ...]
@@ -222,27 +220,26 @@ class _Fitted:
     """The selected effects, fitted once more through the laboratory.
 
     Attributes:
-        model_error, equivalents: see `Discovery`.
+        equivalents: see `Discovery`.
         shared: s.d. of the error that laboratory and predictions share, (s,).
     """
 
     fit: JointFit
-    model_error: np.ndarray
     shared: np.ndarray
     equivalents: tuple[tuple[Fitted, ...], ...]
 
 
 def _fitted(selection: Selection, through_laboratory: bool) -> _Fitted:
     fit = selection.fit
-    model_error, shared = fit.data.no_model_error(fit.terms), np.zeros(len(fit.sizes))
+    shared = np.zeros(len(fit.sizes))
     if not fit.terms:
-        return _Fitted(fit, model_error, shared, ())
+        return _Fitted(fit, shared, ())
     if through_laboratory and not any(is_law(term.candidate) for term in fit.terms):
         return _Fitted(*refit_with_alternatives(fit, selection.alternatives))
     if through_laboratory:  # the neighbours of laws have been judged by self-calibration
-        fit, model_error, shared = refit_if_better(fit.repeated)
+        fit, shared = refit_if_better(fit.repeated)
     near = tuple(equivalent(a, t) for a, t in zip(selection.alternatives, fit.terms, strict=True))
-    return _Fitted(fit, model_error, shared, near)
+    return _Fitted(fit, shared, near)
 
 
 def _concluded(
@@ -254,7 +251,7 @@ def _concluded(
         validation: None: not asked for, or not yet.
     """
     began, observed, fit = time.perf_counter(), search.observed, fitted.fit
-    model_error, shared, equivalents = fitted.model_error, fitted.shared, fitted.equivalents
+    shared, equivalents = fitted.shared, fitted.equivalents
     laws = [is_law(term.candidate) for term in fit.terms]
     left = patterns(fit.linear, fit.residual, fit.columns)
     final = as_calibrated(fit, selection.fit, selection.calibration, shared)
@@ -280,7 +277,6 @@ def _concluded(
         repeats=pure_error(fit.linear.observed, fit.linear.theta, fit.data.noise),
         selection=selection,
         fit=final,
-        model_error=model_error,
         effects=outside,
         adopted=tuple(adopted[k] for k in outside) if verdict in ADOPTED else (),
         calibrated=tuple(ordinary) if verdict in (*ADOPTED, CALIBRATED) else (),

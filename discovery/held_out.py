@@ -35,7 +35,6 @@ class HeldOut:
         before, after: root mean squares of the whitened residuals of the nominal model and with everything
             that was found, by channel and of all channels ("AFTC"); 1 is the noise.
         floor: largest value of `after` that chance explains, by channel.
-        log_density: ln of the predictive density before and after, by channel.
         millimetres: root mean square of the centre of pressure's residuals before, after, and by the noise
             alone, (3,) [mm].
     """
@@ -43,7 +42,6 @@ class HeldOut:
     before: dict[str, float]
     after: dict[str, float]
     floor: dict[str, float]
-    log_density: dict[str, tuple[float, float]]
     millimetres: tuple[float, float, float]
 
     @property
@@ -86,7 +84,7 @@ def held_out(search: Search, found: SelfCalibration, terms: Sequence[Fitted]) ->
     corrected = removed(observed, single)
     general = tuple(t for t in terms if t.candidate.effect.targets is not PLACEMENTS)
     fold = np.searchsorted(placements, observed.measurements.placement) % FOLDS
-    sums = {key: np.zeros(5) for key in (*CHANNELS, "AFTC")}
+    sums = {key: np.zeros(3) for key in (*CHANNELS, "AFTC")}
     squares = np.zeros(3)
     for k in range(FOLDS):
         inside, outside = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
@@ -99,8 +97,7 @@ def held_out(search: Search, found: SelfCalibration, terms: Sequence[Fitted]) ->
             before, after = plain.of(key), fitted.of(key)
             dof = len(after.residual)
             if dof:
-                densities = before.log_density, after.log_density
-                sums[key] += before.chi_square, after.chi_square, dof, *densities
+                sums[key] += before.chi_square, after.chi_square, dof
         first, last = plain.of("A"), fitted.of("A")
         squares += (first.residual**2).sum(), (last.residual**2).sum(), last.variance.sum()
     sums = {key: total for key, total in sums.items() if total[2] > 0}
@@ -109,6 +106,5 @@ def held_out(search: Search, found: SelfCalibration, terms: Sequence[Fitted]) ->
         before={key: float(np.sqrt(t[0] / t[2])) for key, t in sums.items()},
         after={key: float(np.sqrt(t[1] / t[2])) for key, t in sums.items()},
         floor={key: float(np.sqrt(1 + CHANCE * np.sqrt(2 / t[2]))) for key, t in sums.items()},
-        log_density={key: (float(t[3]), float(t[4])) for key, t in sums.items()},
         millimetres=(float(first_mm), float(last_mm), float(noise_mm)),
     )

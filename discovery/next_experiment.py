@@ -219,14 +219,10 @@ def possible(m: Measurements, robot: Robot, doubts: Sequence[Doubt]) -> list[tup
 def minutes_of(experiment: Experiment, placements: int, postures: int) -> float:
     """Return the assumed time of an experiment [min]."""
     time = PLACEMENT * placements + POSTURE * postures
-    return time + sum(_minutes(text) for text in experiment.manipulations)
-
-
-def _minutes(text: str) -> float:
-    if text.endswith("plate turned by 180 deg"):
-        return MANIPULATION["plate turned"]
-    found = [time for words, time in MANIPULATION.items() if text.startswith(words)]
-    return found[0]
+    return time + sum(
+        next(minutes for words, minutes in MANIPULATION.items() if words in text)
+        for text in experiment.manipulations
+    )
 
 
 @dataclass(frozen=True)

@@ -21,18 +21,19 @@ from tulip_testbed.discovery.candidate_search import (
     MOST_TERMS,
     Judged,
     Search,
+    at_best_time,
     at_estimate,
     calibrated_data,
     first_calibration,
+    fit_in_addition,
+    shortlist,
 )
 from tulip_testbed.discovery.candidates import MOST_PLACEMENTS, Candidate, Fitted
 from tulip_testbed.discovery.columns import CandidateColumns, candidate_blocks
-from tulip_testbed.discovery.detectability import single_level
+from tulip_testbed.discovery.detectability import WeaklyDetectable, single_level, weakly_detectable
 from tulip_testbed.discovery.evidence import effective_tests, marginal_fits, sidak
 from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
 from tulip_testbed.discovery.pure_error import pure_error, widened
-from tulip_testbed.discovery.shortlist import at_best_time, fit_in_addition, shortlist
-from tulip_testbed.discovery.undetectable import WeaklyDetectable, weakly_detectable
 from tulip_testbed.discovery.unusual_members import with_unusual_members
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.residual_noise import Noise, noise_of
@@ -201,7 +202,7 @@ def _forward(
         if not decisive:
             return calibration, terms, True
         best = max(decisive, key=lambda one: (one.steady, one.evidence))
-        best = _backward(search, best, calibration)
+        best = search.without_idle(best, calibration)
         if {term.label for term in best.terms} in before:
             break
         before.append({term.label for term in best.terms})
@@ -281,19 +282,6 @@ def calibrated_with_best(search: Search, terms: Sequence[Fitted]) -> SelfCalibra
         return self_calibrate(search.observed, search.tolerances, [term.instance for term in out])
     except np.linalg.LinAlgError:  # another choice by linear columns that no calibration bears out
         return found
-
-
-def _backward(search: Search, found: Judged, start: SelfCalibration) -> Judged:
-    """Eliminate the terms that are not decisive in addition to the others, the least decisive first."""
-    while len(found.terms) > 1:
-        newest = len(found.terms) - 1  # it has just been judged
-        fewer = [search.tried(found.terms[:k] + found.terms[k + 1 :], start) for k in range(newest)]
-        sure = [one for one in fewer if one is not None and (one.steady or not found.steady)]
-        best = max(sure, key=lambda one: one.evidence, default=None)
-        if best is None or found.evidence - best.evidence >= DECISIVE:
-            break
-        found = best
-    return found
 
 
 def _alternatives(search: Search, found: JointFit, k: int) -> tuple[tuple[Fitted, ...], tuple[Fitted, ...]]:

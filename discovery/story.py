@@ -8,6 +8,7 @@ import numpy as np
 
 from tulip_testbed.base.numbers import number
 from tulip_testbed.discovery.candidates import Fitted
+from tulip_testbed.discovery.detectability import by_kind
 from tulip_testbed.discovery.discover import (
     ADOPTED,
     AMBIGUOUS,
@@ -19,7 +20,6 @@ from tulip_testbed.discovery.discover import (
 )
 from tulip_testbed.discovery.effect_intervals import with_intervals
 from tulip_testbed.discovery.next_experiment import NextExperiment
-from tulip_testbed.discovery.undetectable import by_kind
 from tulip_testbed.effects.instance import EffectInstance
 
 MANY = 2  # effects that often occur together
