@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.discover import AMBIGUOUS
@@ -123,6 +124,7 @@ class Pool:
     readings: Measurements
 
 
+@one_blas_thread
 def rank_experiments(
     measurements: Measurements,
     robot: Robot,

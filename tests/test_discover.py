@@ -21,7 +21,7 @@ from tulip_testbed.discovery.discover import _reasons, discover, stands_out
 from tulip_testbed.discovery.effect_intervals import TIME_GAIN
 from tulip_testbed.discovery.next_experiment import doubts_of, rank_experiments
 from tulip_testbed.discovery.patterns import patterns
-from tulip_testbed.discovery.story import story
+from tulip_testbed.discovery.story import WORTHWHILE, story
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import check_instances
 from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
@@ -205,7 +205,7 @@ def test_twins_are_not_named_and_an_experiment_is_proposed(robot, plan):
     assert {"cell-tare:left.rear_left", "cell-tare:left.front_right"} <= labels
     doubts = doubts_of(found.verdict, found.explanations)
     ranking = rank_experiments(tare, robot, doubts)
-    assert ranking[0].settled > 0.5
+    assert ranking[0].settled > WORTHWHILE
     (advice,) = [line for line in story(found, ranking) if line.startswith("To separate them")]
     assert f"({ranking[0].words})" in advice
     assert "measure the quantity in question directly" in " ".join(story(found, []))
