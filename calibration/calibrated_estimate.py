@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from tulip_testbed.identification.rank import labels, require_identifiable
 from tulip_testbed.identification.regressor import Regression
 from tulip_testbed.identification.residual_channels import residuals
 
+Calibrate = Callable[[Observation, Mapping[str, float] | None], SelfCalibration]
+
 SELF_CALIBRATING = "self-calibrating"
 SUMMARY = "Base parameters and ordinary imperfections in one estimate, with all channels of the data."
 
@@ -26,6 +28,7 @@ def calibrated_estimates(
     data: Regression,
     kept: Sequence[int],
     tolerances: Mapping[str, float] | None = None,
+    calibrate: Calibrate = self_calibrate,
 ) -> tuple[Estimate, Estimate, SelfCalibration]:
     """Estimate the full and the simplified model with all families of ordinary imperfections.
 
@@ -33,13 +36,14 @@ def calibrated_estimates(
         observed: the experiment. data: its regression.
         kept: numbers of the simplified model's parameters.
         tolerances: see `self_calibrate`.
+        calibrate: `self_calibrate`, or what does the same in gross faults too.
 
     Raises:
         InputError: the postures do not determine all parameters, or an impossible tolerance.
     """
     require_identifiable(data.matrix, labels(data.numbers, data.names), data.source, data.blur)
     try:
-        return _estimates(observed, data, kept, tolerances)
+        return _estimates(observed, data, kept, tolerances, calibrate)
     except np.linalg.LinAlgError:
         excess = _in_excess(observed, data, kept, tolerances)
         families = "" if not excess else f" with all families; leave out {listed(excess)} (tolerance 0), or"
@@ -50,9 +54,13 @@ def calibrated_estimates(
 
 
 def _estimates(
-    observed: Observation, data: Regression, kept: Sequence[int], tolerances: Mapping[str, float] | None
+    observed: Observation,
+    data: Regression,
+    kept: Sequence[int],
+    tolerances: Mapping[str, float] | None,
+    calibrate: Calibrate = self_calibrate,
 ) -> tuple[Estimate, Estimate, SelfCalibration]:
-    found = self_calibrate(observed, tolerances)
+    found = calibrate(observed, tolerances)
     full = estimate_of(found, data)
     if len(kept) == len(data.numbers):
         return full, full, found

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.self_calibration import self_calibrate
-from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, log_choices
-from tulip_testbed.discovery.columns import candidate_blocks
-from tulip_testbed.discovery.evidence import ranked
-from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
-from tulip_testbed.discovery.shortlist import fit_in_addition, shortlist
+from tulip_testbed.discovery.candidates import Candidate, Fitted, candidates, change_times, log_choices
+from tulip_testbed.discovery.columns import CandidateColumns, candidate_blocks, whitened_columns
+from tulip_testbed.discovery.evidence import marginal_fits, ranked
+from tulip_testbed.discovery.joint_fit import Data, JointFit, gauss_newton, joint_fit
 from tulip_testbed.effects.effect import Effect
+from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.identification.distributions import normal_logcdf
 from tulip_testbed.identification.observation import Observation
 from tulip_testbed.identification.residual_noise import noise_of, with_cell_noise
@@ -27,6 +27,9 @@ NEAR = 10.0  # ln of the Bayes factor by linear columns, within which candidates
 ROUNDS = 4  # linearisations of a judgement
 RESTS = 0.5  # s.e. by which the last of them may move a number, or as many are taken once more
 TRIES = 2
+LONGEST = 12
+WITHIN = 15.0  # ln of the Bayes factor by linear columns, of candidates that are shortlisted
+TIMES = 60  # between postures, at most, that are tried for a change in time
 ORDINARY = 1.0  # tolerances: the largest spread of a family in the search
 
 
@@ -124,6 +127,14 @@ class Search:
             missing effect may have
         widened, and with none larger than usual.
         """
+        out: dict[str, Fitted] = {}
+        for fit in self.fits(calibration, terms):
+            for fitted in self.shortest(fit):
+                out.setdefault(fitted.label, fitted)
+        return list(out.values())
+
+    def fits(self, calibration: SelfCalibration, terms: Sequence[Fitted]) -> Iterator[JointFit]:
+        """Fit terms with the spreads and the noise as estimated, and with none larger than usual."""
         data = calibrated_data(self.observed, calibration)
         stated, found = noise_of(self.observed), calibration.noise
         usual = replace(
@@ -132,11 +143,23 @@ class Search:
             cell=min(stated.cell, found.cell),
             plates=np.minimum(stated.plates, found.plates),
         )
-        out: dict[str, Fitted] = {}
-        for one in (data, replace(data, noise=usual, background=calibration.background(ORDINARY))):
-            for fitted in self.shortest(joint_fit(one, terms)):
-                out.setdefault(fitted.label, fitted)
-        return list(out.values())
+        yield joint_fit(data, terms)
+        yield joint_fit(replace(data, noise=usual, background=calibration.background(ORDINARY)), terms)
+
+    def without_idle(self, judged: Judged, start: SelfCalibration) -> Judged:
+        """Eliminate terms that are not decisive in addition to the others, the least decisive first.
+
+        The newest has just been judged.
+        """
+        while len(judged.terms) > 1:
+            terms = judged.terms
+            fewer = [self.tried(terms[:k] + terms[k + 1 :], start) for k in range(len(terms) - 1)]
+            sure = [one for one in fewer if one is not None and (one.steady or not judged.steady)]
+            best = max(sure, key=lambda one: one.evidence, default=None)
+            if best is None or judged.evidence - best.evidence >= DECISIVE:
+                break
+            judged = best
+        return judged
 
     def shortest(self, adopted: JointFit) -> list[Fitted]:
         """List the few candidates that explain most in addition to the adopted terms, the best first.
@@ -189,15 +212,68 @@ def at_estimate(terms: Sequence[Fitted], found: SelfCalibration) -> tuple[Fitted
     )
 
 
-def first_calibration(search: Search, terms: Sequence[Fitted] = ()) -> SelfCalibration:
+def first_calibration(
+    observed: Observation,
+    tolerances: Mapping[str, float] | None = None,
+    effects: Sequence[EffectInstance] = (),
+) -> SelfCalibration:
     """Calibrate with these effects; if a gross fault lets it diverge, with the usual spreads and noise."""
-    instances = [term.instance for term in terms]
     try:
-        return self_calibrate(search.observed, search.tolerances, instances)
+        return self_calibrate(observed, tolerances, effects)
     except np.linalg.LinAlgError:
-        return self_calibrate(search.observed, search.tolerances, instances, rounds=1)
+        return self_calibrate(observed, tolerances, effects, rounds=1)
 
 
 def calibrated_data(observed: Observation, calibration: SelfCalibration) -> Data:
     """Return an experiment without its ordinary imperfections, and what is still uncertain about them."""
     return Data(calibration.without_members(observed), calibration.noise, calibration.background())
+
+
+def shortlist(adopted: JointFit, ranked: list[Fitted]) -> list[Fitted]:
+    """Fit the best of a ranking without linearising.
+
+    Args:
+        adopted: the fit in addition to which they explain the experiment.
+
+    Returns:
+        at most `LONGEST`, the best first.
+    """
+    if not ranked or not ranked[0].detectable:
+        return []
+    least = 0.8 * ranked[0].log_bayes_factor - WITHIN
+    near = [one for one in ranked if one.log_bayes_factor > least and one.detectable]
+    out = [fit_in_addition(adopted, at_best_time(adopted, one)) for one in near[:LONGEST]]
+    return sorted(out, key=lambda one: -one.log_bayes_factor)
+
+
+def fit_in_addition(adopted: JointFit, term: Fitted) -> Fitted:
+    """Fit one more term without linearising, while the sizes of the adopted ones may change.
+
+    Its Bayes factor is that of its best point; ln of the number of times or points is subtracted.
+    """
+    linear = adopted.partialled_out
+    found = gauss_newton(linear, (term,))
+    return replace(
+        found.terms[0],
+        log_bayes_factor=found.log_bayes_factor - log_choices(term.candidate, linear.observed),
+    )
+
+
+def at_best_time(adopted: JointFit, one: Fitted) -> Fitted:
+    """Move a change in time to the two postures between which it explains most.
+
+    The grid of the catalogue is too coarse to tell them.
+    """
+    linear, candidate, timed = adopted.linear, one.candidate, one.candidate.time_parameter
+    times = change_times(candidate, linear.observed)
+    if timed is None or not len(times):
+        return one
+    chosen = candidate.settings[one.point]
+    near = times[np.argsort(np.abs(times - chosen[timed]))[:TIMES]]
+    settings = np.repeat(chosen[None], len(near), axis=0)
+    settings[:, timed] = near
+    finer = replace(candidate, settings=settings)
+    basis = np.linalg.qr(adopted.columns)[0]
+    points = [linear.project(column) for column in whitened_columns(linear, [finer])]
+    projected = [column - basis @ (basis.T @ column) for column in points]
+    return marginal_fits(CandidateColumns([finer], [projected]), adopted.residual)[0]

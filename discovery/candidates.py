@@ -70,9 +70,7 @@ class Fitted:
         sizes: estimates, (s,).
         log_bayes_factor: ln of the Bayes factor against the same model without the effect; minus infinity:
             the experiment cannot show the effect.
-        covariance: of the sizes, (s, s); None: not known.
-        gain: decrease of chi-square by the best sizes.
-        p: probability of as large a gain without the effect, at this point of the grid alone.
+        p: probability of as large a decrease of chi-square without the effect, at this point alone.
         visible: change of the residuals by one prior s.d. over their noise, at the point of the grid and in
             the direction of the sizes where it is largest.
     """
@@ -81,8 +79,6 @@ class Fitted:
     point: int
     sizes: np.ndarray
     log_bayes_factor: float = np.nan
-    covariance: np.ndarray | None = None
-    gain: float = np.nan
     p: float = np.nan
     visible: float = np.nan
 

@@ -1,14 +1,23 @@
-"""How large an effect must be for an experiment to show it, and what it does to the parameters unseen."""
+"""How large an effect must be for an experiment to show it, and how it biases the base parameters unseen."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 import scipy
 
-from tulip_testbed.discovery.candidates import Candidate
+from tulip_testbed.base.errors import InputError
+from tulip_testbed.calibration.linear_model import LinearModel, nuisances, weighing
+from tulip_testbed.discovery.candidates import Candidate, Fitted, standing_out
+from tulip_testbed.discovery.columns import effect_columns
+from tulip_testbed.effects.true_robot import true_base_parameters
 from tulip_testbed.identification.distributions import chi2_isf
+from tulip_testbed.identification.observation import Observation
+from tulip_testbed.sim.rig import preset_rig
 
 POWER = 0.9
 
@@ -55,3 +64,110 @@ def detectable_size(
         return 1.0
     along = np.eye(projected.shape[1])[0] if direction is None else direction
     return least_multiple(candidate, float(np.linalg.norm(projected @ along)), level)
+
+
+@dataclass(frozen=True)
+class Undetectable:
+    """An effect that the experiment cannot show.
+
+    Attributes:
+        parameter: number of the base parameter that it would bias most, from 1; 0: none.
+        bias: of that parameter, for a size of one prior s.d. [m].
+    """
+
+    candidate: Candidate
+    parameter: int
+    bias: float
+
+
+@dataclass(frozen=True)
+class WeaklyDetectable:
+    """An effect that the experiment shows only if it is larger than plausible.
+
+    Attributes:
+        multiple: least size that is found with 90 % probability, in prior s.d.; more than 1.
+    """
+
+    candidate: Candidate
+    multiple: float
+
+    @property
+    def least(self) -> float | None:
+        """Return that size in SI units; None for an effect of several sizes."""
+        prior = self.candidate.prior
+        return self.multiple * float(prior[0]) if len(prior) == 1 else None
+
+    def document(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        effect = self.candidate.effect
+        return {
+            "name": effect.name,
+            "target": self.candidate.target or None,
+            "least_over_prior": self.multiple,
+            "least": self.least,
+            "unit": None if self.least is None else effect.parameters[effect.sizes[0]].unit,
+        }
+
+
+def weakly_detectable(fits: Sequence[Fitted], level: float) -> tuple[WeaklyDetectable, ...]:
+    """List the effects that an experiment shows only if they are larger than plausible.
+
+    Args:
+        fits: of all candidates, each alone.
+        level: of a single test among them.
+    """
+    sized = [one for one in fits if one.detectable and one.candidate.effect.sizes]
+    least = [(one.candidate, least_multiple(one.candidate, one.visible, level)) for one in sized]
+    return tuple(WeaklyDetectable(candidate, multiple) for candidate, multiple in least if multiple > 1)
+
+
+def by_kind(listed: Sequence[Candidate], observed: Observation) -> dict[str, list[str]]:
+    """Group effects by their kind: targets by name; none where every target of the experiment is listed."""
+    numbers = standing_out(observed)
+    out: dict[str, list[str]] = {}
+    for one in listed:
+        out.setdefault(one.effect.name, []).append(one.target)
+    targets = {one.effect.name: one.effect.targets for one in listed}
+    return {
+        name: [] if len(found) == len(targets[name].of(observed.nominal.robot, numbers)) else found
+        for name, found in sorted(out.items())
+    }
+
+
+def undetectable(linear: LinearModel, candidates: Sequence[Candidate]) -> tuple[Undetectable, ...]:
+    """Compute the bias of the base parameters by each effect that leaves no residual.
+
+    Args:
+        linear: the experiment without any effect.
+    """
+    known = np.vstack([linear.whitening(nuisances(linear.smoothed, "AFTC")), weighing(linear.smoothed)[None]])
+    least_squares = np.linalg.pinv(known, rcond=np.finfo(float).eps * max(known.shape))
+    absorbed = least_squares[: len(linear.theta), :-1]  # no effect changes the weighing, the last row
+    return tuple(_undetectable(linear, absorbed, candidate) for candidate in candidates)
+
+
+def _undetectable(linear: LinearModel, absorbed: np.ndarray, candidate: Candidate) -> Undetectable:
+    if not candidate.effect.sizes:
+        return Undetectable(candidate, 0, 0.0)
+    effect = effect_columns(linear, candidate, 0) * candidate.prior
+    moved = absorbed @ effect if effect.any() else _change_of_robot(linear.observed, candidate)[:, None]
+    at = np.unravel_index(np.abs(moved).argmax(), moved.shape)
+    if not moved[at]:
+        return Undetectable(candidate, 0, 0.0)
+    return Undetectable(candidate, int(at[0]) + 1, float(np.abs(moved[at])))
+
+
+def _change_of_robot(observed: Observation, candidate: Candidate) -> np.ndarray:
+    """Compute how the robot's own base parameters change with the effect, (p,) [m]."""
+    nominal = observed.nominal
+    sizes = np.zeros(len(candidate.prior))
+    sizes[0] = candidate.prior[0]
+    rig = candidate.effect.inject(
+        preset_rig("ideal", nominal.robot), candidate.target, candidate.values(sizes)
+    )
+    if rig.edit is None:
+        return np.zeros(len(nominal.value))
+    try:
+        return true_base_parameters(rig, nominal.parameters.support) - nominal.value
+    except InputError:  # a sole that is no plane any more says nothing about the robot's masses
+        return np.zeros(len(nominal.value))

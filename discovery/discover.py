@@ -5,25 +5,27 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from tulip_testbed.base.errors import InputError, listed
-from tulip_testbed.calibration.calibration_result import CalibratedFamily
+from tulip_testbed.calibration.calibration_result import CalibratedFamily, SelfCalibration
 from tulip_testbed.calibration.families import TOLERANCES
 from tulip_testbed.calibration.self_calibration import usual_tolerances
-from tulip_testbed.discovery.candidate_search import DECISIVE, Search
+from tulip_testbed.discovery.candidate_search import DECISIVE, Search, first_calibration
 from tulip_testbed.discovery.candidates import Fitted
+from tulip_testbed.discovery.detectability import Undetectable, undetectable
 from tulip_testbed.discovery.effect_intervals import as_calibrated, with_intervals
-from tulip_testbed.discovery.equivalence import equivalent, refit_if_better, refit_with_alternatives
+from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.discovery.held_out import HeldOut, check_placements, held_out
 from tulip_testbed.discovery.joint_fit import JointFit
 from tulip_testbed.discovery.law_candidates import is_law
 from tulip_testbed.discovery.law_search import LawSelection, select_laws
 from tulip_testbed.discovery.patterns import Pattern, in_channels, patterns
 from tulip_testbed.discovery.pure_error import PureError, pure_error
+from tulip_testbed.discovery.refit import equivalent, refit_if_better, refit_with_alternatives
 from tulip_testbed.discovery.selection import LEVEL, Selection, select
-from tulip_testbed.discovery.undetectable import Undetectable, undetectable
 from tulip_testbed.discovery.unusual_members import STANDS_OUT, SURE, too_wide
 from tulip_testbed.effects.effect import Effect
 from tulip_testbed.effects.instance import EffectInstance
@@ -52,7 +54,6 @@ class Discovery:
         observed, noise: the experiment. repeats: what its repeated postures say about the noise.
         selection: how the effects were selected. fit: the final one, through the laboratory, with the sizes
             of self-calibration.
-        model_error: of the effects' predictions there, (m, 11, s + 1).
         effects: numbers of the terms of the fit that stand out of their families or belong to none.
         adopted: effects and laws that are added to the model; empty unless named or described.
         calibrated: ordinary imperfections that are added to the model, with intervals; empty unless named,
@@ -73,7 +74,6 @@ class Discovery:
     repeats: PureError
     selection: Selection
     fit: JointFit
-    model_error: np.ndarray
     effects: tuple[int, ...]
     adopted: tuple[EffectInstance, ...]
     calibrated: tuple[EffectInstance, ...]
@@ -89,7 +89,21 @@ class Discovery:
     @property
     def corrections(self) -> tuple[EffectInstance, ...]:
         """Return what the new nominal laboratory has: effects, and imperfections that are not zero."""
-        return self.adopted + tuple(one for one in self.calibrated if _clear(one))
+        return self.adopted + tuple(member for member in self.calibrated if _clear(member))
+
+    @cached_property
+    def explanations(self) -> tuple[Explanation, ...]:
+        """Return the explanations of all gaps, those of one gap together, its best first."""
+        return tuple(
+            Explanation(self._instance(k, fitted), fitted.log_bayes_factor, k + 1)
+            for k in self.effects
+            for fitted in self.equivalents[k]
+        )
+
+    def _instance(self, k: int, explanation: Fitted) -> EffectInstance:
+        """Return an explanation of term k, with the sizes of self-calibration if it is that term."""
+        is_the_term = explanation.label == self.fit.terms[k].label
+        return with_intervals(self.fit, k) if is_the_term else explanation.instance
 
     def runners_up(self, k: int) -> list[Fitted]:
         """Return the best explanations of gap `k` that are not as good as its best one, by predictions."""
@@ -102,9 +116,9 @@ class Discovery:
         return sorted(others.values(), key=lambda one: -one.log_bayes_factor)[:RUNNERS_UP]
 
 
-def _clear(one: EffectInstance) -> bool:
+def _clear(member: EffectInstance) -> bool:
     """Whether the interval of a value leaves zero out."""
-    return any(i is not None and not i[0] <= 0 <= i[1] for i in one.intervals)
+    return any(i is not None and not i[0] <= 0 <= i[1] for i in member.intervals)
 
 
 def discover(
@@ -116,6 +130,7 @@ def discover(
     through_laboratory: bool = True,
     hold_out: bool = True,
     source: str = "measurements",
+    calibration: SelfCalibration | None = None,
     progress: Callable[[int], None] = lambda count: None,
 ) -> Discovery:
     """Find what the nominal model lacks.
@@ -128,6 +143,7 @@ def discover(
         through_laboratory: fit the sizes through the static laboratory.
         hold_out: cross-validate over placements.
         source: of the measurements, for messages.
+        calibration: of these measurements without effects and with these tolerances, if it is at hand.
         progress: called with 1 after every stage.
 
     Raises:
@@ -139,7 +155,8 @@ def discover(
         check_placements(measurements)
     search = Search.of(observed, tolerances, effects)
     try:
-        return _discover(search, seed, through_laboratory, hold_out, progress)
+        first = calibration or first_calibration(search.observed, tolerances)
+        return _discover(search, first, seed, through_laboratory, hold_out, progress)
     except np.linalg.LinAlgError:
         raise InputError(
             f"{source}: found {len(measurements)} rows of which no calibration converges; expected a smaller "
@@ -148,10 +165,15 @@ def discover(
 
 
 def _discover(
-    search: Search, seed: int, through_laboratory: bool, hold_out: bool, progress: Callable[[int], None]
+    search: Search,
+    first: SelfCalibration,
+    seed: int,
+    through_laboratory: bool,
+    hold_out: bool,
+    progress: Callable[[int], None],
 ) -> Discovery:
     began, rng = time.perf_counter(), np.random.default_rng(seed)
-    selection = select(search, rng, progress)
+    selection = select(search, first, rng, progress)
     # A law speaks of places in one laboratory, so none is sought in several experiments together.
     laws = None if search.observed.measurements.experiments else select_laws(search, selection, rng)
     progress(1)
@@ -198,27 +220,26 @@ class _Fitted:
     """The selected effects, fitted once more through the laboratory.
 
     Attributes:
-        model_error, equivalents: see `Discovery`.
+        equivalents: see `Discovery`.
         shared: s.d. of the error that laboratory and predictions share, (s,).
     """
 
     fit: JointFit
-    model_error: np.ndarray
     shared: np.ndarray
     equivalents: tuple[tuple[Fitted, ...], ...]
 
 
 def _fitted(selection: Selection, through_laboratory: bool) -> _Fitted:
     fit = selection.fit
-    model_error, shared = fit.data.no_model_error(fit.terms), np.zeros(len(fit.sizes))
+    shared = np.zeros(len(fit.sizes))
     if not fit.terms:
-        return _Fitted(fit, model_error, shared, ())
+        return _Fitted(fit, shared, ())
     if through_laboratory and not any(is_law(term.candidate) for term in fit.terms):
         return _Fitted(*refit_with_alternatives(fit, selection.alternatives))
     if through_laboratory:  # the neighbours of laws have been judged by self-calibration
-        fit, model_error, shared = refit_if_better(fit.repeated)
+        fit, shared = refit_if_better(fit.repeated)
     near = tuple(equivalent(a, t) for a, t in zip(selection.alternatives, fit.terms, strict=True))
-    return _Fitted(fit, model_error, shared, near)
+    return _Fitted(fit, shared, near)
 
 
 def _concluded(
@@ -230,7 +251,7 @@ def _concluded(
         validation: None: not asked for, or not yet.
     """
     began, observed, fit = time.perf_counter(), search.observed, fitted.fit
-    model_error, shared, equivalents = fitted.model_error, fitted.shared, fitted.equivalents
+    shared, equivalents = fitted.shared, fitted.equivalents
     laws = [is_law(term.candidate) for term in fit.terms]
     left = patterns(fit.linear, fit.residual, fit.columns)
     final = as_calibrated(fit, selection.fit, selection.calibration, shared)
@@ -256,7 +277,6 @@ def _concluded(
         repeats=pure_error(fit.linear.observed, fit.linear.theta, fit.data.noise),
         selection=selection,
         fit=final,
-        model_error=model_error,
         effects=outside,
         adopted=tuple(adopted[k] for k in outside) if verdict in ADOPTED else (),
         calibrated=tuple(ordinary) if verdict in (*ADOPTED, CALIBRATED) else (),

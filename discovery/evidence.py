@@ -76,7 +76,7 @@ def _with_sizes(pairs: list[tuple[Candidate, list[np.ndarray]]], residual: np.nd
         k, first = first + point, at.stop
         average = float(np.logaddexp.reduce(logs) - np.log(len(logs))) - candidate.price
         most = float(np.sqrt(max(visible[at].max(), 0.0)))
-        yield Fitted(candidate, point, sizes[k], average, covariance[k], float(gain[k]), float(p[k]), most)
+        yield Fitted(candidate, point, sizes[k], average, float(p[k]), most)
 
 
 def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
@@ -100,7 +100,7 @@ def _without_sizes(pairs: list[tuple[Candidate, list[np.ndarray]]], residual: np
         if detectable.any():
             average = float(np.logaddexp.reduce(logs[detectable]) - np.log(detectable.sum()))
         most = float(np.sqrt(size.max()))
-        yield Fitted(candidate, point, np.zeros(0), average, np.zeros((0, 0)), gain, p, most)
+        yield Fitted(candidate, point, np.zeros(0), average, p, most)
 
 
 def effective_tests(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, permutations
 
 import numpy as np
 from scipy.linalg import solve
@@ -30,10 +30,15 @@ DRAWS = 400
 
 @dataclass(frozen=True)
 class Explanation:
-    """One of several effects that explain a gap equally well, and ln of its Bayes factor."""
+    """One of several effects that explain a gap equally well.
+
+    Attributes:
+        log_bayes_factor: ln of it. gap: number of the gap, from 1.
+    """
 
     instance: EffectInstance
     log_bayes_factor: float
+    gap: int = 1
 
     @property
     def sizes(self) -> np.ndarray:
@@ -76,24 +81,25 @@ class JointInformation:
             chosen: planned placements that are measured too, by index; None: none.
         """
         whole = self.measured if chosen is None else self.measured + self.planned[chosen].sum(axis=0)
+        first, (scale, nuisance) = self.where[0].start, self._scaled_nuisances(whole)
+        across = scale[:, None] * whole[:first, first:]
+        out = whole[first:, first:] - across.T @ solve(nuisance, across, assume_a="pos")
+        return (out + out.T) / 2
+
+    def _scaled_nuisances(self, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return scales and scaled information of everything but the explanations' sizes, (f,) and (f, f)."""
         first = self.where[0].start
         nuisance = whole[:first, :first] + np.diag(self.prior[:first])
         # A parameter that nothing determines is held: it tells nothing about the explanations either.
         scale = 1 / np.sqrt(np.maximum(np.diag(nuisance), 1e-300))
-        nuisance = scale[:, None] * nuisance * scale + 1e-10 * np.eye(first)
-        across = scale[:, None] * whole[:first, first:]
-        out = whole[first:, first:] - across.T @ solve(nuisance, across, assume_a="pos")
-        return (out + out.T) / 2
+        return scale, scale[:, None] * nuisance * scale + 1e-10 * np.eye(first)
 
     def predictions(self, explanations: Sequence[Explanation], chosen: np.ndarray) -> np.ndarray:
         """Predict the mean residuals of the planned placements under each explanation, (n, 11).
 
         They are relative to the model that explains what was measured without any explanation.
         """
-        first = self.where[0].start
-        nuisance = self.measured[:first, :first] + np.diag(self.prior[:first])
-        scale = 1 / np.sqrt(np.maximum(np.diag(nuisance), 1e-300))
-        nuisance = scale[:, None] * nuisance * scale + 1e-10 * np.eye(first)
+        first, (scale, nuisance) = self.where[0].start, self._scaled_nuisances(self.measured)
         rows, out = np.isin(self.placement, self.numbers[chosen]), []
         for one, where in zip(explanations, self.where, strict=True):
             given = scale[:, None] * self.measured[:first, where]
@@ -178,14 +184,12 @@ def separations(explanations: Sequence[Explanation], information: np.ndarray) ->
     """
     n, at = len(explanations), _parts(explanations)
     out = np.zeros((n, n))
-    for i, true in enumerate(explanations):
-        for j in range(n):
-            if i == j:
-                continue
-            own = information[at[j], at[j]] + np.diag(explanations[j].prior ** -2.0)
-            across = information[at[j], at[i]] @ true.sizes
-            left = true.sizes @ information[at[i], at[i]] @ true.sizes - across @ np.linalg.solve(own, across)
-            out[i, j] = 0.5 * max(float(left), 0.0)
+    for i, j in permutations(range(n), 2):
+        own = information[at[j], at[j]] + np.diag(explanations[j].prior ** -2.0)
+        sizes = explanations[i].sizes
+        across = information[at[j], at[i]] @ sizes
+        left = sizes @ information[at[i], at[i]] @ sizes - across @ np.linalg.solve(own, across)
+        out[i, j] = 0.5 * max(float(left), 0.0)
     return out
 
 

@@ -15,7 +15,7 @@ from tulip_testbed.calibration.prediction import predicted
 from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.discovery.candidate_search import Search
 from tulip_testbed.discovery.candidates import Fitted
-from tulip_testbed.discovery.selection import chosen_again
+from tulip_testbed.discovery.selection import calibrated_with_best
 from tulip_testbed.effects.instance import removed
 from tulip_testbed.effects.targets import PLACEMENTS
 from tulip_testbed.identification.residual_channels import CHANNELS
@@ -35,8 +35,6 @@ class HeldOut:
         before, after: root mean squares of the whitened residuals of the nominal model and with everything
             that was found, by channel and of all channels ("AFTC"); 1 is the noise.
         floor: largest value of `after` that chance explains, by channel.
-        log_density: ln of the predictive density before and after, by channel.
-        agreement: share of the folds that choose the same effects.
         millimetres: root mean square of the centre of pressure's residuals before, after, and by the noise
             alone, (3,) [mm].
     """
@@ -44,8 +42,6 @@ class HeldOut:
     before: dict[str, float]
     after: dict[str, float]
     floor: dict[str, float]
-    log_density: dict[str, tuple[float, float]]
-    agreement: float
     millimetres: tuple[float, float, float]
 
     @property
@@ -88,32 +84,27 @@ def held_out(search: Search, found: SelfCalibration, terms: Sequence[Fitted]) ->
     corrected = removed(observed, single)
     general = tuple(t for t in terms if t.candidate.effect.targets is not PLACEMENTS)
     fold = np.searchsorted(placements, observed.measurements.placement) % FOLDS
-    sums = {key: np.zeros(5) for key in (*CHANNELS, "AFTC")}
-    squares, names = np.zeros(3), []
+    sums = {key: np.zeros(3) for key in (*CHANNELS, "AFTC")}
+    squares = np.zeros(3)
     for k in range(FOLDS):
         inside, outside = np.flatnonzero(fold == k), np.flatnonzero(fold != k)
         exact = self_calibrate(observed.take(outside), EXACT, rounds=1)
         plain = predicted(exact, observed.take(inside))
         mine = replace(search, observed=corrected.take(outside))
-        again, calibration = chosen_again(mine, general)
-        names.append({one.label for one in again})
+        calibration = calibrated_with_best(mine, general)
         fitted = predicted(calibration, corrected.take(inside))
         for key in sums:
             before, after = plain.of(key), fitted.of(key)
             dof = len(after.residual)
             if dof:
-                densities = before.log_density, after.log_density
-                sums[key] += before.chi_square, after.chi_square, dof, *densities
+                sums[key] += before.chi_square, after.chi_square, dof
         first, last = plain.of("A"), fitted.of("A")
         squares += (first.residual**2).sum(), (last.residual**2).sum(), last.variance.sum()
     sums = {key: total for key, total in sums.items() if total[2] > 0}
     first_mm, last_mm, noise_mm = 1e3 * np.sqrt(squares / (2 * len(observed)))
-    own = {term.label for term in general}
     return HeldOut(
         before={key: float(np.sqrt(t[0] / t[2])) for key, t in sums.items()},
         after={key: float(np.sqrt(t[1] / t[2])) for key, t in sums.items()},
         floor={key: float(np.sqrt(1 + CHANCE * np.sqrt(2 / t[2]))) for key, t in sums.items()},
-        log_density={key: (float(t[3]), float(t[4])) for key, t in sums.items()},
-        agreement=sum(chosen == own for chosen in names) / FOLDS,
         millimetres=(float(first_mm), float(last_mm), float(noise_mm)),
     )

@@ -43,10 +43,6 @@ class Data:
         empty = np.zeros((len(linear.residual), 0))
         return JointFit(self, (), np.zeros((0, 0)), linear, empty, linear.residual, 0.0)
 
-    def no_model_error(self, terms: Sequence[Fitted]) -> np.ndarray:
-        """Return the model error of predictions that hold, (m, 11, s + 1) of zeros."""
-        return np.zeros((len(self.observed), 11, sum(len(term.sizes) for term in terms) + 1))
-
 
 @dataclass(frozen=True, eq=False)
 class JointFit:

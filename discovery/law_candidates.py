@@ -159,7 +159,7 @@ def _functions(
     return out
 
 
-def with_best_points(law: Fitted, ranked: Fitted | None = None) -> Fitted:
+def with_best_points(law: Fitted) -> Fitted:
     """Return a law whose grid is its best point and the neighbours of that, at the same price in all."""
     candidate, count = law.candidate, len(law.candidate.settings)
     if count <= KEPT_POINTS:

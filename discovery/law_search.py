@@ -15,12 +15,10 @@ import numpy as np
 from tulip_testbed.calibration.calibration_result import HALF_95, SelfCalibration
 from tulip_testbed.discovery.candidate_search import (
     DECISIVE,
-    ORDINARY,
     Judged,
     Search,
     at_estimate,
     calibrated_data,
-    first_calibration,
 )
 from tulip_testbed.discovery.candidates import Candidate, Fitted
 from tulip_testbed.discovery.evidence import sidak
@@ -36,7 +34,6 @@ from tulip_testbed.discovery.law_judgements import LawSearch, as_good, disagreem
 from tulip_testbed.discovery.selection import LEVEL, Selection, is_decisive
 from tulip_testbed.discovery.unusual_members import STANDS_OUT, with_unusual_members
 from tulip_testbed.effects.laws import LAW
-from tulip_testbed.identification.residual_noise import noise_of
 
 MOST_TERMS = 3
 WIDEST = STANDS_OUT / HALF_95  # tolerances: a family beyond `STANDS_OUT`, which is called too wide, has 5 %
@@ -75,7 +72,7 @@ def select_laws(search: Search, selection: Selection, rng: np.random.Generator) 
         None: noise alone explains the experiment, or no law is decisive.
     """
     search = replace(search, widest=WIDEST)
-    start = first_calibration(search)
+    start = selection.first
     laws = law_candidates(calibrated_data(search.observed, start).observed)
     linear = selection.null.linear
     alone, more = ranked_and_counted(linear, laws, rng)
@@ -145,7 +142,7 @@ def _forward(every: LawSearch, selection: Selection) -> Judged | None:
         best = _preferred(good)
         if best is None:
             return found
-        found = _without_idle(every, best)
+        found = search.without_idle(best, every.start)
         labels = {term.label for term in found.terms}
         if labels in seen:  # two terms eliminate each other in turn
             return None
@@ -189,23 +186,10 @@ def _near(every: LawSearch, calibration: SelfCalibration, terms: tuple[Fitted, .
     They are searched for with the spreads and the noise as estimated, and with none larger than usual.
     """
     out: dict[str, Fitted] = {}
-    for linear in _models(every, calibration, terms):
-        for one in _pairs(ranked_laws(linear, _others(every, terms)))[:PAIRS]:
+    for fit in every.search.fits(calibration, terms):
+        for one in _pairs(ranked_laws(fit.partialled_out, _others(every, terms)))[:PAIRS]:
             out.setdefault(_pair(one), one)
     return list(out.values())
-
-
-def _models(every: LawSearch, calibration: SelfCalibration, terms: tuple[Fitted, ...]):
-    data = calibrated_data(every.search.observed, calibration)
-    stated, found = noise_of(every.search.observed), calibration.noise
-    usual = replace(
-        found,
-        encoder=min(stated.encoder, found.encoder),
-        cell=min(stated.cell, found.cell),
-        plates=np.minimum(stated.plates, found.plates),
-    )
-    for one in (data, replace(data, noise=usual, background=calibration.background(ORDINARY))):
-        yield joint_fit(one, terms).partialled_out
 
 
 def _others(every: LawSearch, terms: tuple[Fitted, ...]) -> list[Candidate]:
@@ -235,9 +219,12 @@ def _other_shapes(
 ) -> list[Judged]:
     """Judge the other shapes of a law."""
     law = best.terms[-1]
-    alike = [one for one in every.laws if one.target.rpartition("/")[0] == _pair(law) != one.label]
-    alike = [one for one in alike if one.label != law.label]
-    linear = next(iter(_models(every, calibration, terms)))
+    alike = [
+        other
+        for other in every.laws
+        if other.target.rpartition("/")[0] == _pair(law) and other.label != law.label
+    ]
+    linear = next(every.search.fits(calibration, terms)).partialled_out
     near = [with_best_points(one) for one in ranked_laws(linear, alike)[:SHAPES] if one.detectable]
     return judged(every, terms, [(one, False) for one in near], best.evidence)
 
@@ -253,19 +240,6 @@ def _preferred(tried: list[Judged]) -> Judged | None:
         if not is_law(one.terms[-1].candidate) and one.evidence > best.evidence - DECISIVE and one.steady
     ]
     return max(listed, key=lambda one: one.evidence, default=best)
-
-
-def _without_idle(every: LawSearch, found: Judged) -> Judged:
-    """Eliminate terms that are not decisive in addition to the newest."""
-    while len(found.terms) > 1:
-        newest, terms = len(found.terms) - 1, found.terms
-        fewer = [every.search.tried(terms[:k] + terms[k + 1 :], every.start) for k in range(newest)]
-        sure = [one for one in fewer if one is not None and (one.steady or not found.steady)]
-        best = max(sure, key=lambda one: one.evidence, default=None)
-        if best is None or found.evidence - best.evidence >= DECISIVE:
-            break
-        found = best
-    return found
 
 
 def _alternatives(every: LawSearch, found: Judged) -> tuple[tuple[Fitted, ...], ...]:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.self_calibration import self_calibrate
-from tulip_testbed.discovery.discover import AMBIGUOUS, Discovery
+from tulip_testbed.discovery.discover import AMBIGUOUS
 from tulip_testbed.discovery.experiment_information import (
     Explanation,
     JointInformation,
@@ -53,6 +54,7 @@ MANIPULATION = {
     "encoder re-zeroed": 10.0,
     "known mass": 5.0,
 }
+UNCHANGED = "nothing changed, more postures"
 ADDED_MASS = 0.1  # of the robot's, at the torso's origin
 ENOUGH = 15.0  # ln of the Bayes factor that is expected at least: some 3 are needed, and noise takes up to 11
 LEAST, MOST = 6, 30  # placements
@@ -99,6 +101,11 @@ class NextExperiment:
         return max(self.entropy[0] - self.entropy[1], 0.0)
 
     @property
+    def settled(self) -> float:
+        """Return the share of the doubt that is expected to be settled."""
+        return self.gain / max(self.entropy[0], 1e-12)
+
+    @property
     def rate(self) -> float:
         """Return the expected decrease of the entropy a minute of laboratory time [nats/min]."""
         return self.gain / self.minutes
@@ -106,7 +113,7 @@ class NextExperiment:
     @property
     def words(self) -> str:
         """Describe the manipulations."""
-        return ", ".join(self.experiment.manipulations) or "nothing changed, more postures"
+        return ", ".join(self.experiment.manipulations) or UNCHANGED
 
 
 @dataclass(frozen=True)
@@ -117,13 +124,13 @@ class Pool:
     readings: Measurements
 
 
-def next_experiments(
+@one_blas_thread
+def rank_experiments(
     measurements: Measurements,
     robot: Robot,
     doubts: Sequence[Doubt],
     plan: PosturePlan | None = None,
     seed: int = 0,
-    progress: Callable[[int], None] = lambda count: None,
 ) -> list[NextExperiment]:
     """Rank experiments by the entropy that they are expected to settle a minute, the best first.
 
@@ -132,21 +139,24 @@ def next_experiments(
         doubts: what is to be settled.
         plan: postures to choose from; None: those that were measured.
         seed: of the draws of the expectation.
-        progress: called with 1 after every experiment.
 
     Raises:
-        InputError: nothing to settle.
+        InputError: nothing to settle; explanations with which no calibration converges.
     """
     if not doubts:
         raise InputError("explanations: found no gap with several explanations, expected one to settle")
-    now, pool, calibration = _state(measurements, robot, doubts, plan)
-    out = []
-    for manipulations in possible(now.measurements, robot, doubts):
-        experiment = Experiment(session_of(now.measurements), manipulations)
-        found = Prospect.of(now, pool, calibration, doubts, experiment)
-        out.append(found.chosen(found.best_placements(), seed))
-        progress(1)
-    return sorted(out, key=lambda one: -one.rate)
+    try:
+        now, pool, calibration = _state(measurements, robot, doubts, plan)
+        ranking = []
+        for manipulations in possible(now.measurements, robot, doubts):
+            experiment = Experiment(session_of(now.measurements), manipulations)
+            prospect = Prospect.of(now, pool, calibration, doubts, experiment)
+            ranking.append(prospect.chosen(prospect.best_placements(), seed))
+    except np.linalg.LinAlgError:
+        raise InputError(
+            "explanations: found some with which no calibration converges; expected a smaller fault"
+        ) from None
+    return sorted(ranking, key=lambda experiment: -experiment.rate)
 
 
 def _state(
@@ -154,9 +164,9 @@ def _state(
 ) -> tuple[Observation, Pool, SelfCalibration]:
     """Return what was measured, the postures to choose from, and the calibration with the best effects."""
     now = observe(measurements, nominal_robot(robot, common_support(measurements.support)))
-    best = [max(doubt.explanations, key=lambda one: one.log_bayes_factor).instance for doubt in doubts]
-    effects = {one.label: one for one in (*best, *doubts[0].others)}
-    calibration = self_calibrate(now, None, [replace(one, intervals=()) for one in effects.values()])
+    best = [_most_probable(doubt.explanations).instance for doubt in doubts]
+    effects = {effect.label: effect for effect in (*best, *doubts[0].others)}
+    calibration = self_calibrate(now, None, [replace(effect, intervals=()) for effect in effects.values()])
     return now, pool_of(now, plan), calibration
 
 
@@ -211,14 +221,10 @@ def possible(m: Measurements, robot: Robot, doubts: Sequence[Doubt]) -> list[tup
 def minutes_of(experiment: Experiment, placements: int, postures: int) -> float:
     """Return the assumed time of an experiment [min]."""
     time = PLACEMENT * placements + POSTURE * postures
-    return time + sum(_minutes(text) for text in experiment.manipulations)
-
-
-def _minutes(text: str) -> float:
-    if text.endswith("plate turned by 180 deg"):
-        return MANIPULATION["plate turned"]
-    found = [time for words, time in MANIPULATION.items() if text.startswith(words)]
-    return found[0]
+    return time + sum(
+        next(minutes for words, minutes in MANIPULATION.items() if words in text)
+        for text in experiment.manipulations
+    )
 
 
 @dataclass(frozen=True)
@@ -327,15 +333,23 @@ def _first(one: EffectInstance, m: Measurements) -> EffectInstance:
     return replace(one, target=f"{one.target}{FROM}{found[0]}", intervals=())
 
 
-def doubts_of(found: Discovery) -> list[Doubt]:
-    """List the gaps of an ambiguous discovery that have several explanations."""
-    if found.verdict != AMBIGUOUS:
+def doubts_of(verdict: str, explanations: Sequence[Explanation]) -> list[Doubt]:
+    """List the gaps of an ambiguous discovery that have several explanations.
+
+    The best explanations of the other gaps are taken as true.
+    """
+    if verdict != AMBIGUOUS:
         return []
-    out = []
-    for k in found.effects:
-        several = found.equivalents[k]
-        if len(several) > 1:
-            others = tuple(found.fit.terms[j].instance for j in found.effects if j != k)
-            each = tuple(Explanation(one.instance, one.log_bayes_factor) for one in several)
-            out.append(Doubt(each, others))
-    return out
+    gaps: dict[int, list[Explanation]] = {}
+    for explanation in explanations:
+        gaps.setdefault(explanation.gap, []).append(explanation)
+    best = {gap: _most_probable(several).instance for gap, several in gaps.items()}
+    return [
+        Doubt(tuple(several), tuple(effect for other, effect in best.items() if other != gap))
+        for gap, several in gaps.items()
+        if len(several) > 1
+    ]
+
+
+def _most_probable(explanations: Sequence[Explanation]) -> Explanation:
+    return max(explanations, key=lambda explanation: explanation.log_bayes_factor)

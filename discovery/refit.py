@@ -1,4 +1,4 @@
-"""Refit effects through the static laboratory, which shows the error of their predictions.
+"""Refit effects through the static laboratory, and find those that are as good there.
 
 The prediction of an effect is a formula, the laboratory a mechanism: with one compliant joint the whole robot
 sinks and shifts its load. The difference is simulated for the measured postures with exact sensors and added
@@ -13,13 +13,14 @@ from dataclasses import replace
 import numpy as np
 
 from tulip_testbed.base.errors import InputError
+from tulip_testbed.discovery.candidate_search import DECISIVE
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.joint_fit import JointFit, joint_fit, remove_terms
 from tulip_testbed.effects.instance import injected, removed
 from tulip_testbed.effects.lasting import acting
 from tulip_testbed.identification.ballast import known_weight
 from tulip_testbed.identification.observation import Observation, observe
-from tulip_testbed.identification.residual_channels import ROWS, residuals, swing_pose
+from tulip_testbed.identification.residual_channels import ROWS, SIZE, residuals, swing_pose
 from tulip_testbed.measurements import Experiment, Measurements, PosturePlan
 from tulip_testbed.sim.rig import Rig, preset_rig
 from tulip_testbed.sim.sensors import ANKLE, PLATE, PRESETS, WrenchSensors
@@ -30,6 +31,9 @@ from tulip_testbed.sim.statics.static_run import run_statics
 ROUNDS = 3
 LEAST_STEP = 1e-4  # prior s.d., from which a change of the model error with the sizes is learnt
 CLOSE = 0.1  # posterior s.d.: a smaller change of the sizes ends the refit
+SHARED = 0.5  # of the change that the laboratory makes in a size: s.d. of the error that it shares
+NEAR = 10.0  # ln of the Bayes factor by predictions, within which alternatives are fitted
+MOST_REFITS = 4  # alternatives of one term that are fitted through the laboratory
 STREAM = 0  # of friction and swaying: the same with and without the effect
 
 
@@ -147,23 +151,22 @@ def _left(observed: Observation, rig: Rig, terms: Sequence[Fitted]) -> np.ndarra
     return out
 
 
-def refit(found: JointFit) -> tuple[JointFit, np.ndarray]:
+def refit(found: JointFit) -> JointFit:
     """Fit the sizes again through the static laboratory.
 
     Returns:
-        the fit and the model error of its predictions, see `gauss_newton`. Where the laboratory cannot
-        simulate the terms or adds nothing to their predictions, the fit as it is and no model error.
+        the fit as it is where the laboratory cannot simulate the terms or adds nothing to their predictions.
     """
     data, rig = found.data, exact_rig(found.data.observed)
-    exact = data.no_model_error(found.terms)
     acting_terms = [one for _, own, _ in ordinary_parts(data.observed, found.terms) for one in own]
     changed = injected(rig, [term.instance for term in acting_terms])
     misread_only = replace(changed, misread=None) == rig
     known = all(term.candidate.effect.statics for term in found.terms)
     # Predictions undo misreadings exactly. The times of the simulation are not those of the experiment.
     if misread_only or not known or changed.later is not None:
-        return found, exact
-    before, formula, model_error = np.zeros(len(found.sizes)), found, exact
+        return found
+    before, formula = np.zeros(len(found.sizes)), found
+    model_error = np.zeros((len(data.observed), SIZE, len(before) + 1))
     try:
         for _ in range(ROUNDS):
             sizes = found.sizes
@@ -173,8 +176,8 @@ def refit(found: JointFit) -> tuple[JointFit, np.ndarray]:
             if (np.abs(found.sizes - sizes) < CLOSE * np.sqrt(np.diag(found.covariance))).all():
                 break
     except InputError:
-        return formula, exact
-    return found, model_error
+        return formula
+    return found
 
 
 def _updated(
@@ -194,3 +197,63 @@ def _updated(
         out[..., :-1] += off[..., None] * (step / prior) / (step @ step)
     out[..., -1] += left - out @ np.append(sizes, 1.0)
     return out
+
+
+def equivalent(alternatives: tuple[Fitted, ...], adopted: Fitted) -> tuple[Fitted, ...]:
+    """Return the alternatives within `DECISIVE` of the best, and the adopted one in any case.
+
+    Args:
+        alternatives: the best first.
+    """
+    least = alternatives[0].log_bayes_factor - DECISIVE
+    return tuple(a for a in alternatives if a.log_bayes_factor > least or a.label == adopted.label)
+
+
+def refit_with_alternatives(
+    found: JointFit, alternatives: tuple[tuple[Fitted, ...], ...]
+) -> tuple[JointFit, np.ndarray, tuple[tuple[Fitted, ...], ...]]:
+    """Fit again through the laboratory, with the alternative of each term that is best there.
+
+    Args:
+        alternatives: of each term, by their predictions, see `Selection`.
+
+    Returns:
+        the fit, the s.d. of the error that laboratory and predictions share, (s,), and the equivalent
+        explanations of each term.
+    """
+    best, shared = refit_if_better(found.repeated)
+    sets = []
+    for k, near in enumerate(alternatives):
+        mine = best.terms[k]
+        others = best.without(k)
+        rest = (refit_if_better(others)[0] if others.terms else others).log_evidence
+        judged = [replace(mine, log_bayes_factor=best.log_evidence - rest)]
+        for alternative, formula in _in_place_of(best, k, near):
+            asked = len(judged) <= MOST_REFITS
+            exact, doubt = refit_if_better(formula) if asked else (formula, shared)
+            judged.append(replace(alternative, log_bayes_factor=exact.log_evidence - rest))
+            if asked and exact.log_evidence > best.log_evidence:
+                best, shared = exact, doubt
+        judged.sort(key=lambda one: -one.log_bayes_factor)
+        sets.append(equivalent(tuple(judged), best.terms[k]))
+    return best, shared, tuple(sets)
+
+
+def refit_if_better(formula: JointFit) -> tuple[JointFit, np.ndarray]:
+    """Fit through the laboratory, unless the prediction explains more.
+
+    At which end of its free play a joint rests, for example, is an accident in both. Half of the change that
+    the laboratory makes in a size counts as a standard deviation of the error that both share.
+    """
+    exact = refit(formula)
+    shared = SHARED * np.abs(exact.sizes - formula.sizes)
+    best = exact if exact.log_evidence >= formula.log_evidence else formula
+    return replace(best, covariance=best.covariance + np.diag(shared**2)), shared
+
+
+def _in_place_of(found: JointFit, k: int, alternatives: tuple[Fitted, ...]) -> list[tuple[Fitted, JointFit]]:
+    """Fit the near alternatives of term k in its place, the best first."""
+    least = alternatives[0].log_bayes_factor - NEAR
+    near = [a for a in alternatives if a.log_bayes_factor > least and a.label not in found.labels]
+    tried = [(a, joint_fit(found.data, (*found.terms[:k], a, *found.terms[k + 1 :]))) for a in near]
+    return sorted(tried, key=lambda pair: -pair[1].log_evidence)

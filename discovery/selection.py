@@ -21,18 +21,19 @@ from tulip_testbed.discovery.candidate_search import (
     MOST_TERMS,
     Judged,
     Search,
+    at_best_time,
     at_estimate,
     calibrated_data,
     first_calibration,
+    fit_in_addition,
+    shortlist,
 )
 from tulip_testbed.discovery.candidates import MOST_PLACEMENTS, Candidate, Fitted
 from tulip_testbed.discovery.columns import CandidateColumns, candidate_blocks
-from tulip_testbed.discovery.detectability import single_level
+from tulip_testbed.discovery.detectability import WeaklyDetectable, single_level, weakly_detectable
 from tulip_testbed.discovery.evidence import effective_tests, marginal_fits, sidak
 from tulip_testbed.discovery.joint_fit import Data, JointFit, joint_fit
 from tulip_testbed.discovery.pure_error import pure_error, widened
-from tulip_testbed.discovery.shortlist import at_best_time, fit_in_addition, shortlist
-from tulip_testbed.discovery.undetectable import WeaklyDetectable, weakly_detectable
 from tulip_testbed.discovery.unusual_members import with_unusual_members
 from tulip_testbed.identification.distributions import chi2_sf
 from tulip_testbed.identification.residual_noise import Noise, noise_of
@@ -61,7 +62,8 @@ class Selection:
     """The effects that were selected.
 
     Attributes:
-        calibration: ordinary imperfections in addition to the selected effects. tolerances: as asked for.
+        first: ordinary imperfections without effects. calibration: in addition to the selected effects.
+        tolerances: as asked for.
         complete: whether no further candidate is decisive.
         fit: of the selected effects, with the ordinary imperfections as background. null: without either.
         alternatives: what else might explain each term, by predictions, the best first; itself among them.
@@ -73,6 +75,7 @@ class Selection:
         weak: candidates that it shows only if they are larger than plausible.
     """
 
+    first: SelfCalibration
     calibration: SelfCalibration
     tolerances: Mapping[str, float] | None
     complete: bool
@@ -105,16 +108,19 @@ def lack_of_fit(data: Data) -> tuple[LackOfFit, ...]:
 
 
 def select(
-    search: Search, rng: np.random.Generator, progress: Callable[[int], None] = lambda count: None
+    search: Search,
+    first: SelfCalibration,
+    rng: np.random.Generator,
+    progress: Callable[[int], None] = lambda count: None,
 ) -> Selection:
     """Select the effects of an experiment.
 
     Args:
+        first: calibration without effects.
         rng: for the number of independent tests.
         progress: called with 1 after every step.
     """
-    observed = search.observed
-    calibration = first_calibration(search)
+    observed, calibration = search.observed, first
     stated = _scattered(noise_of(observed), calibration.noise)
     repeats = pure_error(calibration.observed, calibration.theta, stated)
     exact = Data(observed, widened(calibration.observed, stated, repeats))
@@ -129,8 +135,9 @@ def select(
     count = len(np.unique(observed.measurements.placement))
     # Placements that are not sought one by one were tests too: those that are stood out among them.
     tests = effective_tests(fitted(), rng) + max(count - MOST_PLACEMENTS, 0)
-    first = sorted(fits, key=lambda one: -one.log_bayes_factor)
+    ranking = sorted(fits, key=lambda fit: -fit.log_bayes_factor)
     selection = Selection(
+        first=first,
         calibration=calibration,
         tolerances=search.tolerances,
         complete=True,
@@ -139,9 +146,9 @@ def select(
         alternatives=(),
         runners_up=(),
         lack_of_fit=lack_of_fit(exact),
-        p=min((sidak(one.p, tests) for one in first), default=1.0),
+        p=min((sidak(fit.p, tests) for fit in ranking), default=1.0),
         tests=tests,
-        undetectable=tuple(one.candidate for one in first if not one.detectable),
+        undetectable=tuple(fit.candidate for fit in ranking if not fit.detectable),
         weak=weakly_detectable(fits, single_level(LEVEL, tests)),
     )
     progress(1)
@@ -195,7 +202,7 @@ def _forward(
         if not decisive:
             return calibration, terms, True
         best = max(decisive, key=lambda one: (one.steady, one.evidence))
-        best = _backward(search, best, calibration)
+        best = search.without_idle(best, calibration)
         if {term.label for term in best.terms} in before:
             break
         before.append({term.label for term in best.terms})
@@ -255,16 +262,13 @@ def _chance(found: SelfCalibration, gain: float, tests: float) -> float:
     return sidak(float(chi2_sf(2 * max(likelihood, 0.0), max(len(prior), 1))), tests)
 
 
-def chosen_again(search: Search, terms: Sequence[Fitted]) -> tuple[tuple[Fitted, ...], SelfCalibration]:
-    """Choose every one of some effects again, the others being kept, and fit them all.
+def calibrated_with_best(search: Search, terms: Sequence[Fitted]) -> SelfCalibration:
+    """Calibrate with some effects, of which every one is chosen again, the others being kept.
 
     Another effect takes its place if the evidence for it is decisively better.
-
-    Returns:
-        the effects and the calibration with them.
     """
     out = tuple(terms)
-    found = first_calibration(search, out)
+    found = first_calibration(search.observed, search.tolerances, [term.instance for term in out])
     data = calibrated_data(search.observed, found)
     for k in range(len(out)):
         adopted = joint_fit(data, out[:k] + out[k + 1 :])
@@ -272,25 +276,12 @@ def chosen_again(search: Search, terms: Sequence[Fitted]) -> tuple[tuple[Fitted,
         own = fit_in_addition(adopted, out[k])
         if short and short[0].log_bayes_factor > own.log_bayes_factor + DECISIVE:
             out = (*out[:k], short[0], *out[k + 1 :])
-    if [term.label for term in out] != [term.label for term in terms]:
-        try:
-            return out, self_calibrate(search.observed, search.tolerances, [term.instance for term in out])
-        except np.linalg.LinAlgError:  # another choice by linear columns that no calibration bears out
-            return tuple(terms), found
-    return out, found
-
-
-def _backward(search: Search, found: Judged, start: SelfCalibration) -> Judged:
-    """Eliminate the terms that are not decisive in addition to the others, the least decisive first."""
-    while len(found.terms) > 1:
-        newest = len(found.terms) - 1  # it has just been judged
-        fewer = [search.tried(found.terms[:k] + found.terms[k + 1 :], start) for k in range(newest)]
-        sure = [one for one in fewer if one is not None and (one.steady or not found.steady)]
-        best = max(sure, key=lambda one: one.evidence, default=None)
-        if best is None or found.evidence - best.evidence >= DECISIVE:
-            break
-        found = best
-    return found
+    if [term.label for term in out] == [term.label for term in terms]:
+        return found
+    try:
+        return self_calibrate(search.observed, search.tolerances, [term.instance for term in out])
+    except np.linalg.LinAlgError:  # another choice by linear columns that no calibration bears out
+        return found
 
 
 def _alternatives(search: Search, found: JointFit, k: int) -> tuple[tuple[Fitted, ...], tuple[Fitted, ...]]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from tulip_testbed.base.numbers import number
 from tulip_testbed.discovery.candidates import Fitted
+from tulip_testbed.discovery.detectability import by_kind
 from tulip_testbed.discovery.discover import (
     ADOPTED,
     AMBIGUOUS,
@@ -18,12 +19,12 @@ from tulip_testbed.discovery.discover import (
     Discovery,
 )
 from tulip_testbed.discovery.effect_intervals import with_intervals
-from tulip_testbed.discovery.proposals import Proposal
-from tulip_testbed.discovery.undetectable import by_kind
+from tulip_testbed.discovery.next_experiment import NextExperiment
 from tulip_testbed.effects.instance import EffectInstance
 
 MANY = 2  # effects that often occur together
 LARGE = 5.0  # prior s.d., beyond which predictions were not tested
+WORTHWHILE = 0.1  # share of the doubt, from which an experiment is proposed
 SHOWN = 0.01  # p-value of a channel's lack of fit that is reported
 SHOWN_MEMBERS = 4  # ordinary imperfections
 SHOWN_TARGETS = 12  # of one kind of effect
@@ -35,8 +36,12 @@ PLACES = {
 }
 
 
-def story(found: Discovery, next_experiment: list[Proposal]) -> list[str]:
-    """Tell a discovery in sentences, the verdict first."""
+def story(found: Discovery, ranking: Sequence[NextExperiment]) -> list[str]:
+    """Tell a discovery in sentences, the verdict first.
+
+    Args:
+        ranking: experiments that would settle it, the best first.
+    """
     lines = [_headline(found)]
     lines.append(_size_of_experiment(found) if found.verdict == NONE else _channels(found))
     if found.heldout is not None:
@@ -58,15 +63,8 @@ def story(found: Discovery, next_experiment: list[Proposal]) -> list[str]:
             "as a tilted joint axis, can look like several effects: look for a common cause."
         )
     lines += _implausible(found)
-    if found.verdict == AMBIGUOUS and not next_experiment:
-        lines.append(
-            "No other way of placing the robot on the plates would separate these explanations: measure the "
-            "quantity in question directly."
-        )
-    lines += [
-        f"To separate them: {p.words} The expected ln BF is then {number(p.gain, '.3g')} times as large."
-        for p in next_experiment
-    ]
+    if found.verdict == AMBIGUOUS:
+        lines.append(_next_experiment(ranking))
     if found.noise.assumed:
         lines.append(f"Noise that is not taken from a data sheet: {'; '.join(found.noise.assumed)}.")
     if found.repeats.pairs == 0:
@@ -74,6 +72,20 @@ def story(found: Discovery, next_experiment: list[Proposal]) -> list[str]:
     if found.verdict != NONE:
         lines += _undetectable(found)
     return lines
+
+
+def _next_experiment(ranking: Sequence[NextExperiment]) -> str:
+    """Tell which experiment would separate the explanations."""
+    if not ranking or ranking[0].settled < WORTHWHILE:
+        return (
+            "No experiment that was weighed is expected to separate these explanations: measure the quantity "
+            "in question directly."
+        )
+    best = ranking[0]
+    return (
+        f"To separate them, measure again ({best.words}): {len(best.plan)} postures in about "
+        f"{best.minutes:.0f} min are expected to settle {100 * best.settled:.0f} % of the doubt."
+    )
 
 
 def _implausible(found: Discovery) -> list[str]:

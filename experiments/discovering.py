@@ -1,4 +1,4 @@
-"""The whole discovery: search, identification before and after, check in the full dynamics."""
+"""The whole discovery: search, identification before and after by one estimator, check in full dynamics."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from typing import Any
 from tulip_testbed.base.errors import InputError, at_least
 from tulip_testbed.base.table import Shown, Table
 from tulip_testbed.base.threads import processes
-from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.calibration.families import check_tolerances
-from tulip_testbed.discovery.discover import ADOPTED, AMBIGUOUS, CALIBRATED, NONE, Discovery, discover
+from tulip_testbed.discovery.candidate_search import first_calibration
+from tulip_testbed.discovery.discover import NONE, Discovery, discover
 from tulip_testbed.discovery.dynamics_check import DynamicsCheck, check_in_dynamics
-from tulip_testbed.discovery.proposals import Proposal, proposals
+from tulip_testbed.discovery.next_experiment import NextExperiment
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.discovery_tables import weak_table
-from tulip_testbed.experiments.identify import Identification, identify, plain_estimator
+from tulip_testbed.experiments.identify import Identification, identify
+from tulip_testbed.experiments.proposed_experiment import Proposals, propose_experiments
 from tulip_testbed.identification.nominal import nominal_robot
 from tulip_testbed.identification.preflight.units import units
 from tulip_testbed.identification.regressor import check_robot
-from tulip_testbed.measurements import Measurements, as_joined
+from tulip_testbed.measurements import Measurements, PosturePlan, as_joined
 from tulip_testbed.sim.robot import Robot
 
 
@@ -33,7 +34,8 @@ class Discovered(Shown):
     Attributes:
         robot: the nominal robot.
         discovery: candidates, evidence, held-out residuals, verdict.
-        before, after: the robot identified without and with what was adopted; None: nothing was.
+        before, after: the robot identified without corrections, and with the adopted effects removed; None:
+            there are none. Both by the self-calibrating estimator, which estimates ordinary imperfections.
         check: the adopted physics in the full dynamics; None: nothing to simulate, or not asked for.
     """
 
@@ -58,15 +60,24 @@ class Discovered(Shown):
         """The ordinary imperfections that are added to the model."""
         return self.discovery.calibrated
 
+    def propose(self, plan: PosturePlan | None = None, seed: int = 0) -> Proposals:
+        """Rank the experiments that would settle what is ambiguous, see `propose_experiments`."""
+        found = self.discovery
+        measured = found.observed.measurements
+        return propose_experiments(measured, self.robot, found.verdict, found.explanations, plan, seed)
+
     @cached_property
-    def proposals(self) -> list[Proposal]:
-        """Experiments that would separate what is ambiguous, the best first."""
-        return next_experiments(self.discovery)
+    def ranking(self) -> tuple[NextExperiment, ...]:
+        """Experiments of the measured postures that would settle what is ambiguous, the best first."""
+        try:
+            return self.propose().experiments
+        except InputError:  # none can be weighed, which the story says
+            return ()
 
     @cached_property
     def story(self) -> list[str]:
         """The finding in sentences, the most important first."""
-        return story(self.discovery, self.proposals)
+        return story(self.discovery, self.ranking)
 
     def parts(self) -> list[Table | str]:
         """Return the verdict and the story; without a gap, which effects may hide as well."""
@@ -75,10 +86,12 @@ class Discovered(Shown):
         return [*words, weak] if self.verdict == NONE and weak.rows else words
 
     def to_frame(self) -> Any:
-        """Return a pandas DataFrame with one row per parameter, identified before and after."""
-        before, after = self.before.to_frame(), (self.after or self.before).to_frame()
+        """Return a pandas DataFrame with one row a parameter: before and, if effects were adopted, after."""
+        before = self.before.to_frame()
         kept = [name for name in before if name.startswith(("estimate", "s.e."))]
-        return before[kept].join(after[kept], lsuffix=", before", rsuffix=", after")
+        if self.after is None:
+            return before[kept]
+        return before[kept].join(self.after.to_frame()[kept], lsuffix=", before", rsuffix=", after")
 
 
 def discover_effects(
@@ -110,37 +123,27 @@ def discover_effects(
     measurements = as_joined(measurements)
     nominal = nominal_robot(robot)
     check_robot(nominal.parameters, measurements, robot, source)
-    found = units(measurements, nominal)
-    if found.result == "fail":
-        raise InputError(f"{source}: found {found.seen}; expected {found.expected} (the preflight says more)")
+    unit_check = units(measurements, nominal)
+    if unit_check.result == "fail":
+        expected = f"expected {unit_check.expected} (the preflight says more)"
+        raise InputError(f"{source}: found {unit_check.seen}; {expected}")
     check_tolerances(tolerances or {})
     # Says what does not fit, before the work.
-    before = identify(measurements, robot, source, plain_estimator(measurements))
-    steps = progress("looking for what is missing", 4)
-    discovery = discover(measurements, robot, seed, tolerances=tolerances, source=source, progress=steps)
+    before = identify(measurements, robot, source, tolerances=tolerances, calibrate=first_calibration)
+    discovery = discover(
+        measurements,
+        robot,
+        seed,
+        tolerances=tolerances,
+        source=source,
+        calibration=before.calibration,
+        progress=progress("looking for what is missing", 4),
+    )
     after = None
-    if discovery.verdict in (*ADOPTED, CALIBRATED):
-        after = identify(
-            measurements,
-            robot,
-            source,
-            SELF_CALIBRATING,
-            adopted=discovery.adopted,
-            tolerances=tolerances,
-        )
+    if discovery.adopted:
+        after = identify(measurements, robot, source, adopted=discovery.adopted, tolerances=tolerances)
     checked = None
     if check and any(not one.effect.misreads for one in discovery.adopted):
         steps = progress("the adopted model in full dynamics", 80)
         checked = check_in_dynamics(discovery, discovery.adopted, workers, steps)
     return Discovered(robot, discovery, before, after, checked)
-
-
-def next_experiments(found: Discovery) -> list[Proposal]:
-    """Propose experiments that would separate the equivalent explanations of an ambiguous discovery."""
-    if found.verdict != AMBIGUOUS:
-        return []
-    out: list[Proposal] = []
-    for k in found.effects:
-        if len(explanations := found.equivalents[k]) > 1:
-            out += proposals(found.selection.null.linear, explanations)
-    return sorted({p.words: p for p in out}.values(), key=lambda p: -p.separation)

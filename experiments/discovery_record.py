@@ -15,10 +15,12 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import new_folder, read_bytes, read_text, write_text
 from tulip_testbed.base.machine import machine
 from tulip_testbed.base.table_files import Table, software
+from tulip_testbed.discovery.experiment_information import Explanation
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.lasting import everywhere
 from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.discovery_report import DiscoveryReport, discovery_report
+from tulip_testbed.experiments.proposed_experiment import Proposals, propose_experiments
 from tulip_testbed.experiments.rig_folder import RIG, rig_files
 from tulip_testbed.experiments.run_file import (
     MEASUREMENT_FOLDER,
@@ -34,7 +36,7 @@ from tulip_testbed.experiments.run_file import (
 )
 from tulip_testbed.identification.base_parameters import base_parameters, common_support
 from tulip_testbed.identification.residual_channels import residuals
-from tulip_testbed.measurements import Measurements
+from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.measurements.joined import read_written, write_experiments
 from tulip_testbed.sim.robot import Robot
 
@@ -77,6 +79,21 @@ class DiscoveryRecord:
     rig: dict[str, str]
     robot: Robot
     folder: Path | None = None
+
+    def propose(self, plan: PosturePlan | None = None, seed: int = 0) -> Proposals:
+        """Rank the experiments that would settle what is ambiguous, see `propose_experiments`."""
+        placements = np.unique(self.measurements.placement).tolist()
+        where = f"{self.folder}: candidates"
+        explanations = [
+            Explanation(
+                EffectInstance.from_document(candidate.effect, self.robot, where, placements),
+                candidate.log_bayes_factor,
+                candidate.gap,
+            )
+            for candidate in self.report.candidates
+        ]
+        verdict = self.report.verdict
+        return propose_experiments(self.measurements, self.robot, verdict, explanations, plan, seed)
 
 
 def discovery_record(

@@ -10,7 +10,6 @@ from pydantic import AfterValidator, Field, model_validator
 from tulip_testbed.base.document import Document, Figure
 from tulip_testbed.discovery.candidates import Fitted
 from tulip_testbed.discovery.discover import Discovery
-from tulip_testbed.discovery.effect_intervals import with_intervals
 from tulip_testbed.discovery.law_candidates import is_law
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.effects.instance import EffectDocument, EffectInstance, ParameterDocument, effect_label
@@ -18,6 +17,7 @@ from tulip_testbed.effects.laws import Sentence, sentence_of
 from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.family_tables import family_documents
 from tulip_testbed.experiments.identify import Identification
+from tulip_testbed.experiments.proposed_experiment import ProposedExperiment, proposed
 from tulip_testbed.measurements.bounds import MOST_FORCE
 
 Channel = Literal["A", "F", "T", "C"]
@@ -47,7 +47,7 @@ class AdoptedEffect(EffectDocument):
     log_bayes_factor: float
 
 
-class Explanation(Document):
+class CandidateRow(Document):
     """An effect that explains a gap; gap: the number of the gap, from 1."""
 
     gap: int
@@ -60,6 +60,11 @@ class Explanation(Document):
     def label(self) -> str:
         """Return `name:target`."""
         return effect_label(self.name, self.target)
+
+    @property
+    def effect(self) -> EffectDocument:
+        """Return the effect alone."""
+        return EffectDocument(name=self.name, target=self.target, parameters=self.parameters)
 
 
 class RunnerUp(Document):
@@ -128,22 +133,18 @@ class Ratio(Document):
     floor: float
 
 
-class NextExperiment(Document):
-    """Return the experiments that would separate ambiguous explanations."""
-
-    do: str
-    separation_gain: float
-
-
 class MovedParameter(Document):
-    """A base parameter identified before and after the adopted effects were removed [mm]."""
+    """A base parameter identified without corrections and, if effects were adopted, with them removed [mm].
+
+    Both by the self-calibrating estimator; the standard error is that of the last.
+    """
 
     number: int
     name: str
     before_mm: float
-    after_mm: float
+    after_mm: float | None
     standard_error_mm: float
-    moved_in_standard_errors: float
+    moved_in_standard_errors: float | None
 
 
 class Repeats(Document):
@@ -195,13 +196,13 @@ class DiscoveryReport(Document):
     calibrated: list[EffectDocument] = Field(default_factory=list)
     families: list[FamilySpread] = Field(default_factory=list)
     laws: list[LawReport] = Field(default_factory=list)
-    candidates: list[Explanation]
+    candidates: list[CandidateRow]
     runners_up: list[RunnerUp] = Field(default_factory=list)
     undetectable: list[Undetectable]
     weakly_detectable: list[WeaklyDetectable] = Field(default_factory=list)
     where: str
     gap: dict[Gap, Ratio | None]
-    next_experiment: list[NextExperiment]
+    next_experiment: list[ProposedExperiment]
     parameters: list[MovedParameter]
     repeats: Repeats
     noise: StatedNoise
@@ -234,7 +235,10 @@ def discovery_report(result: Discovered, rig: str | None = None) -> DiscoveryRep
             for k, one in zip(found.effects, found.adopted, strict=False)
             if is_law(found.fit.terms[k].candidate)
         ],
-        "candidates": [_explanation(found, k, one) for k in found.effects for one in found.equivalents[k]],
+        "candidates": [
+            {"gap": one.gap, **one.instance.document(), "log_bayes_factor": one.log_bayes_factor}
+            for one in found.explanations
+        ],
         "runners_up": [_runner_up(k, one) for k in found.effects for one in found.runners_up(k)],
         "undetectable": [
             {
@@ -248,7 +252,7 @@ def discovery_report(result: Discovered, rig: str | None = None) -> DiscoveryRep
         "weakly_detectable": [weak.document() for weak in found.selection.weak],
         "where": found.where,
         "gap": _gap(found),
-        "next_experiment": [{"do": p.words, "separation_gain": p.gain} for p in result.proposals],
+        "next_experiment": [proposed(experiment) for experiment in result.ranking],
         "parameters": _moved(result.before, result.after),
         "repeats": {
             "pairs": found.repeats.pairs,
@@ -287,12 +291,6 @@ def _law(found: Discovery, k: int, adopted: EffectInstance) -> dict[str, Any]:
 
 def _said(sentence: Sentence) -> dict[str, str]:
     return {"what": sentence.what, "of": sentence.of, "shape": sentence.shape}
-
-
-def _explanation(found: Discovery, k: int, explanation: Fitted) -> dict[str, Any]:
-    adopted = explanation.label == found.fit.terms[k].label
-    instance = with_intervals(found.fit, k) if adopted else explanation.instance
-    return {"gap": k + 1, **instance.document(), "log_bayes_factor": explanation.log_bayes_factor}
 
 
 def _runner_up(k: int, one: Fitted) -> dict[str, Any]:
@@ -335,10 +333,12 @@ def _moved(before: Identification, after: Identification | None) -> list[dict[st
         {
             "number": int(number),
             "name": name,
-            "before_mm": 1e3 * float(a),
-            "after_mm": 1e3 * float(b),
-            "standard_error_mm": 1e3 * float(s),
-            "moved_in_standard_errors": float((b - a) / s),
+            "before_mm": 1e3 * float(first),
+            "after_mm": None if after is None else 1e3 * float(last),
+            "standard_error_mm": 1e3 * float(error),
+            "moved_in_standard_errors": None if after is None else float((last - first) / error),
         }
-        for number, name, a, b, s in zip(new.numbers, new.names, old.value, new.value, errors, strict=True)
+        for number, name, first, last, error in zip(
+            new.numbers, new.names, old.value, new.value, errors, strict=True
+        )
     ]

@@ -8,6 +8,7 @@ from statistics import NormalDist
 from typing import Any
 
 from tulip_testbed.base.column import Column
+from tulip_testbed.base.errors import listed
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table import Cell, Table
 from tulip_testbed.discovery.discover import NONE
@@ -37,7 +38,12 @@ def gap_table(gap: dict[str, Any]) -> Table:
         for channel, name in CHANNEL_NAMES.items()
         if gap.get(channel)
     ]
-    note = "In millimetres the last number is the noise." if gap.get(HELD_OUT_MM) else ""
+    note = (
+        "Before: the nominal model, everything exact. After: ordinary imperfections and the explanations, "
+        "estimated from the other placements. In millimetres the last number is the noise."
+        if gap.get(HELD_OUT_MM)
+        else ""
+    )
     return Table("Residuals on held-out placements, as multiples of the noise", columns, rows, note)
 
 
@@ -120,31 +126,36 @@ def _size(effect: str, target: str, document: dict[str, Any]) -> str:
     return parameter.text(value, None if low is None or high is None else (low, high))
 
 
-def moved_table(rows: list[dict[str, Any]], all_of_them: bool = True) -> Table:
-    """Return the base parameters before and after the correction of what was found.
+def moved_table(
+    rows: list[dict[str, Any]], effects: Sequence[dict[str, Any]], all_of_them: bool = True
+) -> Table:
+    """Return the base parameters without and with the correction; one estimate if nothing was corrected.
 
     Args:
+        effects: that were adopted.
         all_of_them: whether those that hardly moved are listed too.
     """
-    columns = (
+    names = ["number", "name", "before_mm", "after_mm", "standard_error_mm", "moved_in_standard_errors"]
+    columns = [
         Column("no.", format="d"),
         Column("parameter"),
-        Column("before", "mm", ".2f"),
-        Column("after", "mm", ".2f"),
+        Column("before: no corrections", "mm", ".2f"),
+        Column("after: corrected", "mm", ".2f"),
         Column("s.e.", "mm", ".2f"),
         Column("moved by", "s.e.", "+.2f"),
         Column("change"),
-    )
-    names = ("number", "name", "before_mm", "after_mm", "standard_error_mm", "moved_in_standard_errors")
-    lines, bound = [], least_move(len(rows))
+    ]
+    bound, title = least_move(len(rows)), "Base parameters before and after the correction"
+    if not effects:
+        names, title = ["number", "name", "before_mm", "standard_error_mm"], "Base parameters"
+        columns = [*columns[:2], Column("estimate: no corrections", "mm", ".2f"), columns[4]]
+    lines = []
     for k, row in enumerate(rows):
-        moved = abs(row["moved_in_standard_errors"]) > bound
-        if moved or all_of_them:
-            mark = "moved" if moved else ""
-            lines.append(
-                [*(Cell(row[name], f"parameters.{k}.{name}", mark) for name in names), Cell(mark, mark=mark)]
-            )
-    return Table("Base parameters before and after the correction", columns, lines, moved_words(rows))
+        mark = "moved" if abs(row["moved_in_standard_errors"] or 0.0) > bound else ""
+        if mark or all_of_them:
+            cells = [Cell(row[name], f"parameters.{k}.{name}", mark) for name in names]
+            lines.append([*cells, Cell(mark, mark=mark)] if effects else cells)
+    return Table(title, tuple(columns), lines, moved_words(rows, effects))
 
 
 def least_move(count: int) -> float:
@@ -155,27 +166,25 @@ def least_move(count: int) -> float:
     return NormalDist().inv_cdf(1 - BY_CHANCE / (2 * max(count, 1)))
 
 
-def moved_words(rows: list[dict[str, Any]]) -> str:
-    """Say how many base parameters moved, and what counts as moved."""
+def moved_words(rows: list[dict[str, Any]], effects: Sequence[dict[str, Any]]) -> str:
+    """Say what was assumed, how many base parameters moved, and what counts as moved."""
+    if not effects:
+        return (
+            "No effect was removed, so there is one estimate of the base parameters: by the self-calibrating "
+            "estimator, which estimates ordinary imperfections with them."
+        )
     bound = least_move(len(rows))
     moves = {row["name"]: abs(row["moved_in_standard_errors"]) for row in rows}
     count = sum(move > bound for move in moves.values())
     largest = max(moves, key=lambda name: moves[name])
+    removed = listed([effect_label(effect["name"], effect["target"]) for effect in effects])
     return (
         f"{count or 'None'} of {len(rows)} parameters moved by more than {bound:.1f} standard errors, which "
         f"noise exceeds in any of them at most once in 20 times; the largest move is "
-        f"that of {largest}, {moves[largest]:.1f}. After: identified from the corrected measurements."
+        f"that of {largest}, {moves[largest]:.1f}. Before: nothing removed from the measurements. After: "
+        f"{removed} removed. Both by the self-calibrating estimator, which estimates ordinary imperfections "
+        "with the base parameters and takes up a part of the effect before."
     )
-
-
-def proposal_table(proposals: list[dict[str, Any]]) -> Table:
-    """Return the experiments that would distinguish the explanations."""
-    columns = (Column("experiment"), Column("separation, times that of now", format=".3g"))
-    rows = [
-        [Cell(p[name], f"next_experiment.{k}.{name}") for name in ("do", "separation_gain")]
-        for k, p in enumerate(proposals)
-    ]
-    return Table("Experiments that would distinguish the explanations", columns, rows)
 
 
 def pattern_table(patterns: list[dict[str, Any]]) -> Table:
@@ -293,8 +302,8 @@ def discovery_summary(document: dict[str, Any], story: Sequence[str]) -> list[Ta
     if document["families"]:
         parts.append(spread_table(document["families"]))
     if rows := document["parameters"]:
-        moved = moved_table(rows, all_of_them=False)
-        parts.append(moved if moved.rows else moved_words(rows))
+        moved = moved_table(rows, document["effects"], all_of_them=False)
+        parts.append(moved if moved.rows else moved_words(rows, document["effects"]))
     if document["check"]:
         parts.append(dynamics_line(document["check"]))
     return parts

@@ -12,9 +12,15 @@ import numpy as np
 from tulip_testbed.base.errors import InputError, look_up, warn
 from tulip_testbed.base.numbers import number
 from tulip_testbed.base.table import Shown, Table
-from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING, SUMMARY, calibrated_estimates
+from tulip_testbed.calibration.calibrated_estimate import (
+    SELF_CALIBRATING,
+    SUMMARY,
+    Calibrate,
+    calibrated_estimates,
+)
 from tulip_testbed.calibration.calibration_result import SelfCalibration
 from tulip_testbed.calibration.families import check_tolerances
+from tulip_testbed.calibration.self_calibration import self_calibrate
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.effects.removal import without
 from tulip_testbed.experiments.correlations import Correlations, parameter_index
@@ -187,6 +193,7 @@ def identify(
     parameters: BaseParameters | None = None,
     adopted: Sequence[EffectInstance] = (),
     tolerances: Mapping[str, float] | None = None,
+    calibrate: Calibrate = self_calibrate,
 ) -> Identification:
     """Full and simplified model.
 
@@ -196,6 +203,7 @@ def identify(
         adopted: effects that are removed from the measurements before the regression.
         tolerances: of families of ordinary imperfections, for the self-calibrating estimator, in place of
             those of the measurements and those that fit the sensors [SI]; zero: exact.
+        calibrate: how the self-calibrating estimator calibrates.
 
     Raises:
         InputError: the measurements do not fit the robot or do not suffice, a weighed mass that cannot be
@@ -224,7 +232,7 @@ def identify(
     if estimator == SELF_CALIBRATING:
         observed = observed or observe(measurements, nominal_robot(robot, parameters.support))
         free = confounded_directions(observed, data)
-        full, simplified, found = calibrated_estimates(observed, data, kept, tolerances)
+        full, simplified, found = calibrated_estimates(observed, data, kept, tolerances, calibrate)
         check_physical(full, found.mass, robot, source)
         return Identification(parameters, full, simplified, found.mass, estimator, found, free)
     if observe(measurements, nominal_robot(robot, parameters.support)).contacts.unsure.any():

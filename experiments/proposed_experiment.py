@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -13,7 +14,7 @@ from tulip_testbed.base.document import Document
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import present
 from tulip_testbed.base.numbers import number
-from tulip_testbed.base.table import Column, Shown, Table
+from tulip_testbed.base.table import Cell, Column, Shown, Table
 from tulip_testbed.base.table_files import json_text
 from tulip_testbed.discovery.discover import AMBIGUOUS
 from tulip_testbed.discovery.experiment_information import Explanation
@@ -21,15 +22,13 @@ from tulip_testbed.discovery.next_experiment import (
     MANIPULATION,
     PLACEMENT,
     POSTURE,
-    Doubt,
+    UNCHANGED,
     NextExperiment,
     doubts_of,
-    next_experiments,
+    rank_experiments,
+    session_of,
 )
-from tulip_testbed.effects.instance import EffectDocument, EffectInstance
-from tulip_testbed.experiments.discovering import Discovered
-from tulip_testbed.experiments.discovery_record import DiscoveryRecord
-from tulip_testbed.measurements import Experiment, PosturePlan
+from tulip_testbed.measurements import Experiment, Measurements, PosturePlan
 from tulip_testbed.measurements.manipulations import arrangement_of
 from tulip_testbed.sim.plan_folder import write_plan
 from tulip_testbed.sim.robot import Robot
@@ -136,26 +135,7 @@ class Proposals(Shown):
 
     def table(self) -> Table:
         """Return one row an experiment."""
-        rows = [
-            [
-                one.words,
-                len(one.plan),
-                one.minutes,
-                one.gain / max(float(one.entropy[0]), 1e-12),
-                one.rate,
-                one.separation,
-            ]
-            for one in self.experiments
-        ]
-        columns = (
-            Column("experiment"),
-            Column("postures", format="d"),
-            Column("time", "min", ".0f"),
-            Column("settled", "%", ".0f", 100.0),
-            Column("settled a minute", "mnat", ".2f", 1e3),
-            Column("least ln BF", format=".1f"),
-        )
-        return Table("Experiments, the best first", columns, rows)
+        return experiment_table([proposed(experiment).plain() for experiment in self.experiments])
 
     def predictions(self) -> Table:
         """Return what each explanation predicts for the best experiment."""
@@ -169,6 +149,38 @@ class Proposals(Shown):
             Column("twist left", "N", "+.2f"),
         )
         return Table("Mean residuals that each explanation predicts for the best", columns, rows)
+
+
+def experiment_table(experiments: Sequence[dict[str, Any]], key: str = "experiments") -> Table:
+    """Return ranked experiments, one a row.
+
+    Args:
+        experiments: of `ProposedExperiment`, as JSON. key: where they are in their document.
+    """
+    rows = []
+    for k, experiment in enumerate(experiments):
+        now = experiment["entropy_now"]
+        settled = max(now - experiment["entropy_expected"], 0.0)
+        rows.append(
+            [
+                ", ".join(experiment["manipulations"]) or UNCHANGED,
+                *(Cell(experiment[name], f"{key}.{k}.{name}") for name in ("postures", "minutes")),
+                settled / max(now, 1e-12),
+                *(
+                    Cell(experiment[name], f"{key}.{k}.{name}")
+                    for name in ("settled_per_minute", "separation")
+                ),
+            ]
+        )
+    columns = (
+        Column("experiment"),
+        Column("postures", format="d"),
+        Column("time", "min", ".0f"),
+        Column("settled", "%", ".0f", 100.0),
+        Column("settled a minute", "mnat", ".2f", 1e3),
+        Column("least ln BF", format=".1f"),
+    )
+    return Table("Experiments, the best first", columns, rows)
 
 
 def proposed(one: NextExperiment) -> ProposedExperiment:
@@ -191,44 +203,29 @@ def proposed(one: NextExperiment) -> ProposedExperiment:
     )
 
 
-def next_of(
-    found: Discovered | DiscoveryRecord, robot: Robot, plan: PosturePlan | None = None, seed: int = 0
+def propose_experiments(
+    measurements: Measurements,
+    robot: Robot,
+    verdict: str,
+    explanations: Sequence[Explanation],
+    plan: PosturePlan | None = None,
+    seed: int = 0,
 ) -> Proposals:
     """Rank the experiments that would settle a discovery.
 
     Args:
-        found: just made, or read from its folder.
+        measurements: everything so far.
+        verdict, explanations: of the discovery.
         plan: postures to choose from; None: those that were measured.
         seed: of the draws of the expectation.
+
+    Raises:
+        InputError: no experiment can be weighed.
     """
-    if isinstance(found, Discovered):
-        measured, verdict = found.discovery.observed.measurements, found.verdict
-        doubts = doubts_of(found.discovery)
-    else:
-        measured, verdict, doubts = found.measurements, found.report.verdict, _doubts(found, robot)
-    ranked = next_experiments(measured, robot, doubts, plan, seed) if doubts else []
-    count = max(len(measured.experiments), 1)
-    session = measured.experiments[-1].session if measured.experiments else ""
-    return Proposals(verdict, tuple(ranked), count + 1, session)
-
-
-def _doubts(record: DiscoveryRecord, robot: Robot) -> list[Doubt]:
-    """Return the doubts of a discovery that was read."""
-    gaps: dict[int, list[Explanation]] = {}
-    placements = np.unique(record.measurements.placement).tolist()
-    for one in record.report.candidates:
-        where = f"{record.folder}: candidates"
-        effect = EffectDocument(name=one.name, target=one.target, parameters=one.parameters)
-        instance = EffectInstance.from_document(effect, robot, where, placements)
-        gaps.setdefault(one.gap, []).append(Explanation(instance, one.log_bayes_factor))
-    if record.report.verdict != AMBIGUOUS:
-        return []
-    out = []
-    for gap, several in gaps.items():
-        best = {g: max(e, key=lambda x: x.log_bayes_factor).instance for g, e in gaps.items() if g != gap}
-        if len(several) > 1:
-            out.append(Doubt(tuple(several), tuple(best.values())))
-    return out
+    doubts = doubts_of(verdict, explanations)
+    ranking = rank_experiments(measurements, robot, doubts, plan, seed) if doubts else []
+    count = max(len(measurements.experiments), 1)
+    return Proposals(verdict, tuple(ranking), count + 1, session_of(measurements))
 
 
 def write_experiment_plan(folder: Path, proposals: Proposals) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import get_lapack_funcs, helmert
@@ -179,15 +179,6 @@ class Whitening:
         for where, numbers, factor in self.blocks:
             flat[numbers] = factor.T @ white[where]
         return flat.reshape(-1, SIZE)
-
-    def of_channels(self, channels: str) -> Whitening:
-        """Return the coordinates for some of the channels alone."""
-        there = np.zeros(self.own.shape[0] * SIZE, bool)
-        for _, numbers, _ in self.blocks:
-            there[numbers] = True
-        used = there.reshape(-1, SIZE) & _in_channels(channels)
-        rows, blocks, volume = _factored(self.own, self.levers, self.placement, self.stance, used)
-        return replace(self, rows=rows, blocks=blocks, log_volume=volume)
 
 
 def floor(noise: Noise) -> np.ndarray:

@@ -143,11 +143,6 @@ def shipped_plan(robot: Robot, placements: int | None = None) -> PosturePlan:
     return plan if placements is None else plan.take(plan.placement <= placements)
 
 
-def part_of(plan: PosturePlan, rows: np.ndarray) -> PosturePlan:
-    """Return some rows of a plan."""
-    return plan.take(rows)
-
-
 def rows_of(m: Measurements, rows: np.ndarray) -> Measurements:
     """Return some rows of a measurement folder."""
     chosen: dict[str, Any] = {

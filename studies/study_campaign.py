@@ -193,7 +193,7 @@ def gains(number: int, seed: int, folder: Path) -> list[dict[str, Any]]:
         made = drawn_laboratory(robot, rng, ordinary=number % 2 == 0)
         first = _run(made, plan, Experiment(SESSION), int(rng.integers(2**31)))
         found = discover(joined([first]), robot, hold_out=False)
-        doubts = doubts_of(found)
+        doubts = doubts_of(found.verdict, found.explanations)
         if len(doubts) == 1:
             doubts = [_as_judged(doubts[0], joined([first]), robot)]
             break
@@ -257,7 +257,7 @@ def _evidence(measured: Measurements, robot: Robot, doubt: Doubt) -> list[float]
     """Return ln of the evidence for each explanation in everything that was measured."""
     search = Search.of(observe(measured, nominal_robot(robot)))
     terms, logs = [_fitted(one.instance) for one in doubt.explanations], []
-    start = first_calibration(search, terms[:1])
+    start = first_calibration(search.observed, search.tolerances, [terms[0].instance])
     for term in terms:
         judged = search.tried([term], start)
         logs.append(-1e6 if judged is None else judged.evidence)

@@ -111,12 +111,20 @@ def other(saved, verdict):
         report |= {"candidates": [], "effects": [], "calibrated": [], "families": [], "rig": None}
     if verdict == "calibrated":
         report |= {"candidates": [], "effects": []}
+    if verdict not in ADOPTED:
+        none = {"after_mm": None, "moved_in_standard_errors": None}
+        report |= {"effects": [], "parameters": [row | none for row in report["parameters"]]}
     if verdict == "ambiguous":
         rival = copy.deepcopy(report["candidates"][0]) | {"name": "link-length"}
         rival["log_bayes_factor"] -= 1.5
         rival["parameters"][0] |= {"low95": None, "high95": None}
         report["candidates"].append(rival)
-        report["next_experiment"] = [{"do": "Turn the robot round.", "separation_gain": 2.5}]
+        predicted = dict.fromkeys(("cop_x_mm", "cop_y_mm", "force_N", "twist_right_N", "twist_left_N"), 0.1)
+        minutes = {"minutes": 42.0, "entropy_now": 0.6, "entropy_expected": 0.1, "settled_per_minute": 0.012}
+        turned = {"session": "one", "manipulations": ["robot turned by 180 deg"], "placements": 6}
+        turned |= {"postures": 30, "separation": 20.0, "separation_now": 1.5}
+        turned |= {"predictions": [predicted | {"explanation": "link-length:right_lower_leg"}]}
+        report["next_experiment"] = [turned | minutes]
     if verdict == "unknown":
         report["left"] = [{"channel": "C", "pattern": "the foot's height", "p": 1e-9}]
         report["check"] = None

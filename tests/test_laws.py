@@ -161,7 +161,7 @@ def test_no_law_is_made_up(robot, plan, hidden, verdict):
 def test_a_glance_is_close_to_a_judgement(robot, plan):
     data = measured(robot, plan, "force-plate", ("encoder-gain", "right_knee", (0.02,)))
     search = Search.of(observe(data, nominal_robot(robot)))
-    start = first_calibration(search)
+    start = first_calibration(search.observed, search.tolerances)
     near = search.best(start, ())[:3]
     assert near
     for one in near:

@@ -19,7 +19,13 @@ from tulip_testbed.discovery.experiment_information import (
     probabilities,
     separations,
 )
-from tulip_testbed.discovery.next_experiment import Doubt, minutes_of, next_experiments, within_limits
+from tulip_testbed.discovery.next_experiment import (
+    Doubt,
+    doubts_of,
+    minutes_of,
+    rank_experiments,
+    within_limits,
+)
 from tulip_testbed.effects.instance import EffectInstance
 from tulip_testbed.experiments.campaigns.campaign_record import read_campaign
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -51,7 +57,7 @@ def ranked(robot, lab, small):
     made = lab.with_effects("cell-tare:right.front_left=0.8").manipulated(session="one")
     measured = joined([made.run(small, seed=SEED, engine="statics", workers=1).measurements])
     both = explanations(robot, "cell-tare:right.front_left=0.8", "cell-tare:right.rear_right=0.8")
-    return next_experiments(measured, robot, [Doubt(both)], small)
+    return rank_experiments(measured, robot, [Doubt(both)], small)
 
 
 def test_turning_the_plate_tells_its_cells_apart_and_the_other_one_does_not(ranked):
@@ -111,9 +117,21 @@ def test_minutes_are_those_that_are_stated():
     assert minutes_of(Experiment("", ("plates exchanged", "cable removed")), 6, 30) == 12 + 30 + 5 + 2
 
 
+def test_only_gaps_with_several_explanations_are_doubtful(robot):
+    """The other gaps' best explanations are taken as true; nothing is doubtful unless it is ambiguous."""
+    texts = ("cell-tare:right.front_left=0.8", "cell-tare:right.rear_right=0.8")
+    first, second = explanations(robot, *texts)
+    (knee,) = explanations(robot, "encoder-offset:right_knee=0.01")
+    third = [dataclasses.replace(knee, gap=2, log_bayes_factor=factor) for factor in (9.0, 5.0)]
+    (doubt,) = doubts_of("ambiguous", [first, second, third[0]])
+    assert doubt == Doubt((first, second), (third[0].instance,))
+    assert len(doubts_of("ambiguous", [first, second, *third])) == 2
+    assert doubts_of("named", [first, second]) == []
+
+
 def test_nothing_to_settle_is_said(robot, lab, small):
     with pytest.raises(InputError, match="expected one to settle"):
-        next_experiments(lab.run(small, engine="statics").measurements, robot, [])
+        rank_experiments(lab.run(small, engine="statics").measurements, robot, [])
     with pytest.raises(InputError, match="found the verdict named"):
         write_experiment_plan(Path("anywhere"), Proposals("named", (), 2, ""))
 
@@ -213,6 +231,7 @@ def test_two_cells_tares_are_settled_by_turning_the_plate(lab, tmp_path):
     found = tt.discover(data[0], check=False)
     assert found.verdict == "ambiguous"
     proposals = tt.next_experiment(found, plan=tt.plans.random, out=tmp_path / "plan")
+    assert proposals.best.words in found.story[-2]
     turned = next(one for one in proposals.experiments if "right plate turned" in one.words)
     assert turned.rate >= 0.99 * proposals.best.rate
     inside = made.manipulated(*turned.experiment.manipulations, session="one")

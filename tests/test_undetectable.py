@@ -11,8 +11,7 @@ import tulip_testbed as tt
 from tests.meshed_robot import meshed_plan, write_meshed_robot
 from tulip_testbed.base.errors import InputWarning
 from tulip_testbed.discovery.candidates import candidates
-from tulip_testbed.discovery.detectability import least_multiple
-from tulip_testbed.discovery.undetectable import by_kind
+from tulip_testbed.discovery.detectability import by_kind, least_multiple
 from tulip_testbed.effects.catalogue import catalogue
 from tulip_testbed.experiments.discovery_report import DiscoveryReport, discovery_report
 from tulip_testbed.experiments.discovery_tables import weak_table

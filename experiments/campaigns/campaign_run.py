@@ -40,7 +40,7 @@ from tulip_testbed.experiments.identify import identify
 from tulip_testbed.experiments.imperfections import check_ordinary, drawn, single_stream
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_folder import plan_hash
-from tulip_testbed.experiments.proposed_experiment import next_of, read_experiment, write_experiment_plan
+from tulip_testbed.experiments.proposed_experiment import read_experiment, write_experiment_plan
 from tulip_testbed.experiments.run_file import configuration_of, hashes_in
 from tulip_testbed.identification.base_parameters import common_support
 from tulip_testbed.identification.statistics import standard_errors
@@ -164,7 +164,7 @@ def _carry_out(
     if steps:
         progress(f"experiment {number}: what to measure")
         before = read_discovery(folder / str(number - 1) / DISCOVERY, robot)
-        proposals = next_of(before, robot, plan, settings.seed)
+        proposals = before.propose(plan, settings.seed)
         minutes = proposals.best.minutes
         if settings.minutes is not None and spent + minutes > settings.minutes:
             return None

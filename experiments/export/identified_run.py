@@ -7,10 +7,10 @@ from pathlib import Path
 
 from tulip_testbed.base.errors import InputError, warn
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
-from tulip_testbed.discovery.discover import AMBIGUOUS, CALIBRATED, DESCRIBED, NAMED, UNKNOWN
+from tulip_testbed.discovery.discover import AMBIGUOUS, UNKNOWN
 from tulip_testbed.effects.instance import EffectDocument, EffectInstance
 from tulip_testbed.experiments.discovery_record import read_discovery
-from tulip_testbed.experiments.identify import Identification, identify, plain_estimator
+from tulip_testbed.experiments.identify import Identification, identify
 from tulip_testbed.experiments.rig_folder import RIG, read_rig
 from tulip_testbed.experiments.run_file import kind_of
 from tulip_testbed.experiments.validation_record import read_validation
@@ -47,13 +47,12 @@ def identified_run(
         measurements = found.measurements
         adopted = read_rig(folder / RIG, robot) if found.rig else ()
         verdict = found.report.verdict
-        settled = verdict in (NAMED, DESCRIBED, CALIBRATED)
         if verdict in (AMBIGUOUS, UNKNOWN):
             warn(
                 f"{folder}: found the verdict {verdict}: nothing was adopted, so the robot keeps the "
                 "bias of what the model lacks"
             )
-        estimator = SELF_CALIBRATING if settled else plain_estimator(measurements)
+        estimator = SELF_CALIBRATING
     elif kind == "measurement":
         measurements, estimator = read_experiments([folder]), SELF_CALIBRATING
         effects = adopted = ()

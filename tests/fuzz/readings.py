@@ -201,7 +201,7 @@ def on_page(target: str, folder: Path) -> list[str]:
     if target == "discovery":
         report = json.loads((folder / "discovery.json").read_text("utf-8-sig"))
         values = [row[name] for row in report["parameters"] for name in ("before_mm", "after_mm")]
-        return [f"{x:.2f}" for x in values if _readable(x)]
+        return [f"{x:.2f}" for x in values if x is not None and _readable(x)]
     found = _calibration(folder, whole=True)
     return [f"{found['identified']} of {found['runs']}"]
 

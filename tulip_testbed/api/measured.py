@@ -32,7 +32,7 @@ from tulip_testbed.experiments.identify import identify as _identify
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.predict import predict as _predict
-from tulip_testbed.experiments.proposed_experiment import Proposals, next_of, write_experiment_plan
+from tulip_testbed.experiments.proposed_experiment import Proposals, write_experiment_plan
 from tulip_testbed.experiments.validate import Validation
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot import Robot
@@ -165,10 +165,9 @@ def next_experiment(
     if out is not None:
         check_new(Path(out))
     if isinstance(found, Discovered):
-        ranked = next_of(found, found.robot, plan, seed)
+        ranked = found.propose(plan, seed)
     else:
-        robot = robot or load_robot()
-        ranked = next_of(read_discovery(Path(found), robot), robot, plan, seed)
+        ranked = read_discovery(Path(found), robot or load_robot()).propose(plan, seed)
     if out is not None:
         write_experiment_plan(Path(out), ranked)
     return ranked

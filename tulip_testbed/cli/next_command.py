@@ -42,7 +42,7 @@ def next_command(
     from tulip_testbed.cli.terminal import print_json, say, show, working_on
     from tulip_testbed.experiments.description import described_robot
     from tulip_testbed.experiments.discovery_record import read_discovery
-    from tulip_testbed.experiments.proposed_experiment import next_of, write_experiment_plan
+    from tulip_testbed.experiments.proposed_experiment import write_experiment_plan
     from tulip_testbed.sim.plan_folder import read_plan
     from tulip_testbed.sim.shipped import plan_folder
 
@@ -53,7 +53,7 @@ def next_command(
     record = read_discovery(run, described)
     chosen = None if plan is None else read_plan(plan_folder(plan), described)
     with working_on("weighing experiments"):
-        found = next_of(record, described, chosen, seed)
+        found = record.propose(chosen, seed)
     if out is not None:
         write_experiment_plan(out, found)
     if as_json:

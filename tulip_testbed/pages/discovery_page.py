@@ -17,13 +17,13 @@ from tulip_testbed.experiments.discovery_tables import (
     gap_table,
     moved_table,
     pattern_table,
-    proposal_table,
     repeat_table,
     spread_table,
     undetectable_table,
     weak_table,
 )
 from tulip_testbed.experiments.law_curves import law_curves
+from tulip_testbed.experiments.proposed_experiment import experiment_table
 from tulip_testbed.experiments.residual_curves import Curve, residual_curves, time_order
 from tulip_testbed.experiments.rig_folder import DIFF
 from tulip_testbed.pages import discovery_figures as drawn
@@ -137,12 +137,13 @@ def _ordinary(report: dict[str, Any]) -> tuple[Section, ...]:
 
 def _parameters(report: dict[str, Any]) -> tuple[Section, ...]:
     rows = report["parameters"]
-    return (Section("Base parameters", tables=(moved_table(rows),)),) if rows else ()
+    return (Section("Base parameters", tables=(moved_table(rows, report["effects"]),)),) if rows else ()
 
 
 def _next(report: dict[str, Any]) -> tuple[Section, ...]:
-    proposals = report["next_experiment"]
-    return (Section("Next experiment", tables=(proposal_table(proposals),)),) if proposals else ()
+    ranking = report["next_experiment"]
+    table = experiment_table(ranking, "next_experiment")
+    return (Section("Next experiment", tables=(table,)),) if ranking else ()
 
 
 def _doubts(report: dict[str, Any]) -> tuple[Section, ...]:

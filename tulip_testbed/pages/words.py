@@ -14,11 +14,6 @@ POLYGON_WORDS = (
     "polygon of a placement's first posture orange, the CoP of all its postures as vermilion dots, the true "
     "CoM as green crosses. Below, some postures as in the paper's Fig. 3."
 )
-CALIBRATION_WORDS = (
-    "Found over stated: the scatter of the errors over the runs divided by the standard error that the "
-    "estimator states. Coverage: the share of the runs whose interval contains the truth. Each figure has "
-    "its own 95 % interval; those of the verdict are wider, since they hold for all figures at once."
-)
 NO_TRUE_COM = "The true centre of mass of each posture is not shown: the statics engine does not record it."
 
 EVIDENCE_WORDS = (
