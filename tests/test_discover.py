@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from studies.hidden_effects.outside_faults import FAULTS
 from studies.runner import rows_of
 from tests.effect_changes import DISCOVERY_SEED as SEED
 from tests.effect_changes import measured
@@ -23,7 +24,6 @@ from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.discovery.story import story
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import check_instances
-from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
 from tulip_testbed.experiments.discovering import next_experiments
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.observation import observe
@@ -220,7 +220,7 @@ def test_two_effects_are_both_named(robot, plan):
 @pytest.mark.slow
 def test_what_neither_the_catalogue_nor_a_law_says_is_unknown(robot, plan):
     """A cable that pulls on one side only: no law has a force that follows the posture."""
-    (slack,) = [one for one in OUTSIDE if one.name == "cable-slack"]
+    (slack,) = [one for one in FAULTS if one.name == "cable-slack"]
     rig = slack.inject(preset_rig("force-plate", robot), 7, 20.0)
     data = run_statics(solve_plan(rig, plan), [np.random.SeedSequence(SEED)])[0].measurements
     found = discover(data, robot)

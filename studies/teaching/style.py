@@ -16,11 +16,10 @@ from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 from PIL import Image
 
-from studies.improve.output import BLUE, ORANGE
 from tulip_testbed.base.files import write_text
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "pictures"
-X, Y, GREY = BLUE, ORANGE, "#6b6b6b"
+X, Y, GREY = "#0072B2", "#E69F00", "#6b6b6b"
 WIDTH = 800 / 96  # inches: 800 pixels of a browser
 DPI = 192  # of PNGs: two pixels for one of a browser
 
