@@ -2,13 +2,12 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 ORACLE := .venv-oracle
-ROBOTS := .venv-robots
 
 # Measured on two cores: 9.5 minutes with a process each. More than four repeat too much.
 SHARED := --numprocesses auto --maxprocesses 4 --dist worksteal
-STUDIES := $(patsubst studies/study_%.py,study-%,$(wildcard studies/study_*.py))
+STUDIES := $(subst _,-,$(patsubst studies/study_%.py,study-%,$(wildcard studies/study_*.py)))
 
-.PHONY: setup validate demo test test-all test-docs lint docs bench oracle test-robots studies $(STUDIES) study-plan teaching pictures constraints clean
+.PHONY: setup validate demo test test-all test-docs lint docs bench oracle studies $(STUDIES) study-plan teaching pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -60,15 +59,6 @@ $(ORACLE)/.done: constraints.txt pyproject.toml
 	$(ORACLE)/bin/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[oracle]'
 	@touch $@
 
-test-robots: $(ROBOTS)/.done  ## published robots (131 MB) through every command; TULIP_ROBOTS: folder of more
-	$(ROBOTS)/bin/python -m studies robots
-
-$(ROBOTS)/.done: constraints.txt pyproject.toml
-	$(PYTHON) -m venv $(ROBOTS)
-	$(ROBOTS)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r constraints.txt
-	$(ROBOTS)/bin/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[robots]'
-	@touch $@
-
 studies: setup  ## list the studies, each with the page that it is for and its time
 	@$(BIN)/python -m studies --help
 
@@ -78,7 +68,7 @@ $(STUDIES): study-%: setup  ## make the tables of one study (`make studies` list
 study-plan: setup  ## docs/studies/planning.md's Table I: six trials of optimal postures
 	$(BIN)/tulip plan --table1 --out runs/plan-$$(date +%Y%m%d-%H%M%S)
 
-teaching: setup  ## docs/pictures: film, signatures, clouds (one to three minutes; needs libosmesa6)
+teaching: setup  ## docs/pictures: the signatures of all effects (a minute)
 	MUJOCO_GL=disable $(BIN)/python -m studies.teaching
 
 pictures: teaching  ## the README's pictures too (needs libosmesa6, mesa-vulkan-drivers, chromium)
@@ -90,4 +80,4 @@ constraints: setup  ## pin the dependencies anew
 	  --python-version 3.11 -o constraints.txt
 
 clean:
-	rm -rf $(VENV) $(ORACLE) $(ROBOTS) build *.egg-info
+	rm -rf $(VENV) $(ORACLE) build *.egg-info
