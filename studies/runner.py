@@ -8,7 +8,6 @@ line of its docstring is its entry in the list of studies.
 from __future__ import annotations
 
 import ast
-import dataclasses
 import importlib
 import os
 import shlex
@@ -20,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import joblib
-import numpy as np
 import tyro
 from scipy.stats import binomtest
 
@@ -28,14 +26,9 @@ from tulip_testbed.base.errors import InputError, look_up
 from tulip_testbed.base.files import write_text
 from tulip_testbed.cli.terminal import progress
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
-from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.robot import Robot
-
-MEASURED_ROWS = (
-    *("posture", "placement", "support", "time", "window", "samples", "joint_angles", "joint_angles_sd"),
-    *("command", "motor", "cell_forces", "cell_forces_sd", "plate_poses"),
-)
 
 
 @dataclass(frozen=True)
@@ -152,11 +145,3 @@ def share(count: int, of: int) -> str:
         return "no case"
     low, high = binomtest(count, of).proportion_ci(0.95, "exact")
     return f"{count} of {of} ({count / of:.3f}; {low:.3f} to {high:.3f})"
-
-
-def rows_of(m: Measurements, rows: np.ndarray) -> Measurements:
-    """Return some rows of a measurement folder."""
-    chosen: dict[str, Any] = {
-        name: getattr(m, name)[rows] for name in MEASURED_ROWS if getattr(m, name) is not None
-    }
-    return dataclasses.replace(m, **chosen)

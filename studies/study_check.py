@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.runner import Settings, header, row, rows_of, shipped_plan
+from studies.runner import Settings, header, row, shipped_plan
 from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
 from tulip_testbed.calibration.usual_changes import usual_changes
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -41,14 +41,7 @@ def edited(name: str, change: Callable[[np.ndarray, Measurements, np.random.Gene
     return fault
 
 
-def forces(change: Callable[[np.ndarray, Measurements, np.random.Generator], None]) -> Fault:
-    """Make a fault of a function that edits the averages of the cells, (m, 8)."""
-    return edited("cell_forces", change)
-
-
-def angles(change: Callable[[np.ndarray, Measurements, np.random.Generator], None]) -> Fault:
-    """Make a fault of a function that edits the joint angles, (m, n)."""
-    return edited("joint_angles", change)
+forces, angles = partial(edited, "cell_forces"), partial(edited, "joint_angles")
 
 
 def poses(change: Callable[[np.ndarray, np.random.Generator], None]) -> Fault:
@@ -207,7 +200,7 @@ FAULTS: dict[str, Fault] = {
 
 HEALTHY: dict[str, Callable[[Measurements], Measurements]] = {
     "whole folder": lambda m: m,
-    "first fifteen placements": lambda m: rows_of(m, m.placement <= 15),
+    "first fifteen placements": lambda m: m.take(m.placement <= 15),
     "no weighed mass": lambda m: dataclasses.replace(m, weighed_mass=None),
     "nothing known of the sensors": lambda m: dataclasses.replace(m, sensors=SensorSheet()),
 }

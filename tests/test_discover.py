@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from studies.hidden_effects.outside_faults import FAULTS
-from studies.runner import rows_of
 from tests.effect_changes import DISCOVERY_SEED as SEED
 from tests.effect_changes import measured
 from tulip_testbed.base.errors import InputError
@@ -155,7 +154,7 @@ def test_an_ordinary_laboratory_has_no_single_cause(robot, plan, preset):
 
 def test_without_times_a_lost_posture_may_mean_a_foot_put_down_anew(robot, plan, nominal):
     m = measured(robot, plan.take(plan.placement <= 2), "ideal")
-    kept = rows_of(m, (m.posture != 3) & ~np.isin(np.arange(len(m)), _repeats(m)))
+    kept = m.take((m.posture != 3) & ~np.isin(np.arange(len(m)), _repeats(m)))
     timed, timeless = (observe(one, nominal).stance for one in (kept, _timeless(kept)))
     assert timed.tolist() == timeless.tolist()
     assert len(np.unique(timeless)) == 3

@@ -13,16 +13,7 @@ from studies.hidden_effects.outside_faults import Description
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.threads import one_blas_thread
 from tulip_testbed.discovery.candidates import Candidate
-from tulip_testbed.discovery.discover import (
-    AMBIGUOUS,
-    CALIBRATED,
-    DESCRIBED,
-    NAMED,
-    NONE,
-    UNKNOWN,
-    Discovery,
-    discover,
-)
+from tulip_testbed.discovery.discover import AMBIGUOUS, CALIBRATED, DESCRIBED, NAMED, Discovery, discover
 from tulip_testbed.discovery.effect_intervals import with_intervals
 from tulip_testbed.discovery.law_candidates import is_law
 from tulip_testbed.effects.catalogue import catalogue
@@ -94,12 +85,12 @@ class Outcome:
     @property
     def flagged(self) -> bool:
         """Whether a gap was seen."""
-        return self.verdict != NONE
+        return self.verdict != "none"
 
     @property
     def shows(self) -> bool:
         """Whether a gap is seen that ordinary imperfections do not explain, or the clearest one is right."""
-        return self.verdict not in (NONE, CALIBRATED) or self.right_first
+        return self.verdict not in ("none", CALIBRATED) or self.right_first
 
     @property
     def in_set(self) -> bool:
@@ -126,7 +117,7 @@ class Outcome:
     @property
     def without_cause(self) -> bool:
         """Whether no cause of the catalogue is reported: at most a law, whose cause is a guess."""
-        return self.verdict in (UNKNOWN, DESCRIBED)
+        return self.verdict in ("unknown", DESCRIBED)
 
     @property
     def twin_said(self) -> bool:

@@ -52,32 +52,21 @@ def _joint(robot: Robot, number: int) -> str:
     return names[number % len(names)]
 
 
-def _encoder(error: Callable[[Measurements, int, int], np.ndarray]) -> Callable[[Rig, int, float], Rig]:
-    """Return an injection by which one encoder errs by the amplitude times `error`.
+def _misread(
+    field: str, error: Callable[[Measurements, int, int], np.ndarray]
+) -> Callable[[Rig, int, float], Rig]:
+    """Return an injection by which one column of the readings errs by the amplitude times `error`.
 
     Args:
-        error: (measurements, number of the joint, number of the target) -> (m,).
+        error: (measurements, number of the column, number of the target) -> (m,).
     """
 
     def inject(rig: Rig, number: int, amplitude: float) -> Rig:
         def read(m: Measurements) -> Measurements:
-            at, angles = number % len(m.joints), m.joint_angles.copy()
-            angles[:, at] += amplitude * error(m, at, number)
-            return replace(m, joint_angles=angles)
-
-        return misreading(rig, read)
-
-    return inject
-
-
-def _cell(error: Callable[[Measurements, int, int], np.ndarray]) -> Callable[[Rig, int, float], Rig]:
-    """Return an injection by which one cell errs, as `_encoder`."""
-
-    def inject(rig: Rig, number: int, amplitude: float) -> Rig:
-        def read(m: Measurements) -> Measurements:
-            at, forces = number % m.cell_forces.shape[1], m.cell_forces.copy()
-            forces[:, at] += amplitude * error(m, at, number)
-            return replace(m, cell_forces=forces)
+            values = getattr(m, field).copy()
+            at = number % values.shape[1]
+            values[:, at] += amplitude * error(m, at, number)
+            return replace(m, **{field: values})
 
         return misreading(rig, read)
 
@@ -149,32 +138,28 @@ FAULTS = (
     Fault(
         "encoder-eccentric",
         0.01,
-        _encoder(lambda m, at, number: np.sin(m.joint_angles[:, at] + TURN * number)),
+        _misread("joint_angles", lambda m, at, number: np.sin(m.joint_angles[:, at] + TURN * number)),
         _of_encoder,
-    ),
-    # An encoder's reading depends on the neighbouring joint's angle.
-    Fault(
-        "encoder-coupled",
-        0.01,
-        _encoder(lambda m, at, number: m.joint_angles[:, at - 1]),
-        lambda robot, number: ((f"encoder:{_joint(robot, number)}", f"angle:{_joint(robot, number - 1)}"),),
     ),
     # An encoder errs with every tooth of a gear.
     Fault(
         "encoder-teeth",
         0.005,
-        _encoder(lambda m, at, number: np.sin(TEETH * m.joint_angles[:, at] + number)),
+        _misread("joint_angles", lambda m, at, number: np.sin(TEETH * m.joint_angles[:, at] + number)),
         _of_encoder,
     ),
     # A cell's gain grows with the square of a temperature.
     Fault(
         "cell-warm",
         0.02,
-        _cell(lambda m, at, number: (2 * fraction_of_time(m.time) - 1) ** 2 * m.cell_forces[:, at]),
+        _misread(
+            "cell_forces",
+            lambda m, at, number: (2 * fraction_of_time(m.time) - 1) ** 2 * m.cell_forces[:, at],
+        ),
         _of_cell("time"),
     ),
     # A cell reads more the longer it is loaded.
-    Fault("cell-creep", 0.02, _cell(_creep), _of_cell("time-since-loading")),
+    Fault("cell-creep", 0.02, _misread("cell_forces", _creep), _of_cell("time-since-loading")),
     # A plate's cells read in proportion to the square of its load.
     Fault("plate-bent", 0.02, _bend, lambda robot, number: ((f"cells:{PLATES[number % 2]}", "plate-load"),)),
     # A joint yields about an axis across its own.

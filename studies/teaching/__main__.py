@@ -6,8 +6,8 @@ import os
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 os.environ.setdefault("MUJOCO_GL", "disable")
 
-from studies.teaching.signature_pictures import catalogue_pictures, three_faults
+from studies.teaching.signature_pictures import catalogue_pictures
 from studies.teaching.style import DOCS
 
-for path in (three_faults(DOCS / "signatures.png"), *catalogue_pictures(DOCS / "signatures")):
+for path in catalogue_pictures(DOCS / "signatures"):
     print(f"{path.relative_to(DOCS.parents[1])}: {path.stat().st_size / 1e3:.0f} kB")
