@@ -56,29 +56,25 @@ def poses(change: Callable[[np.ndarray, np.random.Generator], None]) -> Fault:
     return edited("plate_poses", edit)
 
 
-def any_cell(rng: np.random.Generator) -> int:
-    return int(rng.integers(8))
-
-
 def gain(values: np.ndarray, m: Measurements, rng: np.random.Generator) -> None:
-    values[:, any_cell(rng)] *= 1.1
+    values[:, rng.integers(8)] *= 1.1
 
 
 def tare(values: np.ndarray, m: Measurements, rng: np.random.Generator) -> None:
-    values[:, any_cell(rng)] += rng.choice([-5.0, 5.0])
+    values[:, rng.integers(8)] += rng.choice([-5.0, 5.0])
 
 
 def drift(values: np.ndarray, m: Measurements, rng: np.random.Generator) -> None:
-    values[:, any_cell(rng)] += 5.0 * (m.time - m.time[0]) / (m.time[-1] - m.time[0])
+    values[:, rng.integers(8)] += 5.0 * (m.time - m.time[0]) / (m.time[-1] - m.time[0])
 
 
 def saturate(values: np.ndarray, m: Measurements, rng: np.random.Generator) -> None:
-    cell = any_cell(rng)
+    cell = rng.integers(8)
     values[:, cell] = np.minimum(values[:, cell], np.quantile(values[:, cell], 0.8))
 
 
 def unplug(values: np.ndarray, m: Measurements, rng: np.random.Generator) -> None:
-    values[:, any_cell(rng)] = (m.sensors.cell_sd or 0.0) * rng.standard_normal(len(m))
+    values[:, rng.integers(8)] = (m.sensors.cell_sd or 0.0) * rng.standard_normal(len(m))
 
 
 def in_kilograms(values: np.ndarray, m: Measurements, rng: np.random.Generator) -> None:
@@ -101,7 +97,7 @@ def swap_plates(values: np.ndarray, m: Measurements, rng: np.random.Generator) -
 
 def transpose_digits(values: np.ndarray, m: Measurements, rng: np.random.Generator) -> None:
     """Write 36 for 63: the error is nine times the difference of the digits."""
-    values[rng.integers(len(m)), any_cell(rng)] += 9.0 * rng.choice([-3, -2, 2, 3])
+    values[rng.integers(len(m)), rng.integers(8)] += 9.0 * rng.choice([-3, -2, 2, 3])
 
 
 def paste_row(m: Measurements, rng: np.random.Generator) -> Measurements:

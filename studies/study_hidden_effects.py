@@ -17,7 +17,18 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import TypeAdapter
 
-from studies.hidden_effects.hiding import LEFT_OUT, NOTHING, OUTSIDE, PRIOR, SCATTER, SINGLE, TWO, Case, World
+from studies.hidden_effects.hiding import (
+    CLEAR,
+    LEFT_OUT,
+    NOTHING,
+    OUTSIDE,
+    PRIOR,
+    SCATTER,
+    SINGLE,
+    TWO,
+    Case,
+    World,
+)
 from studies.hidden_effects.judging import Outcome, carry_out
 from studies.hidden_effects.outside_faults import FAULTS
 from studies.runner import Settings, header, row, share, shipped_plan
@@ -27,8 +38,8 @@ from tulip_testbed.effects.instruments import effects_on
 from tulip_testbed.sim.robot import load_robot
 
 ARMS = {
-    NOTHING: "nothing hidden",
-    SCATTER: "nothing hidden, plates scatter unlike their data sheet",
+    NOTHING: "nothing",
+    SCATTER: "nothing, plates scatter unlike their data sheet",
     PRIOR: "one effect, its size from the prior",
     SINGLE: "one effect, by its detectable size",
     TWO: "two effects",
@@ -38,7 +49,6 @@ ARMS = {
 FULL = {NOTHING: 200, SCATTER: 40, PRIOR: 120, SINGLE: 200, TWO: 60, LEFT_OUT: 60, OUTSIDE: 60}
 DYNAMIC = {NOTHING: 20, PRIOR: 80}  # cases in the full dynamics
 MULTIPLES = (0.5, 1.0, 2.0, 3.0, 4.0)  # of the minimum detectable size (MDE)
-CLEAR = (2.0, 3.0, 4.0)
 VERDICTS = ("none", "calibrated", "named", "described", "ambiguous", "unknown")
 SURE = VERDICTS[:4]  # the model is complete
 DOCUMENT = TypeAdapter(Outcome)

@@ -138,18 +138,13 @@ def _row(number: int) -> str:
 def _dynamics(settings: Settings, robot: Robot, plan: PosturePlan) -> Iterator[str]:
     """Clean days in the full dynamics, and a share of the faults in each of them."""
     labs = [
-        (settings.seed + 200 + k, PRESETS[k % 2], plan)
+        (settings.seed + 200 + k, PRESETS[k % 2], "dynamics", plan)
         for k in range(settings.count(LABORATORIES * len(PRESETS)))
     ]
-    days = settings.parallel("dynamics", dynamic_day, labs)
+    days = settings.parallel("dynamics", ordinary_day, labs)
     watched = [(day.laboratory.sensors, *_watched(day, plan)) for day in days]
     yield from _clean_table("Clean days, full dynamics", watched)
     kinds = range(settings.count(len(FAULTS)))
     arguments = [(days[k % len(days)], FAULTS[k], plan, settings.seed + 300 + k) for k in kinds]
     found = settings.parallel("faults in dynamics", faulty_day, arguments)
     yield from _fault_table("Faults from posture 40 on, full dynamics", found)
-
-
-def dynamic_day(seed: int, preset: str, plan: PosturePlan) -> Day:
-    """Measure a clean day in the full dynamics."""
-    return ordinary_day(seed, preset, "dynamics", plan)

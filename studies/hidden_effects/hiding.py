@@ -38,7 +38,8 @@ NOTHING, SCATTER, PRIOR, SINGLE = "nothing", "scatter", "prior", "single"
 TWO, LEFT_OUT, OUTSIDE = "two", "left out", "outside"
 ROBOTS = (0.05, 0.2)  # spread of masses and centres of mass at imperfections 1, see `sim.random_robots`
 SCATTERED = (0.5, 3.0)  # times the data sheet's placement_sd
-OUTSIDE_MULTIPLES = (4.0, 16.0)  # of the minimum detectable size
+CLEAR = (2.0, 3.0, 4.0)  # multiples of the minimum detectable size
+OUTSIDE_MULTIPLES = (4.0, 16.0)
 MOST_PRIORS = 8.0  # s.d.: no larger effect is hidden
 TRIAL = 0.1  # of a fault's typical amplitude, to measure what it shows
 LEAST_SIGNAL = 1e-6  # over the noise
@@ -80,7 +81,7 @@ class Trial:
     """A laboratory and what is wrong with it.
 
     Attributes:
-        faults: effects of the catalogue that are hidden, beside ordinary imperfections.
+        faults: effects of the catalogue that are hidden, in addition to ordinary imperfections.
         twins: for each of them the labels of what can look like it.
         label, right: of a fault outside the catalogue: its name and the right descriptions.
     """
@@ -125,8 +126,9 @@ def draw_trial(case: Case, world: World, stream: int, rng: np.random.Generator) 
     faults: list[EffectInstance] = []
     twins = []
     for kind in case.kinds:
-        beyond = STANDS_OUT * tolerances.get(kind, 0.0) * min(world.imperfections, 1.0)
-        fault, near = clear.draw(kind, beyond, {one.label for one in faults})
+        # A clear effect is no ordinary imperfection.
+        usual = tolerances.get(kind, 0.0) * min(world.imperfections, 1.0) * (case.multiple in CLEAR)
+        fault, near = clear.draw(kind, STANDS_OUT * usual, {one.label for one in faults})
         faults.append(fault)
         twins.append(near)
     return replace(_with(plain, tuple(faults)), twins=tuple(twins))

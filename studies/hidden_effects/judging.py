@@ -1,4 +1,4 @@
-"""What a discovery said of one case, compared with what was hidden."""
+"""Carry out one case and compare the result of the discovery with the hidden effect."""
 
 from __future__ import annotations
 
@@ -214,6 +214,14 @@ def _judged(known: Outcome, trial: Trial, found: Discovery, truth: np.ndarray) -
     calibration = found.selection.calibration
     half = t_ppf(0.975, calibration.interval_dof) * np.sqrt(np.diag(calibration.covariance))
     hidden = {one.label: one.values for one in trial.laboratory.hidden}
+    numbers = [
+        (value, interval)
+        for one in found.calibrated
+        for value, interval in zip(
+            hidden.get(one.label, len(one.values) * (0.0,)), one.intervals, strict=True
+        )
+        if interval is not None
+    ]
     return replace(
         known,
         verdict=found.verdict,
@@ -222,11 +230,7 @@ def _judged(known: Outcome, trial: Trial, found: Discovery, truth: np.ndarray) -
             Found(one.label, one.values) for one in sorted(found.calibrated, key=_clearness, reverse=True)
         ),
         sizes=tuple(held for one in trial.faults for held in _sizes_held(found, one)),
-        members=tuple(
-            held
-            for one in found.calibrated
-            for held in _held(one, hidden.get(one.label, (0.0,) * len(one.values)))
-        ),
+        members=tuple(bool(low <= value <= high) for value, (low, high) in numbers),
         base=tuple((np.abs(calibration.theta - truth) <= half).tolist()),
     )
 
@@ -243,11 +247,6 @@ def _clearness(one: EffectInstance) -> float:
     return max((abs(v) / max(high - low, 1e-300) for v, (low, high) in known), default=0.0)
 
 
-def _held(one: EffectInstance, true: Sequence[float]) -> list[bool]:
-    every = zip(true, one.intervals, strict=True)
-    return [bool(i[0] <= v <= i[1]) for v, i in every if i is not None]
-
-
 def _sizes_held(found: Discovery, hidden: EffectInstance) -> list[bool]:
     """Return whether the interval of each size of a correctly named effect holds the truth."""
     if found.verdict not in (NAMED, AMBIGUOUS):
@@ -262,8 +261,5 @@ def _description(candidate: Candidate) -> tuple[Description, ...]:
     if is_law(candidate):
         sentence = Sentence(*candidate.target.split("/"))
         return ((sentence.what, sentence.of),)
-    as_law = {name: (kind, of) for (kind, of, _), name in CATALOGUED.items()}
-    if candidate.effect.name not in as_law:
-        return ()
-    kind, of = as_law[candidate.effect.name]
-    return ((f"{kind}:{candidate.target}", of),)
+    as_law = [(kind, of) for (kind, of, _), name in CATALOGUED.items() if name == candidate.effect.name]
+    return tuple((f"{kind}:{candidate.target}", of) for kind, of in as_law[-1:])
