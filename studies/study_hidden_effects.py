@@ -149,7 +149,6 @@ def figures(outcomes: Sequence[Outcome]) -> list[Figure]:
     clear = [one for one in of(SINGLE) if one.case.multiple in CLEAR]
     shown = [one for one in of(PRIOR) if one.shows]
     of_base = [c for o in done if o.verdict in SURE for c in o.base]
-    left_out = [o.without_cause or o.twin_said for o in of(LEFT_OUT)]
     made = [
         Figure("nothing hidden: wrongly named", [o.wrong for o in of(NOTHING)], most=0.03),
         Figure("scattering plates: a gap is seen", [o.flagged for o in of(SCATTER)], most=0.02),
@@ -161,8 +160,8 @@ def figures(outcomes: Sequence[Outcome]) -> list[Figure]:
         Figure("from 2 MDE on: in the set", [o.in_set for o in clear], 0.95),
         Figure("size from the prior: right first, of those that show", [o.right_first for o in shown], 0.9),
         Figure("two effects: both found, nothing else", [o.exact for o in of(TWO)]),
-        Figure("left out: `unknown`, a law or a twin", left_out, 0.9),
-        Figure("outside: `unknown` or a law", [o.without_cause for o in of(OUTSIDE)], 0.9),
+        Figure("left out: `unknown`, a law or a twin", [o.open for o in of(LEFT_OUT)], 0.9),
+        Figure("outside: `unknown` or a law", [o.open for o in of(OUTSIDE)], 0.9),
         Figure("outside: the right law first", [o.law_right for o in of(OUTSIDE)]),
         Figure("wrong and confident, all cases", [o.wrong for o in done], most=0.03),
         Figure("95 % intervals of the effects' sizes hold", [c for o in done for c in o.sizes], 0.9, 0.98),

@@ -115,14 +115,10 @@ class Outcome:
         return (self.verdict == NAMED and not self.exact) or (self.verdict == DESCRIBED and not lawful)
 
     @property
-    def without_cause(self) -> bool:
-        """Whether no cause of the catalogue is reported: at most a law, whose cause is a guess."""
-        return self.verdict in ("unknown", DESCRIBED)
-
-    @property
-    def twin_said(self) -> bool:
-        """Whether an effect that the catalogue lacks is explained by its look-alikes alone."""
-        return self._told and set(self.names) <= set(self.twins[0])
+    def open(self) -> bool:
+        """Whether no wrong cause is reported where the catalogue lacks the right one: a law's is a guess."""
+        twins = self.case.arm == LEFT_OUT and self._told and set(self.names) <= set(self.twins[0])
+        return twins or self.verdict in ("unknown", DESCRIBED)
 
     @property
     def law_right(self) -> bool:
