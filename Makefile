@@ -2,13 +2,12 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 ORACLE := .venv-oracle
-ROBOTS := .venv-robots
 
 # Measured on two cores: 9.5 minutes with a process each. More than four repeat too much.
 SHARED := --numprocesses auto --maxprocesses 4 --dist worksteal
-STUDIES := $(patsubst studies/study_%.py,study-%,$(wildcard studies/study_*.py))
+STUDIES := $(subst _,-,$(patsubst studies/study_%.py,study-%,$(wildcard studies/study_*.py)))
 
-.PHONY: setup validate demo test test-all test-docs lint docs bench oracle test-robots studies $(STUDIES) study-plan teaching pictures constraints clean
+.PHONY: setup validate demo test test-all test-docs lint docs bench oracle studies $(STUDIES) study-plan teaching pictures constraints clean
 
 validate: setup  ## set up, then the main job: simulate, identify, compare, verdict
 	$(BIN)/tulip validate --out runs/validate-$$(date +%Y%m%d-%H%M%S)
@@ -50,7 +49,7 @@ bench: setup  ## ratios of times, in one run
 # (base/threads.py); with more, products of small matrices wait for each other on a busy machine.
 oracle: export OPENBLAS_NUM_THREADS = 1
 oracle: $(ORACLE)/.done  ## ask Pinocchio and FIGAROH anew (2 GB), compare, time against FIGAROH
-	$(ORACLE)/bin/python -W ignore::RuntimeWarning -m studies.ask_oracles
+	$(ORACLE)/bin/python -W ignore::RuntimeWarning -m tests.ask_oracles
 	$(ORACLE)/bin/python -m pytest -q tests/test_oracle.py
 	$(ORACLE)/bin/python -m pytest -q -s tests/benchmarks/test_figaroh.py -o addopts= --benchmark-only
 
@@ -58,15 +57,6 @@ $(ORACLE)/.done: constraints.txt pyproject.toml
 	$(PYTHON) -m venv $(ORACLE)
 	$(ORACLE)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r constraints.txt
 	$(ORACLE)/bin/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[oracle]'
-	@touch $@
-
-test-robots: $(ROBOTS)/.done  ## published robots (131 MB) through every command; TULIP_ROBOTS: folder of more
-	$(ROBOTS)/bin/python -m studies robots
-
-$(ROBOTS)/.done: constraints.txt pyproject.toml
-	$(PYTHON) -m venv $(ROBOTS)
-	$(ROBOTS)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r constraints.txt
-	$(ROBOTS)/bin/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[robots]'
 	@touch $@
 
 studies: setup  ## list the studies, each with the page that it is for and its time
@@ -78,7 +68,7 @@ $(STUDIES): study-%: setup  ## make the tables of one study (`make studies` list
 study-plan: setup  ## docs/studies/planning.md's Table I: six trials of optimal postures
 	$(BIN)/tulip plan --table1 --out runs/plan-$$(date +%Y%m%d-%H%M%S)
 
-teaching: setup  ## docs/pictures: film, signatures, clouds (one to three minutes; needs libosmesa6)
+teaching: setup  ## docs/pictures: the signatures of all effects (a minute)
 	MUJOCO_GL=disable $(BIN)/python -m studies.teaching
 
 pictures: teaching  ## the README's pictures too (needs libosmesa6, mesa-vulkan-drivers, chromium)
@@ -90,4 +80,4 @@ constraints: setup  ## pin the dependencies anew
 	  --python-version 3.11 -o constraints.txt
 
 clean:
-	rm -rf $(VENV) $(ORACLE) $(ROBOTS) build *.egg-info
+	rm -rf $(VENV) $(ORACLE) build *.egg-info

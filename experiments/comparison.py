@@ -9,7 +9,6 @@ from tulip_testbed.base.column import Column
 from tulip_testbed.base.document import flattened
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.table import Cell, Table
-from tulip_testbed.experiments.campaigns.campaign_record import CampaignRecord
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
 from tulip_testbed.experiments.records import Record
@@ -41,10 +40,6 @@ def compare(first: Record, second: Record) -> dict[str, Any]:
     Raises:
         InputError: runs that cannot be compared; says why.
     """
-    if isinstance(first, CampaignRecord) or isinstance(second, CampaignRecord):
-        raise InputError("runs: found a campaign, expected runs of one experiment each")
-    assert not isinstance(first, CampaignRecord)
-    assert not isinstance(second, CampaignRecord)
     _check_alike(first, second)
     both = [_models(first), _models(second)]
     return {

@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import overload
 
-from tulip_testbed.experiments.campaigns.campaign_record import CampaignRecord, read_campaign
-from tulip_testbed.experiments.campaigns.campaign_run import Campaign
 from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord, discovery_record, read_discovery
 from tulip_testbed.experiments.laboratory import Run
@@ -21,12 +19,10 @@ from tulip_testbed.experiments.validate import Validation, judge
 from tulip_testbed.experiments.validation_record import ValidationRecord, read_validation, validation_record
 from tulip_testbed.sim.robot import Robot
 
-Record = ValidationRecord | MonteCarloRecord | DiscoveryRecord | CampaignRecord
-Result = Run | Validation | MonteCarlo | Discovered | Campaign
+Record = ValidationRecord | MonteCarloRecord | DiscoveryRecord
+Result = Run | Validation | MonteCarlo | Discovered
 
 
-@overload
-def record_of(result: Campaign) -> CampaignRecord: ...
 @overload
 def record_of(result: Discovered) -> DiscoveryRecord: ...
 @overload
@@ -41,8 +37,6 @@ def record_of(result: Result) -> Record:
     Raises:
         InputError: measurements of a run that do not suffice to identify the robot.
     """
-    if isinstance(result, Campaign):
-        return result.record
     if isinstance(result, Discovered):
         return discovery_record(result)
     if isinstance(result, MonteCarlo):
@@ -60,6 +54,5 @@ def read_record(folder: Path, robot: Robot) -> Record:
         "validation": read_validation,
         "Monte Carlo": read_montecarlo,
         "discovery": read_discovery,
-        "campaign": read_campaign,
     }
     return readers[run_kind(folder)](folder, robot)

@@ -21,7 +21,7 @@ from tulip_testbed.sim.robot import Robot
 RUN_FILE, PLAN_FOLDER, MEASUREMENT_FOLDER = "run.json", "plan", "measurements"
 FORMATS = ("tulip-run", "tulip-montecarlo")
 VERSION = 1
-RunKind = Literal["validation", "discovery", "Monte Carlo", "campaign"]
+RunKind = Literal["validation", "discovery", "Monte Carlo"]
 
 
 class Head(Document):
@@ -243,5 +243,4 @@ def _run_kind(where: Path) -> RunKind:
         )
     if head.format == "tulip-montecarlo":
         return "Monte Carlo"
-    kinds: dict[str, RunKind] = {"discover": "discovery", "campaign": "campaign"}
-    return kinds.get(head.command, "validation")
+    return "discovery" if head.command == "discover" else "validation"

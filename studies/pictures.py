@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from studies.shrinkage import shrinkage
 from tests.looking import browse, headless_viewer
 from tulip_testbed.cli.main import main as tulip
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
@@ -36,7 +35,6 @@ DRAWN_BY = 6.0  # s, until rerun's notes at its start are gone
 
 def main() -> None:
     _save(PICTURES / "postures.png", _postures())
-    _save(PICTURES / "shrinkage.png", shrinkage())
     with tempfile.TemporaryDirectory() as scratch:
         run = Path(scratch) / "first"
         with redirect_stdout(io.StringIO()):

@@ -1,14 +1,13 @@
 """Run a study by its name and print its tables as Markdown, below the command that made them.
 
-The study NAME is the module `studies/study_NAME.py`. It holds `SETTINGS`, those of the published tables, and
-`study(settings)`, which yields lines of Markdown as soon as they are known. The first line of its docstring
-is its entry in the list of studies.
+The study NAME is the module `studies/study_NAME.py`, with `_` for `-`. It holds `SETTINGS`, those of the
+published tables, and `study(settings)`, which yields lines of Markdown as soon as they are known. The first
+line of its docstring is its entry in the list of studies.
 """
 
 from __future__ import annotations
 
 import ast
-import dataclasses
 import importlib
 import os
 import shlex
@@ -20,21 +19,16 @@ from pathlib import Path
 from typing import Any
 
 import joblib
-import numpy as np
 import tyro
+from scipy.stats import binomtest
 
 from tulip_testbed.base.errors import InputError, look_up
 from tulip_testbed.base.files import write_text
 from tulip_testbed.cli.terminal import progress
 from tulip_testbed.experiments.usable_plan import DEFAULT_PLAN
-from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.robot import Robot
-
-MEASURED_ROWS = (
-    *("posture", "placement", "support", "time", "window", "samples", "joint_angles", "joint_angles_sd"),
-    *("command", "motor", "cell_forces", "cell_forces_sd", "plate_poses"),
-)
 
 
 @dataclass(frozen=True)
@@ -81,7 +75,7 @@ def main(arguments: list[str]) -> int:
     found, name = studies(), arguments[0] if arguments else "--help"
     if name in ("-h", "--help"):
         print("usage: python -m studies NAME [OPTIONS]; python -m studies NAME --help tells the options\n")
-        print("\n".join(f"  {name:12} {sentence}" for name, sentence in found.items()))
+        print("\n".join(f"  {name:14} {sentence}" for name, sentence in found.items()))
         return 0
     try:
         run(look_up("study", name, found, "NAME"), arguments[1:])
@@ -94,7 +88,9 @@ def main(arguments: list[str]) -> int:
 def studies() -> dict[str, str]:
     """Return what each study does by its name, read from the modules without importing them."""
     return {
-        path.stem.removeprefix("study_"): str(ast.get_docstring(ast.parse(path.read_text()))).split("\n")[0]
+        path.stem.removeprefix("study_").replace("_", "-"): str(
+            ast.get_docstring(ast.parse(path.read_text()))
+        ).split("\n")[0]
         for path in sorted(Path(__file__).parent.glob("study_*.py"))
     }
 
@@ -105,10 +101,10 @@ def run(name: str, arguments: list[str]) -> None:
     Raises:
         InputError: a part that the study does not have, or another setting that the study refuses.
     """
-    module = importlib.import_module(f"studies.study_{name}")
+    module = importlib.import_module(f"studies.study_{name.replace('-', '_')}")
     prog = f"python -m studies {name}"
     settings = tyro.cli(
-        Settings, prog=prog, description=module.__doc__, args=arguments, default=module.SETTINGS
+        type(module.SETTINGS), prog=prog, description=module.__doc__, args=arguments, default=module.SETTINGS
     )
     for part in settings.only:
         look_up("part", part, module.SETTINGS.only, "--only")
@@ -143,9 +139,9 @@ def shipped_plan(robot: Robot, placements: int | None = None) -> PosturePlan:
     return plan if placements is None else plan.take(plan.placement <= placements)
 
 
-def rows_of(m: Measurements, rows: np.ndarray) -> Measurements:
-    """Return some rows of a measurement folder."""
-    chosen: dict[str, Any] = {
-        name: getattr(m, name)[rows] for name in MEASURED_ROWS if getattr(m, name) is not None
-    }
-    return dataclasses.replace(m, **chosen)
+def share(count: int, of: int) -> str:
+    """Return a count and its share with the exact 95 % interval (Clopper and Pearson 1934)."""
+    if not of:
+        return "no case"
+    low, high = binomtest(count, of).proportion_ci(0.95, "exact")
+    return f"{count} of {of} ({count / of:.3f}; {low:.3f} to {high:.3f})"

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.runner import Settings, header, row, rows_of, shipped_plan
+from studies.runner import Settings, header, row, shipped_plan
 from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
 from tulip_testbed.calibration.usual_changes import usual_changes
 from tulip_testbed.experiments.laboratory import Laboratory
@@ -41,14 +41,7 @@ def edited(name: str, change: Callable[[np.ndarray, Measurements, np.random.Gene
     return fault
 
 
-def forces(change: Callable[[np.ndarray, Measurements, np.random.Generator], None]) -> Fault:
-    """Make a fault of a function that edits the averages of the cells, (m, 8)."""
-    return edited("cell_forces", change)
-
-
-def angles(change: Callable[[np.ndarray, Measurements, np.random.Generator], None]) -> Fault:
-    """Make a fault of a function that edits the joint angles, (m, n)."""
-    return edited("joint_angles", change)
+forces, angles = partial(edited, "cell_forces"), partial(edited, "joint_angles")
 
 
 def poses(change: Callable[[np.ndarray, np.random.Generator], None]) -> Fault:
@@ -63,29 +56,25 @@ def poses(change: Callable[[np.ndarray, np.random.Generator], None]) -> Fault:
     return edited("plate_poses", edit)
 
 
-def any_cell(rng: np.random.Generator) -> int:
-    return int(rng.integers(8))
-
-
 def gain(values: np.ndarray, m: Measurements, rng: np.random.Generator) -> None:
-    values[:, any_cell(rng)] *= 1.1
+    values[:, rng.integers(8)] *= 1.1
 
 
 def tare(values: np.ndarray, m: Measurements, rng: np.random.Generator) -> None:
-    values[:, any_cell(rng)] += rng.choice([-5.0, 5.0])
+    values[:, rng.integers(8)] += rng.choice([-5.0, 5.0])
 
 
 def drift(values: np.ndarray, m: Measurements, rng: np.random.Generator) -> None:
-    values[:, any_cell(rng)] += 5.0 * (m.time - m.time[0]) / (m.time[-1] - m.time[0])
+    values[:, rng.integers(8)] += 5.0 * (m.time - m.time[0]) / (m.time[-1] - m.time[0])
 
 
 def saturate(values: np.ndarray, m: Measurements, rng: np.random.Generator) -> None:
-    cell = any_cell(rng)
+    cell = rng.integers(8)
     values[:, cell] = np.minimum(values[:, cell], np.quantile(values[:, cell], 0.8))
 
 
 def unplug(values: np.ndarray, m: Measurements, rng: np.random.Generator) -> None:
-    values[:, any_cell(rng)] = (m.sensors.cell_sd or 0.0) * rng.standard_normal(len(m))
+    values[:, rng.integers(8)] = (m.sensors.cell_sd or 0.0) * rng.standard_normal(len(m))
 
 
 def in_kilograms(values: np.ndarray, m: Measurements, rng: np.random.Generator) -> None:
@@ -108,7 +97,7 @@ def swap_plates(values: np.ndarray, m: Measurements, rng: np.random.Generator) -
 
 def transpose_digits(values: np.ndarray, m: Measurements, rng: np.random.Generator) -> None:
     """Write 36 for 63: the error is nine times the difference of the digits."""
-    values[rng.integers(len(m)), any_cell(rng)] += 9.0 * rng.choice([-3, -2, 2, 3])
+    values[rng.integers(len(m)), rng.integers(8)] += 9.0 * rng.choice([-3, -2, 2, 3])
 
 
 def paste_row(m: Measurements, rng: np.random.Generator) -> Measurements:
@@ -207,7 +196,7 @@ FAULTS: dict[str, Fault] = {
 
 HEALTHY: dict[str, Callable[[Measurements], Measurements]] = {
     "whole folder": lambda m: m,
-    "first fifteen placements": lambda m: rows_of(m, m.placement <= 15),
+    "first fifteen placements": lambda m: m.take(m.placement <= 15),
     "no weighed mass": lambda m: dataclasses.replace(m, weighed_mass=None),
     "nothing known of the sensors": lambda m: dataclasses.replace(m, sensors=SensorSheet()),
 }

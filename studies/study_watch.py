@@ -1,7 +1,7 @@
-"""Count how soon `tulip watch` notices faults, its false alarms, and the coverage of days that stop early.
+"""Count the false alarms of `tulip watch`, and how soon it notices faults (docs/studies/watch.md; an hour).
 
-The parts: `clean` days, `faults` that begin at posture 40, slow `drifts` (all by statics), `dynamics`, days
-and faults in the full dynamics, and `stopping` (docs/studies/watch.md; an hour and a half on one core).
+The parts: `clean` days, `faults` that begin at posture 40 and slow `drifts`, all by statics, and `dynamics`, days
+and faults in the full dynamics.
 """
 
 from __future__ import annotations
@@ -9,10 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-import scipy
 
-from studies.runner import Settings, header, row, shipped_plan
-from studies.stopped_days import RULES, Stopped, stopped_days
+from studies.runner import Settings, header, row, share, shipped_plan
 from studies.watched_days import (
     DRIFTS,
     FAULTS,
@@ -28,12 +26,11 @@ from tulip_testbed.base.errors import InputError
 from tulip_testbed.measurements import PosturePlan
 from tulip_testbed.sim.robot import Robot, load_robot
 
-SETTINGS = Settings(seed=12000, workers=1, only=("clean", "faults", "drifts", "dynamics", "stopping"))
+SETTINGS = Settings(seed=12000, workers=1, only=("clean", "faults", "drifts", "dynamics"))
 PRESETS = ("wii", "force-plate")
-CLEAN, STOPPED = 50, 1000
+CLEAN = 50
 LABORATORIES = 2  # a preset, in the full dynamics
 TRIES, ANOTHER = 5, 1000  # laboratories for a fault, and the distance of their seeds
-CHUNK = 50  # stopped days of one process
 
 
 def study(settings: Settings) -> Iterator[str]:
@@ -45,7 +42,6 @@ def study(settings: Settings) -> Iterator[str]:
         "faults": _faults,
         "drifts": _drifts,
         "dynamics": _dynamics,
-        "stopping": _stopping,
     }
     for part, make in parts.items():
         if part in settings.only:
@@ -142,66 +138,13 @@ def _row(number: int) -> str:
 def _dynamics(settings: Settings, robot: Robot, plan: PosturePlan) -> Iterator[str]:
     """Clean days in the full dynamics, and a share of the faults in each of them."""
     labs = [
-        (settings.seed + 200 + k, PRESETS[k % 2], plan)
+        (settings.seed + 200 + k, PRESETS[k % 2], "dynamics", plan)
         for k in range(settings.count(LABORATORIES * len(PRESETS)))
     ]
-    days = settings.parallel("dynamics", dynamic_day, labs)
+    days = settings.parallel("dynamics", ordinary_day, labs)
     watched = [(day.laboratory.sensors, *_watched(day, plan)) for day in days]
     yield from _clean_table("Clean days, full dynamics", watched)
     kinds = range(settings.count(len(FAULTS)))
     arguments = [(days[k % len(days)], FAULTS[k], plan, settings.seed + 300 + k) for k in kinds]
     found = settings.parallel("faults in dynamics", faulty_day, arguments)
     yield from _fault_table("Faults from posture 40 on, full dynamics", found)
-
-
-def dynamic_day(seed: int, preset: str, plan: PosturePlan) -> Day:
-    """Measure a clean day in the full dynamics."""
-    return ordinary_day(seed, preset, "dynamics", plan)
-
-
-def _stopping(settings: Settings, robot: Robot, plan: PosturePlan) -> Iterator[str]:
-    whole = settings.count(STOPPED)
-    chunks = [min(CHUNK, whole - first) for first in range(0, whole, CHUNK)]
-    arguments = [(PRESETS[k % 2], settings.seed + 400 + k, count) for k, count in enumerate(chunks)]
-    results = settings.parallel("stopped days", stopped_chunk, arguments)
-    yield "\n**Days that stop**\n"
-    yield header(
-        "sensors", "rule", "days", "rows: median (least, most)", "coverage of 95 % (interval)", "error / s.e."
-    )
-    for preset in (*PRESETS, "all"):
-        own = [
-            one
-            for (p, *_), part in zip(arguments, results, strict=True)
-            if preset in (p, "all")
-            for one in part
-        ]
-        for rule in RULES:
-            yield _stopped_row(
-                preset, rule, [one for one in own if one.rule == rule and np.isfinite(one.covered)]
-            )
-
-
-def stopped_chunk(preset: str, seed: int, count: int) -> list[Stopped]:
-    """Simulate some days that stop."""
-    robot = load_robot()
-    return list(stopped_days(robot, shipped_plan(robot), preset, seed, count))
-
-
-def _stopped_row(preset: str, rule: str, days: Sequence[Stopped]) -> str:
-    rows, covered = [one.rows for one in days], np.array([one.covered for one in days])
-    half = 1.96 * covered.std(ddof=1) / np.sqrt(len(days)) if len(days) > 1 else np.nan
-    return row(
-        preset,
-        rule,
-        len(days),
-        f"{np.median(rows):.0f} ({min(rows)}, {max(rows)})",
-        f"{covered.mean():.4f} ({covered.mean() - half:.4f} to {covered.mean() + half:.4f})",
-        f"{np.sqrt(np.mean([one.ratio**2 for one in days])):.3f}",
-    )
-
-
-def share(count: int, of: int) -> str:
-    """Return a count with the exact interval of its share (Clopper and Pearson 1934)."""
-    low = scipy.stats.beta.ppf(0.025, count, of - count + 1) if count else 0.0
-    high = scipy.stats.beta.ppf(0.975, count + 1, of - count) if count < of else 1.0
-    return f"{count} of {of} ({low:.3f} to {high:.3f})"

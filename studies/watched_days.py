@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from studies.runner import MEASURED_ROWS
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.calibration.ordinary_laboratory import ordinary_members
 from tulip_testbed.effects.catalogue import catalogue
@@ -23,9 +22,10 @@ from tulip_testbed.experiments.watching.watch_row import CHANGED, OK, Verdict, w
 from tulip_testbed.experiments.watching.watch_state import first_state
 from tulip_testbed.identification.distributions import chi2_isf
 from tulip_testbed.measurements import Measurements, PosturePlan
+from tulip_testbed.measurements.data import OF_ROWS
 from tulip_testbed.sim.random_robots import draw_robot, edit_of
 from tulip_testbed.sim.rig import preset_rig
-from tulip_testbed.sim.robot import Robot, load_robot
+from tulip_testbed.sim.robot import load_robot
 
 ONSET = 40  # posture from which a fault is there
 POWER = 1.2816  # normal quantile: an MDE is found with 90 % probability
@@ -103,15 +103,13 @@ class FaultyDay:
     """The result of a day with a fault.
 
     Attributes:
-        multiple: of the MDE. size: in plausible sizes. began: row. detectable, noticed: rows; -1: never.
+        multiple: of the MDE. began: row. detectable, noticed: rows; -1: never.
         verdict: with which it was noticed. told: the cause that was named. early: a false alarm before.
     """
 
     kind: Kind
     preset: str
-    engine: str
     multiple: float
-    size: float
     began: int
     detectable: int
     noticed: int
@@ -130,9 +128,9 @@ class FaultyDay:
         return not self.early and 0 <= self.noticed <= self.detectable + 3
 
 
-def ordinary_day(seed: int, preset: str, engine: str, plan: PosturePlan, robot: Robot | None = None) -> Day:
+def ordinary_day(seed: int, preset: str, engine: str, plan: PosturePlan) -> Day:
     """Draw a random robot in an ordinary laboratory and measure a plan with it."""
-    robot = robot or load_robot()
+    robot = load_robot()
     rng = np.random.default_rng([seed, len(preset)])
     for _ in range(TRIES):
         stream = int(rng.integers(2**31))
@@ -205,15 +203,11 @@ def direction_of(model: DayModel, kind: Kind) -> int:
     raise AssertionError(label)
 
 
-def faulty_day(day: Day, kind: Kind, plan: PosturePlan, seed: int, start: float | None = None) -> FaultyDay:
-    """Let a fault begin in a day and play it.
-
-    Args:
-        start: of the fault [s]; that of posture `ONSET` if None.
-    """
+def faulty_day(day: Day, kind: Kind, plan: PosturePlan, seed: int) -> FaultyDay:
+    """Let a fault begin at posture `ONSET` of a day and play it."""
     rng = np.random.default_rng([seed, 99])
     model = day_model(plan, day.laboratory.robot, day.rows)
-    start = float(day.rows.time[day.rows.posture >= ONSET].min()) if start is None else start
+    start = float(day.rows.time[day.rows.posture >= ONSET].min())
     began = int((day.rows.time < start).sum())
     direction = direction_of(model, kind)
     _, information = known_ratio(model, day.rows, direction, began)
@@ -238,9 +232,7 @@ def faulty_day(day: Day, kind: Kind, plan: PosturePlan, seed: int, start: float 
     return FaultyDay(
         kind=kind,
         preset=day.laboratory.sensors,
-        engine=day.engine,
         multiple=multiple,
-        size=size,
         began=began,
         detectable=int(found[0]) if len(found) else -1,
         noticed=noticed,
@@ -295,6 +287,9 @@ def _same_unit(kind: Kind) -> float:
 
 def joined_rows(first: Measurements, then: Measurements) -> Measurements:
     """Return the rows of one measurement after those of another."""
-    there = [name for name in MEASURED_ROWS if getattr(first, name) is not None]
-    both = {name: np.concatenate([getattr(first, name), getattr(then, name)]) for name in there}
+    both = {
+        name: np.concatenate([getattr(first, name), getattr(then, name)])
+        for name in OF_ROWS
+        if getattr(first, name) is not None
+    }
     return replace(first, **both)  # pyrefly: ignore[bad-argument-type]

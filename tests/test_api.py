@@ -216,7 +216,6 @@ def test_every_command_has_its_function():
         "protocol": tt.protocol,
         "discover": tt.discover,
         "next": tt.next_experiment,
-        "campaign": tt.campaign,
         "effects": tt.effects.catalogue,
         "atlas": tt.atlas,
         "view": tt.view,
@@ -228,7 +227,7 @@ def test_every_command_has_its_function():
         "watch": tt.watch,
     }
     assert all(callable(function) for function in offered.values())
-    assert set(COMMANDS) - set(offered) == {"model", "tolerance", "compare", "benchmark"}
+    assert set(COMMANDS) - set(offered) == {"model", "tolerance", "compare"}
 
 
 def test_a_plan_is_searched_for(robot):

@@ -7,7 +7,6 @@ import re
 import numpy as np
 import pytest
 
-from studies.runner import rows_of
 from studies.study_check import FAULTS, HEALTHY
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.cli.main import main
@@ -46,7 +45,7 @@ def test_every_statistical_check_has_its_share_of_the_level(wii, nominal):
 def test_a_check_without_power_does_not_pass(wii, nominal):
     """Four placements for 25 parameters: a plate 100 mm off would not be detected."""
     measured = wii.run.measurements
-    few = rows_of(measured, measured.placement <= 4)
+    few = measured.take(measured.placement <= 4)
     finding = found(few, nominal)["single placements"]
     assert finding.result == "not evaluated"
     assert "no power" in finding.seen

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from studies.runner import rows_of
+from studies.hidden_effects.outside_faults import FAULTS
 from tests.effect_changes import DISCOVERY_SEED as SEED
 from tests.effect_changes import measured
 from tulip_testbed.base.errors import InputError
@@ -24,7 +24,6 @@ from tulip_testbed.discovery.patterns import patterns
 from tulip_testbed.discovery.story import WORTHWHILE, story
 from tulip_testbed.effects.injection import edited
 from tulip_testbed.effects.instance import check_instances
-from tulip_testbed.experiments.benchmark.outside_faults import OUTSIDE
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.identification.observation import observe
 from tulip_testbed.identification.residual_noise import noise_of
@@ -154,7 +153,7 @@ def test_an_ordinary_laboratory_has_no_single_cause(robot, plan, preset):
 
 def test_without_times_a_lost_posture_may_mean_a_foot_put_down_anew(robot, plan, nominal):
     m = measured(robot, plan.take(plan.placement <= 2), "ideal")
-    kept = rows_of(m, (m.posture != 3) & ~np.isin(np.arange(len(m)), _repeats(m)))
+    kept = m.take((m.posture != 3) & ~np.isin(np.arange(len(m)), _repeats(m)))
     timed, timeless = (observe(one, nominal).stance for one in (kept, _timeless(kept)))
     assert timed.tolist() == timeless.tolist()
     assert len(np.unique(timeless)) == 3
@@ -222,7 +221,7 @@ def test_two_effects_are_both_named(robot, plan):
 @pytest.mark.slow
 def test_what_neither_the_catalogue_nor_a_law_says_is_unknown(robot, plan):
     """A cable that pulls on one side only: no law has a force that follows the posture."""
-    (slack,) = [one for one in OUTSIDE if one.name == "cable-slack"]
+    (slack,) = [one for one in FAULTS if one.name == "cable-slack"]
     rig = slack.inject(preset_rig("force-plate", robot), 7, 20.0)
     data = run_statics(solve_plan(rig, plan), [np.random.SeedSequence(SEED)])[0].measurements
     found = discover(data, robot)

@@ -1,4 +1,4 @@
-"""Broken folders and robots end in a right result or in one message: a part of `make study-fuzz`."""
+"""Broken folders and robots end in a right result or in one message (tests/fuzz)."""
 
 import json
 import math

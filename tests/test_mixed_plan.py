@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from studies.improve.single_support import holding_torques
-from studies.study_mixed import ratios
+from tests.holding import holding_torques
 from tests.test_cli import refused
 from tests.test_link_clearances import Collisions
 from tulip_testbed import plans
 from tulip_testbed.experiments.laboratory import Laboratory
+from tulip_testbed.experiments.parameter_tables import read_reported
 from tulip_testbed.experiments.plan_description import described_plan, regressor_by_mujoco
 from tulip_testbed.identification.base_parameters import base_parameters, common_support
 from tulip_testbed.identification.planning.closed_chain import chain_at
@@ -211,7 +211,12 @@ def test_the_shipped_plan_promises_a_third_of_the_papers_errors(robot):
     assert counts == {"double": 20, "right": 44, "left": 44}
     said = described_plan(robot, plan, "wii")
     names = base_parameters(robot, support="mixed").names
-    share = ratios(np.array(said["predicted_standard_error_mm"]), names)
+    reported = read_reported(robot)
+    assert reported is not None
+    columns = ("full_mm", "full_rel_se_percent")
+    table = np.array([[one[each] for each in columns] for one in reported.parameters.values()], float)
+    rows = [names.index(name) for name in base_parameters(robot).names]
+    share = np.array(said["predicted_standard_error_mm"])[rows] / (np.abs(table).prod(axis=1) / 100)
     assert np.median(share) < 0.2
     assert share.max() < 0.8
     assert min(margin["value"] for margin in said["margins"].values()) > -1e-6

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -27,12 +26,9 @@ from tulip_testbed.discovery.next_experiment import (
     within_limits,
 )
 from tulip_testbed.effects.instance import EffectInstance
-from tulip_testbed.experiments.campaigns.campaign_record import read_campaign
 from tulip_testbed.experiments.laboratory import Laboratory
 from tulip_testbed.experiments.proposed_experiment import Proposals, read_experiment, write_experiment_plan
 from tulip_testbed.measurements import Experiment, joined
-from tulip_testbed.pages.page import html
-from tulip_testbed.pages.report_page import page_of
 
 SEED = 31
 
@@ -176,53 +172,6 @@ def test_a_folder_without_an_experiment_is_refused(few, tmp_path):
 
 
 @pytest.mark.slow
-def test_tilt_against_tether_is_settled_by_removing_the_cable(lab, tmp_path):
-    made, folder = lab.with_effects("tether=5,0"), tmp_path / "campaign"
-    found = tt.campaign(made, tt.plans.random, seed=3, folder=folder)
-    one, two = found.steps
-    assert one.verdict == "ambiguous"
-    assert {"tether", "tilt"} <= {each.label for each in one.explanations}
-    assert two.manipulations == ["cable removed"]
-    assert found.verdict == "named"
-    assert [each.split("=")[0] for each in two.adopted] == ["tether"]
-    assert two.error_mm < one.error_mm
-    _is_a_run_of_its_own(found, folder, made)
-
-
-def _is_a_run_of_its_own(found, folder, made):
-    """Read, draw, stop and resume, and refuse a second time."""
-    record = read_campaign(folder, made.robot)
-    assert record.steps == found.steps
-    text = html(page_of(record))
-    assert "cable removed" in text
-    assert "http://" not in text.split("<script")[0]
-    tt.view(folder, save=folder.parent / "campaign.rrd")
-    with pytest.raises(InputError, match="has ended"):
-        tt.campaign(made, tt.plans.random, seed=3, folder=folder)
-    stopped = folder.parent / "stopped"
-    shutil.copytree(folder, stopped)
-    (stopped / "run.json").unlink()
-    shutil.rmtree(stopped / "2")
-    with pytest.raises(InputError, match="another configuration"):
-        tt.campaign(made, tt.plans.random, seed=4, folder=stopped)
-    table = stopped / "1" / "measurements" / "postures.csv"
-    kept = table.read_bytes()
-    table.write_bytes(kept + b"\n")
-    with pytest.raises(InputError, match=r"postures\.csv: hash mismatch"):
-        tt.campaign(made, tt.plans.random, seed=3, folder=stopped)
-    table.write_bytes(kept)
-    (stopped / "2").mkdir()
-    (stopped / "2" / "notes.txt").write_text("mine")
-    with pytest.raises(InputError, match=r"found no step\.json"):
-        tt.campaign(made, tt.plans.random, seed=3, folder=stopped)
-    shutil.rmtree(stopped / "2")
-    again = tt.campaign(made, tt.plans.random, seed=3, folder=stopped)
-    timed = {"wall_s": 0.0, "files": {}}
-    plain = [one.model_copy(update=timed) for one in again.steps]
-    assert plain == [one.model_copy(update=timed) for one in found.steps]
-
-
-@pytest.mark.slow
 def test_two_cells_tares_are_settled_by_turning_the_plate(lab, tmp_path):
     made = lab.with_effects("cell-tare:right.front_left=0.8")
     data = [tmp_path / "first", tmp_path / "second"]
@@ -241,18 +190,3 @@ def test_two_cells_tares_are_settled_by_turning_the_plate(lab, tmp_path):
     assert [one.label for one in both.adopted] == ["cell-tare:right.front_left"]
     (low, high), *_ = [one for one in both.adopted[0].intervals if one is not None]
     assert low < 0.8 < high
-
-
-@pytest.mark.parametrize(
-    ("asked", "message"),
-    [
-        ({"experiments": 0}, "experiments: found 0"),
-        ({"minutes": float("nan")}, "minutes: found nan"),
-        ({"minutes": 1.0}, "minutes: found 1, expected 210 or more"),
-    ],
-)
-def test_a_budget_that_cannot_be_leaves_nothing_behind(asked, message, robot, tmp_path):
-    made = Laboratory(robot, "force-plate").with_effects("tether=5,0")
-    with pytest.raises(InputError, match=message):
-        tt.campaign(made, tt.plans.random, folder=tmp_path / "campaign", **asked)
-    assert not list(tmp_path.iterdir())

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from studies.improve.single_support import holding_torques
+from tests.holding import holding_torques
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.atlases.planned_experiment import usable
 from tulip_testbed.experiments.identify import identify

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from studies.study_check import rows_of
 from tulip_testbed.identification.center_of_pressure import center_of_pressure
 from tulip_testbed.identification.estimators import least_squares
 from tulip_testbed.identification.noise_structure import Groups, groups
@@ -44,14 +43,14 @@ def test_stated_noise_is_what_drawing_it_gives(wii, nominal):
     """Covariance of CoP minus CoM of one posture, cells and encoders drawn 4000 times."""
     measured = wii.run.measurements
     rng, count = np.random.default_rng(112), 4000
-    one = rows_of(measured, np.full(count, 50))
+    one = measured.take(np.full(count, 50))
     drawn = dataclasses.replace(
         one,
         cell_forces=one.cell_forces + measured.sensors.cell_sd * rng.standard_normal((count, 8)),
         joint_angles=one.joint_angles + measured.sensors.encoder_sd * rng.standard_normal((count, 12)),
     )
     error = center_of_pressure(drawn) - nominal.center_of_mass(drawn.joint_angles)
-    stated = reading_noise(rows_of(measured, np.array([50])), nominal).own[0]
+    stated = reading_noise(measured.take(np.array([50])), nominal).own[0]
     assert np.cov(error.T) == pytest.approx(stated, rel=0.1, abs=0.05 * stated.max())
 
 
@@ -171,7 +170,7 @@ def test_a_run_is_as_improbable_as_it_says():
 def test_no_folder_that_can_be_read_breaks_the_preflight(
     precise, nominal, count, scale, angle, force, pose, sd, flat, alike
 ):
-    part = rows_of(precise, np.zeros(count, dtype=int) if alike else np.arange(count))
+    part = precise.take(np.zeros(count, dtype=int) if alike else np.arange(count))
     rest = 1e-9 if flat else 1.0
     odd = dataclasses.replace(
         part,

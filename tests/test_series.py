@@ -8,7 +8,6 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 
-from studies.study_check import rows_of
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.base.files import sha256
 from tulip_testbed.identification.preflight.settling import series_agrees, settling, steady_windows
@@ -36,7 +35,7 @@ def raw_series(measured, rng, correlation=0.0):
 @pytest.fixture(scope="module")
 def part(wii):
     """Two placements with repeats among them."""
-    return rows_of(wii.run.measurements, wii.run.measurements.placement <= 3)
+    return wii.run.measurements.take(wii.run.measurements.placement <= 3)
 
 
 def write_series(folder, series, joints):
@@ -101,9 +100,7 @@ def test_settling_is_a_test_at_its_level_even_with_nothing_stated(part):
         part, sensors=dataclasses.replace(part.sensors, encoder_sd=None, cell_sd=None)
     )
     p_values = [
-        settling(
-            rows_of(unknown, np.array([row])), raw_series(rows_of(unknown, np.array([row])), rng)
-        ).p_value
+        settling(unknown.take(np.array([row])), raw_series(unknown.take(np.array([row])), rng)).p_value
         for rng in np.random.default_rng(124).spawn(4)
         for row in range(len(part))
     ]

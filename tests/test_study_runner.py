@@ -29,9 +29,9 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
 
 def test_every_study_has_a_module_and_a_sentence() -> None:
     found = runner.studies()
-    assert {"atlas", "check", "improve", "verdict"} <= found.keys()
+    assert {"atlas", "check", "hidden-effects", "verdict"} <= found.keys()
     for name, sentence in found.items():
-        module = importlib.import_module(f"studies.study_{name}")
+        module = importlib.import_module(f"studies.study_{name.replace('-', '_')}")
         assert sentence == str(module.__doc__).split("\n")[0]
         assert callable(module.study)
         assert isinstance(module.SETTINGS, Settings)

@@ -17,7 +17,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 from PIL import Image
 
-from studies.study_check import rows_of
 from tests.looking import headless_viewer
 from tests.test_cli import refused
 from tests.test_series import raw_series, write_series
@@ -200,7 +199,7 @@ def test_x_is_up_and_y_is_left_from_above():
 @pytest.fixture(scope="module")
 def with_series(wii, tmp_path_factory):
     folder = tmp_path_factory.mktemp("series") / "data"
-    part = rows_of(wii.run.measurements, wii.run.measurements.placement <= 6)
+    part = wii.run.measurements.take(wii.run.measurements.placement <= 6)
     write_measurements(folder, part)
     write_series(folder, raw_series(part, np.random.default_rng(104)), part.joints)
     return folder
@@ -234,7 +233,7 @@ def test_samples_belong_to_the_row_that_began_before_them(with_series, robot):
 
 
 def test_too_few_postures_are_shown_without_an_estimate(wii, robot, tmp_path):
-    part = rows_of(wii.run.measurements, wii.run.measurements.placement <= 1)
+    part = wii.run.measurements.take(wii.run.measurements.placement <= 1)
     write_measurements(tmp_path / "data", part)
     subject = measured(part, robot)
     assert "estimate" not in subject.com

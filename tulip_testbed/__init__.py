@@ -18,7 +18,6 @@ FUNCTIONS = (
         "validate",
         "monte_carlo",
         "next_experiment",
-        "campaign",
         "plan",
         "protocol",
         "check",

@@ -5,7 +5,6 @@ from tulip_testbed import plans as plans
 from tulip_testbed.api import InputError as InputError
 from tulip_testbed.api import Laboratory as Laboratory
 from tulip_testbed.api import atlas as atlas
-from tulip_testbed.api import campaign as campaign
 from tulip_testbed.api import check as check
 from tulip_testbed.api import discover as discover
 from tulip_testbed.api import export_model as export_model

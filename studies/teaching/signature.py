@@ -84,15 +84,6 @@ def signature(instance: EffectInstance, robot: Robot, plan: PosturePlan) -> Sign
     return Signature(instance, observed, cop_error(observed) - cop_error(removed), False)
 
 
-def noisy_error(
-    instance: EffectInstance, robot: Robot, plan: PosturePlan, preset: str
-) -> tuple[Observation, np.ndarray]:
-    """Simulate the effect once with a preset's sensors: the observation, and the CoP's error, (m, 2) [mm]."""
-    rig = instance.effect.inject(preset_rig(preset, robot), instance.target, instance.values)
-    observed = _observed(rig, plan, robot)
-    return observed, cop_error(observed)
-
-
 def noise_sd(robot: Robot, plan: PosturePlan, preset: str) -> np.ndarray:
     """Return the s.d. of the CoP's error in a laboratory without effects, x and y, (2,) [mm]."""
     streams = np.random.SeedSequence(SEED).spawn(RUNS)
@@ -111,12 +102,6 @@ def lever(observed: Observation, joint: str) -> np.ndarray:
     nominal: Nominal = observed.nominal
     slope = nominal.parameters.slope(observed.joint_angles) @ nominal.value
     return 1e3 * np.radians(slope[:, :, observed.tree.joints.index(joint)])
-
-
-def scatter_about_line(variable: np.ndarray, error: np.ndarray) -> float:
-    """Return the r.m.s. distance of errors from the straight line through them over a variable, both (m,)."""
-    left = error - np.polyval(np.polyfit(variable, error, 1), variable)
-    return float(np.sqrt(np.mean(left**2)))
 
 
 def _plain(robot: Robot, instrument: str) -> Rig:

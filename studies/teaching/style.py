@@ -7,22 +7,18 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from PIL import Image
 
-from studies.improve.output import BLUE, ORANGE
 from tulip_testbed.base.files import write_text
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "pictures"
-X, Y, GREY = BLUE, ORANGE, "#6b6b6b"
-WIDTH = 800 / 96  # inches: 800 pixels of a browser
-DPI = 192  # of PNGs: two pixels for one of a browser
+X, Y, GREY = "#0072B2", "#E69F00", "#6b6b6b"
 
 STYLE = {
     "font.family": "DejaVu Sans",
@@ -43,16 +39,14 @@ STYLE = {
 
 
 @contextmanager
-def card(rows: int, columns: int, width: float, height: float, **options: Any) -> Iterator:
-    """Yield a figure of the common style and its axes (rows, columns); it is closed afterwards.
+def card(width: float, height: float) -> Iterator[tuple[Figure, Axes]]:
+    """Yield a figure of the common style and its axes; it is closed afterwards.
 
     Args:
-        width, height: [inches]. options: of `plt.subplots`.
+        width, height: [inches].
     """
     with mpl.rc_context(STYLE):
-        figure, axes = plt.subplots(
-            rows, columns, figsize=(width, height), layout="constrained", squeeze=False, **options
-        )
+        figure, axes = plt.subplots(figsize=(width, height), layout="constrained")
         try:
             yield figure, axes
         finally:
@@ -70,17 +64,3 @@ def save_svg(figure: Figure, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, "\n".join(lines) + "\n")
     return path
-
-
-def save_png(figure: Figure, path: Path) -> Path:
-    """Write a picture as PNG of 256 colours."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    picture_of(figure, DPI).quantize(256).save(path, optimize=True)
-    return path
-
-
-def picture_of(figure: Figure, dpi: float) -> Image.Image:
-    """Draw a figure as an image."""
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=dpi)
-    return Image.open(content).convert("RGB")

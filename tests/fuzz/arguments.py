@@ -34,7 +34,6 @@ EXPORT = ("export", RUN, "--json", "--out", f"{MADE}.xml")
 PROTOCOL = ("protocol", PLAN, "--json", "--out", MADE)
 WATCH, NEXT = ("watch", DATA, "--plan", PLAN, "--once", "--json"), ("next", RUN, "--json", "--out", MADE)
 EFFECTS, TOLERANCE, ATLAS = ("effects", "--json"), ("tolerance", PLAN, "--json"), ("atlas", PLAN, "--json")
-BENCHMARK = ("benchmark", "discover", "--out", MADE)
 
 Lines = Sequence[Sequence[str]]
 HUGE = ("10000000000000", "9" * 30, "9" * 5_000)
@@ -277,7 +276,4 @@ ARGUMENT_KINDS: dict[str, Change] = {
     "the same otherwise": line(SAME, ALIKE),
     "help": line(EITHER, HELP),
     "no subject of an explanation": line(REFUSED, [("effects", name) for name in NO_NAMES if name != "None"]),
-    "benchmarks": line(
-        REFUSED, with_value([(BENCHMARK, "--seed"), (BENCHMARK, "--size")], ("-1", "nan", "x", ""))
-    ),
 }

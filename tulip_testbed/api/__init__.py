@@ -7,7 +7,7 @@ from tulip_testbed.api.inputs import import_table, load_robot, read_measurements
 from tulip_testbed.api.measured import check, discover, export_model, identify, next_experiment, predict
 from tulip_testbed.api.planned import atlas, plan, protocol, watch
 from tulip_testbed.api.shown import report, view
-from tulip_testbed.api.simulated import campaign, monte_carlo, validate
+from tulip_testbed.api.simulated import monte_carlo, validate
 from tulip_testbed.base.errors import InputError
 from tulip_testbed.experiments.laboratory import Laboratory
 
@@ -15,7 +15,6 @@ __all__ = [
     "InputError",
     "Laboratory",
     "atlas",
-    "campaign",
     "check",
     "discover",
     "export_model",

@@ -8,7 +8,6 @@ from tulip_testbed.api.inputs import load_robot, measurements_of
 from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.files import check_new
 from tulip_testbed.base.threads import one_blas_thread
-from tulip_testbed.experiments.campaigns.campaign_run import Campaign
 from tulip_testbed.experiments.discovering import Discovered
 from tulip_testbed.experiments.laboratory import Run
 from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo
@@ -17,7 +16,7 @@ from tulip_testbed.experiments.validate import Validation
 from tulip_testbed.measurements import Measurements, PosturePlan
 from tulip_testbed.sim.robot import Robot
 
-Reported = Run | Validation | Discovered | MonteCarlo | Campaign | str | Path
+Reported = Run | Validation | Discovered | MonteCarlo | str | Path
 
 
 Viewed = Reported | Measurements | PosturePlan

@@ -1,4 +1,4 @@
-"""Functions of a virtual laboratory: validate, Monte Carlo, campaign."""
+"""Functions of a virtual laboratory: validate and Monte Carlo."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from pathlib import Path
 
 from tulip_testbed.base.arguments import checked
 from tulip_testbed.base.threads import one_blas_thread, processes
-from tulip_testbed.experiments.campaigns.campaign_run import Campaign, campaign_settings
-from tulip_testbed.experiments.campaigns.campaign_run import campaign as _campaign
 from tulip_testbed.experiments.imperfections import default_estimator
 from tulip_testbed.experiments.laboratory import DEFAULT_SEED, Laboratory
 from tulip_testbed.experiments.montecarlo.montecarlo_run import MonteCarlo, Place, montecarlo
@@ -84,33 +82,3 @@ def monte_carlo(
         return montecarlo(
             laboratory, plan, settings, Place(kept, processes(workers), scheduler, folder is not None)
         )
-
-
-@checked
-@one_blas_thread
-def campaign(
-    laboratory: Laboratory,
-    plan: PosturePlan,
-    seed: int = DEFAULT_SEED,
-    experiments: int = 3,
-    minutes: float | None = None,
-    engine: str = "statics",
-    ordinary: float | None = None,
-    folder: str | Path | None = None,
-) -> Campaign:
-    """Simulate, discover, propose and simulate until one explanation is left or the budget ends.
-
-    Args:
-        laboratory: with hidden effects. plan: of the first experiment; later ones choose their postures from
-            it.
-        seed: of everything random.
-        experiments: at most. minutes: of laboratory time at most (assumed times); None: no limit.
-        engine: "statics" or "dynamics".
-        ordinary: see `validate`.
-        folder: keeps the experiments; the same call goes on where one was stopped. None: a temporary one.
-
-    Raises:
-        InputError: what cannot be run; a folder that holds something else.
-    """
-    settings = campaign_settings(seed, engine, experiments, minutes, ordinary)
-    return _campaign(laboratory, plan, settings, None if folder is None else Path(folder))

@@ -42,14 +42,12 @@ COMMANDS: dict[str, str] = {
     "model": "Show a model's standard parameters and its base parameters.",
     "discover": "Find physical effects that the model lacks.",
     "next": "Rank the experiments that would settle an ambiguous discovery.",
-    "campaign": "Simulate experiments until one explanation is left.",
     "effects": "List the physical effects that can be simulated, or explain one.",
     "atlas": "Predict which effects a plan can detect and distinguish.",
     "tolerance": "Compute how accurately a laboratory must be set up.",
     "view": "Show a plan, measurements or a run in rerun.",
     "report": "Write a run as one HTML page that needs no network.",
     "compare": "Compare the settings and the results of two runs.",
-    "benchmark": "Count how often `tulip discover` finds simulated effects.",
 }
 Command = Callable[..., int]
 CALL = re.compile(r"`tt\.(\w+)\('(.*?)'\)`")

@@ -5,12 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from tulip_testbed.base.files import check_new, write_bytes
-from tulip_testbed.experiments.campaigns.campaign_record import CampaignRecord
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
 from tulip_testbed.experiments.records import Record
 from tulip_testbed.pages import ENDING
-from tulip_testbed.pages.campaign_page import campaign_page
 from tulip_testbed.pages.discovery_page import discovery_page
 from tulip_testbed.pages.page import Page, html, montecarlo_page, validation_page
 
@@ -19,8 +17,6 @@ def page_of(run: Record) -> Page:
     """Make the page of a run of any kind."""
     if isinstance(run, DiscoveryRecord):
         return discovery_page(run)
-    if isinstance(run, CampaignRecord):
-        return campaign_page(run)
     return montecarlo_page(run) if isinstance(run, MonteCarloRecord) else validation_page(run)
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from tulip_testbed.experiments.campaigns.campaign_record import CampaignRecord
 from tulip_testbed.experiments.discovery_record import DiscoveryRecord
 from tulip_testbed.experiments.montecarlo.montecarlo_record import MonteCarloRecord
 from tulip_testbed.experiments.records import Record, read_record
@@ -15,7 +14,6 @@ from tulip_testbed.measurements import Measurements, PosturePlan, Series, read_m
 from tulip_testbed.sim.plan_folder import read_plan
 from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.shipped import plan_folder
-from tulip_testbed.viewer.campaign_view import log_campaign
 from tulip_testbed.viewer.discovery_view import log_discovery
 from tulip_testbed.viewer.montecarlo_view import log_montecarlo
 from tulip_testbed.viewer.postures_view import log_postures
@@ -43,8 +41,6 @@ def record_view(run: Record) -> View:
         return View(title, partial(log_discovery, run=run))
     if isinstance(run, MonteCarloRecord):
         return View(title, partial(log_montecarlo, run=run))
-    if isinstance(run, CampaignRecord):
-        return View(title, partial(log_campaign, run=run))
     return View(title, partial(log_postures, subject=validated(run)))
 
 

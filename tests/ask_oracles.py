@@ -27,7 +27,7 @@ from tulip_testbed.sim.robot import Robot, joint_names, load_robot, sole_point
 from tulip_testbed.sim.scene import nominal_plates
 from tulip_testbed.sim.shipped import TULIP
 
-FOLDER = Path(__file__).resolve().parent.parent / "tests" / "data" / "oracle"
+FOLDER = Path(__file__).resolve().parent / "data" / "oracle"
 SEED = 300
 POSTURES = 100
 KEPT = 8  # of them, for the comparison posture by posture

@@ -1,1 +1,0 @@
-"""The honest test of the discovery: hidden effects, known to the scorer alone."""

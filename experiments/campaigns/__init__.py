@@ -1,1 +1,0 @@
-"""Experiment after experiment in the virtual laboratory, until one explanation is left."""
