@@ -325,7 +325,7 @@ def test_a_robot_of_the_same_file_name_but_other_joints_is_another_one(robot, fo
 def test_the_preflight_guesses_no_units_by_another_robots_ranges(own, plan, robot):
     run = tt.Laboratory(robot).run(planned(plan, robot, 1), 1, "statics", 1)
     stiff = own(('range="0 120"', 'range="0 5"'))
-    checks = {check["name"]: check for check in tt.check(run.measurements, stiff).document["checks"]}
+    checks = {check["name"]: check for check in tt.check(run.measurements, stiff).to_json()["checks"]}
     assert checks["robot"]["result"] == "fail"
     assert checks["units"]["result"] == "not evaluated"
     assert checks["units"]["seen"].startswith("correct the robot first")

@@ -67,7 +67,7 @@ def standing(robot):
 
 
 def checks(m, robot):
-    return {one["name"]: one for one in check_measurements(m, robot).document["checks"]}
+    return {one["name"]: one for one in check_measurements(m, robot).to_json()["checks"]}
 
 
 def with_contacts(m, **fields):
@@ -160,7 +160,7 @@ def test_a_dead_channel_is_told_but_not_a_constant_joint(standing, robot):
 
 
 def test_a_pass_says_what_was_not_evaluated_and_why(standing, robot):
-    document = check_measurements(standing, robot).document
+    document = check_measurements(standing, robot).to_json()
     counts = document["counts"]
     evaluated = sum(counts.values()) - counts["not evaluated"]
     assert counts["not evaluated"] > 5

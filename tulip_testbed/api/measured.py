@@ -43,12 +43,16 @@ from tulip_testbed.sim.robot import Robot
 def check(
     measurements: Measured,
     robot: Robot | None = None,
+    *,
     corrections: Effects = (),
 ) -> Preflight:
-    """Check measurements for faults: weights, drift, plates, legs, units and more.
+    """Check measurements for faults.
+
+    Weights, drift, plates, legs, units and more are checked. If a folder is incomplete, the missing parts are
+    listed with an example to copy.
 
     Args:
-        measurements: or a run, or their folder, whose complaints about missing columns are listed too.
+        measurements: or a run, or their folder.
         robot: the nominal robot; TULip if None.
         corrections: effects that the measurements are corrected for before.
 
@@ -179,10 +183,14 @@ def next_experiment(
 def predict(
     measurements: Measured,
     robot: Robot | None = None,
+    *,
     train: Sequence[str] = (),
     test: Sequence[str] = (),
 ) -> Prediction:
     """Ask whether the identified model predicts better than CAD.
+
+    Models are the robot's own masses (CAD), CAD and a constant, the identified one, and the identified one
+    with a prior at CAD. Each predicts the centre of pressure of postures that took no part in its training.
 
     Args:
         measurements: or their folder, or a run.
