@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from html import escape
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self, get_type_hints
+from typing import Annotated, Any, Self, get_type_hints
 
 import numpy as np
 from pydantic import (
+    BeforeValidator,
     ConfigDict,
     GetCoreSchemaHandler,
     PlainSerializer,
@@ -37,6 +39,8 @@ def _array(values: Any) -> np.ndarray:
     return np.array(values, float)
 
 
+# A number that an experiment may leave undefined: NaN, in JSON null.
+Figure = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
 # An array in a result; its shape and unit are in the docstring of the class.
 Array = Annotated[np.ndarray, PlainValidator(_array), PlainSerializer(lambda values: values.tolist())]
 
@@ -66,7 +70,6 @@ class Result:
     """
 
     __pydantic_config__ = ConfigDict(strict=True, arbitrary_types_allowed=True)
-    name: ClassVar[str] = RESULT_FILE
 
     def tables(self) -> list[Table | str]:
         """Return the tables and sentences that terminal, notebook and page show, in this order."""
@@ -104,7 +107,7 @@ class Result:
 
     def write_into(self, folder: Path) -> None:
         """Write the document and all that is kept beside it into a folder."""
-        write_json(folder / self.name, self.to_json())
+        write_json(folder / RESULT_FILE, self.to_json())
         for field, kept in _kept(type(self)).items():
             if (value := getattr(self, field)) is not None:
                 kept.write(folder / kept.name, value)
@@ -119,14 +122,14 @@ class Result:
         Raises:
             InputError: a file that is missing or not what was written.
         """
-        place = Path(folder) / cls.name
+        place = Path(folder) / RESULT_FILE
         result = cls.from_json(read_json(place), str(place))
         parts = {
             field: kept.read(place.parent / kept.name, *context)
             for field, kept in _kept(cls).items()
             if (place.parent / kept.name).exists()
         }
-        return dataclasses.replace(result, **parts)  # pyrefly: ignore[bad-argument-type]
+        return dataclasses.replace(result, **parts)  # pyrefly: ignore[bad-specialization]
 
     def __repr__(self) -> str:
         texts = (p.text() + "\n" if isinstance(p, Table) else printable(p) for p in self.tables())

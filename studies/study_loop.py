@@ -101,7 +101,7 @@ def carry_out(seed: int, plan: PosturePlan, kind: Kind) -> Loop:
     measured = _mended(day, plan, seen.began)
     found = tt.identify(measured, robot)
     with tempfile.TemporaryDirectory() as folder:
-        made = tt.export_model(found, Path(folder) / "robot.xml", robot, samples=0)
+        made = tt.export_model(found, robot, out=Path(folder) / "robot.xml", samples=0)
         exported = mujoco.MjModel.from_xml_path(str(made.files[0]))
     new = random_plan(robot, PLACEMENTS, POSTURES, seed)
     true = pressure(truth, robot, new.joint_angles)
@@ -110,7 +110,7 @@ def carry_out(seed: int, plan: PosturePlan, kind: Kind) -> Loop:
         for model in (robot.model, exported)
     )
     square, freedom = _noisy(
-        measured, _run(day.laboratory, new, seed + 1), made.robot.value, found.full.covariance, robot
+        measured, _run(day.laboratory, new, seed + 1), made.base_parameters, found.full.covariance, robot
     )
     late = None if seen.noticed < 0 else seen.late
     return Loop(kind.label, late, seen.early, len(measured), cad, ours, square, freedom)

@@ -221,14 +221,14 @@ def test_every_command_has_its_function():
         "atlas": tt.atlas,
         "view": tt.view,
         "report": tt.report,
-        "robot": tt.load_robot,
+        "robot": tt.describe_robot,
         "import": tt.import_table,
         "predict": tt.predict,
         "export": tt.export_model,
         "watch": tt.watch,
     }
     assert all(callable(function) for function in offered.values())
-    assert set(COMMANDS) - set(offered) == {"model", "tolerance", "compare", "benchmark"}
+    assert set(COMMANDS) - set(offered) == {"tolerance", "compare", "benchmark"}
 
 
 def test_a_plan_is_searched_for(robot):

@@ -67,7 +67,7 @@ def edit(path: Path, old: str, new: str) -> None:
 
 def test_missing_and_broken_mjcf(assets, tmp_path, capsys):
     edit(assets / "tulip.toml", '"tulip.xml"', '"gone.xml"')
-    assert "gone.xml: no such MJCF file" in refused(capsys, "model", "--robot", assets / "tulip.toml")
+    assert "gone.xml: no such MJCF file" in refused(capsys, "robot", assets / "tulip.toml")
     edit(assets / "tulip.toml", '"gone.xml"', '"tulip.xml"')
     (assets / "tulip.xml").write_text("<mujoco><worldbody>")
     message = refused(capsys, "validate", "--robot", assets / "tulip.toml", "--out", tmp_path / "run")
@@ -77,13 +77,13 @@ def test_missing_and_broken_mjcf(assets, tmp_path, capsys):
 
 def test_unknown_foot_lists_the_bodies(assets, capsys):
     edit(assets / "tulip.toml", 'swing_foot = "left_foot"', 'swing_foot = "left_toe"')
-    message = refused(capsys, "model", "--robot", assets / "tulip.toml")
+    message = refused(capsys, "robot", assets / "tulip.toml")
     assert "unknown foot 'left_toe'; did you mean 'left_foot'? valid: torso, right_hip_yaw" in message
 
 
 def test_joint_that_is_no_hinge(assets, capsys):
     edit(assets / "tulip.xml", '<joint name="left_knee" class', '<joint name="left_knee" type="slide" class')
-    assert "joint 'left_knee': found type slide" in refused(capsys, "model", "--robot", assets / "tulip.toml")
+    assert "joint 'left_knee': found type slide" in refused(capsys, "robot", assets / "tulip.toml")
 
 
 def test_plan_for_another_model(assets, tmp_path, capsys):
@@ -157,7 +157,7 @@ class Interruption:
             os.kill(os.getpid(), signal.SIGINT)
 
 sys.meta_path.insert(0, Interruption())
-sys.argv = ["tulip", "model"]
+sys.argv = ["tulip", "robot"]
 from tulip_testbed.cli.entry import run
 run()
 """
@@ -296,7 +296,7 @@ def test_bad_numbers_and_places_are_refused_before_the_work(tmp_path, capsys):
 def test_unknown_key_in_the_robot_description(assets, capsys):
     edit(assets / "tulip.toml", "simplified =", "simplifed =")
     assert "unknown key 'simplifed'; did you mean 'simplified'? valid: name, model" in refused(
-        capsys, "model", "--robot", assets / "tulip.toml"
+        capsys, "robot", assets / "tulip.toml"
     )
 
 
@@ -353,17 +353,17 @@ def test_postures_are_written_and_described(tmp_path, capsys):
 
 
 def test_model_prints_links_with_their_brackets(capsys):
-    assert main(["model"]) == 0
+    assert main(["robot"]) == 0
     out = capsys.readouterr().out
     assert "52 standard parameters -> 39 columns -> 27 -> 25 base parameters in double support" in out
     assert "319.7 mm m[left_lower_leg]" in out
     assert max(map(len, out.splitlines())) <= PIPE_WIDTH
     assert len(out.splitlines()) < 60
-    assert main(["model", "--json"]) == 0
+    assert main(["robot", "--json"]) == 0
     row = json.loads(capsys.readouterr().out)["base"][18]
     assert row["standard"].count("[") == row["terms"] == 11
     assert row["meaning"] == "z moment of right_upper_leg, 10 masses at 319.7 mm"
-    assert main(["model", "--json", "--support", "right"]) == 0
+    assert main(["robot", "--json", "--support", "right"]) == 0
     assert json.loads(capsys.readouterr().out)["counts"]["base"] == 26
 
 

@@ -269,12 +269,12 @@ def test_findings_are_warned_of_once(own, plan):
 
 def test_the_command_shows_them(own, capsys):
     robot = own((DRIVE, SOFT_DRIVE))
-    assert main(["model", "--robot", str(robot.path), "--json"]) == 0
+    assert main(["robot", str(robot.path), "--json"]) == 0
     findings = json.loads(capsys.readouterr().out)["findings"]
     assert [finding["name"] for finding in findings] == ["armature", "friction"]
-    assert main(["model", "--robot", str(robot.path)]) == 0
+    assert main(["robot", str(robot.path)]) == 0
     assert "Items that this robot lacks for the laboratory" in capsys.readouterr().out
-    assert main(["model", "--json"]) == 0
+    assert main(["robot", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["findings"] == []
 
 

@@ -49,5 +49,13 @@ def _summaries() -> dict[str, str]:
 
 COMMANDS: dict[str, Command] = {
     "check": Command("check", ("tulip check data/first",)),
+    "export": Command("export_model", ("tulip export runs/first --out identified.xml",)),
+    "import": Command(
+        "import_table",
+        ("tulip import standing.csv --robot my/robot/robot.toml --map contacts.toml --out data/standing",),
+    ),
     "predict": Command("predict", ("tulip predict data/first", "tulip predict data/first --train 1-40")),
+    "robot": Command(
+        "describe_robot", ("tulip robot g1_29dof.urdf --out my/g1", "tulip robot my/g1/robot.toml")
+    ),
 }

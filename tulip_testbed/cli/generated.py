@@ -88,10 +88,10 @@ def signature_of(function: Callable[..., Any]) -> list[Parameter]:
 
 
 def _options(parameter: Parameter, hint: Any, help_of: dict[str, str]) -> Iterator[Parameter]:
-    """Yield the options of one parameter; those without a default come first and without a flag."""
-    reader = _reader(hint)
+    """Yield the options of one parameter; one that may be given by its place needs no flag."""
+    reader, first = _reader(hint), parameter.kind is Parameter.POSITIONAL_OR_KEYWORD
     if reader is None:
-        yield _option(parameter.name, hint, parameter.default, help_of.get(parameter.name, ""))
+        yield _option(parameter.name, hint, parameter.default, help_of.get(parameter.name, ""), first)
         return
     hints = get_type_hints(reader, include_extras=True)
     for one in inspect.signature(reader).parameters.values():
@@ -99,17 +99,13 @@ def _options(parameter: Parameter, hint: Any, help_of: dict[str, str]) -> Iterat
             yield from _options(Parameter(ROBOT, Parameter.KEYWORD_ONLY), Robot | None, {})
             continue
         name = parameter.name if one.name == VALUE else one.name
-        shown = _option(name, hints[one.name], one.default, help_of.get(name, ""))
-        first = parameter.default is Parameter.empty and one.name == VALUE
-        if first:
-            shown = shown.replace(annotation=Annotated[shown.annotation, tyro.conf.Positional])
-        yield shown
+        yield _option(name, hints[one.name], one.default, help_of.get(name, ""), first and one.name == VALUE)
 
 
-def _option(name: str, hint: Any, default: Any, text: str) -> Parameter:
+def _option(name: str, hint: Any, default: Any, text: str, first: bool) -> Parameter:
     if get_origin(hint) is not Annotated and text:
         hint = Annotated[hint, tyro.conf.arg(help=text)]
-    if default is Parameter.empty and name != OUT:
+    if first:
         hint = Annotated[hint, tyro.conf.Positional]
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=hint)
 

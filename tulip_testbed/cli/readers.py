@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import tyro
 
 from tulip_testbed.api.inputs import Measured, Several
+from tulip_testbed.api.measured import Exportable
 from tulip_testbed.calibration.families import read_tolerances
 from tulip_testbed.effects.instance import EffectInstance, Effects
 from tulip_testbed.experiments.description import described_robot
@@ -61,6 +62,13 @@ def read_folders(
     return list(value)
 
 
+def read_run(
+    value: Annotated[Path, tyro.conf.arg(metavar="RUN", help="run folder or measurement folder")],
+) -> Path:
+    """Name a run folder, which the library reads."""
+    return value
+
+
 def read_plan_folder(robot: Robot, value: PlanFolder = None) -> PosturePlan:
     """Read a plan that fits the robot."""
     return plan_for(robot, value)
@@ -104,6 +112,7 @@ READERS: dict[Any, Callable[..., Any]] = {
     Robot | None: read_robot,
     Measured: read_folder,
     Several: read_folders,
+    Exportable: read_run,
     PosturePlan: read_plan_folder,
     Effects: read_corrections,
     Mapping[str, float] | None: read_stated_tolerances,
