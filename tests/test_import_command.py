@@ -104,7 +104,7 @@ def test_names_say_what_a_column_is():
 def test_a_table_of_its_own_names_is_imported(table, stated, measured, tmp_path):
     path = table()
     found = tt.import_table(path, out=tmp_path / "data", map=[stated(WRENCHES)])
-    assert found.folder == tmp_path / "data"
+    assert found.folder == str(tmp_path / "data")
     assert (tmp_path / "data" / "postures.csv").read_bytes() == path.read_bytes()
     m = read_measurements(tmp_path / "data")
     assert m.contacts is not None
@@ -112,13 +112,13 @@ def test_a_table_of_its_own_names_is_imported(table, stated, measured, tmp_path)
     assert m.joint_angles == pytest.approx(measured.joint_angles, abs=1e-12)
     assert m.plate_poses == pytest.approx(measured.plate_poses)
     knee = found.mapped["q.right_knee"]
-    assert knee == {
-        "column": "RKnee [deg]",
-        "unit": "deg",
-        "sign": 1,
-        "by": "words of the name",
-        "checked": "range of the joint",
-    }
+    assert knee == MappedColumn(
+        column="RKnee [deg]",
+        unit="deg",
+        sign=1,
+        by="words of the name",
+        checked="range of the joint",
+    )
     assert "closed legs" in {one.checked for one in found.mapped.values()}
     assert found.mapped["wrench.left.fz"].checked == "weight"
     assert found.problems == ()
@@ -162,7 +162,7 @@ def test_a_unit_that_is_not_written_has_to_be_stated(table, stated, tmp_path):
         "q.right_knee: column 'RKnee' has no unit in its name; state one of rad, mrad, deg",
     )
     found = tt.import_table(path, out=tmp_path / "data", map=[stated(WRENCHES), "q.right_knee=RKnee:deg"])
-    assert found.folder == tmp_path / "data"
+    assert found.folder == str(tmp_path / "data")
     assert found.problems == ()
 
 
@@ -258,7 +258,7 @@ def test_the_command_prints_one_document(table, stated, tmp_path, capsys):
     arguments = ["import", str(table()), "--out", str(tmp_path / "data"), "--json", "--map"]
     assert main([*arguments, stated(WRENCHES)]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert list(document) == ["mapped", "assumed", "problems", "folder"]
+    assert list(document) == ["mapped", "assumed", "problems", "unused", "folder"]
     assert document["folder"] == str(tmp_path / "data")
     assert document["mapped"]["q.left_hip_yaw"]["column"] == "LHipYaw [deg]"
     assert main(["import", str(table()), "--out", str(tmp_path / "other")]) == 1

@@ -15,6 +15,7 @@ from tulip_testbed.base.errors import InputError, at_least, at_most, listed, sho
 from tulip_testbed.base.files import check_new, present, read_bytes, write_bytes
 from tulip_testbed.effects.instance import EffectInstance, injected
 from tulip_testbed.effects.true_robot import true_model
+from tulip_testbed.experiments.defaults import SAMPLES
 from tulip_testbed.experiments.export.exported_model import ExportedModel, TotalMass, exported_links
 from tulip_testbed.experiments.export.inertial_text import with_inertias, with_places
 from tulip_testbed.experiments.export.published_links import PublishedLinks, published_links
@@ -52,7 +53,7 @@ OVERRULING = {  # settings of an MJCF's <compiler> that change inertias, and wha
     "settotalmass": "-1",
 }
 ALIKE = 1e-6  # of a pseudo-inertia, in its own metric
-SAMPLES, MOST_SAMPLES = 200, 100_000
+MOST_SAMPLES = 100_000
 
 
 @dataclass(frozen=True)

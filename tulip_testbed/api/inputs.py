@@ -59,11 +59,11 @@ def describe_robot(
     file: str | Path = TULIP,
     *,
     support: str = "double",
-    feet: Sequence[str] = (),
-    sole: Sequence[float] = (),
+    feet: tuple[str, str] | None = None,
+    sole: tuple[float, float, float, float] | None = None,
     out: str | Path | None = None,
 ) -> RobotReport:
-    """Prepare a published MJCF or URDF for every other command, or describe a robot.
+    """Prepare a published MJCF or URDF, or describe a robot.
 
     Feet, soles, front, drives and a standing posture are found; what the file does not say is assumed and
     listed. The file is not changed. The standard parameters and the base parameters of the robot follow.
@@ -81,7 +81,9 @@ def describe_robot(
     """
     if out is not None:
         check_new(Path(out))
-    return report_robot(Path(file), support, feet, sole, None if out is None else Path(out), _picture)
+    return report_robot(
+        Path(file), support, feet or (), sole or (), None if out is None else Path(out), _picture
+    )
 
 
 def _picture(robot: Robot) -> bytes | None:

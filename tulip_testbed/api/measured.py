@@ -21,15 +21,15 @@ from tulip_testbed.base.threads import one_blas_thread, processes
 from tulip_testbed.calibration.calibrated_estimate import SELF_CALIBRATING
 from tulip_testbed.effects.instance import Effects
 from tulip_testbed.experiments.check_folder import Preflight, check_folder, check_measurements, warn_of_faults
+from tulip_testbed.experiments.defaults import DEFAULT_SEED, SAMPLES
 from tulip_testbed.experiments.discovering import Discovered, discover_effects
 from tulip_testbed.experiments.discovery_record import read_discovery
-from tulip_testbed.experiments.export.export_model import SAMPLES, Export
+from tulip_testbed.experiments.export.export_model import Export
 from tulip_testbed.experiments.export.export_model import export_model as _export_model
 from tulip_testbed.experiments.export.exported_model import ExportedModel
 from tulip_testbed.experiments.export.identified_run import identified_run
 from tulip_testbed.experiments.identify import Identification, warn_of_unrest
 from tulip_testbed.experiments.identify import identify as _identify
-from tulip_testbed.experiments.laboratory import DEFAULT_SEED
 from tulip_testbed.experiments.predict import Prediction
 from tulip_testbed.experiments.predict import predict as _predict
 from tulip_testbed.experiments.proposed_experiment import Proposals, next_of, write_experiment_plan

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
-from importlib import import_module
-from pathlib import Path
 
-API = Path(__file__).parent.parent / "api"
+from tulip_testbed.cli.signatures import public_function, summary_of
 
 
 @dataclass(frozen=True)
@@ -27,24 +23,14 @@ class Command:
 
     @property
     def summary(self) -> str:
-        """Return the first line of the function's docstring, without loading the library."""
-        return _summaries()[self.function]
+        """Return the first line of the function's docstring."""
+        return summary_of(self.function)
 
     def load(self) -> Callable[..., int]:
         """Return the function that tyro calls with the options."""
         from tulip_testbed.cli.generated import command_of
 
-        return command_of(
-            getattr(import_module("tulip_testbed.api"), self.function), self.examples, self.saved
-        )
-
-
-@cache
-def _summaries() -> dict[str, str]:
-    """Return the first line of the docstring of every function of the API, by name."""
-    parsed = (ast.parse(path.read_text(encoding="utf-8")) for path in API.glob("*.py"))
-    functions = [node for tree in parsed for node in tree.body if isinstance(node, ast.FunctionDef)]
-    return {one.name: (ast.get_docstring(one) or "").partition("\n")[0] for one in functions}
+        return command_of(public_function(self.function), self.examples, self.saved)
 
 
 COMMANDS: dict[str, Command] = {

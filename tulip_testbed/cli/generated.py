@@ -6,38 +6,23 @@ A command adds --json, progress and, where a result can be kept and the function
 from __future__ import annotations
 
 import inspect
-import re
 from collections.abc import Callable, Iterator, Sequence
 from inspect import Parameter, Signature
 from pathlib import Path
-from typing import Annotated, Any, get_origin, get_type_hints
+from typing import Annotated, Any
 
 import tyro
 
-from tulip_testbed.base.files import check_new, check_path
-from tulip_testbed.base.progress import Progress
-from tulip_testbed.base.result import Result
 from tulip_testbed.cli.readers import READERS, read_robot
-from tulip_testbed.cli.terminal import print_json, progress, say, show
-from tulip_testbed.sim.robot import Robot
+from tulip_testbed.cli.signatures import REQUIRED, Argument, PublicFunction
 
-OUT, JSON, ROBOT, VALUE = "out", "json", "robot", "value"
-AS_JSON = Parameter(
-    JSON,
-    Parameter.KEYWORD_ONLY,
-    default=False,
-    annotation=Annotated[bool, tyro.conf.arg(help="print one JSON document on stdout instead of tables")],
-)
-SAVED = Parameter(
-    OUT,
-    Parameter.KEYWORD_ONLY,
-    default=None,
-    annotation=Annotated[Path | None, tyro.conf.arg(help="new folder for the result; none if left out")],
-)
+OUT, JSON, ROBOT, VALUE, PROGRESS = "out", "json", "robot", "value", "progress"
+AS_JSON = Annotated[bool, tyro.conf.arg(help="print one JSON document on stdout instead of tables")]
+SAVED = Annotated[Path | None, tyro.conf.arg(help="new folder for the result; none if left out")]
 
 
 def command_of(
-    function: Callable[..., Result], examples: Sequence[str] = (), saved: bool = False
+    function: PublicFunction, examples: Sequence[str] = (), saved: bool = False
 ) -> Callable[..., int]:
     """Return the function that tyro calls with a command's options.
 
@@ -46,81 +31,90 @@ def command_of(
         examples: command lines for the help.
         saved: whether the command has an option --out, for a result that the function does not write itself.
     """
-    hints, help_of = get_type_hints(function, include_extras=True), _argument_help(function)
     options: dict[str, Parameter] = {}
-    for parameter in signature_of(function):
-        for option in _options(parameter, hints[parameter.name], help_of):
+    for argument in function.arguments:
+        for option in _options(argument):
             options.setdefault(option.name, option)
     if saved:
-        options[OUT] = SAVED
-    options[JSON] = AS_JSON
+        options[OUT] = Parameter(OUT, Parameter.KEYWORD_ONLY, default=None, annotation=SAVED)
+    options[JSON] = Parameter(JSON, Parameter.KEYWORD_ONLY, default=False, annotation=AS_JSON)
 
-    def command(*positional: Any, **given: Any) -> int:
-        given |= dict(zip(options, positional, strict=False))
-        as_json, out = given.pop(JSON), given.pop(OUT) if saved else None
-        for value in given.values():
-            for path in value if isinstance(value, tuple | list) else (value,):
-                if isinstance(path, Path):
-                    check_path(path)
-        if out is not None:
-            check_new(out)
-        result = function(**_arguments(function, hints, given))
-        if out is not None:
-            result.save(out)
-        if as_json:
-            print_json(result.to_json())
-        else:
-            show(*result.tables())
-        if out is not None:
-            say(f"Folder: {out}")
-        return result.exit_code
+    def command(**given: Any) -> int:
+        return _carry_out(function, given, given.pop(OUT) if saved else None)
 
-    command.__signature__ = Signature(sorted(options.values(), key=lambda option: option.kind))  # type: ignore
+    command.__signature__ = Signature(list(options.values()))  # type: ignore[attr-defined]
     command.__annotations__ = {name: option.annotation for name, option in options.items()}
-    command.__doc__ = "\n\n".join([_explanation(function), *(f"Example: {line}" for line in examples)])
+    command.__doc__ = "\n\n".join([function.explanation, *(f"Example: {line}" for line in examples)])
     return command
 
 
-def signature_of(function: Callable[..., Any]) -> list[Parameter]:
-    """Return the parameters of a function that the command line gives; it shows progress itself."""
-    parameters = inspect.signature(function).parameters.values()
-    return [one for one in parameters if one.name != "progress"]
+def _carry_out(function: PublicFunction, given: dict[str, Any], out: Path | None) -> int:
+    """Call the library's function and show its result; returns the exit code."""
+    import tulip_testbed.api as api
+    from tulip_testbed.base.files import check_new
+    from tulip_testbed.cli.terminal import print_json, say, show
+
+    as_json = given.pop(JSON)
+    if out is not None:
+        check_new(out)
+    result = getattr(api, function.name)(**_arguments(function, given))
+    if out is not None:
+        result.save(out)
+    if as_json:
+        print_json(result.to_json())
+    else:
+        show(*result.tables())
+    if out is not None:
+        say(f"Folder: {out}")
+    return result.exit_code
 
 
-def _options(parameter: Parameter, hint: Any, help_of: dict[str, str]) -> Iterator[Parameter]:
-    """Yield the options of one parameter; one that may be given by its place needs no flag."""
-    reader, first = _reader(hint), parameter.kind is Parameter.POSITIONAL_OR_KEYWORD
-    if reader is None:
-        yield _option(parameter.name, hint, parameter.default, help_of.get(parameter.name, ""), first)
+def _options(argument: Argument) -> Iterator[Parameter]:
+    """Yield the options of one parameter of the library; the command line shows progress itself."""
+    if argument.name == PROGRESS:
         return
-    hints = get_type_hints(reader, include_extras=True)
+    reader = READERS.get(argument.annotation)
+    if reader is None:
+        yield _option(
+            argument.name, _kind(argument.annotation), argument.default, argument, argument.by_place
+        )
+        return
     for one in inspect.signature(reader).parameters.values():
-        if hints[one.name] is Robot:
-            yield from _options(Parameter(ROBOT, Parameter.KEYWORD_ONLY), Robot | None, {})
+        if one.name == ROBOT and reader is not read_robot:
+            yield from _options(Argument(ROBOT, "Robot | None", None, False, ""))
             continue
-        name = parameter.name if one.name == VALUE else one.name
-        yield _option(name, hints[one.name], one.default, help_of.get(name, ""), first and one.name == VALUE)
+        kind = eval(one.annotation, reader.__globals__)
+        default = REQUIRED if one.default is Parameter.empty else one.default
+        name = argument.name if one.name == VALUE else one.name
+        yield _option(name, kind, default, argument, argument.by_place and one.name == VALUE)
 
 
-def _option(name: str, hint: Any, default: Any, text: str, first: bool) -> Parameter:
-    if get_origin(hint) is not Annotated and text:
-        hint = Annotated[hint, tyro.conf.arg(help=text)]
-    if first:
-        hint = Annotated[hint, tyro.conf.Positional]
-    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=hint)
+def _kind(annotation: str) -> Any:
+    """Return the type that tyro reads for a plain parameter."""
+    kind = eval(
+        annotation.replace("str | Path", "Path").replace("Sequence[str]", "tuple[str, ...]"), {"Path": Path}
+    )
+    return Annotated[kind, tyro.conf.UseAppendAction] if kind == tuple[str, ...] else kind
 
 
-def _reader(hint: Any) -> Callable[..., Any] | None:
-    return next((reader for kind, reader in READERS.items() if kind == hint), None)
+def _option(name: str, kind: Any, default: Any, argument: Argument, by_place: bool) -> Parameter:
+    if argument.text and argument.annotation not in READERS:
+        kind = Annotated[kind, tyro.conf.arg(help=argument.text)]
+    if by_place:
+        kind = Annotated[kind, tyro.conf.Positional]
+    default = Parameter.empty if default is REQUIRED else default
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
 
 
-def _arguments(function: Callable[..., Any], hints: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
-    """Return what a function is called with, of the options that were given."""
+def _arguments(function: PublicFunction, given: dict[str, Any]) -> dict[str, Any]:
+    """Return what the library's function is called with."""
+    from tulip_testbed.cli.terminal import progress
+
     robot = read_robot(given[ROBOT]) if ROBOT in given else None
     arguments: dict[str, Any] = {}
-    for parameter in inspect.signature(function).parameters.values():
-        name, reader = parameter.name, _reader(hints[parameter.name])
-        if hints[name] == Progress:
+    for argument in function.arguments:
+        name, reader = argument.name, READERS.get(argument.annotation)
+        if name == PROGRESS:
             arguments[name] = progress
         elif reader is None:
             arguments[name] = given[name]
@@ -128,21 +122,6 @@ def _arguments(function: Callable[..., Any], hints: dict[str, Any], given: dict[
             arguments[name] = robot
         else:
             wanted = inspect.signature(reader).parameters
-            of = {one: given[name if one == VALUE else one] for one in wanted if one != ROBOT}
-            arguments[name] = reader(**of, **({ROBOT: robot} if ROBOT in wanted else {}))
+            options = {one: given[name if one == VALUE else one] for one in wanted if one != ROBOT}
+            arguments[name] = reader(**options, **({ROBOT: robot} if ROBOT in wanted else {}))
     return arguments
-
-
-def _explanation(function: Callable[..., Any]) -> str:
-    """Return the docstring of a function up to its sections."""
-    return re.split(r"\n\s*(?:Args|Returns|Raises|Yields):\n", inspect.getdoc(function) or "")[0].strip()
-
-
-def _argument_help(function: Callable[..., Any]) -> dict[str, str]:
-    """Return what the docstring of a function says of each parameter."""
-    section = re.search(r"\nArgs:\n((?:    .*\n?|\n)+)", inspect.getdoc(function) or "")
-    texts: dict[str, str] = {}
-    for entry in re.split(r"\n(?=    \S)", section[1].rstrip()) if section else ():
-        names, _, text = entry.strip().partition(": ")
-        texts |= dict.fromkeys(names.split(", "), " ".join(text.split()).rstrip("."))
-    return texts

@@ -89,7 +89,7 @@ def main(arguments: list[str] | None = None, loaded: Callable[[], object] = lamb
 
 def usage() -> str:
     """Describe the command line: every command with its summary."""
-    summaries = {name: one.summary for name, one in COMMANDS.items()} | MODULES
+    summaries = MODULES | {name: one.summary for name, one in COMMANDS.items()}
     width = max(map(len, summaries))
     lines = (f"  {name:{width}}  {summary}" for name, summary in summaries.items())
     return "\n".join(
@@ -112,7 +112,7 @@ def command_of(name: str | None) -> Command:
     Raises:
         InputError: there is no such command.
     """
-    names = [*COMMANDS, *MODULES]
+    names = [*MODULES, *COMMANDS]
     if name is None:
         raise InputError(f"found no command; valid: {listed(names)}; `tulip --help` explains them")
     if name not in names:

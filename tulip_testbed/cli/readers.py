@@ -1,7 +1,8 @@
 """How the command line gives what is no plain value: a reader's parameters are the options of a command.
 
-A reader whose parameter is called `value` has one option, named as the function's parameter; `robot` is what
-the option --robot reads.
+A reader is found by the annotation of the parameter that it reads. Its own parameter `value` is an option
+with the name of that parameter; its parameter `robot` is what the option --robot reads. The simulator is
+loaded when a reader is called: help does not need it.
 """
 
 from __future__ import annotations
@@ -12,16 +13,6 @@ from typing import Annotated, Any
 
 import tyro
 
-from tulip_testbed.api.inputs import Measured, Several
-from tulip_testbed.api.measured import Exportable
-from tulip_testbed.calibration.families import read_tolerances
-from tulip_testbed.effects.instance import EffectInstance, Effects
-from tulip_testbed.experiments.description import described_robot
-from tulip_testbed.experiments.laboratory import Laboratory
-from tulip_testbed.experiments.rig_folder import read_rig
-from tulip_testbed.experiments.usable_plan import plan_for
-from tulip_testbed.measurements import PosturePlan
-from tulip_testbed.sim.robot import Robot
 from tulip_testbed.sim.shipped import PLAN_NAMES, TULIP
 
 Corrections = Annotated[
@@ -31,7 +22,7 @@ Corrections = Annotated[
 PlanFolder = Annotated[
     Path | None,
     tyro.conf.arg(
-        metavar="PLAN",
+        metavar="[PLAN]",
         help=f"plan folder, or the name of a plan shipped for TULip ({', '.join(PLAN_NAMES)}); "
         f"{PLAN_NAMES[0]} if left out",
     ),
@@ -40,8 +31,10 @@ PlanFolder = Annotated[
 
 def read_robot(
     robot: Annotated[Path, tyro.conf.arg(metavar="FILE", help="description of the robot (TOML)")] = TULIP,
-) -> Robot:
+) -> Any:
     """Load the robot."""
+    from tulip_testbed.experiments.description import described_robot
+
     return described_robot(robot)
 
 
@@ -69,52 +62,64 @@ def read_run(
     return value
 
 
-def read_plan_folder(robot: Robot, value: PlanFolder = None) -> PosturePlan:
+def read_plan_folder(robot: Any, value: PlanFolder = None) -> Any:
     """Read a plan that fits the robot."""
+    from tulip_testbed.experiments.usable_plan import plan_for
+
     return plan_for(robot, value)
 
 
-def read_corrections(robot: Robot, value: Corrections = None) -> tuple[EffectInstance, ...]:
+def read_corrections(robot: Any, value: Corrections = None) -> tuple[Any, ...]:
     """Read what a discovery adopted."""
+    from tulip_testbed.experiments.rig_folder import read_rig
+
     return () if value is None else tuple(read_rig(value, robot))
 
 
 def read_stated_tolerances(
     value: Annotated[
         tuple[str, ...],
+        tyro.conf.UseAppendAction,
         tyro.conf.arg(
-            metavar="FAMILY=VALUE [FAMILY=VALUE ...]",
+            metavar="FAMILY=VALUE",
             help="what is usual for a family of imperfections of this laboratory (SI units; 0: exact)",
         ),
     ] = (),
 ) -> Mapping[str, float]:
     """Read tolerances of families."""
+    from tulip_testbed.calibration.families import read_tolerances
+
     return read_tolerances(value)
 
 
 def read_laboratory(
-    robot: Robot,
+    robot: Any,
     sensors: Annotated[str, tyro.conf.arg(help="sensors of the laboratory")] = "wii",
     effects: Annotated[
         tuple[str, ...],
+        tyro.conf.UseAppendAction,
         tyro.conf.arg(
-            metavar="NAME[:TARGET]=VALUE[,VALUE] [...]",
+            metavar="NAME[:TARGET]=VALUE[,VALUE]",
             help="physical effects to hide in it (see `tulip atlas`)",
         ),
     ] = (),
     corrections: Corrections = None,
-) -> Laboratory:
+) -> Any:
     """Set up a laboratory."""
-    return Laboratory(robot, sensors).with_known(*read_corrections(robot, corrections)).with_effects(*effects)
+    from tulip_testbed.experiments.laboratory import Laboratory
+
+    known = read_corrections(robot, corrections)
+    return Laboratory(robot, sensors).with_known(*known).with_effects(*effects)
 
 
-READERS: dict[Any, Callable[..., Any]] = {
-    Robot | None: read_robot,
-    Measured: read_folder,
-    Several: read_folders,
-    Exportable: read_run,
-    PosturePlan: read_plan_folder,
-    Effects: read_corrections,
-    Mapping[str, float] | None: read_stated_tolerances,
-    Laboratory: read_laboratory,
+# By annotation, as the functions of the API have it.
+READERS: dict[str, Callable[..., Any]] = {
+    "Robot | None": read_robot,
+    "Measured": read_folder,
+    "Several": read_folders,
+    "Exportable": read_run,
+    "PosturePlan": read_plan_folder,
+    "Effects": read_corrections,
+    "Mapping[str, float] | None": read_stated_tolerances,
+    "Laboratory": read_laboratory,
 }
