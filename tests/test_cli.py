@@ -1,9 +1,8 @@
-import re
-
 """The command line as a user meets it: exit codes, one message, nothing half-written."""
 
 import inspect
 import json
+import re
 import shutil
 import subprocess
 import sys
